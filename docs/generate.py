@@ -14,6 +14,7 @@ from types import ModuleType
 
 import mbm
 from mbm.data.columns import MOST_COLUMNS
+from mbm.data.union.patterns import MOST_MATCHES
 from mbm.equations.selection import MAXIMUM_SOLVES, MAXIMUM_WINDOWS
 from mbm.estimation.minimise.minimise import DENSE_LIMIT
 from mbm.expression.units import REFUSED, UNITS
@@ -211,6 +212,7 @@ def bounds() -> str:
         ("a problem file, in bytes", _count(LARGEST_TEXT), "text-too-large", "measurements in data files"),
         ("a problem file, in words", _count(MOST_WORDS), "text-too-large", "measurements in data files"),
         ("files of one problem", _count(limits.files), "too-many-files", "definitions, and tables, put together"),
+        ("files of one pattern", _count(MOST_MATCHES), "too-many-matches", "a narrower pattern, or files put together"),
         ("brackets within brackets", _count(DEEPEST), "too-deeply-nested", "names for parts"),
         ("digits of a number", _count(LONGEST_NUMBER), "number-out-of-range", "powers of ten"),
         ("calls within calls", _count(limits.depth), "too-deep", "an end for the recursion, or `reduce`"),

@@ -108,9 +108,15 @@ def elaborated(program: Program, name: str | None, inputs: Inputs, registry: Reg
 
 
 def loaded(
-    declarations: Iterable[TableDeclaration], base: Path, inputs: Inputs, registry: Registry
+    declarations: Iterable[TableDeclaration],
+    base: Path,
+    inputs: Inputs,
+    registry: Registry,
+    known: Mapping[str, Table] = MappingProxyType({}),
 ) -> dict[str, Table]:
     """The tables of data clauses, as read; ``base`` is the folder that their paths are relative to.
+
+    Unions take tables that are ``known`` before those of ``declarations``.
 
     Raises:
         MbmError: what is wrong with any of them.
@@ -125,6 +131,7 @@ def loaded(
         paths=inputs.paths,
         sandbox=inputs.sandbox,
         readers=registry.readers(),
+        known=known,
     )
 
 
@@ -324,7 +331,7 @@ def simulator(found: Elaborated, program: Program, inputs: Inputs, registry: Reg
     as_read = (replace(p.declaration, columns=(), key=None, skip_missing=False) for p in found.problem.plans)
     return Simulator(
         found=found,
-        origins=loaded(as_read, program.base, inputs, registry),
+        origins=loaded(as_read, program.base, inputs, registry, found.raw),
         kernels=made_once(made),
         calls=functions.outputs,
         file=file,

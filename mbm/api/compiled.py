@@ -220,10 +220,10 @@ class CompiledProblem:
         given = (*inputs.tables, *inputs.paths)
         declarations = [plan.declaration for plan in before.problem.plans]
         wanted = [d for d in declarations if d.name in data or (d.source == EXTERNAL and d.name not in given)]
-        if data.keys() <= {d.name for d in wanted}:
+        if data.keys() <= {d.name for d in wanted} and not any(d.members for d in declarations):
             inputs = replace(inputs, tables=dict(data), paths={})
         else:
-            wanted = declarations  # a name that no table has: loading says so
+            wanted = declarations  # unions take other tables; of a name that no table has, loading says so
         with noting(self.origin.reading.journal):
             read = compiler.loaded(wanted, self.origin.reading.base, inputs, self.origin.registry)
         return {d.name: read[d.name] if d.name in read else before.raw[d.name] for d in declarations}

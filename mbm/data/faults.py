@@ -129,19 +129,20 @@ DUPLICATE_KEY = Code(
 )
 
 
-def _short(cell: str | None) -> str:
+def short_text(cell: str | None) -> str:
+    """A piece of a file as messages show it, cut short."""
     return shown(cell or "", LONGEST_CELL_SHOWN)
 
 
 def _names(names: Iterable[str]) -> str:
-    every = [f"`{_short(name)}`" for name in names]
+    every = [f"`{short_text(name)}`" for name in names]
     more = len(every) - MOST_NAMES_SHOWN
     return ", ".join(every[:MOST_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def table_of_cells(path: str, cells: int) -> str:
     """What a message about memory calls a table of so many cells."""
-    return f"a table of {cells:,} cells (`{_short(path)}`)"
+    return f"a table of {cells:,} cells (`{short_text(path)}`)"
 
 
 def unpacks_too_large(place: DataPlace, packed: int, largest: int) -> Diagnostic:
@@ -205,13 +206,13 @@ def not_a_table(place: DataPlace, what: str) -> Diagnostic:
 
 def bad_column_name(place: Place, position: int, name: object) -> Diagnostic:
     """The column at ``position`` (from 1) is called ``name``, which is empty or no text."""
-    said = "has no name" if name == "" else f"is called {_short(repr(name))}, which is not a text"
+    said = "has no name" if name == "" else f"is called {short_text(repr(name))}, which is not a text"
     return Diagnostic(code=BAD_COLUMN_NAME, message=f"column {position} {said}", place=place)
 
 
 def duplicate_column(place: Place, column: str) -> Diagnostic:
     """Two columns called ``column``."""
-    return Diagnostic(code=DUPLICATE_COLUMN, message=f"two columns are called `{_short(column)}`", place=place)
+    return Diagnostic(code=DUPLICATE_COLUMN, message=f"two columns are called `{short_text(column)}`", place=place)
 
 
 def no_columns(place: Place) -> Diagnostic:
@@ -228,13 +229,13 @@ def too_many_columns(place: Place, columns: int, most: int) -> Diagnostic:
 def missing_column(place: Place, column: str, path: str, present: Iterable[str]) -> Diagnostic:
     """The table read from ``path`` has the columns ``present``, ``column`` is not among them."""
     names = tuple(present)
-    message = f"`{path}` has no column `{_short(column)}`; it has {_names(names)}"
+    message = f"`{path}` has no column `{short_text(column)}`; it has {_names(names)}"
     return Diagnostic(code=MISSING_COLUMN, message=message, place=place, hint=suggestion(column, names, None))
 
 
 def unequal_lengths(place: DataPlace, first: str, length: int, other: str, other_length: int) -> Diagnostic:
     """Columns ``first`` and ``other`` differ in length."""
-    message = f"column `{_short(other)}` has {other_length} cells, column `{_short(first)}` has {length}"
+    message = f"column `{short_text(other)}` has {other_length} cells, column `{short_text(first)}` has {length}"
     return Diagnostic(code=UNEQUAL_LENGTHS, message=message, place=place)
 
 
@@ -243,7 +244,9 @@ def short_row(place: Place, row: int, cells: int, columns: tuple[str, ...]) -> D
     message = (
         f"row {row} is blank" if cells == 0 else f"row {row} has {cells} cells, but there are {len(columns)} columns"
     )
-    hint = f"nothing stands for `{_short(columns[cells])}`" if cells else "only blank lines at the end are passed over"
+    hint = (
+        f"nothing stands for `{short_text(columns[cells])}`" if cells else "only blank lines at the end are passed over"
+    )
     return Diagnostic(code=SHORT_ROW, message=message, place=place, hint=hint)
 
 
@@ -255,37 +258,42 @@ def long_row(place: Place, row: int, cells: int, columns: tuple[str, ...]) -> Di
 
 def bad_cell(place: DataPlace, what: str) -> Diagnostic:
     """A cell holds ``what``."""
-    message = f"row {place.row}, column `{_short(place.column)}` holds {what}, neither a number nor a text"
+    message = f"row {place.row}, column `{short_text(place.column)}` holds {what}, neither a number nor a text"
     return Diagnostic(code=BAD_CELL, message=message, place=place)
 
 
 def bad_array(place: DataPlace, what: str) -> Diagnostic:
     """A column is ``what``."""
-    message = f"column `{_short(place.column)}` is {what}, not a one-dimensional array of numbers or texts"
+    message = f"column `{short_text(place.column)}` is {what}, not a one-dimensional array of numbers or texts"
     return Diagnostic(code=BAD_ARRAY, message=message, place=place)
 
 
 def not_a_number(place: DataPlace, cell: str, unit: str, declared: Place) -> Diagnostic:
     """A text ``cell`` in a column that the data clause reads in ``unit``."""
-    message = f"row {place.row}, column `{_short(place.column)}` holds the text `{_short(cell)}`, not a number"
+    message = f"row {place.row}, column `{short_text(place.column)}` holds the text `{short_text(cell)}`, not a number"
     label = Label(declared, f"read in `{unit}` here")
     return Diagnostic(code=NOT_A_NUMBER, message=message, place=place, labels=(label,))
 
 
 def empty_column(place: DataPlace) -> Diagnostic:
     """``:missing skip`` and a column of gaps only."""
-    message = f"column `{_short(place.column)}` has no value in any row, so `:missing skip` would leave out all of them"
+    message = (
+        f"column `{short_text(place.column)}` has no value in any row, so `:missing skip` would leave out all of them"
+    )
     return Diagnostic(code=EMPTY_COLUMN, message=message, place=place)
 
 
 def missing_key(place: DataPlace) -> Diagnostic:
     """A gap in the key column."""
-    message = f"row {place.row} has no key: its cell in column `{_short(place.column)}` is empty"
+    message = f"row {place.row} has no key: its cell in column `{short_text(place.column)}` is empty"
     return Diagnostic(code=MISSING_KEY, message=message, place=place)
 
 
 def duplicate_key(place: DataPlace, first: DataPlace, key: CellKey) -> Diagnostic:
     """The row at ``place`` has the ``key`` that the row ``first`` has."""
-    same = _short(key) if isinstance(key, str) else format(key, ".17g")
-    message = f"rows {first.row} and {place.row} have the same key `{same}` in column `{_short(place.column)}`"
+    same = short_text(key) if isinstance(key, str) else format(key, ".17g")
+    rows = f"rows {first.row} and {place.row}"
+    if first.file != place.file:
+        rows = f"row {first.row} of `{first.file}` and row {place.row} of `{place.file}`"
+    message = f"{rows} have the same key `{same}` in column `{short_text(place.column)}`"
     return Diagnostic(code=DUPLICATE_KEY, message=message, place=place, labels=(Label(first, "first here"),))

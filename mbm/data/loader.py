@@ -6,9 +6,12 @@ written in the problem, the file that the data clause names.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from graphlib import TopologicalSorter
 from pathlib import Path
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
@@ -18,13 +21,16 @@ from mbm.data.content import COMPRESSED, PER_ROW
 from mbm.data.given import table_from_given, table_from_inline
 from mbm.data.shaping import shape
 from mbm.data.types import ManyReader, RawTable, Reader, asked
+from mbm.data.union.patterns import is_pattern, matching
+from mbm.data.union.tables import piece_of_file, piece_of_table, united
 from mbm.files.faults import too_many_files, unreadable_file
 from mbm.files.journal import note, table_role
 from mbm.files.memory import PER_VALUE, check_memory, largest_file
 from mbm.files.reading import check_ordinary
-from mbm.problem.tables import EXTERNAL, Table, TableDeclaration
+from mbm.problem.tables import EXTERNAL, Column, Table, TableDeclaration
 from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.types import Diagnostic, Label, MbmError, Span
+from mbm.values import dataclass
 
 MOST_FILES = 1000
 """Tables of a problem."""
@@ -47,8 +53,11 @@ def load_all(
     paths: Mapping[str, str],
     sandbox: Path | None,
     readers: Mapping[str, Reader | ManyReader],
+    known: Mapping[str, Table] = MappingProxyType({}),
 ) -> dict[str, Table]:
     """The tables of all data clauses by name, in their order; parameters as of ``load``.
+
+    ``known`` are tables that unions may take, rather than those of the same names in ``declarations``.
 
     Raises one MbmError with what is wrong with any of them, and undeclared-table for a table that was given under a
     name that no data clause has.
@@ -58,13 +67,23 @@ def load_all(
     found: list[Diagnostic] = [faults.undeclared_table(name, declared) for name in strangers]
     tables: dict[str, Table] = {}
     parts: Parts = {}
-    for number, (name, declaration) in enumerate(declared.items(), start=1):
+    for number, declaration in enumerate(_unions_last(declared), start=1):
+        name = declaration.name
         if number > MOST_FILES:
             raise MbmError(too_many_files(declaration.span, MOST_FILES))
+        sources = _Sources(
+            base=base,
+            given=given,
+            paths=paths,
+            sandbox=sandbox,
+            readers=readers,
+            parts=parts,
+            tables={**tables, **known},
+        )
+        if sources.lack(declaration):
+            continue  # what is wrong with a member was said where it was read
         try:
-            tables[name] = load(
-                declaration, base=base, given=given, paths=paths, sandbox=sandbox, readers=readers, parts=parts
-            )
+            tables[name] = _loaded(declaration, sources)
         except MbmError as error:
             found.extend(error.diagnostics)
         else:
@@ -73,7 +92,13 @@ def load_all(
             raise MbmError(*worth_reading(_once(found), ended=True))
     if found:
         raise MbmError(*_once(found))
-    return tables
+    return {name: tables[name] for name in declared}
+
+
+def _unions_last(declared: Mapping[str, TableDeclaration]) -> Iterator[TableDeclaration]:
+    """The declarations, each union behind the tables that it takes; no union takes itself by whatever way."""
+    members = {name: [m.name for m in each.members if m.name in declared] for name, each in declared.items()}
+    return (declared[name] for name in TopologicalSorter(members).static_order())
 
 
 def _check_together(tables: Mapping[str, Table], place: Span) -> None:
@@ -83,14 +108,14 @@ def _check_together(tables: Mapping[str, Table], place: Span) -> None:
         MbmError: too-much-memory.
 
     """
-    taken = sum(_size(table) for table in tables.values())
+    taken = sum(_size(table.columns.values(), len(table)) for table in tables.values())
     check_memory(taken * TABLES_SHARE, f"a problem with the {len(tables)} tables up to here", place)
 
 
-def _size(table: Table) -> int:
+def _size(columns: Collection[Column], rows: int) -> int:
     """Bytes that a table takes."""
-    texts = sum(column.is_text for column in table.columns.values())
-    return len(table) * (PER_ROW + PER_VALUE * texts + PER_CELL * (len(table.columns) - texts))
+    texts = sum(column.is_text for column in columns)
+    return rows * (PER_ROW + PER_VALUE * texts + PER_CELL * (len(columns) - texts))
 
 
 def _once(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
@@ -101,6 +126,24 @@ def _once(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return tuple(once.values())
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sources:
+    """Where tables may come from, as ``load`` has it; ``tables`` are those of the problem that were read before."""
+
+    base: Path
+    given: Mapping[str, object]
+    paths: Mapping[str, str]
+    sandbox: Path | None
+    readers: Mapping[str, Reader | ManyReader]
+    parts: Parts
+    tables: Mapping[str, Table]
+
+    def lack(self, declaration: TableDeclaration) -> bool:
+        """Whether a union is to be made of a table that is not there."""
+        made = declaration.name not in self.given and declaration.name not in self.paths
+        return made and not all(member.name in self.tables for member in declaration.members)
+
+
 def load(
     declaration: TableDeclaration,
     *,
@@ -109,24 +152,27 @@ def load(
     paths: Mapping[str, str],
     sandbox: Path | None,
     readers: Mapping[str, Reader | ManyReader],
-    parts: Parts | None = None,
 ) -> Table:
     """The table of one data clause, numbers in SI.
 
     ``base`` is the folder of the problem file as messages shall print it, ``given`` holds tables by name (they override
     files), ``paths`` files by name, relative to the working directory (they override the data clause), ``sandbox`` the
-    folder that all reads are confined to, ``readers`` the formats by name; ``parts`` holds the files of several tables
-    that were read before, and gains the one that is read now.
+    folder that all reads are confined to, ``readers`` the formats by name.
 
     ``:where`` and ``:with`` are left to the problem stage.
 
     Raises MbmError for what is wrong with the file, the columns, the cells or the keys, with file, row and column;
     ValueError if the data clause names a reader that ``readers`` does not have.
     """
+    sources = _Sources(base=base, given=given, paths=paths, sandbox=sandbox, readers=readers, parts={}, tables={})
+    return _loaded(declaration, sources)
+
+
+def _loaded(declaration: TableDeclaration, sources: _Sources) -> Table:
+    """As ``load``."""
     try:
-        known = {} if parts is None else parts
         with np.errstate(all="ignore"):  # numbers that are none are found in the table, not on standard error
-            return shape(_raw(declaration, base, given, paths, sandbox, readers, known), declaration)
+            return shape(_raw(declaration, sources), declaration)
     except MbmError as error:
         raise MbmError(*(_with_clause(fault, declaration) for fault in error.diagnostics)) from None
 
@@ -140,33 +186,38 @@ def _with_clause(fault: Diagnostic, declaration: TableDeclaration) -> Diagnostic
     return replace(fault, labels=(*fault.labels, label))
 
 
-def _raw(
-    declaration: TableDeclaration,
-    base: Path,
-    given: Mapping[str, object],
-    paths: Mapping[str, str],
-    sandbox: Path | None,
-    readers: Mapping[str, Reader | ManyReader],
-    parts: Parts,
-) -> RawTable:
+def _raw(declaration: TableDeclaration, sources: _Sources) -> RawTable:
     """The table as its origin has it. The file that the clause names is noted as read also where another one is."""
     name = declaration.name
     if declaration.path is not None:
-        note(base / declaration.path, table_role(name))
-    if name in given:
-        return table_from_given(name, given[name])
-    if name in paths:
-        path = Path(paths[name])
-        note(path, table_role(name))
-        return _read(_reader_for(path, declaration, readers), path, declaration, sandbox, parts)
+        _note(sources.base, declaration.path, declaration)
+    if name in sources.given:
+        return table_from_given(name, sources.given[name])
+    if name in sources.paths:
+        path = sources.paths[name]
+        _note(Path(), path, declaration)
+        return _read(_reader_for(Path(path), declaration, sources.readers), Path(), path, declaration, sources)
     if declaration.inline is not None:
         return table_from_inline(declaration.inline, declaration.span)
+    if declaration.members:
+        pieces = [piece_of_table(sources.tables[member.name]) for member in declaration.members]
+        return united(f"<{name}>", pieces)
     if declaration.source == EXTERNAL:
         raise MbmError(faults.missing_table(declaration.span, name))
-    reader = readers.get(declaration.source)
+    reader = sources.readers.get(declaration.source)
     if reader is None or declaration.path is None:
         raise ValueError(f"no reader `{declaration.source}` for the path {declaration.path!r}")
-    return _read(reader, base / declaration.path, declaration, sandbox, parts)
+    return _read(reader, sources.base, declaration.path, declaration, sources)
+
+
+def _note(base: Path, path: str, declaration: TableDeclaration) -> None:
+    """The files that a path means are read for the table; what is wrong with a pattern is said where it is read."""
+    files: Iterable[Path] = (base / path,)
+    if is_pattern(path):
+        with suppress(MbmError):
+            files = matching(base, path, declaration.span).values()
+    for file in files:
+        note(file, table_role(declaration.name))
 
 
 def _reader_for(
@@ -198,17 +249,32 @@ def _reader_for(
 
 
 def _read(
-    reader: Reader | ManyReader, path: Path, declaration: TableDeclaration, sandbox: Path | None, parts: Parts
+    reader: Reader | ManyReader, base: Path, path: str, declaration: TableDeclaration, sources: _Sources
 ) -> RawTable:
+    """Read the file at ``path``, relative to ``base``, or all files that a pattern means."""
+    whole = base / path
+    if not is_pattern(path):
+        return _read_file(reader, whole, declaration, sources)
+    if sources.sandbox is not None:
+        _check_confined(whole.parent, declaration, sources.sandbox)
+    pieces, taken = [], 0
+    for source, file in matching(base, path, declaration.span).items():
+        pieces.append(piece_of_file(source, _read_file(reader, file, declaration, sources)))
+        taken += _size(pieces[-1].columns.values(), len(pieces[-1].rows))
+        check_memory(taken * TABLES_SHARE, f"a table of {len(pieces)} files or more", declaration.span)
+    return united(whole.as_posix(), pieces)
+
+
+def _read_file(reader: Reader | ManyReader, path: Path, declaration: TableDeclaration, sources: _Sources) -> RawTable:
     """Read a file that lies where it may; whether it is there is said of the place that names it."""
-    if sandbox is not None:
-        _check_confined(path, declaration, sandbox)
+    if sources.sandbox is not None:
+        _check_confined(path, declaration, sources.sandbox)
     check_ordinary(path, declaration.span, largest=largest_file())
     if isinstance(reader, Reader):
         return reader.read(path)
-    found = parts.get((reader.name, path))
+    found = sources.parts.get((reader.name, path))
     if found is None:
-        found = parts[reader.name, path] = reader.read(path)
+        found = sources.parts[reader.name, path] = reader.read(path)
     if declaration.part is None or declaration.part not in found:
         raise ValueError(f"the reader `{reader.name}` has no part {declaration.part!r}")
     return asked(found[declaration.part])

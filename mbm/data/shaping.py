@@ -11,8 +11,8 @@ from mbm.data import faults
 from mbm.data.cells import frozen
 from mbm.data.columns import row_numbers
 from mbm.data.types import RawTable
-from mbm.problem.tables import Column, ColumnDeclaration, Provenance, Table, TableDeclaration
-from mbm.text.types import DataPlace, Diagnostic, Label, MbmError
+from mbm.problem.tables import Column, ColumnDeclaration, Table, TableDeclaration
+from mbm.text.types import Diagnostic, Label, MbmError
 
 
 def shape(raw: RawTable, declaration: TableDeclaration) -> Table:
@@ -25,12 +25,8 @@ def shape(raw: RawTable, declaration: TableDeclaration) -> Table:
     key = declaration.key
     if key is None and raw.key is not None:
         key = names.get(raw.key, raw.key)
-    provenance = Provenance(
-        path=raw.path,
-        sha256=raw.sha256,
-        rows=len(raw.file_rows),
-        file_rows=raw.file_rows,
-        source_columns={declared.name: declared.source for declared in declaration.columns},
+    provenance = replace(
+        raw.provenance(), source_columns={declared.name: declared.source for declared in declaration.columns}
     )
     table = Table(
         name=declaration.name,
@@ -81,13 +77,13 @@ def _in_si(column: Column, declared: ColumnDeclaration) -> Column:
     numbers = column.numbers
     if numbers is not None and declared.factor != 1.0:
         numbers = frozen(numbers * declared.factor)
-    return replace(column, name=declared.name, numbers=numbers, unit=declared.unit)
+    return replace(column, name=declared.name, numbers=numbers, unit=declared.unit or column.unit)
 
 
 def _text_cell(column: Column, declared: ColumnDeclaration, unit: str, raw: RawTable) -> Diagnostic:
     position = column.first_text() or 0
     cell = "" if column.texts is None else column.texts[position]
-    place = DataPlace(file=raw.path, row=int(raw.file_rows[position]), column=column.name)
+    place = raw.provenance().place(position + 1, column.name)
     return faults.not_a_number(place, cell, unit, declared.span)
 
 

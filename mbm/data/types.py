@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.tables import Column, ColumnGroup
+from mbm.problem.tables import Column, ColumnGroup, Part, Provenance
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -21,7 +21,8 @@ class RawTable:
     ``path`` is what messages print, ``sha256`` the digest of the file's bytes in hexadecimal (None without a file).
     All columns have the length of ``file_rows``, which holds each row's number as in the origin (header = 1; formats
     without a header count their records from 1). ``key`` is the column that names the rows where the format says so,
-    ``groups`` the columns that make a matrix or vector together, by its name.
+    ``groups`` the columns that make a matrix or vector together, by its name; ``parts`` are the tables that were put
+    end to end, if any were.
     """
 
     path: str
@@ -30,6 +31,13 @@ class RawTable:
     file_rows: NDArray[np.int64] = field(repr=False)
     key: str | None = None
     groups: Mapping[str, ColumnGroup] = field(default_factory=dict)
+    parts: tuple[Part, ...] = field(default=(), repr=False)
+
+    def provenance(self) -> Provenance:
+        """Where its rows stand."""
+        return Provenance(
+            path=self.path, sha256=self.sha256, rows=len(self.file_rows), file_rows=self.file_rows, parts=self.parts
+        )
 
 
 class GivenColumns(dict[str, object]):

@@ -30,6 +30,7 @@ from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.request import read_request
 from mbm.problem.reading.sources import DataClause, Formats, in_join_order, read_source, refuse_overwriting
+from mbm.problem.reading.unions import check_members, check_units
 from mbm.problem.reading.unknowns import Declaration, declare_unknowns, given_start, read_unknown
 from mbm.problem.reading.windows import read_window
 from mbm.problem.sampling import refuse_corrected
@@ -186,7 +187,9 @@ def _tables(
                 raise MbmError(language_faults.duplicate_definition(data.declaration.span, name, other))
             found[name] = data
     work.finish()
+    check_members(found)
     raw = dict(load([data.declaration for data in found.values()]))
+    check_units(found, raw)
     tables = work.tables
     ordered = in_join_order(found)
     for data in ordered:

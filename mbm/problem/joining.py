@@ -10,7 +10,7 @@ import numpy as np
 
 from mbm.problem import faults
 from mbm.problem.rows import MAXIMUM_REPORTED, decided
-from mbm.problem.tables import CellKey, Column, Provenance, Table
+from mbm.problem.tables import CellKey, Column, Table
 from mbm.problem.types import Family, Join, Problem, RowValues, TablePlan
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic, MbmError
@@ -110,13 +110,5 @@ def distinct(table: Table, column: str, name: str) -> Table:
     positions = np.fromiter(first.values(), dtype=np.int64, count=len(first))
     taken = table.columns[column].take(positions)
     rows = np.arange(1, len(positions) + 1)
-    source = table.provenance
-    file_rows = np.array([source.place(int(table.rows[p])).row or 0 for p in positions], dtype=np.int64)
-    provenance = Provenance(
-        path=source.path,
-        sha256=source.sha256,
-        rows=len(positions),
-        file_rows=file_rows,
-        source_columns=source.source_columns,
-    )
+    provenance = table.provenance.taking(table.rows[positions])
     return Table(name=name, columns={column: taken}, rows=rows, provenance=provenance, key=column)

@@ -13,7 +13,7 @@ from mbm.expression.dimension import NONE
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
 from mbm.problem.rows import MAXIMUM_REPORTED
-from mbm.problem.tables import Column, Numbers, Origin, PairDeclaration, Provenance, Table
+from mbm.problem.tables import Column, Numbers, Origin, PairDeclaration, Table
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -69,16 +69,9 @@ def paired(pair: PairDeclaration, tables: Mapping[str, Table]) -> Table:
         name=pair.name,
         columns=columns,
         rows=np.arange(1, len(rows) + 1, dtype=np.int64),
-        provenance=_provenance(first, rows, origins),
+        provenance=replace(first.provenance.taking(first.rows[rows]), origins=origins),
         groups={**first.groups_called(first.name), **second.groups_called(second.name)},
     )
-
-
-def _provenance(first: Table, rows: Positions, origins: Mapping[str, Origin]) -> Provenance:
-    """Rows of a pair are those of its first table."""
-    source = first.provenance
-    file_rows = np.array([source.place(int(row)).row or 0 for row in first.rows[rows]], dtype=np.int64)
-    return Provenance(path=source.path, sha256=source.sha256, rows=len(rows), file_rows=file_rows, origins=origins)
 
 
 def _times(table: Table, pair: PairDeclaration) -> Numbers:

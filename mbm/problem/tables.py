@@ -20,6 +20,12 @@ ROW = "row"
 EXTERNAL = "external"
 """The source of a table that the caller gives."""
 
+UNION = "union"
+"""The source of a table that is made of others, end to end."""
+
+SOURCE = "source"
+"""The column of such a table that says which of them a row is from."""
+
 GAP_WORDS = frozenset({"", "NA"})
 """What stands in a cell without a value, blanks around it taken off; beside these ``nan`` is NaN in any case."""
 
@@ -72,10 +78,19 @@ class InlineTable:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Member:
+    """A table that a union takes, and the place that names it."""
+
+    name: str
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TableDeclaration:
     """A ``data`` clause before anything is read. ``source`` names the reader (``csv``, ``external``, ``table`` …).
 
-    ``part`` names the table of a format whose files hold several (``edges`` of a ``g2o``).
+    ``part`` names the table of a format whose files hold several (``edges`` of a ``g2o``), ``members`` are the tables
+    of a ``union``.
     """
 
     name: str
@@ -83,6 +98,7 @@ class TableDeclaration:
     path: str | None
     part: str | None = None
     inline: InlineTable | None = None
+    members: tuple[Member, ...] = ()
     key: str | None = None
     columns: tuple[ColumnDeclaration, ...] = ()
     skip_missing: bool = False
@@ -110,7 +126,8 @@ class PairDeclaration:
 class Provenance:
     """Where a table came from. ``file_rows[i]`` is the row of cell row i as in the file (header = 1).
 
-    ``origins`` has the columns that came in from another table.
+    ``origins`` has the columns that came in from another table; ``parts`` are what the rows were taken from, in their
+    order, where that was not the file at ``path`` alone.
     """
 
     path: str
@@ -119,15 +136,43 @@ class Provenance:
     file_rows: NDArray[np.int64] = field(repr=False)
     source_columns: Mapping[str, str] = field(default_factory=dict)
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
+    parts: tuple[Part, ...] = field(default=(), repr=False)
+
+    def taking(self, rows: NDArray[np.int64]) -> Provenance:
+        """The provenance of a table that has these ``rows`` (n,) of this one, which count from 1."""
+        return Provenance(
+            path=self.path,
+            sha256=self.sha256,
+            rows=len(rows),
+            file_rows=self.file_rows[rows - 1],
+            parts=(Part(provenance=self, rows=rows),),
+        )
+
+    def origins_of_rows(self) -> tuple[Provenance, ...]:
+        """What the rows were read from: the tables that were put end to end, or this one."""
+        return tuple(part.provenance for part in self.parts) or (self,)
 
     def place(self, row: int, column: str | None = None) -> DataPlace:
         """The place of a cell; ``row`` counts the table's rows from 1, ``column`` is the name used in the problem."""
         origin = self.origins.get(column) if column is not None else None
         if origin is not None and 0 < row <= len(origin.rows):
             return origin.provenance.place(int(origin.rows[row - 1]), origin.column)
-        in_file = int(self.file_rows[row - 1]) if 0 < row <= len(self.file_rows) else row
         name = self.source_columns.get(column, column) if column is not None else None
+        before = 0
+        for part in self.parts:
+            if before < row <= before + len(part.rows):
+                return part.provenance.place(int(part.rows[row - 1 - before]), name)
+            before += len(part.rows)
+        in_file = int(self.file_rows[row - 1]) if 0 < row <= len(self.file_rows) else row
         return DataPlace(file=self.path, row=in_file, column=name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """Rows that came from one place: for each its row (from 1) there."""
+
+    provenance: Provenance
+    rows: NDArray[np.int64] = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

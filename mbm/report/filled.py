@@ -18,7 +18,7 @@ from mbm.report.elements import element_names
 from mbm.report.numbers import numbers_at
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import derived_quantity, quantity_of
-from mbm.report.residuals import file_rows, residual_rows
+from mbm.report.residuals import places_of, residual_rows
 from mbm.report.types import (
     CorrectionReport,
     CovarianceMatrix,
@@ -194,7 +194,7 @@ def _summaries(model: SolveReport, problem: Problem, block: Block, place: int) -
                 used=int(block.columns.used[place, i]),
                 rms=rms if np.isfinite(rms) else None,
                 outliers=() if found is None else tuple(sorted(int(found.table.rows[position]) for position in bad)),
-                outlier_places=() if found is None else file_rows(found.table, bad),
+                outlier_places=() if found is None else places_of(found.table, bad),
             ),
         )
 

@@ -14,7 +14,7 @@ from mbm.estimation.search.solution import Solution
 from mbm.expression.evaluate import Values, evaluate
 from mbm.problem.naming import PRIOR
 from mbm.problem.rows import lookup
-from mbm.problem.tables import Table
+from mbm.problem.tables import Provenance, Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.types import CorrectionReport, Floats, Mask, PriorReport, ResidualRow, ResidualSummary
 from mbm.text.types import DataPlace
@@ -58,24 +58,23 @@ def residual_summaries(problem: Problem, solution: Solution) -> Mapping[str, Res
             used=sum(_used_rows(solution, group) for group in own),
             rms=rms,
             outliers=tuple(sorted(int(table.rows[p]) for p in bad)) if table is not None else (1,) * len(bad),
-            outlier_places=file_rows(table, bad) if table is not None else (),
-            file=table.provenance.path if table is not None else None,
+            outlier_places=places_of(table, bad) if table is not None else (),
         )
     return found
 
 
-def file_rows(table: Table, positions: list[int]) -> tuple[int, ...]:
-    """Rows of the file, ascending; 0 where the table stands in the problem or was given as arrays."""
-    lines = table.provenance.file_rows
-    if any(_shares_its_line(lines, int(table.rows[p]) - 1) for p in positions):
-        return (0,) * len(positions)
-    places = (table.place(p) for p in positions)
-    return tuple(sorted(p.row or 0 if isinstance(p, DataPlace) else 0 for p in places))
+def places_of(table: Table, positions: list[int]) -> tuple[DataPlace, ...]:
+    """Where rows stand in their files, in the order of the table; none if one shares its line with another row."""
+    rows = sorted(int(table.rows[p]) for p in positions)
+    if any(_shares_its_line(table.provenance, row) for row in rows):
+        return ()
+    return tuple(table.provenance.place(row) for row in rows)
 
 
-def _shares_its_line(lines: np.ndarray, row: int) -> bool:
-    """Whether a row (from 0) of a table written in the problem stands on one line with another, which names neither."""
-    return lines[row] in (*lines[max(row - 1, 0) : row], *lines[row + 1 : row + 2])
+def _shares_its_line(provenance: Provenance, row: int) -> bool:
+    """Whether a row of a table written in the problem stands on one line with another, which names neither."""
+    beside = [near for near in (row - 1, row + 1) if 0 < near <= provenance.rows]
+    return provenance.place(row) in map(provenance.place, beside)
 
 
 def _counted(solution: Solution) -> Mask:

@@ -80,7 +80,9 @@ def result_of(
             **asked,
         },
         inputs=tuple(
-            InputFile(path=t.provenance.path, sha256=t.provenance.sha256, rows=t.provenance.rows) for t in raw.values()
+            InputFile(path=origin.path, sha256=origin.sha256, rows=origin.rows)
+            for table in raw.values()
+            for origin in table.provenance.origins_of_rows()
         ),
         diagnostics=(*problem.warnings, *_interrupted(done, left)),
         complete=not left,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 from math import isfinite
 
 from mbm.report.digits import plain
@@ -20,6 +21,9 @@ UNLIKELY = 1e-3
 
 MOST_OUTLIERS = 20
 """Outliers that are listed one by one."""
+
+MOST_FILES = 5
+"""Files whose outliers are listed, of a table that was read from many."""
 
 LARGE_PRIOR = 3.0
 """A prior that the estimates miss by more standard deviations than this is spoken of."""
@@ -82,9 +86,13 @@ def _outliers(summary: ResidualSummary) -> str:
     """The rows taken for outliers, numbered as in the document, and those of the file where there is one."""
     if not summary.outliers:
         return ""
-    in_file = summary.file is not None and len({0, *summary.outlier_places}) == len(summary.outliers) + 1
-    where = f" ({_named_rows(summary.outlier_places)} of {summary.file})" if in_file else ""
-    return f"; outliers: {_named_rows(summary.outliers)}{where}"
+    by_file: dict[str, list[int]] = {}
+    for place in summary.outlier_places:
+        by_file.setdefault(place.file, []).append(place.row or 0)
+    where = [f"{_named_rows(tuple(rows))} of {file}" for file, rows in islice(by_file.items(), MOST_FILES)]
+    if len(by_file) > MOST_FILES:
+        where.append(f"{len(by_file) - MOST_FILES} more files")
+    return f"; outliers: {_named_rows(summary.outliers)}" + (f" ({', '.join(where)})" if where else "")
 
 
 def _named_rows(rows: tuple[int, ...]) -> str:

@@ -177,7 +177,7 @@ def _source_forms(program: Program, name: str | None) -> Mapping[str, Symbol | S
 
 def _origin(declaration: TableDeclaration, table: SimulatedTable) -> _Origin | None:
     """Where a table may be written in its own format; None where that would not be below the folder."""
-    if declaration.path is None or declaration.source not in (*WRITERS, GRAPH):
+    if declaration.path is None or declaration.source not in (*WRITERS, GRAPH) or table.origin.provenance.parts:
         return None
     ending = PurePosixPath(declaration.path).suffix
     path = normpath(declaration.path.removesuffix(ending) if ending.lower() in COMPRESSED else declaration.path)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
-from mbm.text.types import Diagnostic
+from mbm.text.types import DataPlace, Diagnostic
 from mbm.values import dataclass
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -197,16 +197,15 @@ class ResidualRow:
 class ResidualSummary:
     """Residuals of one clause: rows there are, rows used, normalised root mean square (None without a used row).
 
-    ``file`` is where the rows were read, if they were. ``outliers`` are 1-based rows of the unfiltered table,
-    ``outlier_places`` the same as rows of the file (header = 1), 0 where there is no file.
+    ``outliers`` are 1-based rows of the unfiltered table, ``outlier_places`` where the same stand in their files, one
+    for each, if files have them and tell them apart.
     """
 
     rows: int
     used: int
     rms: float | None
-    file: str | None = None
     outliers: tuple[int, ...] = ()
-    outlier_places: tuple[int, ...] = ()
+    outlier_places: tuple[DataPlace, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

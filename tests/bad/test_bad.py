@@ -55,6 +55,7 @@ ELSEWHERE = {
     "bad-memory-bound": "data/test_bound_diagnostics.py",
     "bad-work-bound": "data/test_bound_diagnostics.py",
     "too-many-columns": "data/test_bound_diagnostics.py",
+    "too-many-matches": "data/test_unions.py",
     "too-many-files": "data/test_bound_diagnostics.py",
     "too-much-memory": "data/test_bound_diagnostics.py",
     "too-much-to-compile": "data/test_bound_diagnostics.py",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mbm.language.limits import more_work
+from mbm.problem.tables import Member
 from mbm.solver.description import RULES
 from mbm.solver.losses import LOSSES
 from mbm.text.suggest import did_you_mean, suggestion
@@ -21,6 +22,12 @@ UNKNOWN_CLAUSE = Code(
     "unknown-clause", "A problem holds a clause that the language does not know.", "Correct its head."
 )
 UNKNOWN_TABLE = Code("unknown-table", "A name stands where a table is wanted.", "Declare it with a `data` clause.")
+UNION_OF_CHOSEN_ROWS = Code(
+    "union-of-chosen-rows",
+    "A union takes a table with `:where` or `:with`. A union has the rows and columns that its tables have as they are"
+    " read, so the option would do nothing there.",
+    "Move the option to the data clause of the union.",
+)
 UNKNOWN_COLUMN = Code("unknown-column", "A table has no column of this name.", "Correct the name.")
 UNKNOWN_SOURCE = Code(
     "unknown-source",
@@ -179,6 +186,14 @@ def unknown_table(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
         place=span,
         hint=suggestion(name, known, f"the tables are {_listed(known)}" if known else "add a `data` clause"),
     )
+
+
+def union_of_chosen_rows(member: Member, option: str, union: str) -> Diagnostic:
+    """A member of the table ``union`` has ``option``, which acts after the union is made."""
+    return Diagnostic(
+        code=UNION_OF_CHOSEN_ROWS, message=f"`{member.name}` has `{option}`, but `{union}` takes it as it is read",
+        place=member.span, hint=f"write `{option}` into the clause of `{union}`",
+    )  # fmt: skip
 
 
 def unknown_column(span: Span, name: str, table: str, known: tuple[str, ...]) -> Diagnostic:

@@ -125,10 +125,10 @@ def mixed_units(span: Span, column: str, units: tuple[str, str], other: Span) ->
     )  # fmt: skip
 
 
-def unit_given_twice(span: Span, column: str, other: Span) -> Diagnostic:
-    """A column whose cells have a unit, and ``:columns`` too."""
+def unit_given_twice(span: Span, column: str, other: Span, where: str = "its cells") -> Diagnostic:
+    """A column that has a unit ``where`` the table is from, and one in ``:columns`` too."""
     return Diagnostic(
-        code=MIXED_UNITS, message=f"the unit of `{column}` is given in its cells and in `:columns`", place=span,
+        code=MIXED_UNITS, message=f"the unit of `{column}` is given in {where} and in `:columns`", place=span,
         labels=(Label(other, "first given here"),), hint="give it once",
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from mbm.language.values import Evaluator, Scope, describe
 from mbm.problem import faults
 from mbm.problem.options import split_options
 from mbm.problem.reading.unknowns import stated_unit
-from mbm.problem.tables import ColumnDeclaration, InlineTable, Table, TableDeclaration
+from mbm.problem.tables import UNION, ColumnDeclaration, InlineTable, Member, Table, TableDeclaration
 from mbm.problem.types import Join
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol, Text
@@ -53,6 +53,7 @@ class _Source:
     path: str | None = None
     part: str | None = None
     inline: _Inline | None = None
+    members: tuple[Member, ...] = ()
 
 
 def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence, formats: Formats) -> DataClause:
@@ -82,6 +83,7 @@ def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence, formats: F
         path=origin.path,
         part=origin.part,
         inline=inline.table if inline is not None else None,
+        members=origin.members,
         key=_symbol(key, ":key") if key is not None else None,
         columns=columns,
         skip_missing=_skips(options.get("missing")),
@@ -145,8 +147,10 @@ def _source(evaluator: Evaluator, scope: Scope, form: Form, formats: Formats) ->
         return _file(form, head, formats[head])
     if isinstance(form, Sequence) and head == "table":
         return _Source(format="table", inline=_inline(evaluator, scope, form))
+    if isinstance(form, Sequence) and head == UNION:
+        return _Source(format=UNION, members=_members(form))
     shown = head or form.span.text
-    known = (*formats, "table", "external", *LATER)
+    known = (*formats, "table", UNION, "external", *LATER)
     raise MbmError(faults.unknown_source(form.span, shown, known))
 
 
@@ -164,6 +168,21 @@ def _file(form: Sequence, head: str, parts: tuple[str, ...]) -> _Source:
         near = closest(part.name, parts)
         raise MbmError(language_faults.unknown_keyword(part.span, part.name, f"`{head}`", (near,) if near else parts))
     return _Source(format=head, path=form.items[1].value, part=part.name)
+
+
+def _members(form: Sequence) -> tuple[Member, ...]:
+    """``(union A B …)``: the tables, each once."""
+    usage = "(union table table …)"
+    found: dict[str, Member] = {}
+    for item in form.items[1:]:
+        if not isinstance(item, Symbol):
+            raise MbmError(language_faults.bad_form(item.span, "a union takes the names of tables", usage))
+        if item.name in found:
+            raise MbmError(language_faults.duplicate_definition(item.span, item.name, found[item.name].span))
+        found[item.name] = Member(name=item.name, span=item.span)
+    if not found:
+        raise MbmError(language_faults.bad_form(form.span, "a union takes the names of tables", usage))
+    return tuple(found.values())
 
 
 def _inline(evaluator: Evaluator, scope: Scope, form: Sequence) -> _Inline:

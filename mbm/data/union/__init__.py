@@ -1,0 +1,1 @@
+"""Several tables or files of the same columns as one table."""
