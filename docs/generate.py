@@ -22,6 +22,7 @@ from mbm.language import limits as language_limits
 from mbm.language.vocabulary import (
     arithmetic,
     comparison,
+    curves,
     directions,
     frames,
     lines,
@@ -51,6 +52,7 @@ ROOMS: tuple[tuple[str, ModuleType], ...] = (
     ("Frames", frames),
     ("Cameras, image lines, distances", lines),
     ("Directions", directions),
+    ("Curves", curves),
     ("Lists", lists),
 )
 SPECIAL = {
@@ -173,7 +175,7 @@ def library() -> str:
             parts.append(
                 f"## `({name} {arguments})`\n\n" + "".join(f"{line}\n" for line in function.doc.splitlines()) + "\n"
             )
-    parts.append("Sweeps, curves, meshes and the models `tube ellipsoid torus grid` are not available yet.\n")
+    parts.append("Sweeps, meshes and the models `tube ellipsoid torus grid` are not available yet.\n")
     return "".join(parts)
 
 

@@ -17,6 +17,7 @@ from mbm.expression.nodes import (
     Number,
     Opaque,
     Operation,
+    Parameter,
     nearest,
     postorder,
 )
@@ -65,6 +66,8 @@ def _form(node: Expression, forms: dict[int, Form], span: Span) -> Form:
             return symbol(node.name, span)
         case Opaque():
             return node.form
+        case Parameter():
+            return symbol(node.name, span)
         case Component():
             return _component_form(node, span)
         case Apply():
