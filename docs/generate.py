@@ -23,6 +23,7 @@ from mbm.language import limits as language_limits
 from mbm.language.vocabulary import (
     arithmetic,
     comparison,
+    curves,
     directions,
     external,
     frames,
@@ -53,6 +54,7 @@ ROOMS: tuple[tuple[str, ModuleType], ...] = (
     ("Frames", frames),
     ("Cameras, image lines, distances", lines),
     ("Directions", directions),
+    ("Curves", curves),
     ("Lists", lists),
     ("Functions in Python", external),
 )
@@ -176,7 +178,7 @@ def library() -> str:
             parts.append(
                 f"## `({name} {arguments})`\n\n" + "".join(f"{line}\n" for line in function.doc.splitlines()) + "\n"
             )
-    parts.append("Sweeps, curves, meshes and the models `tube ellipsoid torus grid` are not available yet.\n")
+    parts.append("Sweeps, meshes and the models `tube ellipsoid torus grid` are not available yet.\n")
     return "".join(parts)
 
 

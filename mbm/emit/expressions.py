@@ -7,7 +7,7 @@ from dataclasses import field
 from math import pi
 
 from mbm.emit.types import InputValue
-from mbm.expression.nodes import Apply, Expression, Leaf, Number, Opaque, Operation, postorder
+from mbm.expression.nodes import Apply, Expression, Leaf, Number, Opaque, Operation, Parameter, postorder
 from mbm.machine.program import Instruction, Operator, Program
 from mbm.values import dataclass
 
@@ -27,7 +27,7 @@ def program_of(roots: tuple[Expression, ...], place_of: PlaceOf) -> tuple[tuple[
             values[id(node)] = build.constant(float(node.value))
         elif isinstance(node, Apply):
             values[id(node)] = build.applied(node.operation, [values[id(a)] for a in node.arguments])
-        elif isinstance(node, Opaque):
+        elif isinstance(node, Opaque | Parameter):
             raise TypeError(node)
         else:
             values[id(node)] = build.input(place_of(node))

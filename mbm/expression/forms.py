@@ -18,6 +18,7 @@ from mbm.expression.nodes import (
     Opaque,
     Operation,
     Output,
+    Parameter,
     nearest,
     postorder,
 )
@@ -66,6 +67,8 @@ def _form(node: Expression, forms: dict[int, Form], span: Span) -> Form:
             return symbol(node.name, span)
         case Opaque():
             return node.form
+        case Parameter():
+            return symbol(node.name, span)
         case Component():
             return _component_form(node, span)
         case Apply():

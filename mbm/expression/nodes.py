@@ -265,6 +265,15 @@ class Output:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Parameter:
+    """The parameter of a curve: what runs along it. Each is itself alone; the values of a problem hold none."""
+
+    name: str
+    span: Span | None = field(default=None, repr=False)
+    angle: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Apply:
     """An operation on nodes. ``angle``: differences of this number wrap.
 
@@ -286,8 +295,8 @@ class Apply:
         return isinstance(node, Apply) and node.operation in CONDITIONS
 
 
-Expression: TypeAlias = Number | Constant | Column | Component | Opaque | Apply
-Leaf: TypeAlias = Number | Constant | Column | Component | Opaque
+Expression: TypeAlias = Number | Constant | Column | Component | Opaque | Parameter | Apply
+Leaf: TypeAlias = Number | Constant | Column | Component | Opaque | Parameter
 
 
 def postorder(roots: tuple[Expression, ...]) -> list[Expression]:

@@ -7,7 +7,18 @@ from collections.abc import Sequence as Many
 from fractions import Fraction
 
 from mbm.expression.algebra import UndefinedValueError, apply, constant_value, subtract, wrap
-from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Opaque, Operation, leaves, nearest
+from mbm.expression.nodes import (
+    Apply,
+    Column,
+    Component,
+    Expression,
+    Number,
+    Opaque,
+    Operation,
+    Parameter,
+    leaves,
+    nearest,
+)
 from mbm.language import faults
 from mbm.language.values import (
     FORMS,
@@ -111,7 +122,7 @@ def static_number(value: Value, span: Span, wanted: str = "a number known while 
             raise StaticColumnNeeded(leaf, span)
         if isinstance(leaf, Component):
             raise MbmError(faults.not_static(span, f"`{leaf.unknown}`" if leaf is node else "this"))
-        if isinstance(leaf, Opaque):
+        if isinstance(leaf, Opaque | Parameter):
             raise MbmError(faults.not_static(span, "this"))
     try:
         found = constant_value(node)

@@ -15,6 +15,7 @@ from mbm.expression.nodes import (
     Expression,
     Number,
     Opaque,
+    Parameter,
     RowChoice,
 )
 from mbm.text.types import Code, Diagnostic, Form, Keyword, Numeral, Place, Sequence, Span, Symbol, Text
@@ -161,6 +162,11 @@ class Placeable(ABC):
     def as_point(self) -> Array | None:
         """Its coordinates, if it is a point."""
 
+    @property
+    def dimension(self) -> int:
+        """How many coordinates its points have."""
+        return 3
+
     def ends(self) -> tuple[Array, ...] | None:
         """The two points of a line, the three or more of a plane; None for anything else."""
         return None
@@ -292,6 +298,7 @@ Value: TypeAlias = (
     | Column
     | Component
     | Opaque
+    | Parameter
     | Apply
     | bool
     | str
@@ -313,7 +320,7 @@ Value: TypeAlias = (
     | Placeable
 )
 
-SCALARS = (Number, Constant, Column, Component, Opaque, Apply)
+SCALARS = (Number, Constant, Column, Component, Opaque, Parameter, Apply)
 FORMS = (Symbol, Keyword, Numeral, Sequence, Text)
 
 

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from mbm.expression.nodes import Apply, Column, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, vector
+from mbm.language.curves import CurveValue, in_space
 from mbm.language.special import clauses_of_cond, cond_condition, let_scope
 from mbm.language.values import (
     FORMS,
@@ -27,11 +28,12 @@ from mbm.language.vocabulary.frames import rotation_transform, scale_transform, 
 from mbm.language.vocabulary.rigid import pose
 from mbm.shapes import faults
 from mbm.shapes.features import pose_transform
-from mbm.shapes.heads import FORMS_NOT_YET, LIBRARY_NOT_YET, are_values, fits, is_users
+from mbm.shapes.heads import CURVES, FORMS_NOT_YET, LIBRARY_NOT_YET, are_values, fits, is_users
 from mbm.shapes.repetition import repetitions
 from mbm.shapes.surface import clause, surface
 from mbm.shapes.truth import truth
 from mbm.shapes.types import (
+    CurveNode,
     Group,
     ModelCall,
     ModelFunction,
@@ -163,6 +165,8 @@ def _named(form: Symbol, site: Site) -> Node:
     value = site.scope.lookup(form.name, form.span)
     if isinstance(value, Shape):
         return Group(children=(value.content,), span=form.span)
+    if isinstance(value, CurveValue):
+        return CurveNode(curve=in_space(value), span=form.span)
     raise MbmError(_no_shape(form, site))
 
 
@@ -186,6 +190,8 @@ def _called(form: Sequence, site: Site) -> Node:
         return Group(children=(value.content,), span=form.span)
     if isinstance(value, FORMS):
         return Group(children=describe_shapes((value,), site.inside(site.scope)), span=form.span)
+    if isinstance(value, CurveValue):
+        return CurveNode(curve=in_space(value), span=form.span)
     raise MbmError(faults.not_a_shape(form.span, describe(value)))
 
 
@@ -310,6 +316,7 @@ def _decided(test: bool | Apply, span: Span) -> bool:
 
 _WORDS: Mapping[str, Callable[[Sequence, Site], Node]] = MappingProxyType(
     {
+        **dict.fromkeys(CURVES, _called),
         "trans": _transform,
         "rotate": _transform,
         "scale": _transform,

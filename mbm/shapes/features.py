@@ -8,12 +8,26 @@ from mbm.expression.algebra import multiply
 from mbm.expression.nodes import Number
 from mbm.language import faults as language_faults
 from mbm.language.coerce import vector
+from mbm.language.curves import CurveValue
 from mbm.language.values import Array, Call, PoseValue, Transform, Value
 from mbm.language.vocabulary.cameras import project_point
 from mbm.language.vocabulary.frames import move_point
 from mbm.shapes import faults
 from mbm.shapes.paths import KINDS, KINDS_NOT_YET, NUMBERED, ElementName, Segment
-from mbm.shapes.types import Group, Line, ModelCall, Moved, NamedPoint, Node, Part, Plane, Shape, Step, Surface
+from mbm.shapes.types import (
+    CurveNode,
+    Group,
+    Line,
+    ModelCall,
+    Moved,
+    NamedPoint,
+    Node,
+    Part,
+    Plane,
+    Shape,
+    Step,
+    Surface,
+)
 from mbm.text.types import Diagnostic, MbmError, Span, Symbol
 from mbm.values import dataclass
 
@@ -36,15 +50,18 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feature:
-    """A feature in the frame inside of ``steps`` (outermost first): its points there, each of shape (3,)."""
+    """A feature in the frame inside of ``steps`` (outermost first): its points, each of shape (3,), or its curve."""
 
     kind: str
     points: tuple[Array, ...]
     steps: tuple[Step, ...]
     span: Span
+    curve: CurveValue | None = None
 
     def value(self, call: Call) -> Value:
-        """The feature in the frame of its shape: a vector for a point, else a line or a plane."""
+        """The feature in the frame of its shape: a vector for a point, else a line, a plane or a curve."""
+        if self.curve is not None:
+            return self.curve.mapped(lambda p: carried(Array((len(p),), p), self.steps, call).elements)
         points = tuple(carried(p, self.steps, call) for p in self.points)
         if self.kind == "plane":
             return Plane(points=points, span=self.span)
@@ -114,7 +131,13 @@ def part_names(call: Call, place: Place) -> tuple[str, ...]:
 
 
 def numbered(call: Call, place: Place, kind: str, number: int, span: Span) -> Feature:
-    """``vertex n``, ``line n`` or ``plane n`` of the surfaces at a level."""
+    """``vertex n``, ``line n`` or ``plane n`` of the surfaces at a level, or the ``curve n`` there."""
+    if kind == "curve":
+        curves = [(n, steps) for n, steps in _contents(call, place) if isinstance(n, CurveNode)]
+        if not 1 <= number <= len(curves):
+            raise MbmError(faults.unknown_number(span, kind, number, place.owner, range(1, len(curves) + 1)))
+        node, steps = curves[number - 1]
+        return Feature(kind=kind, points=(), steps=steps, span=span, curve=node.curve)
     surfaces = [(n, steps) for n, steps in _contents(call, place) if isinstance(n, Surface)]
     found = [(s, steps) for s, steps in surfaces if number in _of_kind(s, kind)]
     if len(found) > 1:
@@ -175,7 +198,7 @@ def _unknown(call: Call, place: Place, name: str, span: Span) -> Diagnostic:
     contents = [node for node, _ in _contents(call, place)]
     listed = []
     for kind in NUMBERED:
-        known = faults.numbers({n for s in contents if isinstance(s, Surface) for n in _of_kind(s, kind)})
+        known = faults.numbers(_numbers(contents, kind))
         if known:
             listed.append(f"{kind} {known}")
     listed += ["origin", "axis"]
@@ -186,6 +209,13 @@ def _unknown(call: Call, place: Place, name: str, span: Span) -> Diagnostic:
     if parts:
         listed.append("parts " + " ".join(f"`{p}`" for p in parts[:8]))
     return faults.unknown_feature(span, name, place.owner, tuple(listed), (*KINDS, *points, *parts))
+
+
+def _numbers(contents: list[Node], kind: str) -> set[int]:
+    """The numbers of the features of a kind among ``contents``."""
+    if kind == "curve":
+        return set(range(1, sum(isinstance(node, CurveNode) for node in contents) + 1))
+    return {n for s in contents if isinstance(s, Surface) for n in _of_kind(s, kind)}
 
 
 def _of_kind(surface: Surface, kind: str) -> frozenset[int]:
@@ -215,7 +245,7 @@ def _root_name(node: Node) -> str | None:
 
 
 def _contents(call: Call, place: Place) -> Iterator[tuple[Node, tuple[Step, ...]]]:
-    """Parts, points, surfaces and model calls at a level, in the order written, with the steps around them."""
+    """Parts, points, surfaces, curves and model calls at a level, in the order written, with the steps around them."""
     stack = [(node, place.steps) for node in reversed(place.nodes)]
     seen = 0
     while stack:
@@ -223,7 +253,7 @@ def _contents(call: Call, place: Place) -> Iterator[tuple[Node, tuple[Step, ...]
         seen += 1
         if seen % _NODES_PER_STEP == 0:
             call.evaluator.budget.spend(1, call.form)
-        if isinstance(node, Part | Surface | NamedPoint | ModelCall):
+        if isinstance(node, Part | Surface | CurveNode | NamedPoint | ModelCall):
             yield node, steps
         if isinstance(node, Moved):
             stack.extend((child, (*steps, node.step)) for child in reversed(node.children))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from mbm.language.curves import CurveValue
 from mbm.language.functions import UserFunction, UserMacro
 from mbm.language.values import Callable_, Evaluator, ListValue, Scope, Value
 from mbm.shapes.surface import CLAUSES
@@ -12,17 +13,15 @@ from mbm.shapes.types import ModelFunction, Shape
 from mbm.text.types import Bracket, Form, Keyword, Sequence, Symbol
 
 TRANSFORMS = ("trans", "rotate", "scale", "transform")
+CURVES = ("curve", "polyline", "spline")
 _BODIES = ("let", "let*", "if", "cond")
-_WORDS = frozenset({*CLAUSES, *TRANSFORMS, "perse", "or", "for", "part", "point"})
+_WORDS = frozenset({*CLAUSES, *TRANSFORMS, *CURVES, "perse", "or", "for", "part", "point"})
 
 FORMS_NOT_YET: Mapping[str, str] = MappingProxyType(
     {
         "extrude": "sweeps",
         "revolve": "sweeps",
         "sweep": "sweeps",
-        "curve": "curves",
-        "polyline": "curves",
-        "spline": "curves",
         "mesh": "meshes",
     }
 )
@@ -61,7 +60,7 @@ def are_values(arguments: tuple[Form, ...], evaluator: Evaluator, scope: Scope) 
 def describes_shape(form: Form, evaluator: Evaluator, scope: Scope) -> bool:
     """Whether a form reads as a shape rather than as a number. Nothing is evaluated."""
     if isinstance(form, Symbol):
-        return isinstance(scope.lookup(form.name, form.span), Shape)
+        return isinstance(scope.lookup(form.name, form.span), Shape | CurveValue)
     if not isinstance(form, Sequence) or form.bracket is not Bracket.ROUND or not form.items:
         return False
     head = form.items[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from dataclasses import field
 
-from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Leaf, Number, Opaque
+from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Leaf, Number, Opaque, Parameter
 from mbm.language import faults as language_faults
 from mbm.language.parameters import Parameters, bind
 from mbm.language.program import MODEL_USAGE, ModelDefinition
@@ -275,3 +275,5 @@ def _leaf(node: Leaf) -> Hashable:
             return ("unknown", node.identity)
         case Opaque():
             return ("opaque", node.form)
+        case Parameter():
+            return ("parameter", id(node))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbm.expression.algebra import number
 from mbm.expression.forms import number_form
-from mbm.expression.nodes import Column, Number, Opaque, leaves
+from mbm.expression.nodes import Column, Number, Opaque, Parameter, leaves
 from mbm.language.coerce import opaque_element
 from mbm.language.values import SCALARS, Array, Evaluator, FamilyValue, ListValue, TextColumn, Value
 from mbm.text.build import sequence, symbol, text
@@ -68,11 +68,11 @@ def _key(key: str | float | Column | TextColumn, span: Span) -> Form:
 
 
 def is_opaque(value: Value) -> bool:
-    """Whether a value holds forms that are not evaluated yet."""
+    """Whether a value holds forms that are not evaluated yet, or what runs along a curve."""
     if isinstance(value, SCALARS):
-        return any(isinstance(leaf, Opaque) for leaf in leaves((value,)))
+        return any(isinstance(leaf, Opaque | Parameter) for leaf in leaves((value,)))
     if isinstance(value, Array):
-        return any(isinstance(leaf, Opaque) for leaf in leaves(value.elements))
+        return any(isinstance(leaf, Opaque | Parameter) for leaf in leaves(value.elements))
     if isinstance(value, ListValue):
         return any(is_opaque(item) for item in value.items)
     return isinstance(value, OpaqueFamily)

@@ -9,11 +9,11 @@ from mbm.shapes import faults
 from mbm.text.types import Bracket, Form, MbmError, Numeral, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
-NUMBERED = ("vertex", "line", "plane")
+NUMBERED = ("vertex", "line", "plane", "curve")
 """Kinds of features that take a number."""
 
 KINDS = (*NUMBERED, "origin", "axis")
-KINDS_NOT_YET = {"curve": "curves", "silhouette": "silhouettes"}
+KINDS_NOT_YET = {"silhouette": "silhouettes"}
 
 
 @dataclass(frozen=True, slots=True)

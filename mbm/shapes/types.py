@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import TypeAlias
 
+from mbm.language.curves import CurveValue
 from mbm.language.parameters import Parameters
 from mbm.language.values import Array, Call, Callable_, ListValue, Placeable, Scope, Transform, Value
 from mbm.language.vocabulary.frames import move_point
@@ -41,6 +42,14 @@ class NamedPoint:
 
     name: str
     position: Array
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurveNode:
+    """A curve of space; it is numbered by its place among those of its part."""
+
+    curve: CurveValue
     span: Span
 
 
@@ -93,7 +102,7 @@ class ModelCall:
     span: Span
 
 
-Node: TypeAlias = Surface | NamedPoint | Moved | Part | Group | ModelCall
+Node: TypeAlias = Surface | CurveNode | NamedPoint | Moved | Part | Group | ModelCall
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -29,6 +29,7 @@ from mbm.language.values import (
 from mbm.language.vocabulary import (
     arithmetic,
     comparison,
+    curves,
     directions,
     external,
     frames,
@@ -69,7 +70,7 @@ def vertex_form(call: Call) -> Value:
     if not isinstance(shape, Shape):
         raise MbmError(language_faults.wrong_kind(at[0], "a model with its arguments, quoted", describe(shape)))
     feature = resolve(call, shape, segments_of(path, at[1], call))
-    if len(feature.points) > 1:
+    if len(feature.points) != 1:
         raise MbmError(faults.bad_path(feature.span, f"a point is wanted, but the path leads to a {feature.kind}"))
     form = vector_form(feature.points[0], call.span)
     for step in reversed(feature.steps):
@@ -244,7 +245,7 @@ FEATURE_FUNCTIONS: tuple[FeatureFunction | Builtin, ...] = (
 
 def vocabulary() -> Vocabulary:
     """Special forms, functions, the library's models, and the names that come later."""
-    rooms = (arithmetic, comparison, directions, external, frames, lines, lists, rotations, vectors)
+    rooms = (arithmetic, comparison, curves, directions, external, frames, lines, lists, rotations, vectors)
     functions: dict[str, Callable_] = {f.name: f for room in rooms for f in room.FUNCTIONS}
     functions.update((f.name, f) for f in FEATURE_FUNCTIONS)
     words = Vocabulary(

@@ -53,7 +53,6 @@ BODY = [
     ("not-static", "(for (i 1 u) (sphere 1))", "u", "unknown"),
     ("not-static", "(if (> u 0) (sphere 1) (sphere 2))", "(> u 0)", "unknown"),
     ("not-available-yet", "(extrude (disk 1) 2)", "extrude", "sweeps"),
-    ("not-available-yet", "(curve (s 0 1) (s 0 0))", "curve", "curves"),
     ("not-available-yet", '(mesh "part.stl")', "mesh", "meshes"),
     ("not-available-yet", "(torus 1 2)", "torus", "library"),
     ("wrong-arity", "(other)", "(other)", "no arguments"),
@@ -74,6 +73,7 @@ def test_bodies(opened, code, body, blamed, words):
 ROOM = """
 (defmodel desk (x) (board (trans (0 0 1) (rectangular x 1)))
   (declared (sphere 1)) (two (sphere 1) (sphere 2)) (twins (leg-of) (leg-of)))
+(defmodel bent () (polyline ((0 0) (1 1))) (trans (0 0 1) (curve (s 0 1) [s s])))
 (defmodel leg-of () (leg (sphere 1)))
 (defmodel named () (declare (array leg (front 7))) ((leg 1) (sphere 1)))
 """
@@ -112,7 +112,11 @@ PATHS = [
     ("unknown-name", "(get-vertex-from-model '(dsk 1) '(board (vertex 1)))", "dsk", "did you mean `desk`?"),
     ("wrong-arity", "(vertex (desk 1))", "(vertex (desk 1))", "usage"),
     ("not-static", "(vertex (desk 1) board u)", "u", "unknown"),
-    ("not-available-yet", '(feature (desk 1) "board/curve/1")', '"board/curve/1"', "curves"),
+    ("unknown-feature", '(feature (desk 1) "board/curve/1")', '"board/curve/1"', "it has no curve at all"),
+    ("bad-path", '(feature (desk 1) "board/curve")', '"board/curve"', "wants a number"),
+    ("unknown-feature", '(feature (bent) "curve/3")', '"curve/3"', "its curve numbers: 1, 2"),
+    ("unknown-feature", '(feature (bent) "curved/1")', '"curved/1"', "did you mean `curve`?"),
+    ("bad-path", "(get-vertex-from-model '(bent) '(curve 1))", "1", "leads to a curve"),
     ("not-available-yet", '(feature (desk 1) "board/silhouette")', '"board/silhouette"', "silhouettes"),
     ("not-available-yet", "(silhouette (desk 1))", "silhouette", "silhouettes"),
     ("not-available-yet", "(torus 1 2)", "torus", "library"),

@@ -63,7 +63,7 @@ def _rotate(call: Call) -> Value:
 
 def _scale(call: Call) -> Value:
     thing = call.arguments[1]
-    dimension = 3 if isinstance(thing, Placeable) else vector(thing, call.forms[1].span).shape[0]
+    dimension = thing.dimension if isinstance(thing, Placeable) else vector(thing, call.forms[1].span).shape[0]
     return _move(call, scale_transform(call.arguments[0], call.forms[0].span, dimension))
 
 

@@ -11,6 +11,7 @@ from mbm.expression.algebra import ONE, ZERO, add, apply, divide, dot, multiply,
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
 from mbm.language.coerce import scalar, vector
+from mbm.language.curves import CurveValue
 from mbm.language.values import Array, Builtin, Call, ImageLineValue, Placeable, Value, describe
 from mbm.language.vocabulary.cameras import project_point
 from mbm.language.vocabulary.vectors import norm_of
@@ -71,7 +72,11 @@ def signed_distance(line: ImageLineValue, p: tuple[Expression, ...], span: Span)
 
 
 def image_of(call: Call, camera: Value | None, thing: Value, span: Span) -> Value:
-    """The image of a point, [u v], or of a line: an image line."""
+    """The image of a point, [u v], of a line: an image line, or of a curve: a curve of the image."""
+    if isinstance(thing, CurveValue):
+        if thing.dimension != 3:
+            raise MbmError(faults.wrong_kind(span, "a curve of space", describe(thing)))
+        return thing.mapped(lambda point: project_point(call, camera, point).elements)
     ends = thing.ends() if isinstance(thing, Placeable) and thing.as_point() is None else None
     if ends is None:
         if isinstance(thing, Placeable) and thing.as_point() is None:
@@ -156,8 +161,8 @@ def _cross(a: tuple[Expression, ...], b: tuple[Expression, ...], span: Span) -> 
 
 
 FUNCTIONS: tuple[Builtin, ...] = (
-    Builtin("perse", "(perse X)", "The paper's projection (k0 y/x, k1 z/x) of a point, or of a line; k0, k1 are the problem's, else 1.", 1, 1, _perse),
-    Builtin("project", "(project camera X)", "The image of X in the camera's frame: [u v] of a point, an image line of a line.", 2, 2, _project),
+    Builtin("perse", "(perse X)", "The paper's projection (k0 y/x, k1 z/x) of a point, a line or a curve; k0, k1 are the problem's, else 1.", 1, 1, _perse),
+    Builtin("project", "(project camera X)", "The image of X in the camera's frame: [u v] of a point, an image line of a line, a curve of a curve.", 2, 2, _project),
     Builtin("vertex-on-image", "(vertex-on-image camera P)", "The image [u v] of a point.", 2, 2, _vertex_on_image),
     Builtin("line-on-image", "(line-on-image camera L)", "The image line of a line.", 2, 2, _line_on_image),
     Builtin("image-line", "(image-line alpha rho)", "The image line of direction α at ρ = −X sin α + Y cos α.", 2, 2, _image_line),

@@ -1,0 +1,107 @@
+"""Curves as values: points in terms of a parameter, piece by piece.
+
+The coordinates are expressions in the parameter, the unknowns and the columns, so that a curve that was moved or
+projected is a curve again, and everything about it is differentiated as any other form is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from mbm.expression.algebra import ZERO, apply
+from mbm.expression.nodes import Apply, Expression, Number, Operation, Parameter
+from mbm.expression.substitution import substituted
+from mbm.language import faults
+from mbm.language.values import Array, Placeable, Transform
+from mbm.language.vocabulary.frames import move_point
+from mbm.text.types import MbmError, Span
+from mbm.values import dataclass
+
+Point = tuple[Expression, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Piece:
+    """A stretch of a curve, from ``first`` to ``last`` of its parameter; ``point`` holds the parameter."""
+
+    first: Expression
+    last: Expression
+    point: Point
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurveValue(Placeable):
+    """A curve of the plane or of space; each of its ``pieces`` begins where the one before it ends."""
+
+    parameter: Parameter
+    pieces: tuple[Piece, ...]
+    span: Span
+
+    @property
+    def kind(self) -> str:
+        """How messages call it."""
+        return "a curve of the plane" if self.dimension == 2 else "a curve"
+
+    @property
+    def dimension(self) -> int:
+        """How many coordinates its points have."""
+        return len(self.pieces[0].point)
+
+    @property
+    def first(self) -> Expression:
+        """The parameter where it begins."""
+        return self.pieces[0].first
+
+    @property
+    def last(self) -> Expression:
+        """The parameter where it ends."""
+        return self.pieces[-1].last
+
+    def moved(self, by: Transform) -> CurveValue:
+        """The curve after ``by``."""
+        return self.mapped(lambda point: move_point(by, Array((len(point),), point), self.span).elements)
+
+    def as_point(self) -> Array | None:
+        """A curve is no point."""
+        return None
+
+    def mapped(self, function: Callable[[Point], Point]) -> CurveValue:
+        """The curve of the points that ``function`` makes of its points."""
+        return replace(self, pieces=tuple(replace(piece, point=function(piece.point)) for piece in self.pieces))
+
+    def at(self, value: Expression) -> Point:
+        """The point where the parameter is ``value``; beyond an end the formula of the last piece there goes on."""
+        return self.chosen(tuple(piece.point for piece in self.pieces), value)
+
+    def chosen(self, formulas: tuple[Point, ...], value: Expression) -> Point:
+        """That of ``formulas``, one for each piece, which holds at ``value``, with ``value`` in it."""
+        count, knots = len(formulas), [piece.last for piece in self.pieces[:-1]]
+        if isinstance(value, Number) and all(isinstance(knot, Number) for knot in knots):
+            passed = sum(isinstance(knot, Number) and knot.value <= value.value for knot in knots)
+            return substituted(formulas[passed], {self.parameter: value})
+        found = substituted(formulas[count - 1], {self.parameter: value})
+        for knot, formula in zip(reversed(knots), reversed(formulas[:-1]), strict=True):
+            before = Apply(Operation.LESS, (value, knot), span=self.span)
+            here = substituted(formula, {self.parameter: value})
+            found = tuple(apply(Operation.IF, before, a, b, span=self.span) for a, b in zip(here, found, strict=True))
+        return found
+
+
+def in_space(curve: CurveValue) -> CurveValue:
+    """The curve with three coordinates: one of the plane lies in z = 0."""
+    return curve.mapped(lambda point: (*point, ZERO)) if curve.dimension == 2 else curve
+
+
+def check_dimension(point: Array, span: Span, wanted: int | None = None) -> Point:
+    """The coordinates of a point of a curve.
+
+    Raises:
+        MbmError: neither 2 nor 3 of them, or not ``wanted``.
+
+    """
+    count = point.shape[0]
+    if count not in (2, 3) or wanted not in (None, count):
+        numbers = "2 or 3" if wanted is None else f"{wanted}, as the first"
+        raise MbmError(faults.length_clash(span, f"a point of {count} numbers", f"a curve (points have {numbers})"))
+    return point.elements
