@@ -7,7 +7,7 @@ import numpy as np
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose
-from mbm.estimation.starts.closed_forms.numerics.planes import Knowledge, camera_from_planes
+from mbm.estimation.starts.closed_forms.numerics.planes import Knowledge, camera_from_planes, likeliest_camera
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, Support
 from mbm.values import dataclass
@@ -113,28 +113,23 @@ def cameras_of(candidate: Candidate) -> tuple[Indices, tuple[Camera, ...]]:
 
 
 def _within(number: int, span: slice) -> bool:
-    return span.start <= number < span.stop
+    return number in range(span.start, span.stop)
 
 
 def camera_numbers(kinds: tuple[int, ...], homographies: Floats, images: Floats) -> tuple[Floats, Floats, Floats]:
-    """A camera's numbers (s,), its focal lengths (2,) and centre (2,) from homographies (K, 3, 3); NaN without any.
+    """A camera's numbers (s,), its focal lengths (2,) and centre (2,) from homographies (K, 3, 3).
 
-    Where few or noisy views give no camera that could see the ``images`` (n, 2), the centre is taken to be their
-    middle, then the focal lengths to be equal.
+    Where few or noisy views give no camera that could see the ``images`` (n, 2), it is the best of a table of cameras.
     """
-    middle = (images.min(axis=0) + images.max(axis=0)) / 2
+    middle = (images.min(axis=0) + images.max(axis=0)) / 2 if 3 in kinds else np.zeros(2)
     extent = float(np.ptp(images, axis=0).max())
-    focal, centre = np.full(2, np.nan), np.full(2, np.nan)
-    for one_focal, centred in ((False, False), (False, True), (True, True)):
-        known = Knowledge(one_focal=one_focal or ONE_FOCAL in kinds, centred=centred or 3 not in kinds)
-        origin = middle if centred and 3 in kinds else np.zeros(2)
-        shifted = homographies.copy()
-        shifted[:, :2] -= origin[:, None] * homographies[:, 2:]
-        focal, centre = camera_from_planes(shifted, known)
-        centre = np.where(known.centred, 0.0, centre) + origin
-        sees = 3 not in kinds or bool((np.abs(centre - middle) < extent).all())
-        if sees and bool((focal > WIDEST * extent).all() and (focal < NARROWEST * extent).all()):
-            break
+    shifted = homographies.copy()
+    shifted[:, :2] -= middle[:, None] * homographies[:, 2:]
+    shifted[:, :2] /= extent
+    focal, centre = camera_from_planes(shifted, Knowledge(one_focal=ONE_FOCAL in kinds, centred=3 not in kinds))
+    sees = bool((focal > WIDEST).all() and (focal < NARROWEST).all() and (np.abs(centre) < 1.0).all())
+    if not sees:
+        focal, centre = likeliest_camera(shifted, centred=3 not in kinds)
+    focal, centre = focal * extent, centre * extent + middle
     values = np.array([focal[0], focal[1], focal.mean(), centre[0], centre[1], 0.0])
-    numbers = values[list(kinds)] if bool(np.isfinite(focal).all()) else np.full(len(kinds), np.nan)
-    return numbers, focal, centre
+    return values[list(kinds)], focal, centre

@@ -112,10 +112,10 @@ def chain(situation: Situation, lines: Lines, entries: tuple[int, ...], width: i
 
     The rows miss one member of each of ``entries`` and nothing else.
     """
-    poses = tuple(_pose(situation, lines, entry) for entry in entries)
+    poses = tuple(pose_in(situation, lines, entry) for entry in entries)
     moved = []
     for pose in poses:
-        candidate = _alone(situation, lines, poses, pose, {})
+        candidate = alone_in(situation, lines, poses, pose, {})
         mine = moved_points(candidate, candidate.rows(width))
         if mine is None:
             return None
@@ -142,24 +142,25 @@ def chain(situation: Situation, lines: Lines, entries: tuple[int, ...], width: i
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Pose:
+class PoseInRows:
     """A family of poses, or one, and which member (r,) the rows of each group mention."""
 
     entry: Entry
     members: tuple[Indices, ...]
 
 
-def _pose(situation: Situation, lines: Lines, number: int) -> _Pose:
+def pose_in(situation: Situation, lines: Lines, number: int) -> PoseInRows:
+    """The pose of an entry (by number) in some rows that mention one member of it each."""
     entry = situation.layout.entries[number]
     found = []
     for group, rows in lines:
         first = next(j for j, slot in enumerate(group.kernel.variables) if slot.unknown == entry.unknown.name)
         found.append(np.asarray((group.index[rows, first] - entry.offset) // entry.unknown.size))
-    return _Pose(entry=entry, members=tuple(found))
+    return PoseInRows(entry=entry, members=tuple(found))
 
 
-def _alone(
-    situation: Situation, lines: Lines, poses: tuple[_Pose, ...], pose: _Pose, others: Mapping[str, Floats]
+def alone_in(
+    situation: Situation, lines: Lines, poses: tuple[PoseInRows, ...], pose: PoseInRows, others: Mapping[str, Floats]
 ) -> Candidate:
     """One pose as the only unknown; the others are at the numbers (7,) given by name, else at rest."""
     numbers = situation.numbers.copy()
@@ -185,7 +186,7 @@ class _Probe:
 
     situation: Situation
     lines: Lines
-    poses: tuple[_Pose, ...]
+    poses: tuple[PoseInRows, ...]
     moved: tuple[MovedPoints, ...]
     width: int
 
@@ -210,7 +211,7 @@ class _Probe:
 
     def points(self, k: int, others: Mapping[int, tuple[Floats, Floats]]) -> Floats | None:
         """The points (n, 3) that pose k moves with some others in a product as the motions R, t."""
-        candidate = _alone(self.situation, self.lines, self.poses, self.poses[k], self._numbers(others))
+        candidate = alone_in(self.situation, self.lines, self.poses, self.poses[k], self._numbers(others))
         rows = candidate.rows(self.width)
         return points_of(rows, FRAME, self.moved[k].inverse, np.random.default_rng(0))
 
@@ -238,7 +239,7 @@ class _Probe:
         for _ in range(2):
             motions = {k: (some_rotation(3, generator), size * generator.uniform(0.3, 1.0, size=3)) for k in order}
             others = {k: motions[k] for k in order[1:]}
-            candidate = _alone(self.situation, self.lines, self.poses, self.poses[order[0]], self._numbers(others))
+            candidate = alone_in(self.situation, self.lines, self.poses, self.poses[order[0]], self._numbers(others))
             own = self._numbers({order[0]: motions[order[0]]})[self.poses[order[0]].entry.unknown.name]
             direct = candidate.rows(self.width).values(own)
             place = found.placed([motions[k] for k in order])
@@ -261,3 +262,9 @@ def _products(links: Sequence[Link], turns: Floats, shifts: Floats) -> Indices:
     number = np.empty(len(order), dtype=np.int64)
     number[order] = np.concatenate([[0], np.cumsum(apart)])
     return number
+
+
+def put_pose(result: Floats, places: Indices, mine: Indices, numbers: Floats) -> None:
+    """Write a pose (7,) into a candidate's numbers (K, s) wherever its ``places`` have the places ``mine`` (7,)."""
+    row, column = np.nonzero(places == mine[0])
+    result[row[:, None], column[:, None] + np.arange(len(mine))] = numbers

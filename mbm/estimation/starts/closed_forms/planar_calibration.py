@@ -15,7 +15,15 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.cameras import Camera, camera_numbers, cameras_of
-from mbm.estimation.starts.closed_forms.chains import FRAME, Chain, Lines, chain, is_pose, rows_of_products
+from mbm.estimation.starts.closed_forms.chains import (
+    FRAME,
+    Chain,
+    Lines,
+    chain,
+    is_pose,
+    put_pose,
+    rows_of_products,
+)
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints
 from mbm.estimation.starts.closed_forms.numerics.planes import homography
 from mbm.estimation.starts.closed_forms.rows import Rows
@@ -205,8 +213,7 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
         result[np.ix_(mine, data.columns)] = numbers
         for view, each in zip(compress(views, known), H, strict=True):
             if view.places.size:
-                row, column = np.nonzero(places == view.places[0])
-                result[row[:, None], column[:, None] + np.arange(7)] = _pose(view, each, focal, centre)
+                put_pose(result, places, view.places, _pose(view, each, focal, centre))
     return result.ravel()
 
 

@@ -5,16 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.types import Floats
+from mbm.estimation.starts.closed_forms.numerics.medians import agreeing, contaminated, samples_of
 from mbm.values import dataclass
 
-SAMPLES = 100
-"""Samples of four points: with 30 % wrong ones, all but 1 in 10¹¹ times one of them is right."""
-
-APART = 4.0
-"""Distance, in medians of all, beyond which a point is not the others': 4.7 standard deviations of normal noise."""
-
-LEAST_FOR_MEDIAN = 8
-"""Points from which on the median tells wrong ones."""
+_LENGTHS = np.geomspace(0.25, 16.0, 37)
+_OFFSETS = np.linspace(-1.0, 1.0, 11)
 
 SINGULAR = 1e-15
 """Second eigenvalue of the normal equations beside the largest, below which points determine no homography."""
@@ -36,15 +31,12 @@ def homography(plane: Floats, image: Floats) -> Floats:
     """
     if len(plane) < 4:
         return np.full((3, 3), np.nan)
-    every = np.asarray(_homographies(plane[None], image[None])[0])
-    misfits = _misfits(every[None], plane, image)[0]
-    if len(plane) < LEAST_FOR_MEDIAN or not misfits.max() > APART**2 * np.median(misfits):
-        return every
-    samples = np.random.default_rng(0).permuted(np.tile(np.arange(len(plane)), (SAMPLES, 1)), axis=1)[:, :4]
-    found = np.concatenate([every[None], _homographies(plane[samples], image[samples])])
-    misfits = _misfits(found, plane, image)
-    best = misfits[int(np.argmin(np.median(misfits, axis=1)))]
-    kept = best <= APART**2 * np.median(best)
+    every = _homographies(plane[None], image[None])
+    if not contaminated(_misfits(every, plane, image)[0]):
+        return np.asarray(every[0])
+    samples = samples_of(len(plane), 4)
+    found = np.concatenate([every, _homographies(plane[samples], image[samples])])
+    kept = agreeing(_misfits(found, plane, image))
     return np.asarray(_homographies(plane[None, kept], image[None, kept])[0])
 
 
@@ -84,12 +76,9 @@ def camera_from_planes(homographies: Floats, known: Knowledge) -> tuple[Floats, 
     """Focal lengths (2,) and centre (2,) of a camera without skew from homographies (K, 3, 3); NaN if not determined.
 
     The images of the plane's two axes are orthogonal and of one length under the image of the absolute conic, two
-    linear equations a view in B11, B22, B13, B23, B33.
+    linear equations a view in B11, B22, B13, B23, B33. Coordinates of the image are to be of the size of one.
     """
-    scale = np.abs(homographies[:, :2, 2] / homographies[:, 2:, 2]).max()
-    S = np.diag([1 / scale, 1 / scale, 1.0])
-    H = S @ homographies
-    H = H / np.linalg.norm(H, axis=(1, 2), keepdims=True)
+    H = homographies / np.linalg.norm(homographies, axis=(1, 2), keepdims=True)
 
     def row(i: int, j: int) -> Floats:
         a, b = H[:, :, i], H[:, :, j]
@@ -121,4 +110,22 @@ def camera_from_planes(homographies: Floats, known: Knowledge) -> tuple[Floats, 
         focal = np.sqrt(np.array([size / b11, size / b22]))
     if not bool(np.isfinite(focal).all() and np.isfinite(centre).all()):
         return nothing, nothing
-    return scale * focal, scale * centre
+    return focal, centre if not known.centred else np.zeros(2)
+
+
+def likeliest_camera(homographies: Floats, *, centred: bool) -> tuple[Floats, Floats]:
+    """The one of a table of cameras, focal lengths (2,) and centre (2,), under which the planes' axes suit best.
+
+    Coordinates of the image are of the size of one. The cost is scale free, so that no camera gains by a long focal
+    length, and a centre off the middle of the image costs a little.
+    """
+    offsets = np.zeros((1, 2)) if centred else np.stack(np.meshgrid(_OFFSETS, _OFFSETS), axis=-1).reshape(-1, 2)
+    lengths = np.repeat(_LENGTHS, len(offsets))
+    centres = np.tile(offsets, (len(_LENGTHS), 1))
+    axes = homographies[None, :, :, :2].repeat(len(lengths), axis=0)
+    axes[:, :, :2] = (axes[:, :, :2] - centres[:, None, :, None] * axes[:, :, 2:]) / lengths[:, None, None, None]
+    a, b = axes[..., 0], axes[..., 1]
+    aa, bb, ab = (np.einsum("...i,...i->...", p, q) for p, q in ((a, a), (b, b), (a, b)))
+    costs = ((np.square(ab) + np.square(aa - bb) / 4) / np.square(aa + bb)).mean(axis=1)
+    best = int(np.argmin(costs * (1.0 + np.square(centres).sum(axis=1))))
+    return np.full(2, lengths[best]), centres[best]
