@@ -37,7 +37,7 @@ class Measured:
         rows = candidate.rows(entry.unknown.freedom)
         if not len(rows):
             return None
-        values = _vanishing(rows, entry)
+        values = vanishing(rows, entry)
         known = finite(values, 1)
         if not bool(known.any()):
             return None
@@ -49,7 +49,7 @@ class Measured:
         return np.asarray(values[subsets[:, :MOST]])
 
 
-def _vanishing(rows: Rows, entry: Entry) -> Floats:
+def vanishing(rows: Rows, entry: Entry) -> Floats:
     """The value (n, s) at which each row vanishes, NaN where Newton finds none."""
     freedom = entry.unknown.freedom
     found = np.tile(origin(entry), (len(rows), 1))

@@ -62,7 +62,7 @@ def moved_points(candidate: Candidate, rows: Rows) -> MovedPoints | None:
             continue
         for inverse in (False, True):
             generator = np.random.default_rng(0)
-            points = _points(rows, frame, inverse, generator)
+            points = points_of(rows, frame, inverse, generator)
             if points is None:
                 continue
             found = MovedPoints(rows=rows, frame=frame, inverse=inverse, points=points)
@@ -77,7 +77,7 @@ def _motion(frame: Frame, generator: np.random.Generator, size: float) -> tuple[
     return c, some_rotation(frame.dimension, generator), t
 
 
-def _points(rows: Rows, frame: Frame, inverse: bool, generator: np.random.Generator) -> Floats | None:
+def points_of(rows: Rows, frame: Frame, inverse: bool, generator: np.random.Generator) -> Floats | None:
     """What the derivatives say the points are, (n, d); None where they leave one open.
 
     ``v × a = w`` for each equation, with a = Rᵀ ∂h/∂t and w = ∂h/∂ω (the inverse motion: with its own signs).

@@ -1,20 +1,34 @@
-"""Photographs of a plane of known points: the camera and the pose of each view (Zhang 2000)."""
+"""Photographs of a plane of known points: the camera, and the pose of each view (Zhang 2000).
+
+A view is a product of poses (`chains`): the pose of the board alone, or that of the camera in its rig and of the board
+before the rig, or of a hand and an eye. The camera is found with the products free; a single pose is given, too.
+"""
 
 from __future__ import annotations
 
-from dataclasses import field
+from collections.abc import Iterator, Mapping
+from dataclasses import field, replace
+from itertools import compress
 
 import numpy as np
 
-from mbm.equations.layout import Entry
+from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.starts.closed_forms.frames import WholeFrame
-from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points
-from mbm.estimation.starts.closed_forms.numerics.planes import Knowledge, camera_from_planes, homography
+from mbm.estimation.starts.closed_forms.cameras import Camera, camera_numbers, cameras_of
+from mbm.estimation.starts.closed_forms.chains import (
+    FRAME,
+    Chain,
+    Lines,
+    chain,
+    is_pose,
+    put_pose,
+    rows_of_products,
+)
+from mbm.estimation.starts.closed_forms.moved_points import MovedPoints
+from mbm.estimation.starts.closed_forms.numerics.planes import homography
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
-from mbm.problem.types import UnknownKind
 from mbm.rotations import nearest
 from mbm.values import dataclass
 
@@ -25,182 +39,192 @@ PLANAR = 1e-9
 """Extent of the points across their plane beside the largest."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Views:
-    """Points (n, 2) in coordinates of their plane, and where they are seen (n, 2) from the centre that is known.
+PROBE = np.array([0.4, 0.7, 1.3])
+"""A place to look at: before the camera, with either axes."""
 
-    ``intrinsic`` says of each unknown of the camera, in the candidate's order, what it is: a focal length of axis 0, 1
-    or of both (2), or a coordinate of the centre (3, 4). ``basis`` (3, 3) and ``origin`` place the plane in space.
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """Points (n, 2) in coordinates of their plane, and where a camera sees them (n, 2).
+
+    ``basis`` (3, 3) and ``origin`` place the plane in space. ``places`` (7,) are those of the numbers of the one
+    unknown pose through which it is seen, or none; ``inverse``: it is the inverse of that pose.
     """
 
-    moved: MovedPoints = field(repr=False)
-    intrinsic: tuple[int, ...]
+    camera: int
     plane: Floats
     image: Floats
     basis: Floats
     origin: Floats
     axes: tuple[int, int, int]
+    places: Indices
+    inverse: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Views:
+    """Views by some cameras; ``columns`` are those of a camera's numbers among the candidate's."""
+
+    views: tuple[View, ...] = field(repr=False)
+    cameras: Mapping[int, Camera]
+    columns: Indices
 
 
 @dataclass(frozen=True, slots=True)
 class PlanarCalibration:
-    """Homographies, the image of the absolute conic, then the pose of each view; distortion is left at its start."""
+    """Homographies, the image of the absolute conic, then the pose of each view.
+
+    Distortion is left at its start; without one, it starts at nothing.
+    """
 
     name: str = "planar-calibration"
     joint: bool = True
 
     def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
-        """Images of points of one plane by poses of a family, affine in two to four numbers that all views share."""
-        kinds = [entry.unknown.kind for entry in candidate.entries]
-        poses = [e for e in candidate.entries if e.unknown.kind is UnknownKind.POSE and e.unknown.dimension == 3]
-        if len(poses) != 1 or kinds.count(UnknownKind.POSE) != 1 or not 1 <= len(kinds) - 1 <= 4:
+        """Images of points of planes by products of poses, affine in two to four numbers of a camera."""
+        poses = [is_pose(entry) for entry in candidate.entries]
+        if not any(poses) or all(poses) or candidate.paired:
             return None
-        if any(e.unknown.size != 1 for e in candidate.entries if e is not poses[0]):
+        columns, cameras = cameras_of(candidate)
+        views: list[View] = []
+        known: dict[int, Camera] = {}
+        for number, camera in enumerate(cameras):
+            seen = _seen(situation, camera, number)
+            if seen is None:
+                continue
+            known[number] = seen[0]
+            views += seen[1]
+        if not views:
             return None
-        rows = candidate.rows(2)
-        intrinsic = _intrinsic(rows, candidate, poses[0]) if len(rows) else None
-        if intrinsic is None:
-            return None
-        views = _views(situation, candidate, poses[0], intrinsic)
-        if views is None:
-            return None
-        return Plan(form=self, candidate=candidate, rows=rows, minimal=4, data=views)
+        rows = Rows(
+            columns=np.empty(0, dtype=np.int64),
+            pieces=(),
+            width=2,
+            member=np.zeros(len(views), dtype=np.int64),
+            unit=np.arange(len(views)),
+            weight=np.ones(len(views)),
+        )
+        data = Views(views=tuple(views), cameras=known, columns=columns)
+        return Plan(form=self, candidate=candidate, rows=rows, minimal=1, data=data)
 
     def solve(self, plan: Plan, subsets: Indices) -> Floats:
-        """One solution of all views together, (T, 1, K·s); NaN where the views do not determine the camera."""
+        """One solution of all cameras together, (T, 1, K·s); NaN for what the views do not determine."""
         return np.stack([_solved(plan, subset) for subset in subsets])[:, None, :]
 
 
-def _pose_columns(candidate: Candidate, pose: Entry) -> slice:
-    """Where the pose's numbers stand among the candidate's."""
-    first = 0
-    for entry in candidate.entries:
-        if entry is pose:
-            break
-        first += entry.unknown.size
-    return slice(first, first + 7)
+def _seen(situation: Situation, camera: Camera, number: int) -> tuple[Camera, list[View]] | None:
+    """What the numbers of a camera are, and its views of planes; None if it is no such camera, or sees none.
 
-
-def _intrinsic(rows: Rows, candidate: Candidate, pose: Entry) -> tuple[int, ...] | None:
-    """What each of the camera's numbers is, by how the image depends on it; None if it is no such camera."""
-    place = _pose_columns(candidate, pose)
-    others = [i for i in range(candidate.places.shape[1]) if not place.start <= i < place.stop]
-    coordinate = [i if i < place.start else i - 1 for i in others]  # a pose has six coordinates
-    base = np.zeros(candidate.places.shape[1])
-    base[place] = WholeFrame(dimension=3, moves=True, scales=False).numbers(
-        np.ones(()), np.eye(3), np.array([0.31, 0.47, 5.3])
-    )
-    other = base.copy()
-    other[place] = WholeFrame(dimension=3, moves=True, scales=False).numbers(
-        np.ones(()), np.eye(3), np.array([5.2, -0.64, 6.9])
-    )
-    slopes = [rows.slopes(p)[..., coordinate] for p in (base, other)]
-    shifted = base.copy()
-    shifted[others] = np.arange(1.0, len(others) + 1)
-    if not np.allclose(rows.slopes(shifted)[..., coordinate], slopes[0], rtol=1e-9, atol=1e-12):
-        return None
-    if not np.allclose(rows.values(base), rows.values(other), rtol=1e-9, atol=1e-9):
-        return None
-    found = []
-    for j in range(len(others)):
-        one = slopes[0][..., j]
-        constant = np.allclose(one, slopes[1][..., j])
-        axes = [bool(np.abs(one[:, i]).max() > 0) for i in range(2)]
-        if constant and sum(axes) == 1 and np.allclose(np.abs(one[:, axes.index(True)]), 1.0):
-            found.append(3 + axes.index(True))
-        elif not constant:
-            found.append(2 if all(axes) else axes.index(True))
-        else:
-            return None
-    focal = sorted(i for i in found if i < 3)
-    centre = sorted(i for i in found if i > 2)
-    return tuple(found) if focal in ([2], [0, 1]) and centre in ([], [3, 4]) else None
-
-
-def _views(situation: Situation, candidate: Candidate, pose: Entry, intrinsic: tuple[int, ...]) -> Views | None:
-    """The plane and what is seen of it; the camera is probed with focal lengths 1 and its centre at 0."""
-    place = _pose_columns(candidate, pose)
-    others = [i for i in range(candidate.places.shape[1]) if not place.start <= i < place.stop]
+    Poses that closed forms have found meanwhile are unknown again, so that each view has a pose of its own.
+    """
     numbers = situation.numbers.copy()
-    numbers[candidate.places[0, others]] = [1.0 if kind < 3 else 0.0 for kind in intrinsic]
-    number = situation.layout.entries.index(pose)
-    members = (candidate.places[:, place.start] - pose.offset) // pose.unknown.size
-    alone = situation.with_numbers(numbers).candidate((number,), members[:, None])
-    moved = moved_points(alone, alone.rows(2)) if alone is not None else None
-    if moved is None:
-        return None
-    probe = np.array([0.4, 0.7, 1.3])
-    axes = next((a for a in AXES if _is_pinhole(moved, probe, a)), None)
-    origin = moved.points.mean(axis=0)
-    _, extent, basis = np.linalg.svd(moved.points - origin, full_matrices=True)
-    if axes is None or len(extent) < 3 or not extent[2] <= PLANAR * extent[0] < extent[1]:
-        return None
-    basis[2] = np.cross(basis[0], basis[1])
-    sign = _sign(moved, probe, axes)
-    seen = _pinhole(probe, axes) - sign * moved.values(probe)
-    plane = (moved.points - origin) @ basis[:2].T
-    return Views(moved=moved, intrinsic=intrinsic, plane=plane, image=seen, basis=basis.T, origin=origin, axes=axes)
+    for entry in situation.layout.entries:
+        if is_pose(entry):
+            numbers[entry.range] = situation.asked[entry.range]
+    numbers[camera.places] = 0.0
+    free = situation.with_numbers(numbers)
+    views: list[View] = []
+    for poses, lines in _lines(free, camera).items():
+        kinds = camera.recognised(free, lines, poses)
+        if kinds is None or (camera.kinds and camera.kinds != kinds):
+            return None
+        camera = replace(camera, kinds=kinds)
+        found = chain(camera.probed(free), lines, poses, 2)
+        axes = None if found is None else next((a for a in AXES if _is_pinhole(found.moved, a)), None)
+        if found is not None and axes is not None:
+            views += _views(found, number, axes)
+    return (camera, views) if views else None
+
+
+def _lines(situation: Situation, camera: Camera) -> dict[tuple[int, ...], Lines]:
+    """The rows that mention a camera's numbers, by the poses that they miss."""
+    found: dict[tuple[int, ...], list[tuple[Group, Indices]]] = {}
+    numbers = [situation.layout.entries.index(entry) for entry in camera.entries]
+    groups = {group.number: group for entry in numbers for group in situation.mentioning[entry]}
+    for group in groups.values():
+        mine = np.flatnonzero(np.isin(group.index, camera.places).any(axis=1))
+        for poses, rows in rows_of_products(situation, group, mine):
+            found.setdefault(poses, []).append((group, rows))
+    return {poses: tuple(lines) for poses, lines in found.items()}
+
+
+def _views(found: Chain, camera: int, axes: tuple[int, int, int]) -> Iterator[View]:
+    """Of each product of poses the points, if they lie in a plane, and where they are seen."""
+    sign = _sign(found.moved, axes)
+    seen = _pinhole(PROBE, axes) - sign * found.moved.values(PROBE)
+    order = np.argsort(found.product, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(found.product[order])) + 1):
+        points = found.points[rows]
+        origin = points.mean(axis=0)
+        _, extent, basis = np.linalg.svd(points - origin, full_matrices=False)
+        if len(rows) < 4 or not extent[2] <= PLANAR * extent[0] < extent[1]:
+            continue
+        basis[2] = np.cross(basis[0], basis[1])
+        link = found.links[0] if len(found.links) == 1 else None
+        yield View(
+            camera=camera,
+            plane=(points - origin) @ basis[:2].T,
+            image=seen[rows],
+            basis=basis.T,
+            origin=origin,
+            axes=axes,
+            places=np.empty(0, dtype=np.int64) if link is None else link.places(int(link.member[rows[0]])),
+            inverse=link is not None and link.inverse,
+        )
 
 
 def _pinhole(p: Floats, axes: tuple[int, int, int]) -> Floats:
     return np.asarray(p[list(axes[:2])] / p[axes[2]])
 
 
-def _sign(moved: MovedPoints, probe: Floats, axes: tuple[int, int, int]) -> float:
+def _sign(moved: MovedPoints, axes: tuple[int, int, int]) -> float:
     """Whether the residual is model − measured (1) or the other way round (-1)."""
-    aside = probe + np.eye(3)[axes[0]]
-    change = moved.values(aside)[0, 0] - moved.values(probe)[0, 0]
-    return 1.0 if change * (_pinhole(aside, axes)[0] - _pinhole(probe, axes)[0]) > 0 else -1.0
+    aside = PROBE + np.eye(3)[axes[0]]
+    change = moved.values(aside)[0, 0] - moved.values(PROBE)[0, 0]
+    return 1.0 if change * (_pinhole(aside, axes)[0] - _pinhole(PROBE, axes)[0]) > 0 else -1.0
 
 
-def _is_pinhole(moved: MovedPoints, probe: Floats, axes: tuple[int, int, int]) -> bool:
+def _is_pinhole(moved: MovedPoints, axes: tuple[int, int, int]) -> bool:
     """Whether images move as those of an undistorted camera with focal length 1 and these axes."""
-    sign = _sign(moved, probe, axes)
-    first = moved.values(probe)
+    sign = _sign(moved, axes)
+    first = moved.values(PROBE)
     for other in (np.array([0.6, -0.3, 1.1]), np.array([1.7, 0.2, 0.9])):
-        expected = sign * (_pinhole(other, axes) - _pinhole(probe, axes))
+        expected = sign * (_pinhole(other, axes) - _pinhole(PROBE, axes))
         if not np.allclose(moved.values(other) - first, expected, rtol=AGREEMENT, atol=AGREEMENT):
             return False
     return True
 
 
 def _solved(plan: Plan, subset: Indices) -> Floats:
-    views: Views = plan.data
-    candidate = plan.candidate
-    nothing = np.full(candidate.places.size, np.nan)
-    members = plan.rows.member[subset]
-    H = [homography(views.plane[subset[members == m]], views.image[subset[members == m]]) for m in np.unique(members)]
-    homographies = np.stack(H)
-    if len(H) < candidate.members or not bool(np.isfinite(homographies).all()):
-        return nothing
-    known = Knowledge(one_focal=2 in views.intrinsic, centred=3 not in views.intrinsic)
-    focal, centre = camera_from_planes(homographies, known)
-    if not bool(np.isfinite(focal).all()):
-        return nothing
-    values = np.array([focal[0], focal[1], focal.mean(), centre[0], centre[1]])
-    result = np.empty(candidate.places.shape)
-    pose = next(e for e in candidate.entries if e.unknown.kind is UnknownKind.POSE)
-    place = _pose_columns(candidate, pose)
-    others = [i for i in range(candidate.places.shape[1]) if not place.start <= i < place.stop]
-    result[:, others] = values[list(views.intrinsic)]
-    R, t = _poses(homographies, focal, np.where(known.centred, 0.0, centre), views)
-    result[:, place] = views.moved.frame.numbers(np.ones(len(R)), R, t)
+    data: Views = plan.data
+    places = plan.candidate.places
+    result = np.full(places.shape, np.nan)
+    chosen = [data.views[k] for k in subset]
+    for number, camera in data.cameras.items():
+        views = [view for view in chosen if view.camera == number]
+        homographies = [homography(view.plane, view.image) for view in views]
+        known = [bool(np.isfinite(H).all()) for H in homographies]
+        if not any(known):
+            continue
+        H = np.stack(list(compress(homographies, known)))
+        images = np.concatenate([view.image for view in compress(views, known)])
+        numbers, focal, centre = camera_numbers(camera.kinds, H, images)
+        mine = np.flatnonzero((places[:, data.columns] == camera.places).all(axis=1))
+        result[np.ix_(mine, data.columns)] = numbers
+        for view, each in zip(compress(views, known), H, strict=True):
+            if view.places.size:
+                put_pose(result, places, view.places, _pose(view, each, focal, centre))
     return result.ravel()
 
 
-def _poses(H: Floats, focal: Floats, centre: Floats, views: Views) -> tuple[Floats, Floats]:
-    """Rotations (K, 3, 3) and translations (K, 3) from ``H ~ K [r₁ r₂ t]``, each view before the camera."""
-    camera = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1.0]])
-    M = np.linalg.solve(camera, H)
-    M = M / (np.linalg.norm(M[:, :, :2], axis=1).mean(axis=1) * np.sign(M[:, 2, 2]))[:, None, None]
-    frame = np.stack([M[:, :, 0], M[:, :, 1], np.cross(M[:, :, 0], M[:, :, 1])], axis=2)
-    order = np.argsort(views.axes)  # from right, down, forward to x, y, z
-    R = nearest(frame)[:, order, :] @ views.basis.T
-    t = M[:, order, 2] - np.einsum("kij,j->ki", R, views.origin)
-    if views.moved.inverse:
-        R = np.swapaxes(R, 1, 2)
-        t = -np.einsum("kij,kj->ki", R, t)
-    return R, t
+def _pose(view: View, homography: Floats, focal: Floats, centre: Floats) -> Floats:
+    """The pose (7,) with ``H ~ K [r₁ r₂ t]``, the plane before the camera."""
+    M = np.diag([*(1.0 / focal), 1.0]) @ (homography - np.outer([*centre, 0.0], homography[2]))
+    M = M / (np.linalg.norm(M[:, :2], axis=0).mean() * np.sign(M[2, 2]))
+    order = np.argsort(view.axes)  # from right, down, forward to x, y, z
+    R = nearest(np.stack([M[:, 0], M[:, 1], np.cross(M[:, 0], M[:, 1])], axis=1))[order] @ view.basis.T
+    t = M[order, 2] - R @ view.origin
+    return FRAME.numbers(np.ones(()), R.T, -R.T @ t) if view.inverse else FRAME.numbers(np.ones(()), R, t)
 
 
 PLANAR_CALIBRATION = PlanarCalibration()

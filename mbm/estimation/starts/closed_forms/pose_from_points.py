@@ -8,6 +8,7 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.lines_of_sight import directions
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points
 from mbm.estimation.starts.closed_forms.numerics.bearings import plane_poses_from_bearings, poses_from_bearings
+from mbm.estimation.starts.closed_forms.numerics.contaminated import poses_of_most
 from mbm.estimation.starts.closed_forms.numerics.finite import finite
 from mbm.estimation.starts.closed_forms.numerics.three_points import poses_from_three
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
@@ -41,9 +42,9 @@ class PoseFromPoints:
         del situation
         for dimension in (3, 2):
             moved = moved_points(candidate, candidate.rows(dimension - 1))
-            if moved is None or moved.frame.dimension != dimension or moved.frame.scales or not _central(moved):
+            if moved is None or moved.frame.dimension != dimension or moved.frame.scales or not is_central(moved):
                 continue
-            bearings = _bearings(moved)
+            bearings = bearings_of(moved)
             seen = finite(bearings, 1)
             if int(seen.sum()) < 3:
                 return None
@@ -70,12 +71,12 @@ class PoseFromPoints:
 def _least_squares(points: Floats, bearings: Floats, weights: Floats) -> tuple[Floats, Floats]:
     R, t = np.full((len(points), 2, 3, 3), np.nan), np.full((len(points), 2, 3), np.nan)
     for i in range(len(points)):
-        found, shift = poses_from_bearings(points[i], bearings[i], weights[i])
+        found, shift = poses_of_most(points[i], bearings[i], weights[i])
         R[i, : len(found)], t[i, : len(found)] = found, shift
     return R, t
 
 
-def _central(moved: MovedPoints) -> bool:
+def is_central(moved: MovedPoints) -> bool:
     """Whether the rows do not notice when the point moves along its line of sight."""
     generator = np.random.default_rng(0)
     for _ in range(3):
@@ -88,7 +89,7 @@ def _central(moved: MovedPoints) -> bool:
     return True
 
 
-def _bearings(moved: MovedPoints) -> Floats:
+def bearings_of(moved: MovedPoints) -> Floats:
     """Lines of sight; the search begins along z (OpenCV), x (the paper's axes), y."""
     d = moved.points.shape[1]
     axes = np.eye(3)[[2, 0, 1]] if d == 3 else np.eye(2)

@@ -6,7 +6,7 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.frames import Frame, frames_of, some_rotation
-from mbm.estimation.starts.closed_forms.moved_points import moved_points
+from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points
 from mbm.estimation.starts.closed_forms.numerics.alignment import aligned, turned
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
@@ -64,21 +64,32 @@ class Similarity:
 
 def _moved_pairs(candidate: Candidate, rows: Rows) -> Pairs | None:
     found = moved_points(candidate, rows)
-    if found is None:
+    targets = None if found is None else targets_of(found)
+    if found is None or targets is None:
         return None
-    d = found.frame.dimension
-    size = 1.0 + float(np.abs(found.points).max())
-    slopes = found.slopes(np.zeros(d))
+    return Pairs(
+        frame=found.frame,
+        inverse=found.inverse,
+        source=found.points,
+        target=targets[0],
+        weight=rows.weight * targets[1],
+    )
+
+
+def targets_of(moved: MovedPoints) -> tuple[Floats, Floats] | None:
+    """Where rows that are affine in the place of their point want it (n, d), and how steeply, squared (n,)."""
+    d = moved.frame.dimension
+    size = 1.0 + float(np.abs(moved.points).max())
+    slopes = moved.slopes(np.zeros(d))
     if not np.isfinite(slopes).all():
         return None
     for place in (np.full(d, size), size * np.arange(1.0, d + 1)):
-        if not np.allclose(found.slopes(place), slopes, rtol=AGREEMENT, atol=AGREEMENT * float(np.abs(slopes).max())):
+        if not np.allclose(moved.slopes(place), slopes, rtol=AGREEMENT, atol=AGREEMENT * float(np.abs(slopes).max())):
             return None
     if bool((np.abs(np.linalg.det(slopes)) <= 1e-9 * np.abs(slopes).max(axis=(1, 2)) ** d).any()):
         return None
-    target = np.asarray(-np.linalg.solve(slopes, found.values(np.zeros(d))[..., None])[..., 0])
-    weight = rows.weight * np.square(slopes).mean(axis=(1, 2)) * d
-    return Pairs(frame=found.frame, inverse=found.inverse, source=found.points, target=target, weight=weight)
+    target = np.asarray(-np.linalg.solve(slopes, moved.values(np.zeros(d))[..., None])[..., 0])
+    return target, np.asarray(np.square(slopes).mean(axis=(1, 2)) * d)
 
 
 def _turned_pairs(rows: Rows, frame: Frame) -> Pairs | None:

@@ -147,6 +147,7 @@ def _precision(group: Group, lines: Indices) -> Floats:
 class Situation:
     """The observations of one solve and what is known so far: ``numbers`` (N,), NaN where a value is wanted.
 
+    ``asked`` (N,) is what was known to begin with, before closed forms gave any; ``numbers`` if left out.
     Closed forms are given at most so many rows of a group for each member; all of them if ``most`` is None.
     ``mentioning`` has, for each unknown of the layout, the groups of measured equations that mention it. ``absent`` is
     found when it is asked for: for each group (by number) which of its numbers are missing, as a digest, and of whom.
@@ -155,11 +156,14 @@ class Situation:
     layout: Layout
     groups: tuple[Group, ...] = field(repr=False)
     numbers: Floats = field(repr=False)
+    asked: Floats = field(default_factory=lambda: np.empty(0), repr=False)
     most: int | None = None
     mentioning: tuple[tuple[Group, ...], ...] = field(default=(), repr=False)
     absent: dict[int, Absent] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
+        if len(self.asked) != len(self.numbers):
+            object.__setattr__(self, "asked", self.numbers)
         if not self.mentioning:
             found: list[list[Group]] = [[] for _ in self.layout.entries]
             number_of = self.layout.number_of()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.estimation.starts.closed_forms.hand_eye import DATUM, HAND_EYE
 from mbm.estimation.starts.closed_forms.intersection import INTERSECTION
 from mbm.estimation.starts.closed_forms.linear import LINEAR
 from mbm.estimation.starts.closed_forms.measured import MEASURED
@@ -23,4 +24,6 @@ STANDARD: tuple[ClosedForm, ...] = (
     PLANAR_CALIBRATION,
     MEASURED,
     RELATIVE_POSES,
+    HAND_EYE,
+    DATUM,
 )

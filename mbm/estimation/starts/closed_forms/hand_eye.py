@@ -1,0 +1,112 @@
+"""Two unknown poses with known motions between them: hand and eye, robot and world; and where nothing is between."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.starts.closed_forms.chains import FRAME, REST, SAME_MOTION, put_pose
+from mbm.estimation.starts.closed_forms.numerics.finite import finite
+from mbm.estimation.starts.closed_forms.numerics.hand_eye import outer_and_inner
+from mbm.estimation.starts.closed_forms.products import Products, products_of
+from mbm.estimation.starts.closed_forms.rows import Rows
+from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
+from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class HandEye:
+    """Shah (2013): both rotations from the singular vectors of a bilinear form, then both translations."""
+
+    name: str = "hand-eye"
+    joint: bool = True
+
+    def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
+        """Products ``P A Q`` of two unknown poses, or their inverses, with motions A that differ."""
+        del situation
+        found = products_of(candidate)
+        if found is None or len(found.links) != 2 or not len(_varied(found)):
+            return None
+        return _plan(self, candidate, found)
+
+    def solve(self, plan: Plan, subsets: Indices) -> Floats:
+        """One solution (T, 1, K·s) for each subset of the products; NaN for members that no pair determines."""
+        return np.stack([_solved(plan, subset) for subset in subsets])[:, None, :]
+
+
+@dataclass(frozen=True, slots=True)
+class Datum:
+    """Poses of which products alone are known: one of them is where all begins.
+
+    What is known of the others follows from it, step by step.
+    """
+
+    name: str = "datum"
+    joint: bool = True
+
+    def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
+        """Products of unknown poses with one motion between each two, and no member of their families known."""
+        known = [bool(np.isfinite(situation.numbers[entry.range]).any()) for entry in candidate.entries]
+        found = None if any(known) else products_of(candidate)
+        if found is None or any(_differ(found, k) for k in range(len(found.turns))):
+            return None
+        return _plan(self, candidate, found)
+
+    def solve(self, plan: Plan, subsets: Indices) -> Floats:
+        """No motion for the first member of the smallest family (T, 1, K·s), NaN for all others."""
+        found: Products = plan.data
+        link = min(found.links, key=lambda each: each.entry.members)
+        places = plan.candidate.places
+        result = np.full(places.shape, np.nan)
+        put_pose(result, places, link.places(int(link.member.min())), REST)
+        return np.tile(result.ravel(), (len(subsets), 1))[:, None, :]
+
+
+def _plan(form: HandEye | Datum, candidate: Candidate, found: Products) -> Plan:
+    count = found.turns.shape[1]
+    rows = Rows(
+        columns=np.empty(0, dtype=np.int64),
+        pieces=(),
+        width=6,
+        member=np.zeros(count, dtype=np.int64),
+        unit=np.arange(count),
+        weight=np.ones(count),
+    )
+    return Plan(form=form, candidate=candidate, rows=rows, minimal=3, data=found)
+
+
+def _differ(found: Products, k: int) -> bool:
+    """Whether what is between a link and the next is not the same in all products."""
+    turn, shift = np.ptp(found.turns[k], axis=0).max(), np.ptp(found.shifts[k], axis=0).max()
+    return bool(turn > SAME_MOTION or shift > SAME_MOTION * (1.0 + np.abs(found.shifts[k]).max()))
+
+
+def _varied(found: Products) -> list[Indices]:
+    """The products of each two members that have three at least, most first."""
+    members = np.stack([link.member for link in found.links])
+    _, which = np.unique(members, axis=1, return_inverse=True)
+    pairs = [np.flatnonzero(which.ravel() == k) for k in range(int(which.max()) + 1)]
+    return sorted((pair for pair in pairs if len(pair) >= 3), key=len, reverse=True)
+
+
+def _solved(plan: Plan, subset: Indices) -> Floats:
+    found: Products = plan.data
+    places = plan.candidate.places
+    result = np.full(places.shape, np.nan)
+    known = finite(found.R, (1, 2)) & np.isin(np.arange(len(found.R)), subset)
+    for pair in _varied(found):
+        mine = pair[known[pair]]
+        both = outer_and_inner((found.turns[0, mine], found.shifts[0, mine]), (found.R[mine], found.t[mine]))
+        if both is None:
+            continue
+        for link, (R, t) in zip(found.links, both, strict=True):
+            if link.inverse:
+                R, t = R.T, -R.T @ t
+            put_pose(result, places, link.places(int(link.member[mine[0]])), FRAME.numbers(np.ones(()), R, t))
+        break  # the other members follow from these
+    return result.ravel()
+
+
+HAND_EYE = HandEye()
+DATUM = Datum()

@@ -1,0 +1,151 @@
+"""Products of unknown poses ``P₁ A₁ P₂ …`` that rows tell as a whole: from images, from points, from measured poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.starts.closed_forms.chains import (
+    FRAME,
+    REST,
+    Chain,
+    Lines,
+    Link,
+    alone_in,
+    chain,
+    is_pose,
+    pose_in,
+    rows_of_products,
+)
+from mbm.estimation.starts.closed_forms.measured import vanishing
+from mbm.estimation.starts.closed_forms.numerics.alignment import aligned
+from mbm.estimation.starts.closed_forms.numerics.contaminated import poses_of_most
+from mbm.estimation.starts.closed_forms.numerics.finite import finite
+from mbm.estimation.starts.closed_forms.pose_from_points import bearings_of, is_central
+from mbm.estimation.starts.closed_forms.similarity import targets_of
+from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate
+from mbm.rotations import exponential, matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Products:
+    """C products of the poses ``links``, outermost first: the members (C,) of each link, what is between, the whole.
+
+    ``turns`` (m - 1, C, 3, 3) and ``shifts`` (m - 1, C, 3) are the motions between, ``R`` (C, 3, 3) and ``t`` (C, 3)
+    the products as the rows tell them, NaN where they do not.
+    """
+
+    links: tuple[Link, ...]
+    turns: Floats
+    shifts: Floats
+    R: Floats
+    t: Floats
+
+
+def products_of(candidate: Candidate) -> Products | None:
+    """The products of all poses of a candidate that rows tell, which miss nothing else."""
+    situation, entries = candidate.situation, candidate.support.entries
+    if candidate.paired or len(entries) < 2 or not all(is_pose(entry) for entry in candidate.entries):
+        return None
+    groups = {group.number: group for entry in entries for group in situation.mentioning[entry]}
+    lines = tuple(
+        (group, rows)
+        for _, group in sorted(groups.items())
+        for poses, rows in rows_of_products(situation, group, np.arange(group.rows))
+        if poses == entries
+    )
+    if not lines:
+        return None
+    for width in (2, 3):
+        found = chain(situation, lines, entries, width)
+        told = None if found is None else _seen(found) if width == 2 else _placed(found)
+        if found is not None and told is not None:
+            return _whole(found, *told)
+    return _measured(candidate, lines) if len(entries) == 2 else None
+
+
+def _whole(found: Chain, R: Floats, t: Floats) -> Products:
+    """Each product by the first of its rows."""
+    first = np.unique(found.product, return_index=True)[1]
+    links = tuple(replace(link, member=link.member[first]) for link in found.links)
+    return Products(links=links, turns=found.turns[:, first], shifts=found.shifts[:, first], R=R, t=t)
+
+
+def _rows_of_each(found: Chain) -> Iterator[Indices]:
+    order = np.argsort(found.product, kind="stable")
+    yield from np.split(order, np.flatnonzero(np.diff(found.product[order])) + 1)
+
+
+def _seen(found: Chain) -> tuple[Floats, Floats] | None:
+    """The products from images: the pose of each photograph."""
+    if not is_central(found.moved):
+        return None
+    bearings, weight = bearings_of(found.moved), found.moved.rows.weight
+    known = finite(bearings, 1)
+    count = int(found.product.max()) + 1
+    R, t = np.full((count, 3, 3), np.nan), np.full((count, 3), np.nan)
+    for k, rows in enumerate(_rows_of_each(found)):
+        mine = rows[known[rows]]
+        if len(mine) >= 4:
+            turns, shifts = poses_of_most(found.points[mine], bearings[mine], weight[mine])
+            if len(turns):
+                R[k], t[k] = turns[0], shifts[0]
+    return R, t
+
+
+def _placed(found: Chain) -> tuple[Floats, Floats] | None:
+    """The products from places of points."""
+    targets = targets_of(found.moved)
+    if targets is None:
+        return None
+    weight = found.moved.rows.weight * targets[1]
+    parts = [aligned(found.points[k], targets[0][k], weight[k], scale=False) for k in _rows_of_each(found)]
+    return np.stack([R for _, R, _ in parts]), np.stack([t for _, _, t in parts])
+
+
+def _measured(candidate: Candidate, lines: Lines) -> Products | None:
+    """``P A Q^±1 = C`` with C measured: P vanishes the residual, and how it changes with Q tells A and the sign."""
+    entries = candidate.support.entries
+    outer, inner = (pose_in(candidate.situation, lines, entry) for entry in entries)
+
+    def outer_at(motion: Floats) -> tuple[Floats, Floats] | None:
+        alone = alone_in(candidate.situation, lines, (outer, inner), outer, {inner.entry.unknown.name: motion})
+        rows = alone.rows(6)
+        found = vanishing(rows, outer.entry) if len(rows) else np.full((1, 7), np.nan)
+        return (matrix_of_quaternion(found[:, :4]), found[:, 4:]) if bool(np.isfinite(found).all()) else None
+
+    rest = outer_at(REST)
+    turned = [outer_at(FRAME.numbers(np.ones(()), exponential(axis), np.zeros(3))) for axis in np.eye(3)]
+    if rest is None or any(each is None for each in turned):
+        return None
+    # P(Q) = C Q^∓1 A⁻¹, so that P(1)⁻¹ P(Q) = A Q^∓1 A⁻¹
+    within = [_after(_inverse(rest), each) for each in turned if each is not None]
+    axes = np.stack([vector_of_quaternion(quaternion_of_matrix(R)) for R, _ in within], axis=-1)
+    inverse = bool(np.linalg.det(axes[0]) > 0)
+    turns = axes if inverse else -axes
+    if not np.allclose(np.swapaxes(turns, 1, 2) @ turns, np.eye(3), atol=AGREEMENT):
+        return None
+    moved = np.concatenate([np.eye(3) - R for R, _ in within], axis=1)
+    shifts = np.einsum("nij,nj->ni", np.linalg.pinv(moved), np.concatenate([t for _, t in within], axis=1))
+    R, t = _after(rest, (turns, shifts))
+    members = [np.concatenate(pose.members) for pose in (outer, inner)]
+    links = (
+        Link(entry=outer.entry, inverse=False, member=members[0]),
+        Link(entry=inner.entry, inverse=inverse, member=members[1]),
+    )
+    return Products(links=links, turns=turns[None], shifts=shifts[None], R=R, t=t)
+
+
+def _after(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """The motions (n, 3, 3), (n, 3) first ∘ second."""
+    (R, t), (S, s) = first, second
+    return R @ S, np.einsum("nij,nj->ni", R, s) + t
+
+
+def _inverse(motion: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    R, t = motion
+    return np.swapaxes(R, 1, 2), -np.einsum("nji,nj->ni", R, t)
