@@ -16,6 +16,7 @@ from mbm.data import faults as table_faults
 from mbm.data.loader import load, load_all
 from mbm.data.readers import READERS
 from mbm.data.readers import faults as format_faults
+from mbm.text.faults import MOST_FAULTS
 from mbm.text.types import Code, DataPlace, MbmError
 
 CODES = {
@@ -215,6 +216,14 @@ def test_an_undeclared_table(tmp_path, declare, inline, faults_of):
     )
     assert fault.code.name == "undeclared-table"
     assert fault.hint == "did you mean `ranges`?"
+
+
+def test_no_more_tables_are_looked_at_when_enough_is_wrong(tmp_path, declare, faults_of):
+    declarations = [declare(path=f"none{i}.csv", name=f"d{i}") for i in range(3 * MOST_FAULTS)]
+    found = faults_of(load_all, declarations, base=tmp_path, given={}, paths={}, sandbox=None, readers=READERS)
+    assert len(found) == MOST_FAULTS + 1
+    assert {fault.code.name for fault in found[:-1]} == {"missing-file"}
+    assert found[-1].code.name == "more-faults"
 
 
 def test_a_missing_column(load_text, faults_of, column):

@@ -36,6 +36,12 @@ def test_what_is_written_reads_back(name: str, tmp_path: Path) -> None:
             np.testing.assert_array_equal(np.asarray(found[column.name].numbers), np.asarray(column.numbers))
 
 
+def test_whole_numbers_are_written_without_a_point() -> None:
+    numbers = np.array([-0.5, 1000.0, -123456789.0, 2.0**53 - 1, 2.0**53])
+    text = WRITERS["csv"]([Column(name="x", numbers=numbers)]).decode()
+    assert text.split() == ["x", "-0.5", "1000", "-123456789", "9007199254740991", "9007199254740992.0"]
+
+
 @pytest.mark.parametrize("name", list(WRITERS))
 def test_the_same_columns_give_the_same_bytes(name: str) -> None:
     assert WRITERS[name](COLUMNS) == WRITERS[name](COLUMNS)

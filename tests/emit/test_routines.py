@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mbm.emit.routines.rooms import connected
+from mbm.emit.routines.rows import whiten_row
+from mbm.emit.routines.systems import set_component
+from mbm.emit.routines.whitening import lower_factor
 from mbm.machine.records import slot, view
 from mbm.solver import description as at
 from mbm.solver.decisions import MANY_CONNECTED
@@ -40,3 +45,58 @@ def test_many_unknowns_are_none_of_it():
     columns = np.stack([np.zeros(n - 1, dtype=np.int64), np.arange(1, n)], axis=1)
     system, data = system_with(n, columns)
     assert connected(system, data, columns.ravel(), np.zeros(n, dtype=np.int64)) == 0
+
+
+@pytest.mark.parametrize("size", [1, 2, 4])
+def test_the_factor_of_a_covariance_is_that_of_cholesky(size):
+    shape = np.random.default_rng(size).normal(size=(size, size))
+    matrix, found = shape @ shape.T, np.zeros(size * size)
+    assert lower_factor(matrix.ravel(), size, found) == 1
+    np.testing.assert_allclose(found.reshape(size, size), np.linalg.cholesky(matrix), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [[[1.0, 0.5], [0.4, 1.0]], [[1.0, 2.0], [2.0, 1.0]], [[np.nan, 0.0], [0.0, 1.0]], [[0.0, 0.0], [0.0, 1.0]]],
+)
+def test_matrices_that_are_no_covariances_have_no_factor(matrix):
+    assert lower_factor(np.ravel(matrix), 2, np.zeros(4)) == 0
+
+
+def test_values_of_a_row_are_whitened_unit_by_unit():
+    """Factors, a triangular matrix, and a unit that takes no part, whose values need not be numbers."""
+    units = [(0, 2, 0, 0), (2, 4, 2, 1), (4, 5, 6, 0)]
+    block = SimpleNamespace(
+        unit_count=3,
+        units=[SimpleNamespace(first=a, last=b, weights=at, matrix=kind) for a, b, at, kind in units],
+    )
+    weights = np.array([2.0, 3.0, 5.0, 0.0, 7.0, 11.0, 0.0])
+    raw, target = np.zeros(10), np.full(10, -1.0)
+    raw[::2] = [1.0, 10.0, 100.0, 1000.0, np.nan]
+    whiten_row(block, weights, 2, raw, target)
+    assert target[::2].tolist() == [2.0, 30.0, 500.0, 7.0 * 100.0 + 11.0 * 1000.0, 0.0]
+    assert target[1::2].tolist() == [-1.0] * 5
+
+
+@pytest.mark.parametrize(("kind", "size", "tangents"), [(1, 1, 1), (2, 4, 3), (3, 3, 2)])
+def test_numbers_that_turn_are_described(kind, size, tangents):
+    piece = SimpleNamespace()
+    problem = SimpleNamespace(
+        number_of=np.full(9, 5), positive=np.full(9, 5), components=[None, piece], component_count=1
+    )
+    column = np.array([4, -1, 7][:tangents])
+    set_component(problem, kind, 20, column)
+    free = [place for place in column if place >= 0]
+    assert problem.component_count == 2
+    assert problem.number_of[free].tolist() == [-1] * len(free)
+    assert problem.positive[free].tolist() == [0] * len(free)
+    assert (problem.number_of == 5).sum() == (problem.positive == 5).sum() == 9 - len(free)
+    numbers = [piece.number_0, piece.number_1, piece.number_2, piece.number_3]
+    assert (piece.kind, numbers[:size]) == (kind, list(range(20, 20 + size)))
+    assert [piece.column_0, piece.column_1, piece.column_2] == [*column, -1, -1][:3]
+
+
+def test_numbers_that_stay_are_no_component():
+    problem = SimpleNamespace(number_of=np.full(9, 5), positive=np.full(9, 5), components=[], component_count=0)
+    set_component(problem, 2, 20, np.array([-1, -1, -1]))
+    assert problem.component_count == 0

@@ -1,11 +1,14 @@
 """Steps on rotations, directions and scales against SciPy's rotations, matrix exponentials and differences."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mbm.equations.manifolds import chart_slopes, moved, numbers_of_stated, tangent_axes, tangent_slopes
+from mbm.estimation.starts.closed_forms.motions import inverse, product
 from mbm.problem.manifold import Piece, manifold_of
 from mbm.problem.types import UnknownKind
 from mbm.rotations import (
@@ -134,3 +137,22 @@ def test_stated_values_become_numbers(rotations):
     wanted = np.where(wanted[:, :1] < 0, -wanted, wanted)
     np.testing.assert_allclose(found, np.hstack([wanted, stated[:, 9:]]), atol=ROUNDING)
     assert np.isnan(numbers_of_stated(UnknownKind.DIRECTION, 3, np.zeros((1, 3)))).all()
+
+
+def test_poses_follow_one_another_as_their_matrices_do(rotations):
+    """Products and inverses of motions of space: quaternion and shift."""
+    entry = SimpleNamespace(unknown=SimpleNamespace(dimension=3))
+    shifts = np.random.default_rng(8).normal(size=(50, 3))
+    motions = np.hstack([scalar_first(rotations), shifts])
+    other = motions[::-1]
+
+    def matrices(numbers):
+        found = np.tile(np.eye(4), (len(numbers), 1, 1))
+        found[:, :3, :3] = Rotation.from_quat(np.roll(numbers[:, :4], -1, axis=1)).as_matrix()
+        found[:, :3, 3] = numbers[:, 4:]
+        return found
+
+    np.testing.assert_allclose(
+        matrices(product(entry, motions, other)), matrices(motions) @ matrices(other), atol=10 * ROUNDING
+    )
+    np.testing.assert_allclose(matrices(inverse(entry, motions)), np.linalg.inv(matrices(motions)), atol=10 * ROUNDING)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mbm.expression.algebra import apply
-from mbm.expression.dimension import NONE, base
+from mbm.expression.dimension import _NAMES, NONE, base
 from mbm.expression.nodes import Number, Operation
 from mbm.expression.units import parse_unit
 
@@ -53,3 +53,10 @@ def test_a_pure_number_leaves_an_open_dimension_open(operation, left, right, dim
     assert isinstance(found, Number)
     assert found.value == (18 if operation is Operation.MULTIPLY else 2)
     assert found.dimension == dimension
+
+
+@pytest.mark.parametrize("text", [text for text in _NAMES.values() if "(" in text])
+def test_names_of_dimensions_go_with_the_unit_in_brackets(text):
+    unit = text[text.index("(") + 1 : -1]
+    found = parse_unit(unit).dimension if not unit.startswith("1/") else NONE / parse_unit(unit[2:]).dimension
+    assert found.describe() == text

@@ -234,6 +234,9 @@ def test_a_journal_holds_what_is_read_while_it_is_kept(tmp_path: Path) -> None:
             look_into(tmp_path / "e", PLACE, largest=9)
     assert [Path(read.path).name for read in outer.reads()] == ["b", "c"]
     assert [Path(read.path).name for read in inner.reads()] == ["c"]
+    note(tmp_path / "d")
+    assert len(outer.reads()) == 2
+    assert len(inner.reads()) == 1
 
 
 def test_a_file_may_have_been_read_for_what_is_allowed_and_nothing_else(tmp_path: Path) -> None:

@@ -228,3 +228,15 @@ def test_whatever_is_written_gives_a_value_or_a_diagnostic(lisp, text):
         assert all(d.place is not None for d in error.diagnostics)
     except StaticColumnNeeded:
         pytest.fail("there are no columns here")
+
+
+def test_operators_take_lists_of_numbers_as_vectors(lisp):
+    assert lisp("(+ (list 1 2) [3 4])").tolist() == [4.0, 6.0]
+    assert lisp("(* 2 (list 1 2))").tolist() == [2.0, 4.0]
+    assert lisp.fault("(+ 1 (rot2 2))")[0] == "wrong-kind"
+
+
+def test_functions_of_lists_take_quoted_forms_as_data(lisp):
+    assert lisp("(reduce (lambda (n form) (+ n 1)) '(no names here) 0)") == 3.0
+    assert lisp("(length (append '(no names) '(here)))") == 3.0
+    assert lisp("(length (map (lambda (form) 1) '(no names here)))") == 3.0

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
+from mbm.language.values import Builtin
+from mbm.shapes.vocabulary import vocabulary
 from mbm.text.types import MbmError
 
 
@@ -122,3 +126,18 @@ def test_a_misspelt_name_with_a_hyphen_is_no_subtraction(lisp):
     with pytest.raises(MbmError) as caught:
         lisp.value("focal-lenght", numbers={"focal-length": 1.0})
     assert caught.value.diagnostics[0].hint == "did you mean `focal-length`?"
+
+
+PLAIN = [
+    each
+    for each in vocabulary().functions.values()
+    if isinstance(each, Builtin) and "…" not in each.usage and " or " not in each.usage
+]
+
+
+@pytest.mark.parametrize("function", PLAIN, ids=lambda each: each.name)
+def test_functions_take_as_many_arguments_as_their_usage_shows(lisp, function):
+    words = re.sub(r"\[[^]]*\]", "[]", function.usage).strip("()").split()[1:]
+    assert (function.minimum, function.maximum) == (len([each for each in words if each != "[]"]), len(words))
+    too_many = f"({function.name} {'1 ' * (len(words) + 1)})"
+    assert lisp.fault(too_many) == ("wrong-arity", too_many)

@@ -30,6 +30,11 @@ def branching(kind: Integer, x: Real, y: Real) -> Real:
     return max(exp(-x), min(y, 2.0)) + float(kind)
 
 
+def first_alone(x: Real, y: Real) -> Real:
+    """What does not depend on its second argument."""
+    return halved(x)
+
+
 def looping(x: Real) -> Real:
     """What cannot be taken element by element."""
     for _ in range(3):
@@ -50,6 +55,20 @@ def test_elements_are_those_of_the_function(kind):
 
 def test_what_does_not_depend_on_the_elements_has_their_shape():
     np.testing.assert_array_equal(elementwise(branching)(3, np.full(4, np.inf), 1.0), np.full(4, 4.0))
+
+
+@pytest.mark.parametrize(("x", "y"), [(1.5, np.arange(4.0)), (np.arange(3.0)[:, None], np.arange(4.0))])
+def test_arguments_are_broadcast(x, y):
+    """Also where the first argument is not of the shape that all have together."""
+    wanted = np.vectorize(lambda a, b: branching(2, float(a), float(b)))(x, y)
+    found = elementwise(branching)(2, x, y)
+    assert found.shape == wanted.shape
+    np.testing.assert_allclose(found, wanted, rtol=1e-15)
+
+
+def test_what_depends_on_one_argument_has_the_shape_of_all():
+    found = elementwise(first_alone)(1.5, np.arange(4.0))
+    np.testing.assert_array_equal(found, np.full(4, 0.75))
 
 
 def test_loops_are_refused():

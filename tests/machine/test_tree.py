@@ -106,7 +106,20 @@ def functions(n: Integer, x: ConstantReals, out: Reals) -> None:
         out[2 * n + i] = 1.0 / (v - 1.0) if v != -3.0 else -1.0
 
 
-MODULE = module_of("sample", [cholesky, walk, functions])
+def brackets(n: Integer, m: Integer, x: ConstantReals, out: Reals) -> None:
+    """Operators of one rank on the right of one another: brackets that must stay."""
+    out[0] = float(n * (m % 3))
+    out[1] = float(n * (m // 3))
+    out[2] = float(n % (m % 4))
+    out[3] = float(n // (m // 4))
+    out[4] = float(n - (m - 3))
+    out[5] = float((n * m) % 7 + (n + m) % 5)
+    out[6] = x[0] / (x[1] / x[2])
+    out[7] = x[0] - (x[1] - x[2])
+    out[8] = x[0] * (x[1] - x[2]) / (x[1] + x[2])
+
+
+MODULE = module_of("sample", [cholesky, walk, functions, brackets])
 X = np.array([1.0, -2.0, 0.1, 0.1, -3.0, 7.0, -1.0, -4.0, -4.0, 2.5, 99.0, 3.0])
 
 
@@ -197,6 +210,14 @@ def test_functions_in_all_targets(target, request):
     np.testing.assert_allclose(there, here, rtol=1e-14, atol=1e-13)
     called(library, "functions", None, 1, np.ones(1), there)
     assert there[2] == np.inf  # nothing is raised at a pole
+
+
+@TARGETS
+def test_brackets_stay(target, request):
+    found, wanted = np.zeros(9), np.zeros(9)
+    called(request.getfixturevalue(target), "brackets", None, 23, 11, np.array([7.0, 0.3, 0.11]), found)
+    brackets(23, 11, np.array([7.0, 0.3, 0.11]), wanted)
+    np.testing.assert_array_equal(found, wanted)
 
 
 def test_the_printed_text_reads_as_written():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mbm.report.plots import draw, save
-from mbm.report.types import PlotData, Result, SolveReport
+from mbm.report.types import PlotData, ResidualRow, Result, SolveReport
 from mbm.text.types import MbmError
 
 pytest.importorskip("matplotlib")
@@ -106,6 +106,20 @@ def test_rows_beyond_the_frame_do_not_stretch_it(tag_result: Result) -> None:
     assert draw(tag_result).axes[-1].get_ylim() == (-3.5, 3.5)
 
 
+def test_rows_that_are_not_used_are_told_apart_by_whether_they_lie_in_the_frame(tag_result: Result) -> None:
+    residuals = ((1, 0.5, True), (2, -3.0, False), (3, 50.0, False), (4, -1.0, True))
+    rows = tuple(
+        ResidualRow(clause="d", row=row, file_row=row, component=1, value=r, residual=r, weight=1.0, used=used)
+        for row, r, used in residuals
+    )
+    (solve,) = tag_result.solves
+    axes = draw(replace(tag_result, solves=(replace(solve, residual_rows=rows),))).axes[-1]
+    found = {line.get_marker(): line.get_xydata().tolist() for line in axes.lines if line.get_marker() in "ox^"}
+    assert found["o"] == [[1.0, 0.5], [4.0, -1.0]]
+    assert found["x"] == [[2.0, -3.0]]
+    assert found["^"] == [[3.0, pytest.approx(0.96 * 3.5)]]
+
+
 @pytest.mark.parametrize(("ending", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
 def test_formats(ending: str, magic: bytes, epochs: Result, tmp_path: Path) -> None:
     first, second = tmp_path / f"a{ending}", tmp_path / f"b{ending}"
@@ -131,4 +145,6 @@ def test_a_missing_library_names_the_extra(epochs: Result, monkeypatch: pytest.M
 
 
 def test_nothing_solved_is_a_picture_too(epochs: Result) -> None:
-    assert titles(replace(epochs, solves=())) == []
+    nothing = draw(replace(epochs, solves=()))
+    assert nothing.axes == []
+    assert [text.get_text() for text in nothing.texts] == [epochs.problem, "nothing was solved"]

@@ -23,6 +23,14 @@ def test_once_for_every_distinct_model_with_arguments(opened, unknowns):
     assert [call.name for call in room.log.calls] == ["top", "top", "room"]
 
 
+def test_of_several_shapes_those_of_the_first_come_first(opened, unknowns):
+    room = opened(TEXT, **unknowns("x", "y"))
+    shapes = [room.value(f"(top {size} y)") for size in ("3", "x", "y")]
+    calls = calls_with_constraints([shapes[0], room.value("(room x y)"), shapes[2]])
+    assert len(calls) == 4
+    assert [calls[place] is shapes[k].content for place, k in ((0, 0), (1, 1), (3, 2))] == [True] * 3
+
+
 def test_they_are_evaluated_in_the_scope_of_their_call(opened, unknowns):
     room = opened(TEXT, **unknowns("x", "y"))
     (call,) = calls_with_constraints([room.value("(top x y)")])

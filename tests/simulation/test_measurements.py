@@ -125,6 +125,22 @@ def test_true_values_are_those_given_with_units_and_keys(tmp_path: Path) -> None
     assert [s["key"] for s in made.truth["solves"]] == [{"run": "a"}, {"run": "b"}]
 
 
+def test_each_row_has_the_true_value_of_its_member() -> None:
+    problem = mbm.loads("""(problem runs
+      (data stations (table (id) (a) (b) (c)) :key id)
+      (data d external)
+      (unknowns (base :init 100) (p (vector 2) :per stations))
+      (observe d (= y (+ base ((p station) 2))) :sigma 0.1)
+      (observe first d (= z ((p "c") 1)) :sigma 0.1)
+      (observe last d (= u ((p "a") 2)) :sigma 0.1))""")
+    at = {"base": 100, "p": {"value": [[5, 6], [1, 2], [3, 4]], "keys": ["c", "a", "b"]}}
+    given = {"d": {"station": ["c", "a", "b"], "y": np.zeros(3), "z": np.zeros(3), "u": np.zeros(3)}}
+    made = problem.simulate(at=at, data=given, seed=1)["d"]
+    np.testing.assert_allclose(made["y"], [106, 102, 104], atol=0.5)  # five deviations
+    np.testing.assert_allclose(made["z"], 5, atol=0.5)
+    np.testing.assert_allclose(made["u"], 2, atol=0.5)
+
+
 def test_the_same_seed_gives_the_same_noise_whatever_else_is_simulated() -> None:
     alone = line().simulate(data=table(), seed=5)["d"]["y"]
     np.testing.assert_array_equal(line().simulate(data=table(), seed=5)["d"]["y"], alone)

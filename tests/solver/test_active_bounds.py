@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from mbm.solver.description import BOUNDS_AT, HEADER, Problem
+from tests.solver.scratch import FirstPlace, Scratch
 from tests.solver.test_linear_algebra import matrix
 
 
@@ -35,3 +37,24 @@ def test_roundings_of_vanishing_residuals_do_not_push(solver):
     sides = np.array([1, -1, 1])
     solver("release_inactive", 3, triangle_of(jacobian, residuals), x, float(residuals @ residuals), np.zeros(3), sides)
     assert sides.tolist() == [0, 0, 0]
+
+
+def test_coordinates_on_a_bound_that_pushes_them_are_held(solver):
+    """By the number of each coordinate: bounds and pushes differ from one to the next."""
+    n = 4
+    system = np.zeros(HEADER + 2 * n, dtype=np.int64)
+    system[Problem.n] = n
+    work = Scratch(system)
+    constants = np.zeros(BOUNDS_AT + 2 * n)
+    constants[BOUNDS_AT : BOUNDS_AT + n], constants[BOUNDS_AT + n :] = [-1.0, -2.0, -3.0, -4.0], [1.0, 2.0, 3.0, 4.0]
+    work.record.rows.constants = constants
+    place = FirstPlace(work)
+    for x, pushes, free in (
+        ([-1.0, -2.0, 3.0, 4.0], [-1.0, -1.0, 1.0, 1.0], [0, 0, 0, 0]),
+        ([-1.0, -2.0, 3.0, 4.0], [1.0, 1.0, -1.0, 0.0], [1, 1, 1, 1]),
+        ([-0.9, -1.9, 2.9, 3.9], [-1.0, -1.0, 1.0, 1.0], [1, 1, 1, 1]),
+        ([1.0, 2.0, -3.0, -4.0], [1.0, 1.0, 0.0, -1.0], [0, 0, 1, 0]),
+    ):
+        place.record.x[:n], work.record.pushes[:n] = x, pushes
+        solver("set_held_by_bounds", system, place, work)
+        assert place.record.free[:n].tolist() == free

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import comb, inf
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,10 @@ from scipy.stats import chi2, hypergeom
 from mbm.estimation.consensus.rules import KINDS
 from mbm.estimation.consensus.subsets import first_states
 from mbm.problem.types import ConsensusKind
+from mbm.solver.consensus_gnc import gnc_weight
 from mbm.solver.consensus_order import median, selected
+from mbm.solver.consensus_ranking import put_in_list
+from mbm.solver.consensus_records import CANDIDATES
 from mbm.solver.consensus_sample import (
     combinations_of,
     drawn_below,
@@ -79,6 +83,24 @@ def test_truncated_squares_are_summed():
     assert truncated(5, 16.0, SQUARES[0], LIMITS) == pytest.approx(46 / 144, rel=1e-15)
 
 
+def test_each_unit_has_its_own_limit():
+    generator = np.random.default_rng(1)
+    squares, limits = generator.uniform(0, 20, 11), generator.uniform(1, 15, 11)
+    wanted = np.minimum(squares / (2.0 * limits), 1.0).sum()
+    assert truncated(11, 2.0, squares, limits) == pytest.approx(wanted, rel=1e-14)  # another order of the sum
+
+
+@pytest.mark.parametrize("control", [1e-3, 0.5, 1.0, 40.0])
+def test_weights_of_graduated_non_convexity_are_those_of_the_paper(control):
+    """Yang, Antonante, Tzoumas and Carlone 2020, eq. 14, with the squared limit 9."""
+    low, high = control / (control + 1) * 9, (control + 1) / control * 9
+    assert gnc_weight(0.999 * low, 9.0, control) == 1.0
+    assert gnc_weight(1.001 * high, 9.0, control) == 0.0
+    for square in np.geomspace(low, high, 9)[1:-1]:
+        wanted = np.sqrt(9 * control * (control + 1) / square) - control
+        assert gnc_weight(float(square), 9.0, control) == pytest.approx(wanted, rel=1e-12, abs=1e-14)
+
+
 def test_ransac_counts_outliers_and_ties_go_to_the_closer_one():
     found = [outlier_count(5, squares, LIMITS, truncated(5, 1.0, squares, LIMITS)) for squares in SQUARES]
     np.testing.assert_allclose(found, [2 + (5 / 9 + 2) / 6, 1 + (8 / 9 + 1) / 6], rtol=1e-15)
@@ -103,3 +125,32 @@ def test_trials_for_a_share_miss_once_in_a_million(inside, units, size):
     else:
         # rel: the logarithms of a few products of shares, all near their rounding
         assert (1.0 - hit) ** found == pytest.approx(1e-6, rel=1e-10)
+
+
+def test_the_least_median_takes_each_group_of_noise_by_itself():
+    """``Σ n log q`` over three groups, the first of stated noise: NumPy's order statistics."""
+    generator = np.random.default_rng(4)
+    squares, groups = generator.chisquare(1, 24), np.repeat([-1, 0, 1], [7, 12, 5])[generator.permutation(24)]
+    medians = generator.uniform(0.3, 0.6, 24)
+    wanted = 0.0
+    for group in (-1, 0, 1):
+        own = np.sort((squares / medians)[groups == group])
+        place = len(own) // 2 + (3 + 1) // 2  # Rousseeuw and Leroy 1987, p. 124
+        wanted += len(own) * np.log(own[min(place, len(own)) - 1])
+    assert least_median(24, 2, 3, squares, medians, groups, inf, np.zeros(24)) == pytest.approx(wanted, rel=1e-12)
+
+
+@given(scores=st.lists(st.integers(0, 6), min_size=1, max_size=20), most=st.integers(1, 5))
+def test_lists_hold_the_best_trials_in_order_and_no_point_twice(scores, most):
+    """Trials with one score are at one point here, and that is listed once."""
+    work = SimpleNamespace(
+        best=np.zeros(CANDIDATES, dtype=np.int64), best_scores=np.zeros(CANDIDATES), listed=np.zeros(1, dtype=np.int64),
+        trials=np.array(scores, dtype=float),
+    )  # fmt: skip
+    problem = SimpleNamespace(numbers=1)
+    for trial, score in enumerate(scores):
+        put_in_list(problem, 0, most, trial, float(score), work)
+    wanted = sorted(set(scores))[:most]
+    count = int(work.listed[0])
+    assert work.best_scores[:count].tolist() == wanted
+    assert [scores[trial] for trial in work.best[:count]] == wanted

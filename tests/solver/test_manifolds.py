@@ -60,6 +60,21 @@ def test_scales(solver):
     np.testing.assert_allclose(found, 2.5 * np.exp(-0.4), rtol=1e-15)
 
 
+ABOUT_AXES = [np.pi * axis for axis in np.eye(3)]
+OBLIQUE = [np.array(v) for v in ((2.9, 0.7, -0.4), (-0.5, 3.0, 0.6), (0.3, -0.8, -2.9), (0.1, 0.2, -0.3), (0, 0, 0))]
+
+
+@pytest.mark.parametrize("turn", ABOUT_AXES + OBLIQUE, ids=str)
+def test_quaternions_of_matrices(solver, turn):
+    """Half turns about each axis, and turns that begin with each of the four numbers."""
+    rotation = Rotation.from_rotvec(turn)
+    wanted = np.roll(rotation.as_quat(canonical=False), 1)
+    found = np.zeros(4)
+    solver("quaternion_of_matrix", rotation.as_matrix().ravel(), found)
+    assert found[0] >= 0
+    np.testing.assert_allclose(found * np.sign(found @ wanted), wanted, rtol=0, atol=1e-15)
+
+
 def test_a_tangent_that_is_not_free_stays(solver):
     point = np.array([1.0, 0.0, 0.0, 0.0])
     found = after(solver, described(of.QUATERNION, 4, 3, np.array([True, False, True])), point, np.array([0.1, 0.2]))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mbm.machine.records import slot
+from mbm.solver.decisions import POSITIVE_KEPT
 from mbm.solver.description import BOUNDS_AT, DOGLEG, GAUSS_NEWTON, HEADER, MARQUARDT, Problem
 from tests.solver.scratch import FirstPlace, Scratch
 
@@ -67,3 +68,27 @@ def test_inside_the_box_nothing_is_stopped(solver):
     assert vector == pytest.approx([200.0, 50.0], rel=1e-12)
     assert stopped == [0.0, 0.0]
     assert promise == pytest.approx(200**2 + 50**2, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("x", "bound", "down"), [(2.0, 0.0, -2.0 * (1 - POSITIVE_KEPT)), (2.0, 1.9, -0.1), (0.0, 0.0, 0.0)]
+)
+def test_positive_coordinates_never_step_to_zero(solver, x, bound, down):
+    n = 1
+    system = np.zeros(HEADER + n, dtype=np.int64)
+    system[Problem.n], system[slot(Problem, "positive")], system[HEADER] = n, HEADER, 1
+    constants = np.zeros(BOUNDS_AT + 2 * n)
+    constants[BOUNDS_AT], constants[BOUNDS_AT + n] = bound, np.inf
+    assert solver("down_of", system, constants, np.array([x]), 0) == pytest.approx(down, rel=1e-15)
+
+
+@pytest.mark.parametrize(("upper", "wanted"), [(np.inf, 1.0), (3.0, 1.5), (0.5, 0.25)])
+@pytest.mark.parametrize("x", [0.0, -7.0])
+def test_positive_coordinates_that_are_not_become_positive(solver, x, upper, wanted):
+    system = np.zeros(HEADER + 1, dtype=np.int64)
+    system[Problem.n], system[slot(Problem, "positive")], system[HEADER] = 1, HEADER, 1
+    constants = np.zeros(BOUNDS_AT + 2)
+    constants[BOUNDS_AT], constants[BOUNDS_AT + 1] = -np.inf, upper
+    found = np.array([x])
+    solver("project", system, constants, found)
+    assert found[0] == wanted

@@ -201,3 +201,18 @@ def test_arguments_below_their_head_are_indented_by_two():
     opened = next(number for number, line in enumerate(lines) if line.endswith("(list"))
     below = lines[opened + 1]
     assert len(below) - len(below.lstrip()) == lines[opened].index("(list") + 2
+
+
+@pytest.mark.parametrize(("longer", "lines"), [(0, 1), (1, 2)])
+def test_a_line_may_be_a_hundred_columns_long(longer, lines):
+    name = "x" * (100 - len("(defun f (a) (* a ))") + longer)
+    text = formatted(f"(defun f (a) (* a {name}))")
+    assert len(text.splitlines()) == lines
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_a_list_at_the_top_with_one_list_in_it_is_laid_out_as_a_model():
+    part = "(trans (1 0 0) " + " ".join(["(sphere 1)"] * 12) + ")"
+    lines = formatted(f"(camera {part})").splitlines()
+    assert lines[0] == "(camera"
+    assert [len(line) - len(line.lstrip()) for line in lines[1:]] == [2, 4]

@@ -84,3 +84,8 @@ def test_rays_meet_where_they_were_sent_from() -> None:
     rays = (point - places) / np.linalg.norm(point - places, axis=1, keepdims=True)
     np.testing.assert_allclose(meeting_points(places, -rays), point, atol=EXACT)
     assert np.isnan(meeting_points(places, np.tile(rays[:1], (5, 1)))).all()
+
+
+def test_points_at_one_place_have_no_pose() -> None:
+    found, shifts = poses_from_bearings(np.tile([1.0, 2.0, 3.0], (5, 1)), np.tile([0.0, 0.0, 1.0], (5, 1)))
+    assert (found.shape, shifts.shape) == ((0, 3, 3), (0, 3))
