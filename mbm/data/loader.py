@@ -269,15 +269,28 @@ def _read_file(reader: Reader | ManyReader, path: Path, declaration: TableDeclar
     """Read a file that lies where it may; whether it is there is said of the place that names it."""
     if sources.sandbox is not None:
         _check_confined(path, declaration, sources.sandbox)
-    check_ordinary(path, declaration.span, largest=largest_file())
     if isinstance(reader, Reader):
+        check_ordinary(path, declaration.span, largest=largest_file())
         return reader.read(path)
+    _check_members(reader, path, declaration, sources)
     found = sources.parts.get((reader.name, path))
     if found is None:
         found = sources.parts[reader.name, path] = reader.read(path)
     if declaration.part is None or declaration.part not in found:
         raise ValueError(f"the reader `{reader.name}` has no part {declaration.part!r}")
     return asked(found[declaration.part])
+
+
+def _check_members(reader: ManyReader, path: Path, declaration: TableDeclaration, sources: _Sources) -> None:
+    """The file of the reader, or each of its files in a folder, lies where it may; what is missing the reader says."""
+    if not reader.members:
+        check_ordinary(path, declaration.span, largest=largest_file())
+    for file in (path / member for member in reader.members):
+        if file.is_symlink() or file.exists():
+            if sources.sandbox is not None:
+                _check_confined(file, declaration, sources.sandbox)
+            check_ordinary(file, declaration.span, largest=largest_file())
+            note(file, table_role(declaration.name))
 
 
 def _check_confined(path: Path, declaration: TableDeclaration, sandbox: Path) -> None:

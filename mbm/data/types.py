@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from mbm.problem.tables import Column, ColumnGroup, Part, Provenance
 from mbm.text.types import MbmError
 from mbm.values import dataclass
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,13 +69,15 @@ class ManyReader:
     """A format whose files hold several tables: ``(g2o "path" :edges)`` asks for the one called ``edges``.
 
     ``read`` takes the path as messages shall print it, reads the file once, and gives all tables by the names
-    ``parts``; an MbmError in the place of a table is raised when it is asked for.
+    ``parts``; an MbmError in the place of a table is raised when it is asked for. ``members`` are the files
+    that it may open where the path is that of a folder, by their names; none where the path is that of a file.
     """
 
     name: str
     extensions: tuple[str, ...]
     parts: tuple[str, ...]
     read: Callable[[Path], Mapping[str, RawTable | MbmError]]
+    members: tuple[str, ...] = ()
 
     def part(self, name: str) -> Reader:
         """The reader of one of the tables alone."""
@@ -83,8 +88,8 @@ class ManyReader:
         return Reader(name=self.name, extensions=self.extensions, read=read)
 
 
-def asked(table: RawTable | MbmError) -> RawTable:
-    """The table; raises what is in its place."""
+def asked(table: T | MbmError) -> T:
+    """The table, or what else was to be read; raises what is in its place."""
     if isinstance(table, MbmError):
         raise table
     return table

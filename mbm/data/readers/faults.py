@@ -44,7 +44,8 @@ MALFORMED_NPZ = Code(
 )
 MALFORMED_RECORD = Code(
     "malformed-record",
-    "A line of a format with a fixed layout (`tum`, `kitti`, `euroc`, `bal`, `g2o`) does not hold what belongs there.",
+    "A line or record of a format with a fixed layout (`tum`, `kitti`, `euroc`, `bal`, `g2o`, `colmap`) does"
+    " not hold what belongs there.",
     "Correct the line, or name the format that the file has.",
 )
 MIXED_RECORDS = Code(
@@ -111,9 +112,9 @@ def malformed_npz(place: DataPlace, reason: str) -> Diagnostic:
     return Diagnostic(code=MALFORMED_NPZ, message=f"`{place.file}` is no archive of arrays: {reason}", place=place)
 
 
-def malformed_record(place: DataPlace, reason: str) -> Diagnostic:
-    """``reason`` says what is wrong with the line, or the file, at ``place``."""
-    where = f"`{place.file}`" if place.row is None else f"line {place.row} of `{place.file}`"
+def malformed_record(place: DataPlace, reason: str, unit: str = "line") -> Diagnostic:
+    """``reason`` says what is wrong with the line (or another ``unit``), or the file, at ``place``."""
+    where = f"`{place.file}`" if place.row is None else f"{unit} {place.row} of `{place.file}`"
     return Diagnostic(code=MALFORMED_RECORD, message=f"{where}: {reason}", place=place)
 
 
