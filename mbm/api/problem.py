@@ -26,6 +26,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.estimation.starts.closed_forms.types import ClosedForm
     from mbm.language.program import Program
+    from mbm.problem.elaborated import Elaborated
     from mbm.report.answer import Solved
     from mbm.report.options import SimulationSettings
     from mbm.report.simulated import Simulated, Simulator
@@ -268,7 +269,25 @@ class Problem:
             return error.diagnostics
         problem, tables = found.problem, found.tables
         lacking = missing_units(problem.unknowns, problem.blocks, tables) if strict_units else ()
-        return (*refusals(problem, tables), *problem.warnings, *structural_warnings(problem, tables), *lacking)
+        refused = refusals(problem, tables) or self._without_start(found)
+        return (*refused, *problem.warnings, *structural_warnings(problem, tables), *lacking)
+
+    def _without_start(self, found: Elaborated) -> tuple[Diagnostic, ...]:
+        """Unknowns that a solve would find no start for, which is looked at where random points cannot help."""
+        from mbm.estimation.search.startless import may_be_startless
+
+        if not may_be_startless(found.problem, found.tables):
+            return ()
+        from mbm.equations.binding import EvaluationCache
+        from mbm.estimation.solve.choice import chosen_solver
+
+        kernels = compiler.derived(found)
+        cache = EvaluationCache(self.registry.suited(self.registry.backend("auto"), kernels))
+        try:
+            chosen_solver(found, kernels, cache, self.registry.closed_forms())
+        except MbmError as error:
+            return error.diagnostics
+        return ()
 
 
 def build(name: str, *clauses: object) -> Problem:
