@@ -284,6 +284,8 @@ class Problem:
         lacking = missing_units(problem.unknowns, problem.blocks, tables) if strict_units else ()
         wrong = refusals(problem, tables)
         calls = () if wrong else self._called(found, inputs)
+        if not (wrong or calls):
+            wrong = self._without_start(found)
         return (*wrong, *problem.warnings, *structural_warnings(problem, tables), *lacking, *calls)
 
     def _called(self, found: Elaborated, inputs: Inputs) -> tuple[Diagnostic, ...]:
@@ -305,6 +307,24 @@ class Problem:
             return compiler.jacobian_doubts(made.elaborated, made.kernels, made.cache)
         except MbmError as error:
             return error.diagnostics
+
+    def _without_start(self, found: Elaborated) -> tuple[Diagnostic, ...]:
+        """Unknowns that a solve would find no start for, which is looked at where random points cannot help."""
+        from mbm.estimation.search.startless import may_be_startless
+        from mbm.problem.structure import called_functions
+
+        if called_functions(found.problem) or not may_be_startless(found.problem, found.tables):
+            return ()
+        from mbm.equations.binding import EvaluationCache
+        from mbm.estimation.solve.choice import chosen_solver
+
+        kernels = compiler.derived(found)
+        cache = EvaluationCache(self.registry.suited(self.registry.backend("auto"), kernels))
+        try:
+            chosen_solver(found, kernels, cache, self.registry.closed_forms())
+        except MbmError as error:
+            return error.diagnostics
+        return ()
 
 
 def build(name: str, *clauses: object) -> Problem:

@@ -182,7 +182,8 @@ def _solver(
     try:
         choice = chosen_solver(found, kernels, cache, closed_forms)
     except MbmError as error:
-        yield f"none: {error.diagnostics[0].message}"
+        for each in error.diagnostics:
+            yield f"none: {each.message}" + (f". {each.hint}" if each.hint else "")
         return
     if choice is None:
         yield "none: the data ask for no solve"

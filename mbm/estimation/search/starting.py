@@ -16,6 +16,7 @@ from mbm.equations.affine_part import affine_coordinates, solved_linearly
 from mbm.equations.assembly import Assembled
 from mbm.equations.layout import Layout
 from mbm.equations.types import Floats, Mask
+from mbm.estimation.search.startless import refuse_guessing
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs, random_points
 from mbm.problem import faults as problem_faults
@@ -59,7 +60,8 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     """The points to start from, the most promising first; at least one.
 
     Raises:
-        MbmError: an unknown is fixed at nothing, or no random point gives the equations finite values.
+        MbmError: an unknown is fixed at nothing, more is unknown than random points may guess, or none of them gives
+            the equations finite values.
 
     """
     equations = equations.uncorrected()
@@ -198,6 +200,7 @@ def _random(
     equations: Assembled, base: Floats, missing: Mask, linear: Mask, settings: Settings, used: tuple[str, ...]
 ) -> tuple[Beginning, ...]:
     """The best fitting of random points; where ``linear`` unknowns depend on the others, they are solved for."""
+    refuse_guessing(equations, base, settings)
     points = random_points(equations, base, missing, SAMPLES, settings.seed)
     if bool(linear.any()):
         with np.errstate(all="ignore"):

@@ -43,7 +43,8 @@ BAD_BOUNDS = Code("bad-bounds", "A lower bound is not below the upper bound.", "
 MISSING_START = Code(
     "missing-start",
     "An unknown has neither `:init` nor a range, and no start can be found: it is fixed, so that nothing may be chosen "
-    "for it, or no closed form applies and no random point gives its equations a finite value.",
+    "for it, or no closed form applies and random points do not help: more than three rotations of space would have to "
+    "be guessed at once, or no point gives the equations a finite value.",
     "Give `:init`, or a range `:in (lo hi)` in which the equations have values.",
 )
 UNMENTIONED = Code(
@@ -228,11 +229,14 @@ def bad_bounds(span: Span, name: str) -> Diagnostic:
     return Diagnostic(code=BAD_BOUNDS, message=f"the lower bound of `{name}` is not below its upper bound", place=span)
 
 
-def missing_start(span: Span, name: str) -> Diagnostic:
-    """A start that cannot be found."""
+def missing_start(span: Span, name: str, *, others: bool = False) -> Diagnostic:
+    """A start that cannot be found; ``others``: with it, the starts of other unknowns can."""
+    hint = (
+        f"Give `{name}` an `:init`: the starts of the other unknowns follow from it." if others else MISSING_START.mend
+    )
     return Diagnostic(
-        code=MISSING_START, message=f"`{name}` has no start, and none can be found", place=span, hint=MISSING_START.mend
-    )  # fmt: skip
+        code=MISSING_START, message=f"`{name}` has no start, and none can be found", place=span, hint=hint
+    )
 
 
 def _counted(count: int, noun: str) -> str:
