@@ -32,11 +32,15 @@ class Piece:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CurveValue(Placeable):
-    """A curve of the plane or of space; each of its ``pieces`` begins where the one before it ends."""
+    """A curve of the plane or of space; each of its ``pieces`` begins where the one before it ends.
+
+    ``closed``: it is known to end where it begins.
+    """
 
     parameter: Parameter
     pieces: tuple[Piece, ...]
     span: Span
+    closed: bool = False
 
     @property
     def kind(self) -> str:

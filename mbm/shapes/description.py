@@ -15,6 +15,7 @@ from mbm.language.values import (
     FORMS,
     SCALARS,
     Array,
+    Call,
     Callable_,
     Evaluator,
     ListValue,
@@ -28,9 +29,12 @@ from mbm.language.vocabulary.frames import rotation_transform, scale_transform, 
 from mbm.language.vocabulary.rigid import pose
 from mbm.shapes import faults
 from mbm.shapes.features import pose_transform
-from mbm.shapes.heads import CURVES, FORMS_NOT_YET, LIBRARY_NOT_YET, are_values, fits, is_users
+from mbm.shapes.heads import CURVES, FORMS_NOT_YET, LIBRARY_NOT_YET, SWEEP_USAGES, are_values, fits, is_users
+from mbm.shapes.motions import motion_of
+from mbm.shapes.profiles import profile_of
 from mbm.shapes.repetition import repetitions
 from mbm.shapes.surface import clause, surface
+from mbm.shapes.sweeps import points_of, swept
 from mbm.shapes.truth import truth
 from mbm.shapes.types import (
     CurveNode,
@@ -274,6 +278,28 @@ def _or(form: Sequence, site: Site) -> Group:
     return Group(children=children, span=form.span)
 
 
+def _sweep(form: Sequence, site: Site) -> Group:
+    """``(extrude PROFILE length)``, ``(revolve PROFILE angle)``, ``(sweep PROFILE PATH)``."""
+    head = form.head or ""
+    if len(form.items) != 3:
+        raise MbmError(language_faults.wrong_arity(form.span, head, SWEEP_USAGES[head], len(form.items) - 1))
+    profile_form, way_form = form.items[1:]
+    inner = Site(evaluator=site.evaluator, scope=site.scope, names={})
+    call = Call(site.evaluator, form, site.scope, (), form.items[1:])
+    profile = profile_of(describe_shapes((profile_form,), inner), call, profile_form.span)
+    motion = motion_of(head, site.evaluator.wanted(way_form, site.scope), way_form.span)
+    points = points_of(profile, motion)
+    site.evaluator.budget.check_length(points, form)
+    site.evaluator.budget.make(3 * points, form)
+    return swept(profile, motion, form.span)
+
+
+def swept_shape(call: Call) -> Shape:
+    """The same as a value."""
+    site = Site(evaluator=call.evaluator, scope=call.scope, names={})
+    return Shape(content=_sweep(call.form, site), span=call.span)
+
+
 def _for(form: Sequence, site: Site) -> Group:
     children: list[Node] = []
     for scope in repetitions(site.evaluator, form, site.scope):
@@ -317,6 +343,7 @@ def _decided(test: bool | Apply, span: Span) -> bool:
 _WORDS: Mapping[str, Callable[[Sequence, Site], Node]] = MappingProxyType(
     {
         **dict.fromkeys(CURVES, _called),
+        **dict.fromkeys(SWEEP_USAGES, _sweep),
         "trans": _transform,
         "rotate": _transform,
         "scale": _transform,

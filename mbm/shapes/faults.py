@@ -27,6 +27,11 @@ UNKNOWN_VERTEX = Code(
     "A line or plane of a surface model names a vertex that the surface does not have.",
     "Correct the number, or add the vertex.",
 )
+BAD_PROFILE = Code(
+    "bad-profile",
+    "What is to be swept is no plane shape in z = 0 with one surface or with curves, or is seen from its back.",
+    "Sweep a plane shape such as `(rectangular x y)`, `(disk r)`, a closed spline, or vertexes with z = 0.",
+)
 BAD_CONSTRAINT = Code(
     "bad-constraint",
     "An entry of a model's constraints block is of no known type, or has too few forms.",
@@ -101,6 +106,14 @@ def unknown_vertex(span: Span, number: int, known: Iterable[int]) -> Diagnostic:
     return Diagnostic(
         code=UNKNOWN_VERTEX, message=f"this surface has no vertex {number}", place=span,
         hint=f"its vertexes: {numbers(known) or 'none'}",
+    )  # fmt: skip
+
+
+def bad_profile(span: Span, why: str) -> Diagnostic:
+    """Something that cannot be swept."""
+    return Diagnostic(
+        code=BAD_PROFILE, message=f"this is no profile: {why}", place=span,
+        hint="a profile is one plane surface, or curves, in z = 0; its planes run counter-clockwise seen from +z",
     )  # fmt: skip
 
 

@@ -27,6 +27,7 @@ from mbm.shapes.types import (
     Shape,
     Step,
     Surface,
+    SweptSide,
 )
 from mbm.text.types import Diagnostic, MbmError, Span, Symbol
 from mbm.values import dataclass
@@ -61,7 +62,7 @@ class Feature:
     def value(self, call: Call) -> Value:
         """The feature in the frame of its shape: a vector for a point, else a line, a plane or a curve."""
         if self.curve is not None:
-            return self.curve.mapped(lambda p: carried(Array((len(p),), p), self.steps, call).elements)
+            return carried_curve(self.curve, self.steps, call)
         points = tuple(carried(p, self.steps, call) for p in self.points)
         if self.kind == "plane":
             return Plane(points=points, span=self.span)
@@ -122,23 +123,23 @@ def enter(call: Call, place: Place, segment: Segment) -> Place:
 
 def find_parts(call: Call, place: Place, name: str) -> list[tuple[Part, tuple[Step, ...]]]:
     """The parts of this name at a level, with the steps around them."""
-    return [(n, steps) for n, steps in _contents(call, place) if isinstance(n, Part) and n.name == name]
+    return [(n, steps) for n, steps in contents(call, place) if isinstance(n, Part) and n.name == name]
 
 
 def part_names(call: Call, place: Place) -> tuple[str, ...]:
     """The names of the parts at a level."""
-    return tuple(dict.fromkeys(n.name for n, _ in _contents(call, place) if isinstance(n, Part)))
+    return tuple(dict.fromkeys(n.name for n, _ in contents(call, place) if isinstance(n, Part)))
 
 
 def numbered(call: Call, place: Place, kind: str, number: int, span: Span) -> Feature:
     """``vertex n``, ``line n`` or ``plane n`` of the surfaces at a level, or the ``curve n`` there."""
     if kind == "curve":
-        curves = [(n, steps) for n, steps in _contents(call, place) if isinstance(n, CurveNode)]
+        curves = [(n, steps) for n, steps in contents(call, place) if isinstance(n, CurveNode)]
         if not 1 <= number <= len(curves):
             raise MbmError(faults.unknown_number(span, kind, number, place.owner, range(1, len(curves) + 1)))
         node, steps = curves[number - 1]
         return Feature(kind=kind, points=(), steps=steps, span=span, curve=node.curve)
-    surfaces = [(n, steps) for n, steps in _contents(call, place) if isinstance(n, Surface)]
+    surfaces = [(n, steps) for n, steps in contents(call, place) if isinstance(n, Surface)]
     found = [(s, steps) for s, steps in surfaces if number in _of_kind(s, kind)]
     if len(found) > 1:
         spans = tuple(s.span for s, _ in found)
@@ -174,15 +175,15 @@ def frame_feature(place: Place, kind: str, span: Span) -> Feature:
 
 def _last(call: Call, place: Place, name: str, span: Span) -> Feature:
     """The feature that the last name of a path says: a named point, or one of the part's frame."""
-    contents = tuple(_contents(call, place))
-    points = [(n, steps) for n, steps in contents if isinstance(n, NamedPoint) and n.name == name]
+    found = tuple(contents(call, place))
+    points = [(n, steps) for n, steps in found if isinstance(n, NamedPoint) and n.name == name]
     if len(points) > 1:
         spans = tuple(p.span for p, _ in points)
         raise MbmError(faults.ambiguous_feature(span, f"point `{name}`", place.owner, spans))
     if points:
         point, steps = points[0]
         return Feature(kind="point", points=(point.position,), steps=steps, span=span)
-    if any(isinstance(n, Part) and n.name == name for n, _ in contents):
+    if any(isinstance(n, Part) and n.name == name for n, _ in found):
         raise MbmError(faults.bad_path(span, f"the path ends at the part `{name}`, not at a feature of it"))
     if name in ("origin", "axis"):
         return frame_feature(place, name, span)
@@ -195,15 +196,15 @@ def _unknown(call: Call, place: Place, name: str, span: Span) -> Diagnostic:
     """The fault of a name that is no feature here, with what there is."""
     if name in KINDS_NOT_YET:
         return language_faults.not_available_yet(span, f"the feature `{name}`", KINDS_NOT_YET[name])
-    contents = [node for node, _ in _contents(call, place)]
+    found = [node for node, _ in contents(call, place)]
     listed = []
     for kind in NUMBERED:
-        known = faults.numbers(_numbers(contents, kind))
+        known = faults.numbers(_numbers(found, kind))
         if known:
             listed.append(f"{kind} {known}")
     listed += ["origin", "axis"]
-    points = tuple(dict.fromkeys(n.name for n in contents if isinstance(n, NamedPoint)))
-    parts = tuple(dict.fromkeys(n.name for n in contents if isinstance(n, Part)))
+    points = tuple(dict.fromkeys(n.name for n in found if isinstance(n, NamedPoint)))
+    parts = tuple(dict.fromkeys(n.name for n in found if isinstance(n, Part)))
     if points:
         listed.append("points " + " ".join(f"`{p}`" for p in points[:8]))
     if parts:
@@ -211,11 +212,11 @@ def _unknown(call: Call, place: Place, name: str, span: Span) -> Diagnostic:
     return faults.unknown_feature(span, name, place.owner, tuple(listed), (*KINDS, *points, *parts))
 
 
-def _numbers(contents: list[Node], kind: str) -> set[int]:
-    """The numbers of the features of a kind among ``contents``."""
+def _numbers(nodes: list[Node], kind: str) -> set[int]:
+    """The numbers of the features of a kind among ``nodes``."""
     if kind == "curve":
-        return set(range(1, sum(isinstance(node, CurveNode) for node in contents) + 1))
-    return {n for s in contents if isinstance(s, Surface) for n in _of_kind(s, kind)}
+        return set(range(1, sum(isinstance(node, CurveNode) for node in nodes) + 1))
+    return {n for s in nodes if isinstance(s, Surface) for n in _of_kind(s, kind)}
 
 
 def _of_kind(surface: Surface, kind: str) -> frozenset[int]:
@@ -225,7 +226,7 @@ def _of_kind(surface: Surface, kind: str) -> frozenset[int]:
 
 def _element_name(call: Call, place: Place, element: ElementName, span: Span) -> str:
     """The part name that an array of the models at this level holds."""
-    for node, _ in _contents(call, place):
+    for node, _ in contents(call, place):
         array = node.arrays.get(element.array) if isinstance(node, ModelCall) else None
         if array is None:
             continue
@@ -244,8 +245,8 @@ def _root_name(node: Node) -> str | None:
     return node.name if isinstance(node, ModelCall) else None
 
 
-def _contents(call: Call, place: Place) -> Iterator[tuple[Node, tuple[Step, ...]]]:
-    """Parts, points, surfaces, curves and model calls at a level, in the order written, with the steps around them."""
+def contents(call: Call, place: Place) -> Iterator[tuple[Node, tuple[Step, ...]]]:
+    """What stands at a level, in the order written, with the steps around: parts, model calls, what has features."""
     stack = [(node, place.steps) for node in reversed(place.nodes)]
     seen = 0
     while stack:
@@ -253,7 +254,7 @@ def _contents(call: Call, place: Place) -> Iterator[tuple[Node, tuple[Step, ...]
         seen += 1
         if seen % _NODES_PER_STEP == 0:
             call.evaluator.budget.spend(1, call.form)
-        if isinstance(node, Part | Surface | CurveNode | NamedPoint | ModelCall):
+        if isinstance(node, Part | Surface | CurveNode | SweptSide | NamedPoint | ModelCall):
             yield node, steps
         if isinstance(node, Moved):
             stack.extend((child, (*steps, node.step)) for child in reversed(node.children))
@@ -278,3 +279,8 @@ def carried(point: Array, steps: tuple[Step, ...], call: Call) -> Array:
             projection = Call(call.evaluator, step.form, call.scope, (point,), (step.form,))
             point = project_point(projection, None, vector(point, step.form.span, 3).elements)
     return point
+
+
+def carried_curve(curve: CurveValue, steps: tuple[Step, ...], call: Call) -> CurveValue:
+    """``curve`` seen from outside of ``steps``."""
+    return curve.mapped(lambda p: carried(Array((len(p),), p), steps, call).elements)

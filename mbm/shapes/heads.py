@@ -14,14 +14,18 @@ from mbm.text.types import Bracket, Form, Keyword, Sequence, Symbol
 
 TRANSFORMS = ("trans", "rotate", "scale", "transform")
 CURVES = ("curve", "polyline", "spline")
+SWEEP_USAGES: Mapping[str, str] = MappingProxyType(
+    {
+        "extrude": "(extrude PROFILE length)",
+        "revolve": "(revolve PROFILE angle)",
+        "sweep": "(sweep PROFILE PATH)",
+    }
+)
 _BODIES = ("let", "let*", "if", "cond")
-_WORDS = frozenset({*CLAUSES, *TRANSFORMS, *CURVES, "perse", "or", "for", "part", "point"})
+_WORDS = frozenset({*CLAUSES, *TRANSFORMS, *CURVES, *SWEEP_USAGES, "perse", "or", "for", "part", "point"})
 
 FORMS_NOT_YET: Mapping[str, str] = MappingProxyType(
     {
-        "extrude": "sweeps",
-        "revolve": "sweeps",
-        "sweep": "sweeps",
         "mesh": "meshes",
     }
 )

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import TypeAlias
 
-from mbm.language.curves import CurveValue
+from mbm.expression.nodes import Expression, Parameter
+from mbm.language.curves import CurveValue, Point
 from mbm.language.parameters import Parameters
 from mbm.language.values import Array, Call, Callable_, ListValue, Placeable, Scope, Transform, Value
 from mbm.language.vocabulary.frames import move_point
@@ -50,6 +51,27 @@ class CurveNode:
     """A curve of space; it is numbered by its place among those of its part."""
 
     curve: CurveValue
+    span: Span
+
+
+ParameterRange: TypeAlias = tuple[Parameter, Expression, Expression]
+"""A parameter with its first and last value."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Patch:
+    """A smooth stretch of a surface; ``point`` holds both parameters, ∂/∂first × ∂/∂second points outward."""
+
+    first: ParameterRange
+    second: ParameterRange
+    point: Point
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SweptSide:
+    """The smooth side that a curve, or a line on a smooth way, sweeps: as what it is, not as facets."""
+
+    patches: tuple[Patch, ...]
     span: Span
 
 
@@ -102,7 +124,7 @@ class ModelCall:
     span: Span
 
 
-Node: TypeAlias = Surface | CurveNode | NamedPoint | Moved | Part | Group | ModelCall
+Node: TypeAlias = Surface | CurveNode | SweptSide | NamedPoint | Moved | Part | Group | ModelCall
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -39,8 +39,9 @@ from mbm.language.vocabulary import (
     vectors,
 )
 from mbm.shapes import faults
+from mbm.shapes.description import swept_shape
 from mbm.shapes.features import Place, enter, find_parts, frame_feature, numbered, part_names, resolve, root
-from mbm.shapes.heads import FORMS_NOT_YET, LIBRARY_NOT_YET
+from mbm.shapes.heads import FORMS_NOT_YET, LIBRARY_NOT_YET, SWEEP_USAGES
 from mbm.shapes.library import library_models
 from mbm.shapes.model import Model
 from mbm.shapes.opaque import opaque_argument
@@ -150,6 +151,32 @@ class FeatureFunction(Macro):
         return self.function(call, shape, call.forms[1:])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeMaker(Macro):
+    """A shape description that has a value of its own: what a profile sweeps."""
+
+    name: str
+    usage: str
+    doc: str
+
+    def call(self, call: Call) -> Shape:
+        """The shape.
+
+        Raises:
+            MbmError: with a diagnostic at the innermost form that is wrong.
+            StaticColumnNeeded: the value of a data column decides what the shape is.
+
+        """
+        return swept_shape(call)
+
+
+_SWEEPS = {
+    "extrude": "What a plane shape sweeps from z = 0 to z = length.",
+    "revolve": "What a plane shape sweeps about z, its x pointing outward and its y up.",
+    "sweep": "What a plane shape sweeps along a curve, its z pointing along the curve.",
+}
+
+
 def _shape(value: Value, span: Span) -> Shape:
     if not isinstance(value, Shape):
         raise MbmError(language_faults.wrong_kind(span, "a model with its arguments", describe(value)))
@@ -215,7 +242,8 @@ def _feature(call: Call) -> Value:
     return resolve(call, shape, segments_of(path, at[1].span, call)).value(call)
 
 
-FEATURE_FUNCTIONS: tuple[FeatureFunction | Builtin, ...] = (
+FEATURE_FUNCTIONS: tuple[FeatureFunction | ShapeMaker | Builtin, ...] = (
+    *(ShapeMaker(name, usage, _SWEEPS[name]) for name, usage in SWEEP_USAGES.items()),
     FeatureFunction("vertex", "(vertex MODEL part… n)", "Vertex n of a part, as a vector.", 2, _numbered("vertex")),
     FeatureFunction("line", "(line MODEL part… n)", "Line n of a part.", 2, _numbered("line")),
     FeatureFunction("plane", "(plane MODEL part… n)", "Plane n of a part.", 2, _numbered("plane")),

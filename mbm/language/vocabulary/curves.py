@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import field
 
-from mbm.expression.nodes import Number, Parameter
+from mbm.expression.nodes import Column, Component, Constant, Expression, Number, Parameter
 from mbm.language import faults
 from mbm.language.coerce import list_items, scalar, vector
 from mbm.language.curves import CurveValue, Piece, Point, check_dimension
@@ -63,7 +63,20 @@ def _polyline(call: Call) -> CurveValue:
         raise MbmError(faults.wrong_arity(call.span, "polyline", POLYLINE_USAGE, len(call.forms)))
     points = _points(call, call.forms[0], 2)
     parameter = Parameter("s", call.span)
-    return CurveValue(parameter=parameter, pieces=straight_pieces(points, parameter, call.span), span=call.span)
+    closed = len(points) > 3 and all(map(_same, points[0], points[-1]))
+    pieces = straight_pieces(points, parameter, call.span)
+    return CurveValue(parameter=parameter, pieces=pieces, span=call.span, closed=closed)
+
+
+def _same(a: Expression, b: Expression) -> bool:
+    """Whether two coordinates are one: the same number or the same name."""
+    if isinstance(a, Number) and isinstance(b, Number):
+        return a.value == b.value
+    return isinstance(a, Component | Constant | Column) and isinstance(b, type(a)) and _name(a) == _name(b)
+
+
+def _name(leaf: Component | Constant | Column) -> object:
+    return leaf.name if isinstance(leaf, Constant) else leaf.identity
 
 
 def _spline(call: Call) -> CurveValue:
@@ -81,7 +94,7 @@ def _spline(call: Call) -> CurveValue:
     points = _points(call, call.forms[0], 3 if closed else 2, closed=closed)
     parameter = Parameter("s", call.span)
     pieces = cubic_pieces(points, parameter, call.span, closed=closed)
-    return CurveValue(parameter=parameter, pieces=pieces, span=call.span)
+    return CurveValue(parameter=parameter, pieces=pieces, span=call.span, closed=closed)
 
 
 def _points(call: Call, form: Form, fewest: int, *, closed: bool = False) -> tuple[Point, ...]:
