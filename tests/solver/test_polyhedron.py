@@ -36,7 +36,7 @@ def joined(solver, work, normals, limits, sizes):
         if beyond[face] < 1e-12:
             return True
         work.record.normal[:WIDTH] = normals[face]
-        if solver("join", WIDTH, face, limits[face], sizes[face], work) == 0:
+        if solver("join", WIDTH, face, limits[face], sizes[face], work) != 1:
             return False
     raise AssertionError("faces join and leave for ever")
 
