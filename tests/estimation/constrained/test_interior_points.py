@@ -33,7 +33,7 @@ def test_a_start_at_a_minimum_of_heavy_rows_is_seen_as_one(weight: float) -> Non
 
 
 def test_ipopt_itself_gets_to_the_optimum() -> None:
-    """Hock and Schittkowski's problem 14, before steps of our own: the derivatives that Ipopt has are right."""
+    """Hock and Schittkowski's problem 14, before any steps of our own: Ipopt is given the right derivatives."""
     pytest.importorskip("casadi")
     start = np.array([2.0, 2.0])
     problem = toy(
