@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.tables import Column, ColumnGroup, Part, Provenance
+from mbm.problem.tables import NAMED, Column, ColumnGroup, Part, Provenance
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -71,6 +71,7 @@ class ManyReader:
     ``read`` takes the path as messages shall print it, reads the file once, and gives all tables by the names
     ``parts``; an MbmError in the place of a table is raised when it is asked for. ``members`` are the files
     that it may open where the path is that of a folder, by their names; none where the path is that of a file.
+    ``named``: a table is asked for by a text that the file decides, or none: ``(opencv "path" "node")``.
     """
 
     name: str
@@ -78,6 +79,7 @@ class ManyReader:
     parts: tuple[str, ...]
     read: Callable[[Path], Mapping[str, RawTable | MbmError]]
     members: tuple[str, ...] = ()
+    named: bool = False
 
     def part(self, name: str) -> Reader:
         """The reader of one of the tables alone."""
@@ -103,7 +105,9 @@ class Formats(Mapping[str, tuple[str, ...]]):
 
     def __getitem__(self, name: str) -> tuple[str, ...]:
         reader = self._readers[name]
-        return reader.parts if isinstance(reader, ManyReader) else ()
+        if isinstance(reader, ManyReader):
+            return NAMED if reader.named else reader.parts
+        return ()
 
     def __contains__(self, name: object) -> bool:
         return name in self._readers

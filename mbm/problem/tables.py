@@ -23,6 +23,9 @@ EXTERNAL = "external"
 UNION = "union"
 """The source of a table that is made of others, end to end."""
 
+NAMED = ("*",)
+"""The tables of a format whose files call them as they like."""
+
 SOURCE = "source"
 """The column of such a table that says which of them a row is from."""
 

@@ -12,7 +12,7 @@ from mbm.language.values import Evaluator, Scope, describe
 from mbm.problem import faults
 from mbm.problem.options import split_options
 from mbm.problem.reading.unknowns import stated_unit
-from mbm.problem.tables import UNION, ColumnDeclaration, InlineTable, Member, Table, TableDeclaration
+from mbm.problem.tables import NAMED, UNION, ColumnDeclaration, InlineTable, Member, Table, TableDeclaration
 from mbm.problem.types import Join
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol, Text
@@ -160,6 +160,12 @@ def _file(form: Sequence, head: str, parts: tuple[str, ...]) -> _Source:
         if len(form.items) != 2 or not isinstance(form.items[1], Text):
             raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes one path", f'({head} "path")'))
         return _Source(format=head, path=form.items[1].value)
+    if parts == NAMED:
+        texts = [item.value for item in form.items[1:] if isinstance(item, Text)]
+        if not 1 <= len(texts) <= 2 or len(texts) != len(form.items) - 1:
+            usage = f'({head} "path" ["node"])'
+            raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes a path and the name of a node", usage))
+        return _Source(format=head, path=texts[0], part=texts[1] if len(texts) > 1 else "")
     usage = f'({head} "path" {" | ".join(f":{part}" for part in parts)})'
     if len(form.items) != 3 or not isinstance(form.items[1], Text) or not isinstance(form.items[2], Keyword):
         raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes a path and the table that is meant", usage))
