@@ -202,6 +202,7 @@ def test_vector_and_matrix_constants(estimate):
         ("(unknowns (a) (b :init 1 :sigma a)) (observe t (= y a))", "depends-on-unknown"),
         ("(unknowns (a)) (observe t (= y a)) (solve :tolerance 0)", "bad-form"),
         ("(unknowns (a)) (observe t (= y a)) (solve 3)", "bad-form"),
+        ("(camera c 3) (unknowns (a)) (observe t (= y a))", "bad-form"),
         ("(unknowns (a)) (observe t (= y a)) (for-each)", "bad-form"),
         ("(unknowns (a)) (observe t (= y a)) (derive (d))", "bad-form"),
         ("(unknowns (a)) (observe t (= y a)) (define (d))", "bad-form"),
