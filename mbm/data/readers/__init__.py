@@ -7,7 +7,22 @@ from importlib import import_module
 
 from mbm.data.types import ManyReader, Reader
 
-_NAMES = ("csv", "tsv", "json", "npz", "parquet", "tum", "kitti", "euroc", "bal", "g2o", "colmap", "opencv", "kalibr")
+_NAMES = (
+    "csv",
+    "tsv",
+    "json",
+    "npz",
+    "parquet",
+    "tum",
+    "kitti",
+    "euroc",
+    "bal",
+    "g2o",
+    "bundler",
+    "colmap",
+    "opencv",
+    "kalibr",
+)
 """The formats, each in a file of its name that exports ``READER``."""
 
 

@@ -47,7 +47,7 @@ MALFORMED_NPZ = Code(
 )
 MALFORMED_RECORD = Code(
     "malformed-record",
-    "A line or record of a format with a fixed layout (`tum`, `kitti`, `euroc`, `bal`, `g2o`, `colmap`) does"
+    "A line or record of a format with a fixed layout (`tum`, `kitti`, `euroc`, `bal`, `g2o`, `colmap`, `bundler`) does"
     " not hold what belongs there.",
     "Correct the line, or name the format that the file has.",
 )
