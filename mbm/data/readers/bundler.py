@@ -19,16 +19,14 @@ from mbm.data.columns import row_numbers
 from mbm.data.content import BLANKS, read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import LARGEST_DEVIATION, line_numbers, lines_of, number_columns, numbers_of
+from mbm.data.readers.scenes import PARTS, POSE
 from mbm.data.types import ManyReader, RawTable
 from mbm.problem.tables import Numbers, reads_as_number
 from mbm.rotations import quaternion_of_matrix
 from mbm.text.types import DataPlace, MbmError
 
-PARTS = ("cameras", "images", "points", "observations")
 CAMERA, POINT, VIEW = 15, 6, 4
 """Numbers of a camera, of a point up to its views, and of a view."""
-
-POSE = ("qw", "qx", "qy", "qz", "x", "y", "z")
 
 
 class _Stream:

@@ -15,6 +15,7 @@ import numpy as np
 
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import LARGEST_DEVIATION, line_numbers, number_columns
+from mbm.data.readers.scenes import POSE
 from mbm.data.readers.yaml_nodes import Document, Items, Node, Scalar, entries_of, numbers_in, read_document
 from mbm.data.types import ManyReader, RawTable
 from mbm.problem.tables import Column, Numbers
@@ -37,7 +38,6 @@ DISTORTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 """The coefficients of a distortion model."""
 
 BEFORE, IMU = "T_cn_cnm1", "T_cam_imu"
-POSE = ("qw", "qx", "qy", "qz", "x", "y", "z")
 
 
 def read(path: Path) -> Mapping[str, RawTable | MbmError]:
