@@ -231,7 +231,7 @@ def test_qualified_names_and_let_settle_ambiguity(estimate):
         "(states :over frame (w))", "(dynamics (random-walk a))",
         "(constraints (<= a 1 :at first))", "(solve :constraints truncate)",
         '(data u (chessboard "x*.png" 9 6 25))',
-        "(observe t (= y a) :bound 1)", "(derive (d (external \"m:f\" a :size 1)))",
+        "(observe t (= y a) :bound 1)",
     ],
 )  # fmt: skip
 def test_what_comes_later_says_so_at_its_place(faults, clause):
