@@ -36,10 +36,15 @@ class RawTable:
     groups: Mapping[str, ColumnGroup] = field(default_factory=dict)
     parts: tuple[Part, ...] = field(default=(), repr=False)
 
-    def provenance(self) -> Provenance:
-        """Where its rows stand."""
+    def provenance(self, source_columns: Mapping[str, str] | None = None) -> Provenance:
+        """Where its rows stand; ``source_columns`` are its names of columns that have others now."""
         return Provenance(
-            path=self.path, sha256=self.sha256, rows=len(self.file_rows), file_rows=self.file_rows, parts=self.parts
+            path=self.path,
+            sha256=self.sha256,
+            rows=len(self.file_rows),
+            file_rows=self.file_rows,
+            source_columns=source_columns or {},
+            parts=self.parts,
         )
 
 
