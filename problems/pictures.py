@@ -251,6 +251,95 @@ def triangle(axes: Axes) -> None:
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 
+def turned(quaternion: Any) -> Any:
+    """The rotation (3, 3) of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def stereo(axes: Axes) -> None:
+    """What the calibrated pair leaves in both images, fifty times enlarged."""
+    found = solve("stereo", "stereo")
+    for side, colour, offset in (("left", BLUE, 0), ("right", ORANGE, 700)):
+        data = rows("stereo", f"{side}.csv")
+        u, v = column(data, "u") + offset, column(data, "v")
+        left = np.array([r.value for r in found.residuals(side)]).reshape(-1, 2)
+        axes.plot(u, v, ".", color=colour, label=side)
+        axes.quiver(u, v, *left.T, angles="xy", scale_units="xy", scale=1 / 50, width=0.002, color=GREY)
+    base = found["baseline"]
+    axes.set(xlabel="u (px), the right image 700 px aside", ylabel="v (px), residuals × 50", aspect="equal")
+    axes.set_title(f"stereo: baseline {1000 * float(base.value):.1f} ± {1000 * float(base.sigma):.1f} mm")
+    axes.invert_yaxis()
+    axes.legend()
+
+
+def hand_eye(axes: Axes) -> None:
+    """The robot's base from above: places of the hand, the camera there, and the board."""
+    found, hands = solve("hand-eye", "hand-eye"), rows("hand-eye", "hand.csv")
+    mount, board = found["X"].value, found["W"].value
+    sits = -turned(mount[:4]).T @ mount[4:]
+    for number, r in enumerate(hands):
+        turn = turned([float(r[c]) for c in ("qw", "qx", "qy", "qz")])[:2]
+        place = np.array([float(r["x"]), float(r["y"])])
+        lens = place + turn @ sits
+        axes.plot(*place, "s", color=GREY, label="" if number else "hand, as the robot says")
+        axes.plot(*np.array([place, lens]).T, color=GREY, linewidth=0.8)
+        axes.plot(*lens, "o", color=ORANGE, label="" if number else "camera, as estimated")
+    corners = np.array([(0.05 * i, 0.05 * j, 0) for j in range(4) for i in range(5)])
+    seen = corners @ turned(board[:4]).T + board[4:]
+    axes.plot(*seen.T[:2], ".", color=BLUE, label="board, as estimated")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+
+
+def bundle(axes: Axes) -> None:
+    """Points and cameras from above, before and after."""
+    found = solve("bundle", "bundle")
+    lines = (HERE / "bundle" / "model" / "points3D.txt").read_text(encoding="utf-8").splitlines()
+    rough = np.array([[float(v) for v in line.split()[1:4]] for line in lines])
+    points = np.array(found["X"].value)
+    axes.plot(rough[:, 0], rough[:, 2], "x", color=GREY, label="points of the model")
+    axes.plot(points[:, 0], points[:, 2], ".", color=BLUE, label="points, adjusted")
+    eyes = np.array([-turned(p[:4]).T @ p[4:] for p in found["T"].value])
+    axes.plot(eyes[:, 0], eyes[:, 2], "^", color=ORANGE, label="cameras, adjusted")
+    axes.set(xlabel="x", ylabel="z (unit unknown)", aspect="equal")
+    axes.legend()
+
+
+def camera_and_ranges(axes: Axes) -> None:
+    """The board's middle from above with twice its standard deviations, by the image and by both."""
+    places = rows("camera-and-ranges", "stations.csv")
+    axes.plot(column(places, "x"), column(places, "z"), "^", color=GREY, label="stations")
+    axes.plot(0, 0, "s", color=GREY, label="camera")
+    for name, colour, label in (("image-alone", BLUE, "image alone"), ("image-and-ranges", ORANGE, "and ranges")):
+        found = solve("camera-and-ranges", name)
+        pose, sigma = found["T"].value, np.array(found["T"].sigma)[[3, 5]]
+        place = pose[[4, 6]]
+        axes.errorbar(*place, *(2 * sigma[::-1]), fmt="o", color=colour, capsize=3, label=f"desk, {label} (± 2 σ)")
+    axes.set(xlabel="to the right (m)", ylabel="forward (m)", aspect="equal", xlim=(-1.5, 3.0))
+    axes.legend()
+
+
+def posture(axes: Axes) -> None:
+    """The figure from the front, measured and as estimated."""
+    seen, found = rows("posture", "joints.csv"), solve("posture", "posture")
+    at = {r["joint"]: (-float(r["y"]), float(r["z"])) for r in seen}
+    left = np.array([r.value for r in found.residuals("joints")]).reshape(-1, 3)
+    model = {n: (y - r[1], z + r[2]) for (n, (y, z)), r in zip(at.items(), left, strict=True)}
+    for line in SKELETON:
+        axes.plot(*np.array([model[j] for j in line]).T, color=ORANGE, label="" if len(line) > 3 else None)
+    axes.plot(*np.array(list(at.values())).T, "o", color=BLUE, label="joints as measured")
+    axes.plot([], [], color=ORANGE, label="estimated figure")
+    axes.set(xlabel="−y (m)", ylabel="z (m)", aspect="equal")
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+
+
 PICTURES: dict[str, Callable[[Axes], None]] = {
     f.__name__.replace("_", "-"): f
     for f in (
@@ -263,6 +352,11 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
         rim,
         triangle,
         walk,
+        stereo,
+        hand_eye,
+        bundle,
+        camera_and_ranges,
+        posture,
         enzyme,
         light,
         meridian,

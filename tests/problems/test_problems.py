@@ -42,12 +42,13 @@ def compare(found, wanted):
         sigma = np.array(found[name].get("sigma", 0.0), dtype=float)
         if geometric(quantity["value"]):
             compare_geometry(found[name]["value"], quantity["value"], float(sigma.max()), name)
-            np.testing.assert_allclose(sigma, quantity["sigma"], rtol=SPREADS, atol=1e-15, err_msg=name)
+            if "sigma" in quantity:
+                np.testing.assert_allclose(sigma, quantity["sigma"], rtol=SPREADS, atol=1e-15, err_msg=name)
             continue
         value = np.array(quantity["value"], dtype=float)
         got = np.array(found[name]["value"], dtype=float)
         assert got.shape == value.shape, name
-        assert np.all(np.abs(got - value) <= VALUES * np.maximum(np.abs(value), sigma)), (name, got, value)
+        assert np.all(np.abs(got - value) <= VALUES * np.fmax(np.abs(value), sigma)), (name, got, value)
         if "sigma" in quantity:
             np.testing.assert_allclose(sigma, quantity["sigma"], rtol=SPREADS, err_msg=name)
 
@@ -125,7 +126,9 @@ def test_each_folder_is_complete(folder):
 @cache
 def scripts():
     return [
-        m.stem for m in sorted((PROBLEMS / "reference").glob("*.py")) if m.stem not in ("__init__", "least_squares")
+        m.stem
+        for m in sorted((PROBLEMS / "reference").glob("*.py"))
+        if m.stem not in ("__init__", "least_squares", "cameras")
     ]
 
 
