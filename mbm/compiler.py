@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from mbm.language.program import Program
     from mbm.problem.checks import Mentioned
     from mbm.problem.dependence import Facts
+    from mbm.problem.overrides import Override
     from mbm.problem.tables import Table, TableDeclaration
-    from mbm.problem.types import Override
     from mbm.registry.standard import Registry
     from mbm.report.options import Progress
     from mbm.report.simulated import Simulator

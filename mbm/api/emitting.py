@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from mbm import compiler
 from mbm.api.problem import opened
 from mbm.compiler import Inputs
-from mbm.problem.types import Override
+from mbm.problem.overrides import Override
 
 if TYPE_CHECKING:
     from mbm.emit.types import OutputFile

@@ -18,7 +18,7 @@ from mbm.api.recall import Text
 from mbm.compiler import Inputs
 from mbm.files.journal import THE_PROBLEM, Journal, note, noting
 from mbm.files.source import read_file
-from mbm.problem.types import Override
+from mbm.problem.overrides import Override
 from mbm.registry.standard import Registry, standard_registry
 from mbm.text.types import Diagnostic, MbmError, Severity, Source
 from mbm.values import dataclass

@@ -205,15 +205,15 @@ def _of_tables(problem: Problem) -> Iterator[tuple[Name, str]]:
     for unknown in problem.unknowns:
         family = unknown.family
         if family is not None:
-            for column in (family.column, family.key):
+            for table, column in family.sources or ((family.table, family.column), (family.table, family.key)):
                 if column is not None:
-                    yield (family.table, column), "the members of a family"
+                    yield (table, column), "the members of a family"
 
 
 def _of_options(problem: Problem) -> Iterator[tuple[Name, str]]:
     """Noise, starts and bounds, the kinds of equations."""
     for unknown in problem.unknowns:
-        for values in (unknown.start, unknown.start_lower, unknown.start_upper):
+        for values in (unknown.start, unknown.at, unknown.start_lower, unknown.start_upper):
             yield from _columns(values, "the start")
         for values in (unknown.lower, unknown.upper, unknown.fixed):
             yield from _columns(values, "what an unknown may be")

@@ -113,6 +113,10 @@ def _data(problem: Problem) -> Iterator[Diagnostic]:
 
 def _starts(problem: Problem) -> Iterator[Diagnostic]:
     for unknown in problem.unknowns:
+        if unknown.family is not None and unknown.family.sources:
+            why = "a generated solver numbers the members by one column"
+            todo = "make a table of the members with a `:key`, and write it behind `:per`"
+            yield faults.not_emitted(unknown.span, f"the family `{unknown.name}` over several columns", why, todo)
         if unknown.family is not None and _startless(unknown):
             why = "a generated solver finds no starts"
             yield faults.not_emitted(
@@ -121,8 +125,8 @@ def _starts(problem: Problem) -> Iterator[Diagnostic]:
 
 
 def _startless(unknown: Unknown) -> bool:
-    """Whether nothing says where an unknown begins."""
-    return unknown.start is None and unknown.start_lower is None and unknown.lower is None
+    """Whether nothing says where an unknown, or what is not fixed of it, begins."""
+    return unknown.at is not None or (unknown.start is None and unknown.start_lower is None and unknown.lower is None)
 
 
 def _request(problem: Problem) -> Iterator[Diagnostic]:

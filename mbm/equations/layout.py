@@ -10,7 +10,7 @@ import numpy as np
 
 from mbm.equations import faults
 from mbm.equations.formulas import of_arrays
-from mbm.equations.manifolds import Curved, bounded_coordinates, moved, numbers_of_stated, stated_width
+from mbm.equations.manifolds import Curved, bounded_coordinates, held_numbers, moved, numbers_of_stated, stated_width
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem import faults as problem_faults
 from mbm.problem.manifold import Piece
@@ -275,13 +275,27 @@ def _checked(entry: Entry, found: Floats, values: RowValues) -> Floats:
 def _start(entry: Entry, tables: Mapping[str, Table], starts: Mapping[str, Floats]) -> Floats:
     """The starts of an unknown: those given from outside (NaN: not given), else what the problem says."""
     given = given_numbers(entry, starts.get(entry.unknown.name))
-    if not bool(np.isnan(given).any()) or entry.unknown.start is None:
+    values = stated_values(entry.unknown)
+    if values is None or not bool(np.isnan(given).any()):
         return given
-    values = entry.unknown.start
     _checked(entry, row_values(values, tables), values)
-    stated = row_values(values, tables)
-    numbers = numbers_of_stated(entry.unknown.kind, entry.unknown.dimension, stated).reshape(-1)
-    return np.where(np.isnan(given), numbers, given)
+    return np.where(np.isnan(given), stated_start(entry.unknown, tables).reshape(-1), given)
+
+
+def stated_values(unknown: Unknown) -> RowValues | None:
+    """What the problem says of the numbers of an unknown before the solve: ``:init``, else ``:at`` of what is fixed."""
+    return unknown.at if unknown.start is None else unknown.start
+
+
+def stated_start(unknown: Unknown, tables: Mapping[str, Table]) -> Floats:
+    """The numbers (members, size) that the problem states, NaN where it states none."""
+    values = stated_values(unknown)
+    if values is None:
+        return np.full((1, unknown.size), np.nan)
+    numbers = numbers_of_stated(unknown.kind, unknown.dimension, row_values(values, tables))
+    if unknown.start is not None or unknown.fixed is None:
+        return numbers
+    return np.where(held_numbers(unknown.manifold, decided(unknown.fixed, tables)), numbers, np.nan)
 
 
 def given_numbers(entry: Entry, given: Floats | None) -> Floats:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mbm.equations.layout import Layout, layout
+from mbm.equations.layout import Layout, layout, stated_values
 from mbm.equations.types import Floats
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.tables import Table
@@ -46,7 +46,8 @@ def limits(unknown: Unknown) -> tuple[RowValues, ...]:
 
 def stated(unknown: Unknown) -> tuple[RowValues, ...]:
     """All that is stated of an unknown."""
-    return limits(unknown) if unknown.start is None else (unknown.start, *limits(unknown))
+    values = stated_values(unknown)
+    return limits(unknown) if values is None else (values, *limits(unknown))
 
 
 def columns_of(values: RowValues) -> list[Column]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.equations.types import Floats, Indices
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem.manifold import Manifold, Piece
 from mbm.problem.types import UnknownKind
 from mbm.rotations import cross_matrix, hamilton, quaternion_of_matrix, quaternion_of_vector, unit
@@ -98,6 +98,17 @@ def numbers_of_stated(kind: UnknownKind, dimension: int, stated: Floats) -> Floa
         whole = np.isfinite(matrices).all(axis=(1, 2))
         rotation[whole] = quaternion_of_matrix(matrices[whole])
     return np.hstack([rotation, stated[:, square:]])
+
+
+def held_numbers(manifold: Manifold, fixed: Mask) -> Mask:
+    """Which numbers (k, size) are known with the coordinates (k, tangent): a rotation is, if one of its own is."""
+    if manifold.flat:
+        return fixed
+    found = [
+        np.repeat(fixed[:, first : first + piece.tangent].any(axis=1, keepdims=True), piece.size, axis=1)
+        for piece, _, first in manifold.spans()
+    ]
+    return np.hstack(found)
 
 
 def tangent_slopes(kind: UnknownKind, dimension: int, stated: Floats, slopes: Floats) -> Floats:

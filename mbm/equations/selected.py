@@ -30,7 +30,7 @@ class SelectedTables(Mapping[str, Table]):
     def _make(self, name: str) -> Table:
         family = self._families.get(name)
         if family is not None and family.column is not None:
-            return distinct(self[family.table], family.column, name)
+            return distinct(self[family.table], family, name)
         positions = self._positions.get(name)
         return self._whole[name] if positions is None else self._whole[name].take(positions)
 

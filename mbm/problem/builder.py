@@ -20,10 +20,12 @@ from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.joining import filtered, joined
 from mbm.problem.naming import TakenNames
+from mbm.problem.overrides import Overrides
 from mbm.problem.pairing import paired
 from mbm.problem.reading.cameras import read_camera
 from mbm.problem.reading.constants import constant_values, read_constants
 from mbm.problem.reading.constraints import model_constraints, read_constraints
+from mbm.problem.reading.declarations import Declaration, declare_unknowns
 from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.observations import read_observation
@@ -31,12 +33,12 @@ from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.request import read_request
 from mbm.problem.reading.sources import DataClause, Formats, in_join_order, read_source, refuse_overwriting
 from mbm.problem.reading.unions import check_members, check_units
-from mbm.problem.reading.unknowns import Declaration, declare_unknowns, given_start, read_unknown
+from mbm.problem.reading.unknowns import given_start, read_unknown
 from mbm.problem.reading.windows import read_window
 from mbm.problem.sampling import refuse_corrected
 from mbm.problem.scopes import ProblemScope
 from mbm.problem.tables import PairDeclaration, Table, TableDeclaration
-from mbm.problem.types import Block, Derived, Overrides, Problem, Request, TablePlan, Unknown
+from mbm.problem.types import Block, Derived, Problem, Request, TablePlan, Unknown
 from mbm.problem.vocabulary import NOT_YET, SPECIAL_FORMS
 from mbm.shapes.model import ModelLog, model_maker
 from mbm.text.types import Diagnostic, MbmError, Sequence, Span, Symbol

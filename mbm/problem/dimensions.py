@@ -166,12 +166,12 @@ def _reciprocal(node: Expression) -> Expression:
 def _visit_unknown(inference: Inference, unknown: Unknown) -> None:
     angle = unknown.kind is UnknownKind.ANGLE
     bounds = (unknown.lower, unknown.upper, unknown.start_lower, unknown.start_upper)
-    for values in (unknown.start, *bounds):
+    for values in (unknown.start, unknown.at, *bounds):
         if values is None:
             continue
         for case in values.cases:
             stated = case.values
-            if unknown.dimension and values is unknown.start:
+            if unknown.dimension and values in (unknown.start, unknown.at):
                 stated = _stated_translation(inference, unknown, stated)
             indices = _united(unknown) if len(stated) < unknown.size else unknown.indices()
             for index, value in zip(indices, stated, strict=False):

@@ -176,32 +176,33 @@ class Workspace:
         self, form: Form, table: Table | None, taken: Callable[[Value], tuple[Expression, ...]], *, wanted: str
     ) -> RowValues:
         """A form per row as the numbers that ``taken`` makes of its value. Unknowns may not occur."""
+        return self.row_values(form, table, lambda scope: self.evaluated_here(form, scope, taken, wanted=wanted))
 
-        def evaluate(scope: Scope) -> tuple[Expression, ...]:
-            elements = taken(self.evaluator.wanted(form, scope))
-            self.refuse_unknowns(elements, form.span, wanted)
-            return elements
-
-        cases = self.cases(table, evaluate, form.span)
-        return RowValues(
-            table=table.name if table is not None else None,
-            cases=tuple(ValueCase(static=s, values=v) for s, v in cases),
-            span=form.span,
-        )
+    def evaluated_here(
+        self, form: Form, scope: Scope, taken: Callable[[Value], tuple[Expression, ...]], *, wanted: str
+    ) -> tuple[Expression, ...]:
+        """The numbers of the row at hand."""
+        elements = taken(self.evaluator.wanted(form, scope))
+        self.refuse_unknowns(elements, form.span, wanted)
+        return elements
 
     def conditions(self, form: Form, table: Table | None, count: int, *, wanted: str) -> RowValues:
         """A condition per row (or one for each of ``count`` components) as numbers 0 and 1."""
+        return self.row_values(form, table, lambda scope: self.conditions_here(form, scope, count, wanted=wanted))
 
-        def evaluate(scope: Scope) -> tuple[Expression, ...]:
-            items = self._condition_items(form, scope, count)
-            if len(items) != count:
-                raise MbmError(
-                    language_faults.length_clash(form.span, f"{len(items)} conditions", f"{count} components")
-                )
-            found = tuple(_as_expression(condition(item, form.span), form.span) for item in items)
-            self.refuse_unknowns(found, form.span, wanted)
-            return found
+    def conditions_here(self, form: Form, scope: Scope, count: int, *, wanted: str) -> tuple[Expression, ...]:
+        """The conditions of the row at hand."""
+        items = self._condition_items(form, scope, count)
+        if len(items) != count:
+            raise MbmError(language_faults.length_clash(form.span, f"{len(items)} conditions", f"{count} components"))
+        found = tuple(_as_expression(condition(item, form.span), form.span) for item in items)
+        self.refuse_unknowns(found, form.span, wanted)
+        return found
 
+    def row_values(
+        self, form: Form, table: Table | None, evaluate: Callable[[Scope], tuple[Expression, ...]]
+    ) -> RowValues:
+        """What ``evaluate`` makes of ``form`` in the scope of each row."""
         cases = self.cases(table, evaluate, form.span)
         return RowValues(
             table=table.name if table is not None else None,

@@ -94,21 +94,30 @@ def filtered(plan: TablePlan, tables: Mapping[str, Table], where: RowValues | No
 
 
 def with_families(tables: Mapping[str, Table], families: tuple[Family, ...]) -> dict[str, Table]:
-    """``tables`` with, for each family over a column, a table of its distinct values in the order met."""
+    """``tables`` with, for each family over columns, a table of their distinct values in the order met."""
     result = dict(tables)
     for family in families:
+        if family.sources and family.table not in result:
+            from mbm.problem.stacking import stacked
+
+            result[family.table] = stacked(tables, family.sources, family.table)
         if family.column is not None and family.rows not in result:
-            result[family.rows] = distinct(tables[family.table], family.column, family.rows)
+            result[family.rows] = distinct(result[family.table], family, family.rows)
     return result
 
 
-def distinct(table: Table, column: str, name: str) -> Table:
-    """One row for each distinct value of a column: the first that has it, with that column alone."""
+def distinct(table: Table, family: Family, name: str) -> Table:
+    """One row for each distinct value of a family's column: the first that has it, with that column alone.
+
+    A stacked column keeps its other names.
+    """
+    column = str(family.column)
     first: dict[CellKey, int] = {}
     for i, key in enumerate(table.keys(column)):
         first.setdefault(key, i)
     positions = np.fromiter(first.values(), dtype=np.int64, count=len(first))
-    taken = table.columns[column].take(positions)
+    names = dict.fromkeys((column, *(other for _, other in family.sources)))
+    taken = {each: table.columns[each].take(positions) for each in names}
     rows = np.arange(1, len(positions) + 1)
     provenance = table.provenance.taking(table.rows[positions])
-    return Table(name=name, columns={column: taken}, rows=rows, provenance=provenance, key=column)
+    return Table(name=name, columns=taken, rows=rows, provenance=provenance, key=column)

@@ -39,13 +39,15 @@ class Family:
     """One member for each row of ``table`` by its key, or for each distinct value of ``column`` of ``table``.
 
     ``rows`` is the table that holds one row for each member (``table`` itself, or a table made of the distinct values),
-    ``key`` the column of it that holds the key; None where rows are named by their number.
+    ``key`` the column of it that holds the key; None where rows are named by their number. ``sources`` are the tables
+    and columns that ``table`` is stacked from, where a family goes over the values of several.
     """
 
     table: str
     column: str | None
     rows: str
     key: str | None
+    sources: tuple[tuple[str, str], ...] = ()
 
 
 Static = tuple[tuple[str, CellKey], ...]
@@ -76,6 +78,7 @@ class Unknown:
     ``shape`` is () for a number, (n,) or (n, m) else; components count row by row. Directions, rotations, poses and
     similarities have the shape (n,) of the numbers that hold them (``manifold``), and ``dimension`` 2 or 3 of their
     space; 0 for other kinds. ``start`` has one value per number, ``fixed`` one per coordinate of the tangent space.
+    ``at`` has one value per number as well: where what is fixed is held, if there is no ``start``.
     ``lower``, ``upper`` are the hard bounds, ``start_lower``, ``start_upper`` the range of starts, each with one value
     per coordinate of the tangent space; NaN where there is none (rotations).
     ``unit`` is the unit that results are reported in, if one is stated.
@@ -92,6 +95,7 @@ class Unknown:
     start_lower: RowValues | None
     start_upper: RowValues | None
     fixed: RowValues | None
+    at: RowValues | None = None
     unit: Unit | None
     doc: str
     span: Span
@@ -385,16 +389,3 @@ class Problem:
     def unknown(self, name: str) -> Unknown:
         """An unknown by name."""
         return next(u for u in self.unknowns if u.name == name)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Override:
-    """A constant or start given from outside: as a form of the language, or as numbers in SI."""
-
-    name: str
-    text: str | None = None
-    values: tuple[float, ...] | None = None
-
-
-Overrides = Mapping[str, Override]
-"""What the caller gives instead of what the file says, by name."""

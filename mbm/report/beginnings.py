@@ -98,7 +98,7 @@ def _stated(
             for key, line in found.items()
         ]
     start = RowValues(table=family.rows, cases=tuple(cases), span=unknown.span)
-    return replace(unknown, start=start, start_lower=None, start_upper=None)
+    return replace(unknown, start=start, at=None, start_lower=None, start_upper=None)
 
 
 def _differs(unknown: Unknown, member: str | None) -> Diagnostic:

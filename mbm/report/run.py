@@ -9,8 +9,9 @@ import numpy as np
 
 from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
+from mbm.problem.overrides import Overrides
 from mbm.problem.tables import Table
-from mbm.problem.types import BlockRole, Consensus, GivenStarts, Overrides, Problem, RandomStarts
+from mbm.problem.types import BlockRole, Consensus, GivenStarts, Problem, RandomStarts
 from mbm.report.from_solution import report_of
 from mbm.report.options import Progress
 from mbm.report.types import InputFile, Result, SolveReport

@@ -132,6 +132,37 @@ def test_what_is_stated_is_held_by_the_same_numbers(kind: UnknownKind, dimension
     )
 
 
+HELD = """(problem held (data frames (table (frame) (1) (2) (3)) :key frame)
+  (data seen (table (frame a b x y)
+    (1 0 0 1.1 2) (1 1 0 1 3) (2 0 0 3 -1) (2 1 0 3.9 -1.3) (3 0 0 -2 0.6) (3 1 0 -3 0.8)))
+  (unknowns (T (pose 2) :per {per} {init} :fixed (= frame 1) :at (pose2 1 2 90deg)))
+  (observe seen (= [x y] (transform (T frame) [a b])) :sigma 0.1))"""
+
+
+@pytest.mark.parametrize("target", ["c", "python"])
+def test_members_are_held_where_it_is_said(tmp_path: Path, target: str) -> None:
+    """Generated solvers carry the reference's answer, in which frame 1 is held, and compare with it."""
+    (tmp_path / "p.mbm").write_text(HELD.format(per="frames", init=":init (pose2 0 0 0)"), encoding="utf-8")
+    folder = tmp_path / "solver"
+    assert run(["compile", str(tmp_path / "p.mbm"), "--target", target, "-o", str(folder), "-q"]) == 0
+    done = make(folder, "test") if target == "c" else called("python", "test_held.py", folder=folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    value = mbm.loads((tmp_path / "p.mbm").read_text(encoding="utf-8")).solve()["T"].value[0]
+    np.testing.assert_allclose(value, [np.pi / 2, 1, 2], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("per", "init", "words"),
+    [("frames", "", "without a start"), ("(seen.frame frames.frame)", ":init (pose2 0 0 0)", "over several columns")],
+)
+def test_what_generated_solvers_cannot_hold_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], per: str, init: str, words: str
+) -> None:
+    (tmp_path / "p.mbm").write_text(HELD.format(per=per, init=init), encoding="utf-8")
+    assert run(["compile", str(tmp_path / "p.mbm"), "--target", "c", "-o", str(tmp_path / "solver")]) == 2
+    assert words in capsys.readouterr().err
+
+
 def test_one_value_serves_all_solves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = """(problem p (data d (table (run x y) (1 0 1) (1 1 2.8) (2 0 2) (2 1 5.3)))
       (unknowns (a) (b)) (observe d (= y (* a (exp (* b x)))) :sigma 0.1) (for-each run))"""

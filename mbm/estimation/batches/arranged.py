@@ -114,7 +114,7 @@ def arranged(problem: Problem, sets: Sets) -> Arranged:
         if rows in own and family.column is not None:
             tables[rows], spans[rows], owners[rows] = _distinct(family, tables[family.table], owners, sets.count)
         elif family.column is not None:
-            tables[rows] = distinct(tables[family.table], family.column, rows)
+            tables[rows] = distinct(tables[family.table], family, rows)
     return Arranged(
         tables=tables,
         spans=spans,
@@ -142,10 +142,11 @@ def _distinct(family: Family, table: Table, owners: Mapping[str, Indices], solve
     solve = owners[family.table][positions]
     last = np.cumsum(np.bincount(solve, minlength=solves))
     first = np.concatenate([np.zeros(1, dtype=np.int64), last[:-1]])
+    names = dict.fromkeys((column, *(other for _, other in family.sources)))
     made = replace(
         table.take(positions),
         name=family.rows,
-        columns={column: table.columns[column].take(positions)},
+        columns={each: table.columns[each].take(positions) for each in names},
         rows=np.arange(len(positions)) - first[solve] + 1,
         key=column,
         groups={},

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mbm.equations.layout import stated_values
 from mbm.equations.layouts import columns_of, limits
 from mbm.equations.types import Indices, Mask
 from mbm.estimation.batches.arranged import Arranged
@@ -29,8 +30,9 @@ def shapes(problem: Problem, tables: Arranged, solves: int) -> tuple[list[Indice
         for option in _limits(unknown):
             cells = [cell.tobytes() for cell in option_cells(option, tables, fixed=option is unknown.fixed)]
             marks = np.column_stack([marks, _together(cells, owner, solves)])
-        if unknown.start is not None and columns_of(unknown.start):
-            values = row_values(unknown.start, tables.tables)
+        stated = stated_values(unknown)
+        if stated is not None and columns_of(stated):
+            values = row_values(stated, tables.tables)
             wrong = np.isnan(values).any(axis=1)
             if unknown.kind is UnknownKind.POSITIVE:
                 wrong |= (values <= 0).any(axis=1)

@@ -7,14 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from mbm.equations.binding import EvaluationCache
-from mbm.equations.layout import Layout, within_turns
+from mbm.equations.layout import Layout, stated_start, stated_values, within_turns
 from mbm.equations.layouts import columns_of
-from mbm.equations.manifolds import numbers_of_stated
 from mbm.equations.types import Floats
 from mbm.estimation.batches.arranged import Arranged
 from mbm.estimation.batches.sets import Sets
 from mbm.estimation.batches.types import Begun
-from mbm.problem.rows import row_values
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 
@@ -43,10 +41,9 @@ def starting_points(
     for entry in layout.entries:
         unknown = entry.unknown
         varies = unknown.family is not None and unknown.family.rows in tables.families
-        if varies and unknown.start is not None and columns_of(unknown.start):
-            stated = row_values(unknown.start, tables.tables)
-            numbers = numbers_of_stated(unknown.kind, unknown.dimension, stated)
-            points[:, entry.range] = numbers.reshape(sets.count, entry.count)
+        values = stated_values(unknown)
+        if varies and values is not None and columns_of(values):
+            points[:, entry.range] = stated_start(unknown, tables.tables).reshape(sets.count, entry.count)
     return within_turns(points, layout.number, layout.angle, layout.lower, layout.upper)
 
 

@@ -12,7 +12,7 @@ from mbm.language.coerce import scalar, vector
 from mbm.language.values import SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import Options, split_options
-from mbm.problem.reading.unknowns import family_of, keys_of
+from mbm.problem.reading.declarations import family_of, keys_of
 from mbm.problem.scopes import Entry, MemberScope
 from mbm.problem.types import Family
 from mbm.text.suggest import closest

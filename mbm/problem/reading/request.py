@@ -13,8 +13,9 @@ from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.options import split_options
+from mbm.problem.reading.declarations import Declaration
 from mbm.problem.reading.robust import read_consensus
-from mbm.problem.reading.unknowns import Declaration, stated_numbers
+from mbm.problem.reading.unknowns import stated_numbers
 from mbm.problem.types import ConstraintMethod, Gauge, GivenStarts, Method, Problem, RandomStarts, Request
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 

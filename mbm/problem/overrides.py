@@ -1,0 +1,20 @@
+"""What the caller gives instead of what the file says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Override:
+    """A constant or start given from outside: as a form of the language, or as numbers in SI."""
+
+    name: str
+    text: str | None = None
+    values: tuple[float, ...] | None = None
+
+
+Overrides = Mapping[str, Override]
+"""What the caller gives instead of what the file says, by name."""
