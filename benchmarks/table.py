@@ -32,6 +32,7 @@ SHORT = {
     "skeleton": "A figure of 25 angles from random starts",
     "reprojection": "A kernel: one row with its derivatives",
     "startup": "A small problem as a whole process",
+    "stereo": "A stereo pair as a whole process",
 }
 LONG = {
     "epochs": "10,000 epochs of 48 ranges",
