@@ -27,10 +27,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Array:
-    """A vector (shape (n,)) or matrix (shape (n, m), elements row by row) of scalars."""
+    """A vector (shape (n,)) or matrix (shape (n, m), elements row by row); ``pixels``: it is a point in an image."""
 
     shape: tuple[int, ...]
     elements: tuple[Expression, ...]
+    pixels: bool = False
 
     @property
     def is_matrix(self) -> bool:

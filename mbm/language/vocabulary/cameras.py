@@ -52,7 +52,8 @@ def _project(camera: CameraValue, point: tuple[Expression, ...], span: Span) -> 
     else:
         x, y = across, up
     pixels = zip(camera.focal, (x, y), camera.center, strict=True)
-    return Array((2,), tuple(add(multiply(f, e, span), c0, span) for f, e, c0 in pixels))
+    image = tuple(add(multiply(f, e, span), c0, span) for f, e, c0 in pixels)
+    return Array((2,), image, pixels=camera.axes != "paper")
 
 
 def _fisheye(

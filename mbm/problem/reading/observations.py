@@ -158,6 +158,7 @@ def _equation(residual: Residual, kind: NoiseKind, noise: tuple[Expression, ...]
         noise=noise,
         measured=residual.measured,
         measured_columns=residual.columns,
+        units=residual.units,
         span=residual.span,
     )
 
