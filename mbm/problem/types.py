@@ -12,6 +12,7 @@ from math import prod
 
 from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import Expression
+from mbm.expression.projection import Projection
 from mbm.expression.units import Unit
 from mbm.problem.kinds import ConstraintKind, Gauge, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
@@ -136,7 +137,7 @@ class Equation:
     for constraints. ``measured`` is the measured side (or a prior's mean) where it holds data only, None elsewhere:
     reports and pictures show it. ``measured_columns`` are the columns of the row at hand that stand on the measured
     side, whatever kind of thing it is: what a simulation replaces. ``units`` are those that the components of
-    observations are reported in (None: none is known).
+    observations are reported in (None: none is known), ``projection`` is what the model side is the image of, if it is.
     """
 
     components: tuple[Expression, ...]
@@ -145,6 +146,7 @@ class Equation:
     measured: tuple[Expression, ...] | None
     measured_columns: tuple[str, ...] = ()
     units: tuple[Unit | None, ...] = ()
+    projection: Projection | None = None
     relation: Relation = Relation.NEAR_ZERO
     span: Span
 

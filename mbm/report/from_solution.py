@@ -91,6 +91,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         noise=_noise(problem, solution),
         residual_summaries=residual_summaries(problem, solution),
         root_means=lambda: of_solution(problem, solution),
+        made_from=lambda: (problem, solution),
         residual_rows=lambda: residual_rows(problem, solution),
         plot_data=lambda: plot_data(problem, solution),
         priors=prior_reports(problem, solution),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mbm.expression.algebra import apply, wrap
 from mbm.expression.nodes import Apply, Column, Component, Expression, Operation, RowChoice, externals, leaves
+from mbm.expression.projection import Projection
 from mbm.expression.units import UNITS, Unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, difference, is_form, scalar, vector
@@ -39,6 +40,7 @@ class Residual:
 
     ``columns`` are those of the row at hand on the measured side, whatever else stands there; ``units`` are those of
     the first components, as far as the kind of thing says: radians of a rotation, pixels of a point in an image.
+    ``projection`` is that of the model side, where it is the image of a point.
     """
 
     components: tuple[Expression, ...]
@@ -46,6 +48,7 @@ class Residual:
     span: Span
     columns: tuple[str, ...] = ()
     units: tuple[Unit, ...] = ()
+    projection: Projection | None = None
 
 
 def data_only(nodes: tuple[Expression, ...]) -> tuple[Expression, ...] | None:
@@ -157,7 +160,9 @@ def _equation(evaluator: Evaluator, form: Sequence, scope: Scope) -> Residual:
         raise MbmError(faults.unequal_sides(form.span, describe(measured), describe(model)))
     pairs = zip(left, right, strict=True)
     components = tuple(difference(b, a, form.span) for a, b in pairs)
-    return Residual(components, data_only(left), form.span, _columns(left), _units(model) or _units(measured))
+    projection = model.projection if isinstance(model, Array) else None
+    units = _units(model) or _units(measured)
+    return Residual(components, data_only(left), form.span, _columns(left), units, projection)
 
 
 def _units(value: Value) -> tuple[Unit, ...]:
@@ -165,7 +170,7 @@ def _units(value: Value) -> tuple[Unit, ...]:
     if isinstance(value, ImageLineValue):
         return (_RADIAN,)
     if isinstance(value, Array):
-        return (_PIXEL,) * len(value.elements) if value.pixels else ()
+        return (_PIXEL,) * 2 if value.projection is not None and value.projection.in_pixels else ()
     rotation = value.rotation if isinstance(value, PoseValue) else value
     return (_RADIAN,) * (1 if rotation.dimension == 2 else 3) if isinstance(rotation, RotationValue) else ()
 

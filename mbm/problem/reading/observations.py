@@ -159,6 +159,7 @@ def _equation(residual: Residual, kind: NoiseKind, noise: tuple[Expression, ...]
         measured=residual.measured,
         measured_columns=residual.columns,
         units=residual.units,
+        projection=residual.projection,
         span=residual.span,
     )
 
