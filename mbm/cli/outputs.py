@@ -37,6 +37,8 @@ def outputs_of(given: Mapping[str, Any]) -> tuple[Output, ...]:
         found.append(Output(path=given["json_path"], content=document_bytes, allowed=(option_role("--init"),)))
     if given["csv_path"] is not None:
         found.append(Output(path=given["csv_path"], content=_solves))
+    if given["estimates_path"] is not None:
+        found.append(Output(path=given["estimates_path"], content=_estimates))
     if given["residuals_path"] is not None:
         found.append(Output(path=given["residuals_path"], content=_residuals))
     if given["plot_path"] is not None:
@@ -96,6 +98,12 @@ def _solves(result: Result) -> bytes:
     from mbm.report.exports import write_solves
 
     return _as_bytes(lambda stream: write_solves(result, stream))
+
+
+def _estimates(result: Result) -> bytes:
+    from mbm.report.exports import write_estimates
+
+    return _as_bytes(lambda stream: write_estimates(result, stream))
 
 
 def _residuals(result: Result) -> bytes:

@@ -11,8 +11,9 @@ from mbm.emit.foreign import Foreign
 from mbm.emit.types import GivenTable, Target
 from mbm.expression.nodes import Column, Expression, externals, leaves
 from mbm.problem.elaborated import Elaborated
+from mbm.problem.kinds import Gauge
 from mbm.problem.tables import Column as TableColumn
-from mbm.problem.types import BlockRole, Gauge, Method, Problem, TablePlan, Unknown
+from mbm.problem.types import BlockRole, Method, Problem, TablePlan, Unknown
 from mbm.solver.decisions import MOST_DENSE
 from mbm.text.types import Diagnostic, MbmError
 

@@ -31,6 +31,7 @@ class Maker:
 
 COMPILE = Maker(command="mbm compile", manifest=".mbm-compile")
 SIMULATE = Maker(command="mbm simulate", manifest=".mbm-simulate")
+WRITE = Maker(command="mbm solve --write", manifest=".mbm-write")
 
 
 def manifest_text(maker: Maker, files: Mapping[str, bytes]) -> bytes:

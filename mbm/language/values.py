@@ -18,6 +18,7 @@ from mbm.expression.nodes import (
     Parameter,
     RowChoice,
 )
+from mbm.expression.projection import Projection
 from mbm.text.types import Code, Diagnostic, Form, Keyword, Numeral, Place, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
@@ -27,10 +28,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Array:
-    """A vector (shape (n,)) or matrix (shape (n, m), elements row by row) of scalars."""
+    """A vector (shape (n,)) or matrix (shape (n, m), elements row by row); ``projection``: of what it is the image."""
 
     shape: tuple[int, ...]
     elements: tuple[Expression, ...]
+    projection: Projection | None = None
 
     @property
     def is_matrix(self) -> bool:

@@ -101,7 +101,7 @@ def elaborate(
     elif not blocks and not work.diagnostics:
         work.diagnostics.append(faults.no_equations(definition.span))
     work.finish()
-    dimensions, clashes = infer(unknowns, blocks, derived, plans, pairs, tables, starts)
+    dimensions, blocks, clashes = infer(unknowns, blocks, derived, plans, pairs, tables, starts)
     work.diagnostics.extend(clashes)
     work.finish()
     if request is None:

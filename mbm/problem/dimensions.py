@@ -10,6 +10,7 @@ from mbm.expression.inference import Clash, Declared, Inference, origin
 from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, leaves
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
+from mbm.problem.residual_units import with_units
 from mbm.problem.tables import PairDeclaration, Table
 from mbm.problem.types import Block, BlockRole, Derived, NoiseKind, TablePlan, Unknown, UnknownKind
 from mbm.text.types import Diagnostic, Label, Place, Span
@@ -23,8 +24,8 @@ def infer(
     pairs: tuple[PairDeclaration, ...],
     tables: Mapping[str, Table],
     starts: Mapping[str, tuple[Number, ...]],
-) -> tuple[dict[tuple[str, int], Dimension | None], list[Diagnostic]]:
-    """Dimensions of the components of unknowns and derived quantities, and the clashes found on the way.
+) -> tuple[dict[tuple[str, int], Dimension | None], tuple[Block, ...], list[Diagnostic]]:
+    """Dimensions of the components of unknowns and derived quantities, the blocks with their units, and the clashes.
 
     ``starts`` are those given from outside.
     """
@@ -50,7 +51,8 @@ def infer(
                     inference.equate(value, wanted, each.span)
     inference.settle()
     diagnostics = [_diagnostic(clash, inference, unknowns) for clash in inference.clashes]
-    return _dimensions(inference, unknowns, derived), _without_repeats(diagnostics)
+    united = blocks if diagnostics else with_units(blocks, inference, tables)
+    return _dimensions(inference, unknowns, derived), united, _without_repeats(diagnostics)
 
 
 def _without_repeats(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:

@@ -1,4 +1,4 @@
-"""How constraints and losses are called, and what an equation demands."""
+"""How constraints, losses and what becomes of free motions are called, and what an equation demands."""
 
 from __future__ import annotations
 
@@ -33,3 +33,10 @@ class LossKind(StrEnum):
     TUKEY = "tukey"
     GEMAN_MCCLURE = "geman-mcclure"
     BARRON = "barron"
+
+
+class Gauge(StrEnum):
+    """What becomes of common motions that no equation notices; the value is the name in ``:gauge``."""
+
+    REPORT = "report"
+    FREE = "free"

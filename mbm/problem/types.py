@@ -12,8 +12,9 @@ from math import prod
 
 from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import Expression
+from mbm.expression.projection import Projection
 from mbm.expression.units import Unit
-from mbm.problem.kinds import ConstraintKind, LossKind, Relation
+from mbm.problem.kinds import ConstraintKind, Gauge, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration
 from mbm.text.types import Diagnostic, Span
@@ -139,7 +140,8 @@ class Equation:
     ``noise`` holds the standard deviation of each component for ``SIGMA``, else the n×n matrix row by row; it is empty
     for constraints. ``measured`` is the measured side (or a prior's mean) where it holds data only, None elsewhere:
     reports and pictures show it. ``measured_columns`` are the columns of the row at hand that stand on the measured
-    side, whatever kind of thing it is: what a simulation replaces.
+    side, whatever kind of thing it is: what a simulation replaces. ``units`` are those that the components of
+    observations are reported in (None: none is known), ``projection`` is what the model side is the image of, if it is.
     """
 
     components: tuple[Expression, ...]
@@ -147,6 +149,8 @@ class Equation:
     noise: tuple[Expression, ...]
     measured: tuple[Expression, ...] | None
     measured_columns: tuple[str, ...] = ()
+    units: tuple[Unit | None, ...] = ()
+    projection: Projection | None = None
     relation: Relation = Relation.NEAR_ZERO
     span: Span
 
@@ -317,13 +321,6 @@ class ConstraintMethod(StrEnum):
 
     PENALTY = "penalty"
     EXACT = "exact"
-
-
-class Gauge(StrEnum):
-    """What becomes of common motions that no equation notices; the value is the name in ``:gauge``."""
-
-    REPORT = "report"
-    FREE = "free"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -138,6 +138,21 @@ class Solved:
             write_whole(path, to_bytes(text), reads=self.result.reads)
         return text
 
+    def write(self, form: str, folder: str | Path, *, force: bool = False) -> None:
+        """Write the estimates as files of other programs into a folder, with a list of them.
+
+        ``form`` is ``colmap``, ``bundler``, ``opencv-yaml``, ``ply``, ``g2o``, ``tum`` or ``kitti``; ``force`` writes
+        into a folder that holds other things, too. Lengths are in metres, images in px.
+
+        Raises:
+            MbmError: the problem lacks what the format needs (`format-needs`), `unknown-output`, `foreign-folder`,
+                `would-overwrite`, `not-writable`; nothing was written.
+
+        """
+        from mbm.report.scenes.formats import write
+
+        write(self.result, form, Path(folder), force=force, reads=self.result.reads)
+
     def table(self) -> Any:
         """One row per solve: keys, status, cost, dof, scalars and sigmas; a pandas frame, else a dict of arrays."""
         found = solve_columns(self.result.solves)

@@ -15,8 +15,19 @@ from mbm.problem.types import BlockRole, Problem
 from mbm.report.elements import element_names, shown_sigma, shown_values
 from mbm.report.filled import families, filled
 from mbm.report.from_solution import report_of
+from mbm.report.means import RootMean
 from mbm.report.residuals import column_corrections
-from mbm.report.types import CorrectionReport, DerivedValue, Estimate, Floats, Key, Mask, SolveReport, SolveStatus
+from mbm.report.root_means import RootMeans, of_block
+from mbm.report.types import (
+    CorrectionReport,
+    DerivedValue,
+    Estimate,
+    Floats,
+    Key,
+    Mask,
+    SolveReport,
+    SolveStatus,
+)
 
 T = TypeVar("T")
 
@@ -51,7 +62,16 @@ class BlockReports:
             return found
         if not self.from_columns[place] or not self.complete:
             return self._made(place)
-        return filled(self.like(place), self.items, self.corrected(place), self.problem, self.block, place)
+        report = filled(self.like(place), self.items, self.corrected(place), self.problem, self.block, place)
+        return replace(report, root_means=lambda: self.root_means(place))
+
+    def root_means(self, place: int) -> Mapping[str, tuple[RootMean, ...]]:
+        """The root mean squares of raw residuals in the solve at a place, of each observation by its name."""
+        return {name: each.of(place) for name, each in self._root_means.items()}
+
+    @cached_property
+    def _root_means(self) -> Mapping[str, RootMeans]:
+        return of_block(self.problem, self.block)
 
     def corrected(self, place: int) -> tuple[CorrectionReport, ...]:
         """The corrections of measured values in the solve at a place."""

@@ -1,4 +1,4 @@
-"""Result → CSV: one row for each solve, or one for each scalar residual. Floats with the digits that give them back.
+"""Result → CSV: a row for each solve, scalar estimate, or scalar residual. Floats with the digits that give them back.
 
 Spreadsheets compute what begins as a formula does. Texts of a problem or of its data, in cells or in the header, are
 therefore written by `text_cell`.
@@ -11,12 +11,14 @@ from math import isfinite
 from typing import TextIO
 
 from mbm.data.writers import DelimitedLines
-from mbm.report.elements import plain_key
+from mbm.problem.naming import member_name
+from mbm.report.elements import Scalar, plain_key, scalars, unit_text
 from mbm.report.numbers import USUAL
 from mbm.report.solve_columns import solve_columns
-from mbm.report.types import Key, Result, SolveReport
+from mbm.report.types import DerivedValue, Estimate, Key, Result, SolveReport
 
 SOLVE_COLUMNS = ("status", *USUAL)
+ESTIMATE_COLUMNS = ("name", "key", "component", "value", "sigma", "unit", "kind", "scalar")
 RESIDUAL_COLUMNS = ("clause", "row", "value", "residual", "weight", "component", "file_row", "used")
 
 
@@ -55,6 +57,47 @@ def write_solves(result: Result, stream: TextIO) -> None:
     for scalar in found.scalars:  # what is not there is NaN
         cells += [[_cell(number) for number in numbers.tolist()] for numbers in (scalar.values, scalar.sigmas)]
     lines.rows(zip(*cells, strict=True))
+
+
+def write_estimates(result: Result, stream: TextIO) -> None:
+    """One row for each scalar estimated or derived: key columns where there are any, then ``ESTIMATE_COLUMNS``.
+
+    ``name`` is that of the quantity, ``key`` that of the member of a family, ``component`` what tells its scalars apart
+    (``[1]``, ``rot[1]``), ``scalar`` all of it as the covariance is named; ``kind`` is `estimate`, `fixed`, `at-bound`
+    or `derived`. Value and sigma are in ``unit``, cells empty where there is no number. Open ``stream`` with
+    ``newline=""``.
+    """
+    keys = _key_columns(result.solves)
+    lines = DelimitedLines(stream)
+    lines.row([*_titles(keys, set(ESTIMATE_COLUMNS)), *ESTIMATE_COLUMNS])
+    for solve in result.solves:
+        key = _key_cells(solve.key, keys)
+        items: list[Estimate | DerivedValue] = [*solve.estimates, *solve.derived]
+        for item in items:
+            found = list(scalars(item))
+            each = len(found) // max(len(item.keys), 1) if item.keys is not None else len(found)
+            for place, scalar in enumerate(found):
+                member = None if item.keys is None else item.keys[place // each]
+                beginning = member_name(item.quantity.name, member)
+                lines.row(
+                    [
+                        *key,
+                        text_cell(item.quantity.name),
+                        _key_cell(member),
+                        scalar.name.removeprefix(beginning).removeprefix("."),
+                        _cell(scalar.value),
+                        _cell(scalar.sigma),
+                        text_cell(unit_text(scalar.quantity)),
+                        _kind(scalar),
+                        text_cell(scalar.name),
+                    ]
+                )
+
+
+def _kind(scalar: Scalar) -> str:
+    if scalar.derived:
+        return "derived"
+    return "fixed" if scalar.fixed else "at-bound" if scalar.at_bound else "estimate"
 
 
 def write_residuals(result: Result, stream: TextIO) -> None:

@@ -26,6 +26,7 @@ from mbm.report.numbers import nothing_known, numbers_of
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import Shown, shown
 from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries
+from mbm.report.root_means import of_solution
 from mbm.report.types import (
     Alternative,
     ConstraintReport,
@@ -89,6 +90,8 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         observability=_observability(solution, names) if reached else None,
         noise=_noise(problem, solution),
         residual_summaries=residual_summaries(problem, solution),
+        root_means=lambda: of_solution(problem, solution),
+        made_from=lambda: (problem, solution),
         residual_rows=lambda: residual_rows(problem, solution),
         plot_data=lambda: plot_data(problem, solution),
         priors=prior_reports(problem, solution),

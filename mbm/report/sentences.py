@@ -7,6 +7,7 @@ from itertools import islice
 from math import isfinite
 
 from mbm.report.digits import plain
+from mbm.report.means import COORDINATE, OVER_POINTS, OVER_ROWS, RootMean
 from mbm.report.types import Observability, ResidualSummary, SolveReport
 from mbm.text.types import Diagnostic
 
@@ -21,6 +22,9 @@ UNLIKELY = 1e-3
 
 MOST_OUTLIERS = 20
 """Outliers that are listed one by one."""
+
+MOST_MEANS = 4
+"""Root mean squares of raw residuals that are listed for one clause."""
 
 MOST_FILES = 5
 """Files whose outliers are listed, of a table that was read from many."""
@@ -75,11 +79,26 @@ def observability_sentences(found: Observability | None) -> Iterator[str]:
 
 
 def residual_sentences(solve: SolveReport) -> Iterator[str]:
-    """Rows used and their rms."""
+    """Rows used and their rms, normalised, then as it was measured."""
+    means = solve.root_means() if solve.residual_summaries else {}
     for clause, summary in solve.residual_summaries.items():
         used = f"{summary.used} of {summary.rows} rows" if summary.used != summary.rows else _rows(summary.rows)
         rms = "" if summary.rms is None else f", rms {plain(summary.rms, 3)}"
-        yield f"`{clause}`: {used}{rms}{_outliers(summary)}"
+        yield f"`{clause}`: {used}{rms}{_raw(means.get(clause, ()))}{_outliers(summary)}"
+
+
+def _raw(means: tuple[RootMean, ...]) -> str:
+    """The first of those that are for tables."""
+    shown = [each for each in means if each.value is not None and each.brief]
+    texts = [_raw_mean(each) for each in shown[:MOST_MEANS]]
+    more = f" and {len(shown) - MOST_MEANS} more" if len(shown) > MOST_MEANS else ""
+    return f", raw {', '.join(texts)}{more}" if texts else ""
+
+
+def _raw_mean(mean: RootMean) -> str:
+    unit = "" if mean.unit is None else f" {mean.unit}"
+    over = "" if mean.per == OVER_ROWS else f" {'per' if mean.per in (OVER_POINTS, COORDINATE) else 'of'} {mean.per}"
+    return f"{plain(mean.value or 0.0, 3)}{unit}{over}"
 
 
 def _outliers(summary: ResidualSummary) -> str:

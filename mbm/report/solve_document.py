@@ -12,6 +12,7 @@ import numpy as np
 from mbm.report.elements import plain_key, shown_sigma, unit_text
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
+from mbm.report.means import RootMean
 from mbm.report.numbers import NUMBERS, USUAL
 from mbm.report.types import (
     Alternative,
@@ -61,7 +62,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         "derived_covariance": _covariance(solve.derived_covariance),
         "observability": _observability(solve.observability, factors),
         "noise": {name: _number(factor) for name, factor in solve.noise.items()},
-        "residuals": {name: _summary(summary) for name, summary in solve.residual_summaries.items()},
+        "residuals": _residuals(solve),
         **corrections,
         "constraints": [constraint_document(constraint) for constraint in solve.constraints],
         "priors": [_prior(prior) for prior in solve.priors],
@@ -190,9 +191,25 @@ def _direction(direction: FreeDirection, factors: Mapping[str, float]) -> dict[s
     }
 
 
-def _summary(summary: ResidualSummary) -> dict[str, Any]:
+def _residuals(solve: SolveReport) -> dict[str, Any]:
+    summaries = solve.residual_summaries
+    means = solve.root_means() if summaries else {}
+    return {name: _summary(summary, means.get(name, ())) for name, summary in summaries.items()}
+
+
+def root_means_document(means: tuple[RootMean, ...]) -> list[dict[str, Any]]:
+    """The root mean squares of raw residuals as documents hold them."""
+    return [
+        {"value": each.value, "unit": each.unit, "per": each.per}
+        | ({} if each.equation is None else {"equation": each.equation})
+        for each in means
+    ]
+
+
+def _summary(summary: ResidualSummary, means: tuple[RootMean, ...]) -> dict[str, Any]:
     rms = _number(summary.rms)
     written: dict[str, Any] = {"rows": summary.rows, "used": summary.used, "rms": rms}
+    written["rms_unit"] = root_means_document(means)
     written["outliers"] = list(summary.outliers)
     return written if rms is not None else written | {"reason": "no row was used"}
 

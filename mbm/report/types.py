@@ -9,14 +9,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Protocol, Self, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
+from mbm.report.means import RootMean, no_root_means
 from mbm.text.types import DataPlace, Diagnostic
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.estimation.search.solution import Solution
+    from mbm.problem.types import Problem
 
 Floats: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -299,7 +304,8 @@ class SolveReport:
     ``sigma0``, ``chi2_p`` are as CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is
     the sum of the losses, None without one; ``reasons`` says why
     by the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
-    ``residual_rows`` and ``plot_data`` are values, or functions that make them when they are asked for.
+    ``residual_rows`` and ``plot_data`` are values, or functions that make them when they are asked for; ``root_means``
+    makes those of each observation by its name, ``made_from`` gives what was solved and how (None: nothing was).
     """
 
     status: SolveStatus
@@ -322,6 +328,7 @@ class SolveReport:
     observability: Observability | None = None
     noise: Mapping[str, float | None] = field(default_factory=lambda: MappingProxyType({}))
     residual_summaries: Mapping[str, ResidualSummary] = field(default_factory=lambda: MappingProxyType({}))
+    root_means: Callable[[], Mapping[str, tuple[RootMean, ...]]] = no_root_means
     residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()
     plot_data: tuple[PlotData, ...] | Callable[[], tuple[PlotData, ...]] = ()
     priors: tuple[PriorReport, ...] = ()
@@ -330,6 +337,7 @@ class SolveReport:
     alternatives: tuple[Alternative, ...] = ()
     starts: StartsTally | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
+    made_from: Callable[[], tuple[Problem, Solution]] | None = None
 
     def rows(self) -> tuple[ResidualRow, ...]:
         """The residuals, made now if they were left for later."""

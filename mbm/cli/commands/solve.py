@@ -17,7 +17,9 @@ from mbm.cli.options import Terminal, allow_external_option, problem_at, reads_s
 from mbm.cli.output import say, write_bytes
 from mbm.cli.outputs import check_outputs, document_bytes, outputs_of, write_outputs
 from mbm.cli.progress import ProgressBar
+from mbm.cli.scenes import check_scenes, scenes_of, write_scenes
 from mbm.cli.statuses import ATTENTION, OK, WRONG
+from mbm.files.journal import Read
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ BACKENDS = ("auto", "native", "casadi", "numpy")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
 @click.option("--json", "json_path", metavar="PATH|-", help="Write the result document.")
 @click.option("--csv", "csv_path", metavar="PATH", help="Write the estimates, one row per solve.")
+@click.option("--estimates", "estimates_path", metavar="PATH", help="Write the estimates, one row each, as CSV.")
 @click.option("--residuals", "residuals_path", metavar="PATH", help="Write the residuals, one row each, as CSV.")
 @click.option("--plot", "plot_path", metavar="PATH", help="Draw residuals, ellipses, data and model (.png .svg .pdf).")
 @click.option("--init", metavar="VALUES.json", help="Initial values: name → value, or a result document.")
@@ -44,6 +47,14 @@ BACKENDS = ("auto", "native", "casadi", "numpy")
 @click.option(
     "--workers", type=click.IntRange(min=1), metavar="N", help="Threads for many or large solves; else all cores."
 )
+@click.option(
+    "--write",
+    "written",
+    nargs=2,
+    metavar="FORMAT DIR",
+    help="Write the estimates for other programs: colmap, bundler, opencv-yaml, ply, g2o, tum, kitti.",
+)
+@click.option("--force", is_flag=True, help="--write into a folder that holds other files.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @allow_external_option
 @click.option("--covariance", type=click.Choice(("full",)), help="Write covariance matrices of any size.")
@@ -61,10 +72,16 @@ def command(**given: Any) -> int:
             raise MbmError(faults.not_available_yet(f"--{name.replace('_', '-')}"))
     screen = terminal()
     outputs = outputs_of(given)
-    check_outputs(outputs, problem_at(given["file"]))
-    result = _solve(given, screen, lambda: check_outputs(outputs, reads_so_far()))
+    scenes = scenes_of(given)
+
+    def check(reads: tuple[Read, ...]) -> None:
+        check_outputs(outputs, reads)
+        check_scenes(scenes, reads)
+
+    check(problem_at(given["file"]))
+    result = _solve(given, screen, lambda: check(reads_so_far()))
     print_diagnostics(() if screen.quiet else result.diagnostics, color=screen.color_errors)
-    wrong = list(write_outputs(outputs, result, reads_so_far()))
+    wrong = [*write_outputs(outputs, result, reads_so_far()), *write_scenes(scenes, result, reads_so_far())]
     try:
         if given["json_path"] == STANDARD_OUTPUT:
             write_bytes(document_bytes(result))

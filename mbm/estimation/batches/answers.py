@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from mbm.estimation.batches.portion import Portion, stated
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
+from mbm.estimation.search.solution import RawRows
 from mbm.estimation.trust.plausibility import IMPROBABLE
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.types import Block, BlockRole, Problem
@@ -63,8 +64,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     )
     solved &= _all_finite([one.sigma for one in derived], len(which))
     sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
-    tested = known and not lossy
-    chi2_p = _tails(stack, scattered, freedom, solved) if tested else np.full(len(which), np.nan)
+    chi2_p = _tails(stack, scattered, freedom, solved) if known and not lossy else np.full(len(which), np.nan)
     clean = solved & ~(chi2_p < IMPROBABLE) & _all_finite([one.values for one in derived], len(which))
     clean &= ~doubtful(problem, portion, ends, found, spread, derived, residuals)
     counting = counted(portion, residuals)
@@ -88,6 +88,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         rms=_mean_roots(problem, portion, residuals, counting) / noise[:, None],
         used=_used(problem, portion, counting),
         outliers=_outliers(problem, stack, which, portion, ends, residuals),
+        counting=counting if lossy or ends.kept is not None else None,
         priors=_priors(problem, stack, portion, ends.points),
         clean=clean,
         solved=solved,
@@ -96,6 +97,22 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         limits=_limits(problem, stack, which, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
+
+
+@np.errstate(all="ignore")
+def raw_rows(problem: Problem, stack: Stack, which: range, columns: Columns) -> Iterator[RawRows]:
+    """What the equations of observations say at the ends of some solves, measured values taken as exact."""
+    portion = Portion(stack.exactly(), which)
+    for number, (owner, solve, slots) in enumerate(portion.groups()):
+        if problem.blocks[owner].role is BlockRole.OBSERVATION and len(solve):
+            every = np.ones(slots.shape, dtype=bool)
+            yield RawRows(
+                owner=owner,
+                case=stack.equations.groups[number].kernel.case,
+                solve=solve,
+                values=portion.values(number, columns.points),
+                counting=every if columns.counting is None else columns.counting[solve[:, None], slots],
+            )
 
 
 def _surface(portion: Portion, ends: Ends, jacobian: Floats) -> tuple[Held, Tangents] | None:

@@ -19,7 +19,7 @@ from mbm.equations.binding import EvaluationCache
 from mbm.equations.metric import roundings, steps_between
 from mbm.equations.selection import Selection
 from mbm.equations.types import Floats, Indices, Mask, Minimum, Noise
-from mbm.estimation.batches.answers import answers
+from mbm.estimation.batches.answers import answers, raw_rows
 from mbm.estimation.batches.chain import NOT_SOLVED, SAME_ENDS
 from mbm.estimation.batches.components import estimated_on_the_way
 from mbm.estimation.batches.descent import solver_of
@@ -185,6 +185,7 @@ class Together:
             },
             places=self.places[which.start : which.stop],
             corrections=lambda: _corrections(self.stack, which, columns),
+            raw=lambda: raw_rows(self.problem, self.stack, which, columns),
         )
         behind = range(searched, which.stop)
         return block, Past(last=lambda: self._last(behind, columns, which.start, found, past), spoilt=spoilt)

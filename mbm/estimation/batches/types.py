@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mbm.equations.layout import Entry, Layout
 from mbm.equations.types import Floats, Indices, Mask, Reason
-from mbm.estimation.search.solution import Failure, Skipped, Solution
+from mbm.estimation.search.solution import Failure, RawRows, Skipped, Solution
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.values import dataclass
@@ -155,7 +155,8 @@ class Columns:
     columns hold anything. ``expected`` (T,): the fit is as good as stated noise lets expect. ``challenged`` (T,): the
     minimum is to be compared with what closed forms lead to. ``outliers`` are the rows of each block that were left
     out, or are far off under a loss (None: none are looked for). ``priors`` (T, k): how far estimates are from the k
-    means that are known beforehand, not whitened, equation by equation. ``seconds`` (T,).
+    means that are known beforehand, not whitened, equation by equation. ``counting`` (T, m): the residuals that count
+    (None: all that there are). ``seconds`` (T,).
     ``limits`` are the constraints (None: there are none); with these, columns of ``factor`` and ``root`` are zero for
     the dimensions that they take away.
     """
@@ -184,16 +185,17 @@ class Columns:
     challenged: Mask
     outliers: tuple[Rows | None, ...]
     priors: Floats
+    counting: Mask | None
     seconds: Floats
     limits: Limits | None = None
 
     def first(self, count: int) -> Columns:
         """The columns of the first ``count`` solves."""
         whole = ("derived", "outliers", "limits")  # outliers are looked up by the number of a solve
-        own = {f.name: getattr(self, f.name)[:count] for f in fields(self) if f.name not in whole}
+        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in whole}
         return replace(
             self,
-            **own,
+            **{name: each[:count] for name, each in own.items() if each is not None},
             derived=tuple((a[:count], b[:count], c[:count]) for a, b, c in self.derived),
             limits=None if self.limits is None else self.limits.first(count),
         )
@@ -240,7 +242,7 @@ class Block:
     cells in all solves; ``layout`` and ``free`` say what the numbers are, ``members`` has the keys, solve by solve, of
     the members of unknowns for which each solve has its own. ``make`` gives all that is to be said of a
     solve whose columns are clean. ``places`` (solves,) are the numbers of the solves among all of the problem.
-    ``corrections`` finds those of the columns with errors.
+    ``corrections`` finds those of the columns with errors, ``raw`` what the equations of observations say.
     """
 
     which: range
@@ -255,6 +257,7 @@ class Block:
     members: Mapping[str, Sequence[CellKey]]
     places: Indices
     corrections: Callable[[], tuple[Corrections, ...]]
+    raw: Callable[[], Iterator[RawRows]]
 
     def member_keys(self, entry: Entry, place: int) -> tuple[CellKey, ...] | None:
         """The keys of the members of an unknown in the solve at a place (from 0); None without a family."""

@@ -101,3 +101,17 @@ class Alone:
 
     place: int
     solution: Solution | Failure | Skipped
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RawRows:
+    """What the equations of a block say, MODEL − MEASURED, in one solve or in many: rows of one case of its equations.
+
+    ``values`` (R, outputs) of solve ``solve`` (R,), ascending; ``counting`` (R, outputs) says which of them count.
+    """
+
+    owner: int
+    case: int
+    solve: Indices
+    values: Floats
+    counting: Mask

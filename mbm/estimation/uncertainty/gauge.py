@@ -18,7 +18,8 @@ from mbm.equations.layout import Entry, Layout
 from mbm.equations.manifolds import tangent_axes
 from mbm.equations.types import CommonMotion, Floats, GaugeMotion, Indices, Observability
 from mbm.estimation.uncertainty.freedom import free_combinations, touched_by
-from mbm.problem.types import Gauge, UnknownKind
+from mbm.problem.kinds import Gauge
+from mbm.problem.types import UnknownKind
 from mbm.rotations import matrix_of_quaternion
 from mbm.values import dataclass
 

@@ -13,6 +13,7 @@ from fractions import Fraction
 from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, divide, multiply, subtract
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
+from mbm.expression.projection import Projection
 from mbm.language import faults
 from mbm.language.coerce import scalar
 from mbm.language.values import Array, Call, CameraValue, Value, describe
@@ -52,7 +53,17 @@ def _project(camera: CameraValue, point: tuple[Expression, ...], span: Span) -> 
     else:
         x, y = across, up
     pixels = zip(camera.focal, (x, y), camera.center, strict=True)
-    return Array((2,), tuple(add(multiply(f, e, span), c0, span) for f, e, c0 in pixels))
+    image = tuple(add(multiply(f, e, span), c0, span) for f, e, c0 in pixels)
+    projection = Projection(
+        camera=camera.name,
+        model=camera.model,
+        axes=camera.axes,
+        focal=camera.focal,
+        center=camera.center,
+        distortion=camera.distortion,
+        point=point,
+    )
+    return Array((2,), image, projection)
 
 
 def _fisheye(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from mbm.expression.algebra import apply, wrap
 from mbm.expression.nodes import Apply, Column, Component, Expression, Operation, RowChoice, externals, leaves
+from mbm.expression.projection import Projection
+from mbm.expression.units import UNITS, Unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, difference, is_form, scalar, vector
 from mbm.language.functions import UserMacro
@@ -29,18 +31,24 @@ from mbm.problem import faults
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span
 from mbm.values import dataclass
 
+_RADIAN, _PIXEL = UNITS["rad"], UNITS["px"]
+
 
 @dataclass(frozen=True, slots=True)
 class Residual:
     """Components that should be zero, model − measured; differences of angles are wrapped.
 
-    ``columns`` are those of the row at hand on the measured side, whatever else stands there.
+    ``columns`` are those of the row at hand on the measured side, whatever else stands there; ``units`` are those of
+    the first components, as far as the kind of thing says: radians of a rotation, pixels of a point in an image.
+    ``projection`` is that of the model side, where it is the image of a point.
     """
 
     components: tuple[Expression, ...]
     measured: tuple[Expression, ...] | None
     span: Span
     columns: tuple[str, ...] = ()
+    units: tuple[Unit, ...] = ()
+    projection: Projection | None = None
 
 
 def data_only(nodes: tuple[Expression, ...]) -> tuple[Expression, ...] | None:
@@ -69,7 +77,8 @@ def residuals(evaluator: Evaluator, form: Form, scope: Scope) -> list[Residual]:
             return residuals(evaluator, value, scope)  # type: ignore[arg-type]
         finally:
             evaluator.budget.leave()
-    return [Residual(tuple(_wrapped(e, form.span) for e in _elements(value, form.span)), None, form.span)]
+    components = tuple(_wrapped(e, form.span) for e in _elements(value, form.span))
+    return [Residual(components, None, form.span, units=_units(value))]
 
 
 def expanded(evaluator: Evaluator, form: Form, scope: Scope) -> Value:
@@ -121,6 +130,7 @@ def _either(test: Apply, then: list[Residual], other: list[Residual], span: Span
             _either_measured(test, t, o, span),
             t.span,
             tuple(dict.fromkeys((*t.columns, *o.columns))),
+            t.units if t.units == o.units else (),
         )
         for t, o in zip(then, other, strict=True)
     ]
@@ -140,17 +150,29 @@ def _equation(evaluator: Evaluator, form: Sequence, scope: Scope) -> Residual:
     measured_form, model_form = form.items[1:]
     measured = evaluator.wanted(measured_form, scope)
     model = evaluator.wanted(model_form, scope)
-    geometric = geometric_difference(measured, model, form.span)
+    geometric, units = geometric_difference(measured, model, form.span), _units(measured)
     if geometric is None:
-        geometric = line_difference(measured, model, form.span)
+        geometric, units = line_difference(measured, model, form.span), (_RADIAN,)
     if geometric is not None:
-        return Residual(geometric, None, form.span, _columns(_elements(measured, measured_form.span)))
+        return Residual(geometric, None, form.span, _columns(_elements(measured, measured_form.span)), units)
     left, right = _elements(measured, measured_form.span), _elements(model, model_form.span)
     if len(left) != len(right) or _is_vector(measured) != _is_vector(model):
         raise MbmError(faults.unequal_sides(form.span, describe(measured), describe(model)))
     pairs = zip(left, right, strict=True)
     components = tuple(difference(b, a, form.span) for a, b in pairs)
-    return Residual(components, data_only(left), form.span, _columns(left))
+    projection = model.projection if isinstance(model, Array) else None
+    units = _units(model) or _units(measured)
+    return Residual(components, data_only(left), form.span, _columns(left), units, projection)
+
+
+def _units(value: Value) -> tuple[Unit, ...]:
+    """The units of the first numbers by which a value differs from others of its kind."""
+    if isinstance(value, ImageLineValue):
+        return (_RADIAN,)
+    if isinstance(value, Array):
+        return (_PIXEL,) * 2 if value.projection is not None and value.projection.in_pixels else ()
+    rotation = value.rotation if isinstance(value, PoseValue) else value
+    return (_RADIAN,) * (1 if rotation.dimension == 2 else 3) if isinstance(rotation, RotationValue) else ()
 
 
 def _columns(nodes: tuple[Expression, ...]) -> tuple[str, ...]:

@@ -158,6 +158,8 @@ def _equation(residual: Residual, kind: NoiseKind, noise: tuple[Expression, ...]
         noise=noise,
         measured=residual.measured,
         measured_columns=residual.columns,
+        units=residual.units,
+        projection=residual.projection,
         span=residual.span,
     )
 

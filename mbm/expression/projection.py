@@ -1,0 +1,29 @@
+"""How a point of space came into an image: what a projection was made of, kept beside the numbers that it gives."""
+
+from __future__ import annotations
+
+from mbm.expression.nodes import Expression
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Projection:
+    """The image of ``point`` (3, in the frame of the camera, its axes), by the numbers that the camera has there."""
+
+    camera: str
+    model: str
+    axes: str
+    focal: tuple[Expression, Expression]
+    center: tuple[Expression, Expression]
+    distortion: tuple[Expression, ...]
+    point: tuple[Expression, ...]
+
+    @property
+    def in_pixels(self) -> bool:
+        """Whether image coordinates are counted in pixels; the paper's are in whatever its focal lengths are in."""
+        return self.axes == "opencv"
+
+    @property
+    def depth(self) -> Expression:
+        """How far in front of the camera the point is."""
+        return self.point[2] if self.axes == "opencv" else self.point[0]

@@ -1,0 +1,1 @@
+"""Estimates as files of other programs: scenes of cameras and points, pose graphs, trajectories."""

@@ -1,0 +1,186 @@
+"""Where each camera stood and what it saw, whatever the equations say it with.
+
+A projection knows the point X_c in the frame of its camera. As a function of one pose T = (R, t) of the problem that
+is ``A T(X) + b``, or ``A T⁻¹(X) + b`` where T is the pose of the camera in the world; A and b are what else moves the
+point (a rig, a hand). All of it follows from values: with t = 0 and R the identity and the three half turns, whose sum
+is zero, the mean of X_c is b; by t it changes by A, or by −A with R the identity; and A is a rotation, so that its
+determinant tells the two apart. Then X follows, also where it is no unknown but data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mbm.estimation.search.solution import Solution
+from mbm.expression.nodes import Column, Component, Expression, Member, leaves
+from mbm.expression.projection import Projection
+from mbm.problem.types import BlockRole, Problem, UnknownKind
+from mbm.report.scenes import faults
+from mbm.report.scenes.rows import RowsOf, shown_key
+from mbm.report.types import Floats, Mask
+from mbm.rotations import matrix_of_quaternion, unit
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+_RIGID = 1e-6
+"""How far, relative to the distances at hand, a point may be from where a rigid motion puts it: rounding is 1e-12."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Views:
+    """Rows (R,) of one equation that is the image of a point.
+
+    ``rotation`` (R, 3, 3) and ``translation`` (R, 3) lead from the world to the camera, in the axes of the camera;
+    ``world`` (R, 3) are the points. ``pose`` is the unknown that says where the camera was, ``outward``: it leads from
+    the camera to the world. ``photo`` and ``camera`` (R,) name the members of poses and of the camera, ``point``
+    that of the family of points (None: they are in none). ``numbers`` (R, n) are those of the camera. ``measured``
+    (R, 2), None where it is not data; ``residual`` (R, 2); ``used`` (R,).
+    """
+
+    projection: Projection
+    pose: str
+    outward: bool
+    rotation: Floats
+    translation: Floats
+    world: Floats
+    photo: list[str]
+    camera: list[str]
+    point: list[str] | None
+    numbers: Floats
+    measured: Floats | None
+    residual: Floats
+    used: Mask
+    size: tuple[Floats, Floats] | None
+
+
+def views(problem: Problem, solution: Solution, form: str) -> list[Views]:
+    """All images of points in the observations of a solve; ``form`` is the format that is to be written.
+
+    Raises:
+        MbmError: format-needs: there are none, or no pose says where the camera was.
+
+    """
+    found = list(_views(problem, solution, form))
+    if not found:
+        raise MbmError(faults.format_needs(form, "an observation `(= [u v] (project CAMERA POINT))`"))
+    return found
+
+
+def _views(problem: Problem, solution: Solution, form: str) -> Iterator[Views]:
+    for group in solution.groups:
+        block = problem.blocks[group.kernel.owner]
+        if block.role is not BlockRole.OBSERVATION or not group.rows:
+            continue
+        rows, first = RowsOf(problem, solution, group), 0
+        values = group.values(solution.numbers).copy()
+        counts = np.ones(values.shape, dtype=bool)
+        if solution.weights is not None:
+            counts = solution.weights[group.first : group.first + group.count].reshape(values.shape) > 0.0
+        if solution.outliers is not None:
+            counts &= ~solution.outliers[group.first : group.first + group.count].reshape(values.shape)
+        for equation in block.cases[group.kernel.case].equations:
+            mine = slice(first, first + len(equation.components))
+            first = mine.stop
+            if equation.projection is None:
+                continue
+            measured = None if equation.measured is None else rows.values(equation.measured)
+            yield _view(rows, equation.projection, form, (measured, values[:, mine], counts[:, mine].min(axis=1)))
+
+
+def _view(rows: RowsOf, projection: Projection, form: str, seen: tuple[Floats | None, Floats, Mask]) -> Views:
+    """The views of one equation; ``seen`` is measured, residual, used."""
+    poses = rows.unknowns(projection.point, UnknownKind.POSE, 7)
+    if not poses:
+        raise MbmError(faults.format_needs(form, f"a pose (`(pose 3)`) by which `{projection.camera}` sees its points"))
+    pose = next((name for name, member in poses.items() if member is not None), next(iter(poses)))
+    outward, rotation, translation, world = _moved(rows, projection, pose, form)
+    numbers = (*projection.focal, *projection.center, *projection.distortion)
+    members = _members(numbers)
+    return Views(
+        projection=projection,
+        pose=pose,
+        outward=outward,
+        rotation=rotation,
+        translation=translation,
+        world=world,
+        photo=rows.key_texts(list(poses.values())),
+        camera=rows.key_texts(members),
+        point=_point_keys(rows, projection, world),
+        numbers=rows.values(numbers),
+        measured=seen[0],
+        residual=seen[1],
+        used=seen[2],
+        size=_size(rows, numbers),
+    )
+
+
+def _moved(rows: RowsOf, projection: Projection, pose: str, form: str) -> tuple[bool, Floats, Floats, Floats]:
+    """Whether the pose leads outwards, rotation and translation of the camera, and the points in the world."""
+
+    def at(turn: int, along: int | None = None) -> Floats:
+        numbers = np.zeros(7)
+        numbers[turn] = 1.0
+        if along is not None:
+            numbers[4 + along] = 1.0
+        return rows.values(projection.point, {pose: numbers.tolist()})
+
+    still = at(0)
+    moves = np.stack([at(0, along) - still for along in range(3)], axis=2)
+    offset = (still + at(1) + at(2) + at(3)) / 4
+    outward = bool((np.linalg.det(moves) < 0).all())
+    own = -moves if outward else moves
+    world = np.einsum("rji,rj->ri", own, still - offset)
+    numbers = _pose_numbers(rows, projection, pose)
+    turn, along = matrix_of_quaternion(unit(numbers[:, :4])), numbers[:, 4:]
+    rotation = own @ (turn.transpose(0, 2, 1) if outward else turn)
+    translation = offset - np.einsum("rij,rj->ri", rotation, along)
+    if not outward:
+        translation = offset + np.einsum("rij,rj->ri", own, along)
+    there = rows.values(projection.point)
+    found = np.einsum("rij,rj->ri", rotation, world) + translation
+    size = np.abs(there).max(initial=0.0) + np.abs(world).max(initial=0.0)
+    square = np.einsum("rij,rkj->rik", own, own) - np.eye(3)
+    if not (np.abs(found - there).max(initial=0.0) <= _RIGID * size and np.abs(square).max(initial=0.0) <= _RIGID):
+        raise MbmError(faults.format_needs(form, f"points that the pose `{pose}` moves as they are, by no scale"))
+    return outward, rotation, translation, world
+
+
+def _pose_numbers(rows: RowsOf, projection: Projection, pose: str) -> Floats:
+    """The seven numbers (R, 7) of the pose of each row."""
+    member = rows.unknowns(projection.point, UnknownKind.POSE, 7)[pose]
+    return rows.values(tuple(Component(pose, (i,), member) for i in range(1, 8)))
+
+
+def _members(numbers: tuple[Expression, ...]) -> list[Member]:
+    """The members that the numbers of a camera belong to: its key."""
+    found = [leaf.member for leaf in leaves(numbers) if isinstance(leaf, Component | Column)]
+    return list(dict.fromkeys(member for member in found if member is not None))
+
+
+def _size(rows: RowsOf, numbers: tuple[Expression, ...]) -> tuple[Floats, Floats] | None:
+    """Width and height (R,) where the table of the cameras has such columns."""
+    for leaf in leaves(numbers):
+        if not isinstance(leaf, Component | Column) or leaf.member is None:
+            continue
+        table = rows.member_table(leaf)
+        if table is None or not {"width", "height"} <= set(table.columns):
+            continue
+        place = {key: i for i, key in enumerate(table.keys())}
+        which = [place.get(key, -1) for key in rows.keys(leaf.member)]
+        if min(which, default=-1) >= 0:
+            return table.numbers("width")[which], table.numbers("height")[which]
+    return None
+
+
+def _point_keys(rows: RowsOf, projection: Projection, world: Floats) -> list[str] | None:
+    """The keys of the family that holds the points, known by its values."""
+    scale = np.abs(world).max(initial=0.0)
+    for name, member in rows.unknowns(projection.point, UnknownKind.VECTOR, 3).items():
+        if member is None:
+            continue
+        numbers = rows.values(tuple(Component(name, (i,), member) for i in (1, 2, 3)))
+        if np.abs(numbers - world).max(initial=0.0) <= _RIGID * scale:
+            return [shown_key(key) for key in rows.keys(member)]
+    return None
