@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from mbm.report.options import Progress
     from mbm.report.simulated import Simulator
     from mbm.report.types import Result
+    from mbm.report.view.answers import Viewed
     from mbm.symbolic.types import SymbolicModel
     from mbm.text.types import Diagnostic, Source
 
@@ -250,6 +251,41 @@ def solved(
     if not any(call.external.jacobian is not None for kernel in kernels.kernels for call in kernel.calls):
         return result
     return replace(result, diagnostics=(*result.diagnostics, *jacobian_doubts(found, kernels, cache)))
+
+
+def viewed(
+    found: Elaborated,
+    kernels: KernelSet,
+    program: Program,
+    inputs: Inputs,
+    settings: SolveSettings,
+    cache: EvaluationCache,
+    registry: Registry,
+    number: int,
+) -> Viewed:
+    """Kernels and tables → one solve, by its number from 1, and what its cameras see, for a picture.
+
+    Raises:
+        MbmError: the data do not go with the problem, or there is no such solve.
+
+    """
+    from mbm.estimation.run import solutions
+    from mbm.report.view.answers import view_of
+    from mbm.report.view.models import library_of
+    from mbm.report.view.tracing import Trace
+
+    found = _requested(found, settings, registry)
+    starts = None
+    if settings.init is not None:
+        from mbm.report.given_starts import given_starts
+
+        starts = given_starts(found.problem, found.tables, settings.init)
+    made = solutions(found, kernels, cache, starts, settings.interruption, registry.closed_forms, settings.workers)
+    trace, words = Trace(), registry.vocabulary()
+    traced = trace.vocabulary(words)
+    noted = elaborated(program, found.problem.name, inputs, replace(registry, vocabulary=lambda: traced))
+    library = library_of({**words.functions, **dict.fromkeys(program.models)})
+    return view_of(found.problem, made, number, tuple(trace.seeings(noted.problem)), library)
 
 
 def jacobian_doubts(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> tuple[Diagnostic, ...]:

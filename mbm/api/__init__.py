@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from mbm.api.compiled import CompiledProblem
     from mbm.api.files import check, expand, explain, simulate_file, solve_file
     from mbm.api.problem import Problem, build, load, loads
+    from mbm.api.viewing import view_file
     from mbm.report.answer import Solved
     from mbm.text.from_python import keyword, symbol
     from mbm.text.types import MbmError
@@ -22,13 +23,14 @@ _ROOMS = MappingProxyType(
         "mbm.api.compiled": ("CompiledProblem",),
         "mbm.api.files": ("check", "expand", "explain", "simulate_file", "solve_file"),
         "mbm.api.problem": ("Problem", "build", "load", "loads"),
+        "mbm.api.viewing": ("view_file",),
         "mbm.report.answer": ("Solved",),
         "mbm.text.from_python": ("keyword", "symbol"),
         "mbm.text.types": ("MbmError",),
     }
 )
 __all__ = ["CompiledProblem", "MbmError", "Problem", "Solved", "build", "check", "expand", "explain", "keyword"]
-__all__ += ["load", "loads", "simulate_file", "solve_file", "symbol"]
+__all__ += ["load", "loads", "simulate_file", "solve_file", "symbol", "view_file"]
 
 
 def __getattr__(name: str) -> Any:

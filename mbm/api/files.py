@@ -31,21 +31,10 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
     problem = load(path, sandbox=options.sandbox)
     if options.problem is not None:
         problem = problem.named(options.problem)
-    inputs = _inputs(options)
-    settings = SolveSettings(
-        init=options.init,
-        seed=options.seed,
-        method=options.method,
-        starts=options.starts,
-        interruption=options.interruption,
-        covariance_full=options.covariance_full,
-        progress=options.progress,
-        workers=options.workers,
-    )
-    ready = problem.compiled(inputs, options.backend.value)
+    ready = problem.compiled(inputs_of(options), options.backend.value)
     if options.loaded is not None:
         options.loaded()
-    return ready.result(settings)
+    return ready.result(settings_of(options))
 
 
 def simulate_file(
@@ -62,17 +51,32 @@ def simulate_file(
     problem = opened(path, sandbox=options.sandbox)
     if options.problem is not None:
         problem = problem.named(options.problem)
-    simulator = problem.simulator(_inputs(options))
+    simulator = problem.simulator(inputs_of(options))
     made = simulator.measurements(settings)
     return made, output_files(problem.program, simulator.found.problem, problem.name, made)
 
 
-def _inputs(options: SolveOptions) -> Inputs:
+def inputs_of(options: SolveOptions) -> Inputs:
+    """What comes from outside the file."""
     return Inputs(
         paths={name: str(given) for name, given in options.data.items()},
         overrides={name: Override(name=name, text=text) for name, text in options.set},
         sandbox=options.sandbox,
         allow_external=options.allow_external,
+    )
+
+
+def settings_of(options: SolveOptions) -> SolveSettings:
+    """What is asked of the solve beyond the file."""
+    return SolveSettings(
+        init=options.init,
+        seed=options.seed,
+        method=options.method,
+        starts=options.starts,
+        interruption=options.interruption,
+        covariance_full=options.covariance_full,
+        progress=options.progress,
+        workers=options.workers,
     )
 
 

@@ -11,6 +11,7 @@ from mbm.version import __version__
 
 COMMANDS = {
     "solve": "Solve a problem: estimates with their uncertainties.",
+    "view": "Draw models, scenes, measurements in their images, maps.",
     "simulate": "Write simulated measurements, with noise, as data files.",
     "check": "Report errors in a problem without solving it.",
     "explain": "Show the derived observation model: equations, unknowns, structure.",
@@ -22,7 +23,7 @@ COMMANDS = {
 }
 """The commands, each the module of its name in `mbm.cli.commands`."""
 
-LATER = ("design", "view", "ui", "lsp")
+LATER = ("design", "ui", "lsp")
 """Commands of CONTRACT §1 that this version answers with one line."""
 
 

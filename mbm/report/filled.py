@@ -15,6 +15,8 @@ from mbm.problem.naming import PRIOR
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import element_names
+from mbm.report.map_types import Map
+from mbm.report.maps import maps_of
 from mbm.report.numbers import numbers_at
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import derived_quantity, quantity_of
@@ -119,6 +121,7 @@ def filled(
         ),
         residual_rows=lambda: _rows(problem, block, number),
         plot_data=lambda: _pictures(problem, block, number),
+        map_data=lambda: _maps(problem, block, number),
     )
 
 
@@ -207,3 +210,8 @@ def _rows(problem: Problem, block: Block, number: int) -> tuple[ResidualRow, ...
 def _pictures(problem: Problem, block: Block, number: int) -> tuple[PlotData, ...]:
     solution = block.solution(number)
     return plot_data(problem, solution) if isinstance(solution, Solution) else ()
+
+
+def _maps(problem: Problem, block: Block, number: int) -> tuple[Map, ...]:
+    solution = block.solution(number)
+    return maps_of(problem, solution) if isinstance(solution, Solution) else ()

@@ -22,6 +22,7 @@ from mbm.report.constraints import (
 )
 from mbm.report.covariances import derived_covariance, estimates_covariance
 from mbm.report.freedom import common_directions, free_directions
+from mbm.report.maps import maps_of
 from mbm.report.numbers import nothing_known, numbers_of
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import Shown, shown
@@ -94,6 +95,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         made_from=lambda: (problem, solution),
         residual_rows=lambda: residual_rows(problem, solution),
         plot_data=lambda: plot_data(problem, solution),
+        map_data=lambda: maps_of(problem, solution),
         priors=prior_reports(problem, solution),
         corrections=correction_reports(solution),
         constraints=constraints,

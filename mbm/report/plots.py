@@ -1,4 +1,4 @@
-"""Result → a picture: data against model, normalised residuals, error ellipses, estimates over the key."""
+"""Result → a picture: maps, data against model, normalised residuals, error ellipses, estimates over the key."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FORMATS = (".png", ".svg", ".pdf")
 MOST_PANELS = 12
-"""Panels of one picture; data come first, then estimates, then residuals."""
+"""Panels of one picture; maps come first, then data, then estimates, then residuals."""
 
 Panel: TypeAlias = "Callable[[Axes], None]"
 
@@ -50,11 +50,11 @@ def draw(result: Result) -> Figure:
         panel(figure.add_subplot(rows, columns, number))
     if not panels:
         figure.text(0.5, 0.5, "nothing was solved", ha="center", va="center")
-    _show_plainly(figure)
+    show_plainly(figure)
     return figure
 
 
-def _show_plainly(figure: Figure) -> None:
+def show_plainly(figure: Figure) -> None:
     """Every text of the figure on one line, as it is: dollar signs begin no formula, and nothing is handed to TeX."""
     from matplotlib.text import Text
 
@@ -87,7 +87,11 @@ def format_of(path: str | Path) -> str:
 
 def picture(result: Result, ending: str) -> bytes:
     """The picture of a result in the format ``ending``. Equal results, equal bytes. Raises MbmError (missing-extra)."""
-    figure = draw(result)
+    return figure_bytes(draw(result), ending)
+
+
+def figure_bytes(figure: Figure, ending: str) -> bytes:
+    """A figure in the format ``ending``, without a date. Equal figures, equal bytes."""
     import matplotlib as mpl
 
     dateless = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(ending, {})
@@ -99,8 +103,11 @@ def picture(result: Result, ending: str) -> bytes:
 
 
 def _panels(result: Result) -> Iterator[Panel]:
-    from mbm.report import panels
+    from mbm.report import map_panels, panels
 
+    if result.solves:
+        for found in result.solves[0].maps():
+            yield from map_panels.map_panels(found)
     yield from panels.data_panels(result)
     yield from panels.estimate_panels(result)
     yield from panels.residual_panels(result)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
+from mbm.report.map_types import Map
 from mbm.report.means import RootMean, no_root_means
 from mbm.text.types import DataPlace, Diagnostic
 from mbm.values import dataclass
@@ -304,8 +305,9 @@ class SolveReport:
     ``sigma0``, ``chi2_p`` are as CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is
     the sum of the losses, None without one; ``reasons`` says why
     by the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
-    ``residual_rows`` and ``plot_data`` are values, or functions that make them when they are asked for; ``root_means``
-    makes those of each observation by its name, ``made_from`` gives what was solved and how (None: nothing was).
+    ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when they are asked for;
+    ``root_means`` makes those of each observation by its name, ``made_from`` gives what was solved and how (None:
+    nothing was).
     """
 
     status: SolveStatus
@@ -331,6 +333,7 @@ class SolveReport:
     root_means: Callable[[], Mapping[str, tuple[RootMean, ...]]] = no_root_means
     residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()
     plot_data: tuple[PlotData, ...] | Callable[[], tuple[PlotData, ...]] = ()
+    map_data: tuple[Map, ...] | Callable[[], tuple[Map, ...]] = ()
     priors: tuple[PriorReport, ...] = ()
     corrections: tuple[CorrectionReport, ...] = ()
     constraints: tuple[ConstraintReport, ...] = ()
@@ -346,6 +349,10 @@ class SolveReport:
     def pictures(self) -> tuple[PlotData, ...]:
         """The data for plots, made now if they were left for later."""
         return self.plot_data() if callable(self.plot_data) else self.plot_data
+
+    def maps(self) -> tuple[Map, ...]:
+        """The maps for plots, made now if they were left for later."""
+        return self.map_data() if callable(self.map_data) else self.map_data
 
 
 @runtime_checkable

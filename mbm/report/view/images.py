@@ -1,0 +1,142 @@
+"""Measured image points beside those that the answer predicts, with the uncertainty of the prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from mbm.equations.binding import Group
+from mbm.equations.members import member_cells
+from mbm.estimation.search.solution import Solution
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, LiteralMember, RowChoice, leaves
+from mbm.problem.naming import plain_number
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import Problem
+from mbm.report.types import Floats, Mask
+from mbm.report.view.tracing import Seeing, Sight
+from mbm.report.view.values import answer_lookup, values_of
+from mbm.values import dataclass
+
+MOST_COVARIANCES = 400
+"""Predictions of one picture whose covariance is computed."""
+
+Names = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImageRows:
+    """Rows of one equation, and what a camera sees of them at the answer.
+
+    ``measured`` and ``predicted`` (n, 2) in the unit of the image; ``covariance`` (n, 2, 2) that of the prediction, NaN
+    where it is not known; ``points`` (n, 3) in the frames of their cameras. ``photo`` names the image of each row,
+    ``columns`` are those of the table that hold these names.
+    """
+
+    seeing: Seeing
+    clause: str
+    table: Table | None
+    positions: np.ndarray | None
+    measured: Floats
+    predicted: Floats
+    covariance: Floats
+    points: Floats
+    used: Mask
+    outlier: Mask
+    photo: Names
+
+    @property
+    def sight(self) -> Sight:
+        """The camera and what it sees."""
+        return self.seeing.sight
+
+
+def image_rows(problem: Problem, solution: Solution, seeings: Sequence[Seeing]) -> Iterator[ImageRows]:
+    """The rows of all equations that compare image points."""
+    for seeing in seeings:
+        name = problem.blocks[seeing.block].name
+        for group in solution.groups:
+            if (group.kernel.owner, group.kernel.case) == (seeing.block, seeing.case) and group.rows:
+                yield _rows(problem, solution, seeing, group, name)
+
+
+def _rows(problem: Problem, solution: Solution, seeing: Seeing, group: Group, clause: str) -> ImageRows:
+    block, sight = problem.blocks[seeing.block], seeing.sight
+    table = solution.tables[block.table] if block.table is not None else None
+    known = answer_lookup(solution, table, group.positions)
+    predicted = values_of(sight.image, known, group.rows)
+    own = slice(seeing.output, seeing.output + 2)
+    residual = group.values(solution.numbers)[:, own] * seeing.sign
+    lines = np.arange(group.first, group.first + group.count).reshape(group.rows, -1)[:, own]
+    every = np.ones(group.rows, dtype=bool)
+    return ImageRows(
+        seeing=seeing,
+        clause=clause,
+        table=table,
+        positions=group.positions,
+        measured=predicted - residual,
+        predicted=predicted,
+        covariance=_covariances(solution, group, own),
+        points=values_of(sight.point, known, group.rows),
+        used=every if solution.weights is None else np.asarray((solution.weights[lines] > 0.0).all(axis=1)),
+        outlier=~every if solution.outliers is None else np.asarray(solution.outliers[lines].any(axis=1)),
+        photo=_photos(sight, table, group, solution),
+    )
+
+
+@np.errstate(all="ignore")
+def _covariances(solution: Solution, group: Group, own: slice) -> Floats:
+    """J Σ Jᵀ (n, 2, 2) of the predictions; NaN for large problems, many rows, and where nothing is known."""
+    found = np.full((group.rows, 2, 2), np.nan)
+    factor, free = solution.covariance.factor, len(solution.free)
+    if not solution.sigma_known or not free or factor.shape[0] != free or group.rows > MOST_COVARIANCES:
+        return found
+    columns = np.full(len(solution.layout.number), -1, dtype=np.int64)
+    columns[solution.free] = np.arange(free)
+    spread = group.dense_jacobian(solution.numbers, columns, free)[:, own] @ factor
+    return np.asarray(spread @ spread.transpose(0, 2, 1))
+
+
+def _photos(sight: Sight, table: Table | None, group: Group, solution: Solution) -> Names:
+    """The image of each row: what keys of families make its camera and the pose of that, but for those of points."""
+    names = [_texts(member, table, group, solution) for member in dict.fromkeys(_members(sight))]
+    return tuple(" ".join(dict.fromkeys(parts)) for parts in zip(*names, strict=True)) or ("",) * group.rows
+
+
+def _members(sight: Sight) -> Iterator[ColumnMember | LiteralMember]:
+    """The members that are no points: of families that the lens needs, and of those that turn."""
+    lens = {leaf.member for leaf in leaves(sight.lens) if isinstance(leaf, Component) and leaf.member is not None}
+    yield from lens
+    plain = _points_of(sight.point)
+    for leaf in leaves(sight.point):
+        if isinstance(leaf, Component) and leaf.member is not None and leaf.unknown not in plain:
+            yield leaf.member
+        if isinstance(leaf, Column) and leaf.row is RowChoice.KEYED and leaf.member is not None:
+            yield leaf.member
+
+
+def _points_of(point: Sequence[Expression]) -> frozenset[str]:
+    """Families of vectors that are the only ones of their key: the points that are seen, not where from."""
+    keys: dict[object, set[str]] = {}
+    sizes: dict[str, int] = {}
+    for leaf in leaves(tuple(point)):
+        if isinstance(leaf, Component) and leaf.member is not None:
+            keys.setdefault(leaf.member, set()).add(leaf.unknown)
+            sizes[leaf.unknown] = max(sizes.get(leaf.unknown, 0), *leaf.index, 0)
+    alone = [names for names in keys.values() if len(names) == 1]
+    if len(keys) < 2:
+        return frozenset()
+    return frozenset(name for names in alone for name in names if sizes[name] == 3)
+
+
+def _texts(member: ColumnMember | LiteralMember, table: Table | None, group: Group, solution: Solution) -> list[str]:
+    if isinstance(member, LiteralMember):
+        return [key_text(member.key)] * group.rows
+    cells = member_cells(member, table, group.positions, solution.tables)
+    texts = [key_text(cell) for cell in cells]
+    return texts if len(texts) == group.rows else texts * group.rows
+
+
+def key_text(key: CellKey) -> str:
+    """A key as people read it."""
+    return key if isinstance(key, str) else str(plain_number(key))

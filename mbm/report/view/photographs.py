@@ -1,0 +1,173 @@
+"""Photographs: the measurements of one image together, with what a camera sees of the bodies in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from mbm.estimation.search.solution import Solution
+from mbm.report.types import Floats, Mask
+from mbm.report.view.hidden import Faces
+from mbm.report.view.images import ImageRows
+from mbm.report.view.model_panels import Line
+from mbm.report.view.solids import solid_of
+from mbm.report.view.tracing import Sight
+from mbm.report.view.types import Solid
+from mbm.report.view.values import answer_lookup, values_of
+from mbm.report.view.viewpoint import outlines
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+NEAREST = 1e-3
+"""Depth, as a share of the greatest, before which nothing of a body is drawn."""
+
+_FRAMES = {
+    "opencv": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
+    "paper": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+}
+"""Right, up and forward in the frame of a camera, by its axes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Photograph:
+    """Image points (n, 2) measured and predicted, covariances (n, 2, 2) of the predictions, and lines of bodies.
+
+    ``labels`` are the columns that hold the two coordinates, ``down`` tells whether the second grows downward and
+    ``left`` whether the first grows to the left. ``file`` is the name of the photograph's file, if the data name one.
+    """
+
+    name: str
+    measured: Floats
+    predicted: Floats
+    covariance: Floats
+    used: Mask
+    outlier: Mask
+    lines: tuple[Line, ...]
+    labels: tuple[str, str]
+    down: bool
+    left: bool
+    file: str | None = None
+
+
+def right_up_forward(axes: str) -> Floats:
+    """The directions (3, 3) of a camera in its own frame."""
+    return _FRAMES[axes]
+
+
+def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozenset[str]) -> tuple[Photograph, ...]:
+    """All images, in the order in which the rows speak of them."""
+    cameras = {row.sight.camera.name for row in rows if row.sight.camera is not None}
+    groups: dict[str, list[tuple[ImageRows, Mask]]] = {}
+    for row in rows:
+        names = np.array(row.photo)
+        camera = row.sight.camera.name if row.sight.camera is not None and len(cameras) > 1 else ""
+        for name in dict.fromkeys(row.photo):
+            groups.setdefault(" ".join(filter(None, (camera, name))), []).append((row, names == name))
+    return tuple(_photograph(name, parts, solution, library) for name, parts in groups.items())
+
+
+def _photograph(
+    name: str, parts: Sequence[tuple[ImageRows, Mask]], solution: Solution, library: frozenset[str]
+) -> Photograph:
+    first = parts[0][0]
+    lines = [line for row, mask in parts for line in _body_lines(row, mask, solution, library)]
+    paper = first.sight.axes == "paper"
+    return Photograph(
+        name=name,
+        measured=np.concatenate([row.measured[mask] for row, mask in parts]),
+        predicted=np.concatenate([row.predicted[mask] for row, mask in parts]),
+        covariance=np.concatenate([row.covariance[mask] for row, mask in parts]),
+        used=np.concatenate([row.used[mask] for row, mask in parts]),
+        outlier=np.concatenate([row.outlier[mask] for row, mask in parts]),
+        lines=tuple(lines) if len(parts) == 1 else tuple(_once(lines)),
+        labels=("X", "Y") if paper else ("u", "v"),
+        down=not paper,
+        left=paper,
+        file=_file(first, parts[0][1]),
+    )
+
+
+def _file(row: ImageRows, mask: Mask) -> str | None:
+    """The cell of the column ``photo`` or ``image``, where that is a text that names a file."""
+    if row.table is None or row.positions is None:
+        return None
+    for name in ("photo", "image"):
+        column = row.table.columns.get(name)
+        if column is not None and column.texts is not None:
+            text = column.texts[int(row.positions[mask][0])]
+            if "." in text:
+                return text
+    return None
+
+
+def _body_lines(row: ImageRows, mask: Mask, solution: Solution, library: frozenset[str]) -> Iterator[Line]:
+    """What the camera sees of the body that the features of some rows belong to."""
+    body = row.sight.body
+    if body is None:
+        return
+    positions = None if row.positions is None else row.positions[mask][:1]
+    try:
+        solid = solid_of(body, row.clause, library, answer_lookup(solution, row.table, positions))
+    except MbmError:  # a body whose size differs from row to row
+        return
+    yield from image_lines(solid, row.sight, solution, row, positions)
+
+
+def image_lines(
+    solid: Solid, sight: Sight, solution: Solution, row: ImageRows, positions: np.ndarray | None
+) -> Iterator[Line]:
+    """The lines of a solid in the frame of a camera as its image shows them, hidden parts told apart.
+
+    Seen through a lens, x/depth, y/depth and 1/depth are a parallel projection: planes stay planes, and what is nearer
+    is higher.
+    """
+    frame = right_up_forward(sight.axes)
+    lo, hi = solid.bounds()
+    nearest = NEAREST * float(np.abs(np.stack([lo, hi])).max())
+
+    def flattened(points: Floats) -> Floats:
+        turned = points @ frame.T
+        depth = turned[..., 2:]
+        return np.concatenate([turned[..., :2] / depth, 1.0 / depth], axis=-1)
+
+    def before(points: Floats) -> bool:
+        return bool(((points @ frame[2]) > nearest).all())
+
+    def image(points: Floats) -> Floats:
+        depth = 1.0 / points[:, 2:]
+        space = np.concatenate([points[:, :2] * depth, depth], axis=1) @ frame
+        given = dict(zip(sight.ray, space.T, strict=True))
+        known = answer_lookup(solution, row.table, positions, given)
+        return values_of(sight.lens, known, len(space))
+
+    patches = [flattened(p) for p in solid.patches if before(p)]
+    faces = Faces([flattened(f) for f in solid.faces if before(f)], patches)
+    for stroke in solid.strokes:
+        if before(stroke.points):
+            for each in faces.stretches(flattened(_finer(stroke.points))):
+                yield Line(points=image(each.points), hidden=each.hidden)
+    for patch in patches:
+        for outline in outlines(patch):
+            for each in faces.stretches(outline, outline=True):
+                yield Line(points=image(each.points), hidden=each.hidden)
+
+
+def _finer(points: Floats, parts: int = 8) -> Floats:
+    """A line cut finer, so that a lens may bend it."""
+    if len(points) > parts:
+        return points
+    share = np.linspace(0.0, 1.0, parts + 1)[:-1, None]
+    cut = [a + share * (b - a) for a, b in pairwise(points)]
+    return np.concatenate([*cut, points[-1:]])
+
+
+def _once(lines: Sequence[Line]) -> Iterator[Line]:
+    """Equal lines of bodies that several equations see, once."""
+    known = set()
+    for line in lines:
+        key = np.round(line.points, 6).tobytes()
+        if key not in known:
+            known.add(key)
+            yield line

@@ -1,0 +1,198 @@
+"""The scene of a problem: cameras with what they see, in the frame that most of it has coordinates in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from mbm.estimation.search.solution import Solution
+from mbm.report.types import Floats
+from mbm.report.view.images import ImageRows
+from mbm.report.view.photographs import right_up_forward
+from mbm.report.view.solids import solid_of
+from mbm.report.view.sources import Source, source_of
+from mbm.report.view.types import Mark, Solid, Stroke
+from mbm.report.view.values import answer_lookup
+from mbm.report.view.viewpoint import View
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+MOST_DOTS = 20_000
+"""Points that are drawn: each so-manyth of more."""
+
+MOST_CAMERAS, MOST_NAMED = 400, 30
+"""Cameras that are drawn, and that are named."""
+
+MOST_SPREADS = 60
+"""Estimated points up to which their confidence ellipsoids are drawn."""
+
+FRUSTUM = 0.12
+"""Length of a camera's pyramid, as a share of the scene."""
+
+CHI_95_3D = 2.795483482915108
+"""Radius in standard deviations that holds 95 % of a normal distribution of space: the root of χ²₃ at 95 %."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Camera:
+    """A camera in a scene: ``centre`` (3,), ``axes`` (3, 3) with right, up and forward as rows.
+
+    ``field`` (2,) are the tangents of half its field, as far as it was used.
+    """
+
+    name: str
+    centre: Floats
+    axes: Floats
+    field: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """Cameras, a solid of everything, and from where it is seen; ``notes`` say what was left out."""
+
+    cameras: tuple[Camera, ...]
+    solid: Solid
+    view: View
+    notes: tuple[str, ...] = ()
+
+
+def scene_of(rows: Sequence[ImageRows], solution: Solution, library: frozenset[str]) -> Scene | None:
+    """The scene that the images of a problem show; None where no camera has a place."""
+    sources = [(row, source) for row in rows if (source := source_of(row, solution)) is not None]
+    if not sources:
+        return None
+    weight: dict[str, int] = {}
+    for _, source in sources:
+        frame = _frame(source)
+        weight[frame] = weight.get(frame, 0) + len(source.points)
+    chosen = max(weight, key=lambda frame: weight[frame])
+    own = [(row, source) for row, source in sources if _frame(source) == chosen]
+    left_out = sum(len(row.points) for row in rows) - weight[chosen]
+    notes = [f"{left_out:,} measurements refer to other frames"] if left_out else []
+    cameras = _cameras(own)
+    points = np.unique(np.round(np.concatenate([source.points for _, source in own]), 12), axis=0)
+    step = -(-len(points) // MOST_DOTS)
+    if step > 1:
+        notes.append(f"each {step}th of {len(points):,} points")
+    centres = np.stack([camera.centre for camera in cameras])
+    size = float(np.ptp(np.concatenate([points, centres]), axis=0).max())
+    strokes = [stroke for camera in cameras[:MOST_CAMERAS] for stroke in frustum(camera, FRUSTUM * size)]
+    family = next((source.family for _, source in own if source.family is not None), None)
+    strokes += _spreads(family, solution)
+    bodies = list(_bodies(own, solution, library))
+    named = cameras[:MOST_NAMED] if len(cameras) <= MOST_NAMED else ()
+    solid = Solid(
+        name="the scene",
+        strokes=(*strokes, *(stroke for body in bodies for stroke in body.strokes)),
+        faces=tuple(face for body in bodies for face in body.faces),
+        patches=tuple(patch for body in bodies for patch in body.patches),
+        marks=tuple(Mark(kind="camera", text=camera.name or "camera", at=camera.centre) for camera in named),
+        unit="m",
+        dots=points[::step],
+    )
+    return Scene(cameras=cameras, solid=solid, view=_view(cameras, points), notes=tuple(notes))
+
+
+def _frame(source: Source) -> str:
+    return "body" if source.body is not None else source.frame
+
+
+def _cameras(own: Sequence[tuple[ImageRows, Source]]) -> tuple[Camera, ...]:
+    """Each place that a camera stood at, once; turns and places that agree to nine digits are one."""
+    several = len({row.sight.camera.name for row, _ in own if row.sight.camera is not None}) > 1
+    found: dict[tuple[object, ...], tuple[str, ImageRows, Floats, Floats, list[Floats]]] = {}
+    for row, source in own:
+        frame = right_up_forward(row.sight.axes)
+        name = row.sight.camera.name if row.sight.camera is not None else ""
+        scale = np.linalg.norm(source.matrix[:, :, 0], axis=1)
+        key_numbers = np.round(np.concatenate([source.matrix.reshape(-1, 9), source.offset], axis=1), 9)
+        for place in np.unique(key_numbers, axis=0, return_index=True)[1].tolist():
+            mask = (key_numbers == key_numbers[place]).all(axis=1)
+            label = " ".join(filter(None, (name if several or not row.photo[place] else "", row.photo[place])))
+            turned = row.points[mask] @ frame.T
+            with np.errstate(all="ignore"):
+                tangents = np.abs(turned[:, :2] / turned[:, 2:])
+            key = (name, *key_numbers[place].tolist())
+            matrix, offset = source.matrix[place] / scale[place], source.offset[place] / scale[place]
+            found.setdefault(key, (label, row, matrix, offset, []))[4].append(tangents)
+    return tuple(_camera(*each) for each in found.values())
+
+
+def _camera(name: str, row: ImageRows, matrix: Floats, offset: Floats, tangents: Sequence[Floats]) -> Camera:
+    every = np.concatenate(tangents)
+    every = every[np.isfinite(every).all(axis=1)]
+    half = np.clip(every.max(axis=0, initial=0.1), 0.1, 1.5)
+    return Camera(
+        name=name, centre=-matrix.T @ offset, axes=right_up_forward(row.sight.axes) @ matrix, field=np.asarray(half)
+    )
+
+
+def frustum(camera: Camera, length: float) -> Iterator[Stroke]:
+    """The pyramid of a camera: four rays and the frame of its image, with a tip where up is."""
+    right, up, forward = camera.axes
+    x, y = camera.field * length / max(1.0, float(camera.field.max()))
+    middle = camera.centre + length * forward
+    corners = np.stack([middle + a * x * right + b * y * up for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    yield Stroke(points=np.concatenate([corners, corners[:1]]), kind="camera")
+    for corner in corners:
+        yield Stroke(points=np.stack([camera.centre, corner]), kind="camera")
+    tip = middle + 1.4 * y * up
+    yield Stroke(points=np.stack([corners[2], tip, corners[3]]), kind="camera")
+
+
+def _spreads(family: str | None, solution: Solution) -> Iterator[Stroke]:
+    """The 95 % ellipsoids of estimated points, where they are few: three circles each."""
+    if family is None:
+        return
+    entry = solution.layout.entry(family)
+    factor = solution.covariance.factor
+    if entry.members > MOST_SPREADS or factor.shape[0] != len(solution.free) or not solution.sigma_known:
+        return
+    place = np.full(len(solution.layout.number), -1)
+    place[solution.free] = np.arange(len(solution.free))
+    angles = np.linspace(0.0, 2 * np.pi, 25)
+    for member in range(entry.members):
+        own = place[entry.first + 3 * member : entry.first + 3 * member + 3]
+        if (own < 0).any() or np.isin(solution.free[own], solution.unused).any():
+            continue
+        centre = solution.numbers[entry.offset + 3 * member : entry.offset + 3 * member + 3]
+        yield from ellipsoid(centre, factor[own] @ factor[own].T, angles)
+
+
+def ellipsoid(centre: Floats, covariance: Floats, angles: Floats) -> Iterator[Stroke]:
+    """The sections of a 95 % ellipsoid along its axes."""
+    if not np.isfinite(covariance).all():
+        return
+    variances, directions = np.linalg.eigh(covariance)
+    arms = CHI_95_3D * directions * np.sqrt(np.maximum(variances, 0.0))
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        circle = np.cos(angles)[:, None] * arms[:, i] + np.sin(angles)[:, None] * arms[:, j]
+        yield Stroke(points=centre + circle, kind="spread")
+
+
+def _bodies(own: Sequence[tuple[ImageRows, Source]], solution: Solution, library: frozenset[str]) -> Iterator[Solid]:
+    """The bodies whose features are seen, once each, in their own frames."""
+    known = set()
+    for row, source in own:
+        if source.body is None:
+            continue
+        positions = None if row.positions is None else row.positions[:1]
+        try:
+            solid = solid_of(source.body, "", library, answer_lookup(solution, row.table, positions))
+        except MbmError:
+            continue
+        key = tuple(np.round(np.concatenate(solid.bounds()), 9).tolist())
+        if key not in known:
+            known.add(key)
+            yield solid
+
+
+def _view(cameras: Sequence[Camera], points: Floats) -> View:
+    """From beside the cameras, with that axis of space up which is most so in them."""
+    up = np.mean([camera.axes[1] for camera in cameras], axis=0)
+    axis = int(np.argmax(np.abs(up)))
+    upward = np.zeros(3)
+    upward[axis] = 1.0 if up[axis] >= 0 else -1.0
+    back = np.mean([camera.centre for camera in cameras], axis=0) - points.mean(axis=0)
+    return View.beside(back, upward)

@@ -1,0 +1,142 @@
+"""What somebody wants to see, and the panels that show it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mbm.report.map_panels import map_panels
+from mbm.report.maps import maps_of
+from mbm.report.plots import MOST_PANELS
+from mbm.report.view import faults
+from mbm.report.view.answers import Viewed
+from mbm.report.view.beneath import beneath
+from mbm.report.view.images import ImageRows, image_rows
+from mbm.report.view.model_panels import draw_model
+from mbm.report.view.overlay import draw_overlay, overlay_of
+from mbm.report.view.pages import Panel
+from mbm.report.view.photographs import Photograph, photographs
+from mbm.report.view.scene import Scene, scene_of
+from mbm.report.view.solids import solid_of
+from mbm.report.view.sources import source_of
+from mbm.report.view.types import Solid
+from mbm.report.view.values import answer_lookup
+from mbm.report.view.viewpoint import View
+from mbm.text.types import Diagnostic, MbmError
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+class Show(StrEnum):
+    """Kinds of pictures, as ``--show`` names them."""
+
+    MODELS = "models"
+    SCENE = "scene"
+    OVERLAY = "overlay"
+    MAP = "map"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wishes:
+    """What is to be drawn: ``show`` (empty: what suits), calls of ``models``, names of ``photos``, a file or folder of
+    photographs, and which solve, from 1.
+    """
+
+    show: tuple[Show, ...] = ()
+    models: tuple[str, ...] = ()
+    photos: tuple[str, ...] = ()
+    image: Path | None = None
+    solve: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Panels:
+    """What is drawn, and in words what was left out."""
+
+    panels: tuple[Panel, ...]
+    notes: tuple[str, ...] = ()
+
+
+def model_panels(solids: Sequence[Solid]) -> Panels:
+    """Each model in a panel of its own."""
+    return Panels(panels=tuple(partial(draw_model, solid, View.at()) for solid in solids))
+
+
+def problem_panels(viewed: Viewed, wishes: Wishes) -> Panels:
+    """The panels of a solved problem.
+
+    Raises:
+        MbmError: nothing-to-draw, unknown-photo, bad-photograph, too-much-to-draw.
+
+    """
+    rows = tuple(image_rows(viewed.problem, viewed.solution, viewed.seeings))
+    scene = scene_of(rows, viewed.solution, viewed.library) if rows else None
+    show = wishes.show or ((Show.OVERLAY, Show.SCENE) if rows else (Show.MAP,))
+    notes: list[str] = []
+    panels: list[Panel] = []
+    for kind in dict.fromkeys(show):
+        if kind is Show.OVERLAY:
+            room = MOST_PANELS - len(panels) - (len(show) - 1)
+            panels += _overlays(photographs(rows, viewed.solution, viewed.library), wishes, room, notes)
+        elif kind is Show.SCENE and scene is not None:
+            panels.append(partial(_draw_scene, scene))
+            notes += scene.notes
+        elif kind is Show.MODELS:
+            panels += model_panels(tuple(_bodies(rows, viewed))).panels
+        elif kind is Show.MAP:
+            for found in maps_of(viewed.problem, viewed.solution):
+                panels += map_panels(found)
+    if not panels:
+        raise MbmError(_nothing(viewed, show))
+    if viewed.count > 1:
+        notes.append(f"solve {wishes.solve} of {viewed.count:,} is drawn; `--solve` chooses another")
+    return Panels(panels=tuple(panels), notes=tuple(notes))
+
+
+def _nothing(viewed: Viewed, show: Sequence[Show]) -> Diagnostic:
+    kinds = " or ".join(show)
+    hint = 'a model can be drawn by `--model "(box 3 2 1)"`, residuals by `mbm solve --plot`'
+    return faults.nothing_to_draw(f"the problem `{viewed.problem.name}` has no {kinds}", hint)
+
+
+def _overlays(found: Sequence[Photograph], wishes: Wishes, room: int, notes: list[str]) -> Iterator[Panel]:
+    names = [photograph.name for photograph in found]
+    for name in wishes.photos:
+        if name not in names:
+            raise MbmError(faults.unknown_photo(name, names))
+    chosen = [p for p in found if not wishes.photos or p.name in wishes.photos]
+    if wishes.image is not None and not wishes.image.is_dir() and len(chosen) > 1:
+        raise MbmError(faults.which_photo(names))
+    if len(chosen) > room:
+        notes.append(f"{room} of {len(chosen):,} photographs are drawn; `--photo` chooses others")
+    for photograph in chosen[:room]:
+        yield partial(_draw_photograph, photograph, wishes.image)
+
+
+def _draw_photograph(photograph: Photograph, where: Path | None, axes: Axes) -> None:
+    draw_overlay(overlay_of(photograph), axes, beneath(where, photograph))
+
+
+def _draw_scene(scene: Scene, axes: Axes) -> None:
+    draw_model(scene.solid, scene.view, axes)
+
+
+def _bodies(rows: Sequence[ImageRows], viewed: Viewed) -> Iterator[Solid]:
+    """The models whose features are seen, at the estimates, each once."""
+    known = set()
+    for row in rows:
+        source = source_of(row, viewed.solution)
+        if source is None or source.body is None:
+            continue
+        positions = None if row.positions is None else row.positions[:1]
+        lookup = answer_lookup(viewed.solution, row.table, positions)
+        solid = solid_of(source.body, getattr(source.body.content, "name", "the model"), viewed.library, lookup)
+        key = (solid.name, *(number for end in solid.bounds() for number in end.round(9).tolist()))
+        if key not in known:
+            known.add(key)
+            yield solid
