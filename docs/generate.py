@@ -23,6 +23,7 @@ from mbm.language import limits as language_limits
 from mbm.language.vocabulary import (
     arithmetic,
     comparison,
+    curve_observables,
     curves,
     directions,
     external,
@@ -55,6 +56,7 @@ ROOMS: tuple[tuple[str, ModuleType], ...] = (
     ("Cameras, image lines, distances", lines),
     ("Directions", directions),
     ("Curves", curves),
+    ("Measured curves", curve_observables),
     ("Lists", lists),
     ("Functions in Python", external),
 )

@@ -70,7 +70,7 @@ class _Builder:
 
     def applied(self, operation: Operation, given: list[int]) -> int:
         """An operation of the language; those without an operator of their own are made of others."""
-        if operation is Operation.AS_ANGLE:
+        if operation in (Operation.AS_ANGLE, Operation.HELD):
             return given[0]
         if operation is Operation.WRAP:
             turn, half = self.constant(2 * pi), self.constant(0.5)

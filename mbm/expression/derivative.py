@@ -56,8 +56,8 @@ def derivatives(roots: tuple[Expression, ...], leaf: Leaf) -> tuple[Expression, 
 _NONE = Number(0)
 """The derivative of what does not depend on the leaf: of whatever dimension is asked for."""
 
-LEVEL = CONDITIONS | {Operation.SIGN, Operation.FLOOR}
-"""Operations whose value changes in steps only."""
+LEVEL = CONDITIONS | {Operation.SIGN, Operation.FLOOR, Operation.HELD}
+"""Operations whose value changes in steps only, or counts as constant."""
 
 
 def _square(a: Expression, span: Span | None) -> Expression:

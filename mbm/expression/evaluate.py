@@ -54,6 +54,7 @@ _FUNCTIONS: Mapping[Operation, Callable[..., Values]] = {
     Operation.MAXIMUM: np.maximum,
     Operation.WRAP: _wrap,
     Operation.AS_ANGLE: np.positive,
+    Operation.HELD: np.positive,
     Operation.IF: _choose,
     Operation.LESS: _comparison(np.less),
     Operation.LESS_EQUAL: _comparison(np.less_equal),

@@ -97,6 +97,7 @@ class Operation(StrEnum):
     ATANH = "atanh", Operator.ATANH
     WRAP = "wrap", None, Dimensions.PURE, Angles.MADE
     AS_ANGLE = "angle", None, Dimensions.PURE, Angles.MADE
+    HELD = "held", None, Dimensions.KEPT, Angles.KEPT
     IF = "if", None, Dimensions.ALIKE, Angles.KEPT
     LESS = "<", Operator.LESS, Dimensions.COMPARED
     LESS_EQUAL = "<=", Operator.LESS_EQUAL, Dimensions.COMPARED

@@ -12,7 +12,7 @@ from dataclasses import replace
 import casadi
 
 from mbm.kernels.instructions import program_of
-from mbm.kernels.lowering import Call, Choice, Lowered
+from mbm.kernels.lowering import Call, Choice, Constancy, Lowered
 from mbm.kernels.types import ExternalCall
 from mbm.values import dataclass
 
@@ -152,12 +152,17 @@ def differentiated(lowered: Lowered, variables: casadi.SX) -> Differentiated:
     known: list[casadi.SX] = []
     chosen: list[casadi.SX] = []
     calls: list[DifferentiatedCall] = []
+    varying = _varying(lowered)
     for step in lowered.steps:
         if isinstance(step, Call):
             calls.append(rule.called(step, len(calls)))
             continue
-        rule.add([step.symbol], rule.chosen(step))
         known.append(step.symbol)
+        if isinstance(step, Constancy):
+            chosen.append(step.value)
+            continue
+        if step.symbol.element_hash() in varying:
+            rule.add([step.symbol], rule.chosen(step))
         chosen.append(casadi.if_else(step.test, step.then, step.other))
     found = [values, rule.total(values), *(part for each in calls for part in (each.arguments, each.inner))]
     if known:
@@ -165,3 +170,19 @@ def differentiated(lowered: Lowered, variables: casadi.SX) -> Differentiated:
     parts = iter(found[2:])
     calls = [replace(each, arguments=next(parts), inner=next(parts)) for each in calls]
     return Differentiated(found[0], found[1], tuple(calls))
+
+
+def _varying(lowered: Lowered) -> frozenset[int]:
+    """The symbols, by their hashes, on which the expressions depend otherwise than through what is held or a test."""
+    found: set[int] = set()
+
+    def note(*parts: casadi.SX) -> None:
+        found.update(symbol.element_hash() for part in parts for symbol in casadi.symvar(part))
+
+    note(*lowered.expressions)
+    for step in reversed(lowered.steps):
+        if isinstance(step, Call):
+            note(*step.arguments)
+        elif isinstance(step, Choice) and step.symbol.element_hash() in found:
+            note(step.then, step.other)
+    return frozenset(found)

@@ -11,7 +11,7 @@ import sympy
 
 from mbm.expression.nodes import External
 from mbm.kernels.functions import applied
-from mbm.symbolic.conversion import ELEMENTARY, Called, Finite
+from mbm.symbolic.conversion import ELEMENTARY, Called, Finite, Held
 from mbm.values import dataclass
 
 
@@ -75,6 +75,14 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
+class Constancy:
+    """A value that counts as constant where derivatives are made: ``symbol`` stands for ``value``."""
+
+    symbol: casadi.SX
+    value: casadi.SX
+
+
+@dataclass(frozen=True, slots=True)
 class Call:
     """A call of a function in Python: ``symbols`` stand for the numbers that it gives for ``arguments``."""
 
@@ -85,10 +93,12 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Lowered:
-    """Expressions in CasADi with symbols for piecewise values and calls; a step may use the symbols of earlier ones."""
+    """Expressions in CasADi with symbols for piecewise values, what is held, and calls; a step may use the symbols of
+    earlier ones.
+    """
 
     expressions: tuple[casadi.SX, ...]
-    steps: tuple[Choice | Call, ...]
+    steps: tuple[Choice | Constancy | Call, ...]
 
 
 def lower(expressions: tuple[sympy.Expr, ...], symbols: Mapping[sympy.Symbol, casadi.SX]) -> Lowered:
@@ -115,10 +125,10 @@ def lower(expressions: tuple[sympy.Expr, ...], symbols: Mapping[sympy.Symbol, ca
 
 
 class _Steps:
-    """The choices and calls met so far; local to one lowering."""
+    """What was met so far; local to one lowering."""
 
     def __init__(self) -> None:
-        self.every: list[Choice | Call] = []
+        self.every: list[Choice | Constancy | Call] = []
         self._calls: dict[tuple[External, tuple[sympy.Basic, ...]], Call] = {}
 
     def called(self, node: Called, arguments: tuple[casadi.SX, ...]) -> casadi.SX:
@@ -131,6 +141,12 @@ class _Steps:
             self._calls[key] = Call(external, arguments, symbols)
             self.every.append(self._calls[key])
         return self._calls[key].symbols[node.output.index]
+
+    def held(self, value: casadi.SX) -> casadi.SX:
+        """A value that counts as constant."""
+        constancy = Constancy(casadi.SX.sym(f"held{len(self.every)}"), value)
+        self.every.append(constancy)
+        return constancy.symbol
 
     def chosen(self, pairs: tuple[tuple[casadi.SX, casadi.SX], ...]) -> casadi.SX:
         """A piecewise value."""
@@ -153,6 +169,8 @@ def _node(node: sympy.Basic, arguments: tuple[Any, ...], steps: _Steps) -> Any:
         return steps.chosen(arguments)
     if isinstance(node, Called):
         return steps.called(node, arguments)
+    if isinstance(node, Held):
+        return steps.held(*arguments)
     function = _FUNCTIONS.get(node.func)
     if function is None:
         raise UnsupportedOperationError(type(node).__name__)

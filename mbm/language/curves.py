@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from mbm.expression.algebra import ZERO, apply
-from mbm.expression.nodes import Apply, Expression, Number, Operation, Parameter
+from mbm.expression.algebra import ZERO
+from mbm.expression.nodes import Expression, Number, Parameter
 from mbm.expression.substitution import substituted
 from mbm.language import faults
+from mbm.language.piecewise import less, merged
 from mbm.language.values import Array, Placeable, Transform
 from mbm.language.vocabulary.frames import move_point
 from mbm.text.types import MbmError, Span
@@ -23,24 +24,32 @@ Point = tuple[Expression, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Piece:
-    """A stretch of a curve, from ``first`` to ``last`` of its parameter; ``point`` holds the parameter."""
+    """A stretch of a curve, from ``first`` to ``last`` of its parameter; ``point`` holds the parameter.
+
+    ``seen``, if there is such a limit, holds it too: the curve is seen where this is not negative.
+    """
 
     first: Expression
     last: Expression
     point: Point
+    seen: Expression | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CurveValue(Placeable):
     """A curve of the plane or of space; each of its ``pieces`` begins where the one before it ends.
 
-    ``closed``: it is known to end where it begins.
+    ``closed``: it is known to end where it begins. ``corners``: pieces may meet at an angle. ``chords``: so many
+    straight lines in each piece are a picture of it in which the nearest place can be looked for; with 1 they are
+    the curve.
     """
 
     parameter: Parameter
     pieces: tuple[Piece, ...]
     span: Span
     closed: bool = False
+    corners: bool = False
+    chords: int = 16
 
     @property
     def kind(self) -> str:
@@ -76,20 +85,16 @@ class CurveValue(Placeable):
 
     def at(self, value: Expression) -> Point:
         """The point where the parameter is ``value``; beyond an end the formula of the last piece there goes on."""
-        return self.chosen(tuple(piece.point for piece in self.pieces), value)
+        return substituted(self.formula(value), {self.parameter: value})
 
-    def chosen(self, formulas: tuple[Point, ...], value: Expression) -> Point:
-        """That of ``formulas``, one for each piece, which holds at ``value``, with ``value`` in it."""
-        count, knots = len(formulas), [piece.last for piece in self.pieces[:-1]]
-        if isinstance(value, Number) and all(isinstance(knot, Number) for knot in knots):
-            passed = sum(isinstance(knot, Number) and knot.value <= value.value for knot in knots)
-            return substituted(formulas[passed], {self.parameter: value})
-        found = substituted(formulas[count - 1], {self.parameter: value})
-        for knot, formula in zip(reversed(knots), reversed(formulas[:-1]), strict=True):
-            before = Apply(Operation.LESS, (value, knot), span=self.span)
-            here = substituted(formula, {self.parameter: value})
-            found = tuple(apply(Operation.IF, before, a, b, span=self.span) for a, b in zip(here, found, strict=True))
-        return found
+    def formula(self, near: Expression) -> Point:
+        """The points in terms of the parameter, by the formula of the piece that ``near``, a parameter, lies in."""
+        knots = [piece.last for piece in self.pieces[:-1]]
+        if isinstance(near, Number) and all(isinstance(knot, Number) for knot in knots):
+            passed = sum(isinstance(knot, Number) and knot.value <= near.value for knot in knots)
+            return self.pieces[passed].point
+        before = tuple(less(near, knot, self.span) for knot in knots)
+        return merged(tuple(piece.point for piece in self.pieces), before, self.parameter, self.span)
 
 
 def in_space(curve: CurveValue) -> CurveValue:

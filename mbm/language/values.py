@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
+from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from mbm.expression.nodes import (
@@ -92,11 +93,14 @@ class ImageLineValue:
     rho: Expression
 
 
+NEAR = Number(Fraction(1, 10))  # m, or what the problem measures lengths in
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraValue:
     """A camera: focal lengths and principal point in px, distortion (or none), its axes, and how it projects.
 
-    ``distortion`` is k1 k2 p1 p2 k3 of a pinhole camera, k1 k2 k3 k4 of a fisheye.
+    ``distortion``: k1 k2 p1 p2 k3 of a pinhole camera, k1 k2 k3 k4 of a fisheye. Curves nearer than ``near`` are cut.
     """
 
     name: str
@@ -105,6 +109,7 @@ class CameraValue:
     distortion: tuple[Expression, ...]
     axes: str
     model: str = "pinhole"
+    near: Expression = NEAR
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -239,7 +239,7 @@ class Identities:
             case FamilyValue():
                 return ("family", type(value), value.name)
             case CameraValue():
-                numbers = (*value.focal, *value.center, *value.distortion)
+                numbers = (*value.focal, *value.center, *value.distortion, value.near)
                 return ("camera", value.name, tuple(self._expression(e) for e in numbers), value.axes)
             case bool() | str():
                 return (type(value), value)

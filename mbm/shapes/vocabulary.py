@@ -29,6 +29,7 @@ from mbm.language.values import (
 from mbm.language.vocabulary import (
     arithmetic,
     comparison,
+    curve_observables,
     curves,
     directions,
     external,
@@ -57,7 +58,6 @@ _OBSERVABLES_NOT_YET = {
     **dict.fromkeys(
         ("silhouette", "area", "centroid", "perimeter", "extent", "extreme", "contour-distance"), "silhouettes"
     ),
-    **dict.fromkeys(("curve-distance", "extrema"), "image curves"),
 }
 NOT_YET = MappingProxyType({**FORMS_NOT_YET, **_OBSERVABLES_NOT_YET})
 """Names of the language that come later, with the topic that brings them."""
@@ -273,7 +273,19 @@ FEATURE_FUNCTIONS: tuple[FeatureFunction | ShapeMaker | Builtin, ...] = (
 
 def vocabulary() -> Vocabulary:
     """Special forms, functions, the library's models, and the names that come later."""
-    rooms = (arithmetic, comparison, curves, directions, external, frames, lines, lists, rotations, vectors)
+    rooms = (
+        arithmetic,
+        comparison,
+        curve_observables,
+        curves,
+        directions,
+        external,
+        frames,
+        lines,
+        lists,
+        rotations,
+        vectors,
+    )
     functions: dict[str, Callable_] = {f.name: f for room in rooms for f in room.FUNCTIONS}
     functions.update((f.name, f) for f in FEATURE_FUNCTIONS)
     words = Vocabulary(

@@ -34,6 +34,14 @@ class Finite(BooleanFunction):  # type: ignore[misc]
     """Whether a number is neither missing nor infinite."""
 
 
+class Held(sympy.Function):  # type: ignore[misc]
+    """A number whose derivative is zero, whatever it depends on."""
+
+    def fdiff(self, argindex: int = 1) -> sympy.Expr:
+        """Zero."""
+        return sympy.Integer(0)
+
+
 class Called(sympy.Expr):  # type: ignore[misc]  # SymPy has no types
     """One number that a function in Python gives: its name, its index (as it is shown), all of it, the arguments.
 
@@ -89,6 +97,7 @@ _OWN: Mapping[Operation, Callable[..., sympy.Basic]] = {
     ),
     Operation.WRAP: _wrap,
     Operation.AS_ANGLE: lambda a: a,
+    Operation.HELD: Held,
     Operation.IF: _piecewise,
     Operation.LESS: sympy.StrictLessThan,
     Operation.LESS_EQUAL: sympy.LessThan,

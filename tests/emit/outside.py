@@ -11,6 +11,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from tests.oracles.bends import SPLINE, from_the_bend
 from tests.oracles.kinds import Kind, Tables
 from tests.oracles.numerics import Statement, covariance, lossy_covariance, minimum, sizes
 from tests.oracles.outside import outside
@@ -311,6 +312,14 @@ def noises(p):
     return np.concatenate([curve, (p[1] - U) / 0.5, [(p[1] - 1) / 0.5]])
 
 
+BENT = {"d": {"x": np.array([0.4, 0.9, 2.1, 3.2, 4.4, 5.6]), "y": np.array([1.21, 2.02, 2.95, 2.35, 1.0, 0.72])}}
+TOP = SPLINE(SPLINE.derivative().roots(extrapolate=False)[1][0])[1]
+
+
+def bent(t):
+    return np.append(from_the_bend(t, BENT), (TOP + t[1] - 2.9) / 0.1)
+
+
 SETTLING = {
     "d": {"x": np.array([1.4, 2.4, 3, 5]), "y": np.array([3.9, 5.53, 7.21, 11.04])},
     "e": {"x": np.array([3, 3.1, 3.4]), "y": np.array([8.44, 7.58, 8.77])},
@@ -350,6 +359,7 @@ OUTSIDE: dict[str, tuple[Expected | Several, ...]] = {
     "derived": (stated(levels(STEPS), (11, 12), names=("h[b]", "h[c]")),),
     "distinct": (stated(kinds, (1, 0, 0)),),
     "joined": (stated(ranges("abca", [8.1, 9.2, 10.9, 8.0]), (1, 1), unit=0.01),),
+    "bend": (stated(bent, (0, 0)),),
     "for-each": tuple(stated(day(y, []), (0,)) for y in DAYS),
     "keys": tuple(stated(day(y, e), (0,)) for y, e in KEYS),
     "noise": (stated(line(sigma=1.0), (1, 0), scaled=True),),

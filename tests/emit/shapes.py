@@ -72,6 +72,13 @@ SHAPES = {
       (data ranges (table (place r) ("north" 8.1) ("east" 9.2) ("west" 10.9) ("north" 8.0)) :with (places place))
       (unknowns (p (vector 2) :init [1 1] :unit cm))
       (observe ranges (= r (distance p [places.x places.y])) :sigma 5cm))""",
+    "bend": """(problem bend "A curve that was moved, from points beside it and from its highest point."
+      (data d (table (x y) (0.4 1.21) (0.9 2.02) (2.1 2.95) (3.2 2.35) (4.4 1.0) (5.6 0.72)))
+      (data top (table (n v) (1 2.9)))
+      (define (moved (trans t (spline ((0 0) (1 2) (3 2.5) (4 1) (6 0.5))))))
+      (unknowns (t (vector 2) :init [0 0]))
+      (observe d (= 0 (curve-distance moved [x y])) :sigma 0.05)
+      (observe top (= v (((extrema moved 2) n) 2)) :sigma 0.1))""",
     "for-each": """(problem for-each "One mean for each day."
       (data d (table (day y) (1 1.1) (1 0.9) (2 3.2) (1 1.3) (2 2.7) (3 5) (3 6)))
       (unknowns (m :init 0))

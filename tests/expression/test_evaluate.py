@@ -47,6 +47,7 @@ REFERENCE = {
     Operation.ATANH: (math.atanh, UNIT),
     Operation.WRAP: (lambda a: math.remainder(a, 2 * math.pi), ANY),
     Operation.AS_ANGLE: (lambda a: a, ANY),
+    Operation.HELD: (lambda a: a, ANY),
     Operation.LESS: (lambda a, b: a < b, ANY, ANY),
     Operation.LESS_EQUAL: (lambda a, b: a <= b, ANY, ANY),
     Operation.EQUAL: (lambda a, b: a == b, ANY, ANY),

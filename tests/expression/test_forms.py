@@ -25,7 +25,7 @@ PLACE = Span(source=Source("here", "here"), start=0, end=4)
 CONDITIONS = (Operation.LESS, Operation.LESS_EQUAL, Operation.EQUAL)
 UNARY = (
     Operation.NEGATE, Operation.ABS, Operation.SIGN, Operation.FLOOR, Operation.SIN, Operation.COS, Operation.TANH,
-    Operation.ATAN, Operation.ASINH, Operation.EXP, Operation.SQRT, Operation.LOG, Operation.AS_ANGLE,
+    Operation.ATAN, Operation.ASINH, Operation.EXP, Operation.SQRT, Operation.LOG, Operation.AS_ANGLE, Operation.HELD,
 )  # fmt: skip
 BINARY = (
     Operation.ADD, Operation.SUBTRACT, Operation.MULTIPLY, Operation.DIVIDE, Operation.MINIMUM, Operation.MAXIMUM,

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tests.oracles.bends import WRITTEN, along_a_bend, from_the_bend
 from tests.oracles.kinds import Answer, Kind, one
 from tests.oracles.places import (
     bearings,
@@ -255,6 +256,11 @@ KINDS: dict[str, Kind] = {
     "ranges": Kind(
         unknowns=NEAR, clauses=PLACE % "", draw=ranges, residuals=distances, start=(0.5, 0.5), scatters=True,
         given=("d.x", "d.y", "d.r"),
+    ),
+    "distances from a curve": Kind(
+        unknowns={"t": "(vector 2) :init [0 0]"}, start=(0, 0), draw=along_a_bend, residuals=from_the_bend,
+        scatters=True,
+        clauses=f"(observe d (= 0 (curve-distance (trans {{t}} (spline ({WRITTEN}))) [x y])) :sigma 0.05)",
     ),
     "a start that leads astray": Kind(
         unknowns={"p": "(vector 2) :init [4 -2]"}, clauses=PLACE % "", draw=beside_a_line, residuals=distances,

@@ -2,7 +2,7 @@
 
 SymPy differentiates every named part of a block, the chain rule puts the parts together, and mpmath evaluates with 30
 digits. What is not smooth is first replaced by what it is around the point: ``Abs``, ``Min``, ``Max`` and ``Piecewise``
-by the branch that holds there, ``ceiling``, ``floor`` and ``sign`` by their value, for their slope is zero.
+by the branch that holds there; ``ceiling``, ``floor``, ``sign`` and what is held, whose slope is zero, by their value.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mbm.kernels.derive import kernel_of
 from mbm.kernels.functions import function_of
 from mbm.problem.manifold import Piece
 from mbm.rotations import hamilton
-from mbm.symbolic.conversion import Finite
+from mbm.symbolic.conversion import Finite, Held
 from mbm.symbolic.printing import named_subexpressions
 
 DIGITS = 30
@@ -65,6 +65,9 @@ def smooth(expression: sympy.Basic, point: Mapping[sympy.Symbol, Any]) -> sympy.
     if isinstance(expression, sympy.Min | sympy.Max):
         pick = min if isinstance(expression, sympy.Min) else max
         return pick(arguments, key=lambda a: number(a, point))
+    if isinstance(expression, Held):
+        with mpmath.workdps(DIGITS):
+            return sympy.Float(number(arguments[0], point), DIGITS)
     if isinstance(expression, sympy.ceiling | sympy.floor | sympy.sign):
         value = number(arguments[0], point)
         with mpmath.workdps(DIGITS):

@@ -48,6 +48,7 @@ CASES = {
     Operation.ATANH: ["(atanh (/ a (+ a b)))"],
     Operation.WRAP: ["(= (angle x) (* 40 a b))", "(= 3rad (angle (* -20 a)))"],
     Operation.AS_ANGLE: ["(* b (angle a))"],
+    Operation.HELD: ["(* a (held x))", "(* b (held (sin x)) (if (< (held x) 9) a 2))"],
     Operation.IF: ["(if (< a (* 9 b)) (* a a) (exp b))", "(* b (if (< b x) 1 (if (< a 9) (sin a) a)))"],
     Operation.LESS: ["(if (< (* a a) b) a b)"],
     Operation.LESS_EQUAL: ["(if (<= b a) (* 2 a) (* a b))"],
@@ -102,6 +103,23 @@ def test_branch_that_is_not_taken_leaves_no_trace(text, value, slope):
         expected = by_sympy(block, dict(zip(block.variable_symbols, inputs, strict=True)))
         for one, other in zip(by_kernel(kernel, inputs), expected, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "slope"),
+    [
+        ("(held (* a a))", 0.0),
+        ("(* a (held (* a a)))", 4.0),
+        ("(* a (held (if (< a 1) 0 (* a a))))", 4.0),
+        ("(if (< (held a) 9) (* a (held (if (< a 1) (sqrt (- 1 a)) a))) 0)", 2.0),
+        ("(- (held a) (/ (- (* (held a) (held a)) a) (* 2 (held a))))", 0.25),
+    ],
+)
+def test_what_is_held_counts_as_constant(text, slope):
+    """Slopes at a = 2 by hand; the last is one step of Newton's method for √a."""
+    block, kernel = single(text, names="a")
+    _, jacobian = by_kernel(kernel, point_of(block, {"a": 2.0}))
+    assert jacobian.sum() == pytest.approx(slope, rel=1e-15, abs=1e-15)
 
 
 def test_step_functions_have_no_slope_and_wrapping_has_slope_one():

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from sympy.parsing.sympy_parser import parse_expr
 
 import mbm
-from mbm.symbolic.conversion import Finite
+from mbm.symbolic.conversion import Finite, Held
 from mbm.symbolic.printing import latex_name, printed
 from tests.symbolic.derivatives import blocks_of, by_kernel, number, point_of, single
 from tests.symbolic.test_operation_derivatives import CASES
 
 PROBLEMS = Path(__file__).parents[2] / "problems"
-FUNCTIONS = {"Finite": Finite}
+FUNCTIONS = {"Finite": Finite, "Held": Held}
 
 
 def parsed(text, names):

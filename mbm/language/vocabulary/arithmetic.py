@@ -150,6 +150,7 @@ FUNCTIONS: tuple[Builtin, ...] = (
     Builtin("hypot", "(hypot a b)", "√(a² + b²).", 2, 2, _plain(Operation.HYPOT)),
     Builtin("atan2", "(atan2 y x)", "The angle of the direction (x, y), in (−π, π]; its differences wrap.", 2, 2, _plain(Operation.ATAN2)),
     Builtin("angle", "(angle x)", "x as an angle: its differences wrap.", 1, 1, _plain(Operation.AS_ANGLE)),
+    Builtin("held", "(held x)", "x as a constant: derivatives with respect to unknowns leave it as it is.", 1, 1, _plain(Operation.HELD)),
     _function(Operation.SQRT, "Square root."),
     _function(Operation.EXP, "Exponential."),
     _function(Operation.LOG, "Natural logarithm."),

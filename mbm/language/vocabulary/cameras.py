@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, divide, multiply, subtract
+from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, divide, dot, multiply, subtract
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.expression.projection import Projection
 from mbm.language import faults
 from mbm.language.coerce import scalar
-from mbm.language.values import Array, Call, CameraValue, Value, describe
+from mbm.language.values import NEAR, Array, Call, CameraValue, Value, describe
 from mbm.text.types import MbmError, Span
 
 _NEAR = Number(1e-8, NONE)
@@ -33,6 +33,20 @@ def project_point(call: Call, camera: Value | None, point: tuple[Expression, ...
     if not isinstance(camera, CameraValue):
         raise MbmError(faults.wrong_kind(call.forms[0].span, "a camera", describe(camera)))
     return _project(camera, point, call.span)
+
+
+def depth_of(camera: Value | None, point: tuple[Expression, ...], span: Span) -> Expression | None:
+    """How much farther than ``near`` a point in the camera's frame is; None for cameras to which depth is nothing.
+
+    Of a fisheye, which looks to all sides, it is the distance that counts.
+    """
+    if not isinstance(camera, CameraValue):
+        return subtract(point[0], NEAR, span)
+    if camera.model == "fisheye":
+        return subtract(apply(Operation.SQRT, dot(point, point, span), span=span), camera.near, span)
+    if camera.model != "pinhole":
+        return None
+    return subtract(point[2 if camera.axes == "opencv" else 0], camera.near, span)
 
 
 def _focal(call: Call, name: str) -> Expression:

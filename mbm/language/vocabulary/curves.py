@@ -19,6 +19,10 @@ CURVE_USAGE = "(curve (s first last) [x y z])"
 POLYLINE_USAGE = "(polyline (v…))"
 SPLINE_USAGE = "(spline (v…) [:closed true])"
 
+CHORDS = 64
+SPLINE_CHORDS = 4
+"""Straight lines in which the nearest place is looked for: in a parametric curve, in each piece of a spline."""
+
 _NUMBERS_PER_PIECE = 60
 """Numbers that are made for a piece of a spline, about, in all coordinates."""
 
@@ -55,7 +59,8 @@ def _parametric(call: Call) -> CurveValue:
     body = call.forms[1]
     found = call.evaluator.wanted(body, LocalScope({name.name: parameter}, call.scope))
     point = check_dimension(vector(found, body.span), body.span)
-    return CurveValue(parameter=parameter, pieces=(Piece(first=first, last=last, point=point),), span=call.span)
+    piece = Piece(first=first, last=last, point=point)
+    return CurveValue(parameter=parameter, pieces=(piece,), span=call.span, chords=CHORDS)
 
 
 def _polyline(call: Call) -> CurveValue:
@@ -65,7 +70,7 @@ def _polyline(call: Call) -> CurveValue:
     parameter = Parameter("s", call.span)
     closed = len(points) > 3 and all(map(_same, points[0], points[-1]))
     pieces = straight_pieces(points, parameter, call.span)
-    return CurveValue(parameter=parameter, pieces=pieces, span=call.span, closed=closed)
+    return CurveValue(parameter=parameter, pieces=pieces, span=call.span, closed=closed, corners=True, chords=1)
 
 
 def _same(a: Expression, b: Expression) -> bool:
@@ -94,7 +99,7 @@ def _spline(call: Call) -> CurveValue:
     points = _points(call, call.forms[0], 3 if closed else 2, closed=closed)
     parameter = Parameter("s", call.span)
     pieces = cubic_pieces(points, parameter, call.span, closed=closed)
-    return CurveValue(parameter=parameter, pieces=pieces, span=call.span, closed=closed)
+    return CurveValue(parameter=parameter, pieces=pieces, span=call.span, closed=closed, chords=SPLINE_CHORDS)
 
 
 def _points(call: Call, form: Form, fewest: int, *, closed: bool = False) -> tuple[Point, ...]:

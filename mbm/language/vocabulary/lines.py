@@ -7,13 +7,15 @@ the side from which its points run counter-clockwise; those from a line of space
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mbm.expression.algebra import ONE, ZERO, add, apply, divide, dot, multiply, negate, subtract, wrap
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
 from mbm.language.coerce import scalar, vector
-from mbm.language.curves import CurveValue
+from mbm.language.curves import CurveValue, Piece
 from mbm.language.values import Array, Builtin, Call, ImageLineValue, Placeable, Value, describe
-from mbm.language.vocabulary.cameras import project_point
+from mbm.language.vocabulary.cameras import depth_of, project_point
 from mbm.language.vocabulary.vectors import norm_of
 from mbm.text.types import MbmError, Span
 
@@ -76,7 +78,8 @@ def image_of(call: Call, camera: Value | None, thing: Value, span: Span) -> Valu
     if isinstance(thing, CurveValue):
         if thing.dimension != 3:
             raise MbmError(faults.wrong_kind(span, "a curve of space", describe(thing)))
-        return thing.mapped(lambda point: project_point(call, camera, point).elements)
+        pieces = tuple(_piece_of(call, camera, piece) for piece in thing.pieces)
+        return replace(thing, pieces=pieces, chords=max(thing.chords, IMAGE_CHORDS))
     ends = thing.ends() if isinstance(thing, Placeable) and thing.as_point() is None else None
     if ends is None:
         if isinstance(thing, Placeable) and thing.as_point() is None:
@@ -86,6 +89,16 @@ def image_of(call: Call, camera: Value | None, thing: Value, span: Span) -> Valu
         raise MbmError(faults.wrong_kind(span, "a point or a line", describe(thing)))
     first, second = (project_point(call, camera, end.elements) for end in ends)
     return line_through(first.elements, second.elements, call.span)
+
+
+IMAGE_CHORDS = 8
+"""Straight lines in which the nearest place is looked for, in each piece of an image that was straight in space."""
+
+
+def _piece_of(call: Call, camera: Value | None, piece: Piece) -> Piece:
+    """The image of a piece of a curve, seen where it is far enough from the camera."""
+    point = project_point(call, camera, piece.point).elements
+    return replace(piece, point=point, seen=depth_of(camera, piece.point, call.span))
 
 
 def _image_line(call: Call) -> Value:

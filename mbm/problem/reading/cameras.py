@@ -9,7 +9,7 @@ from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, Member, Number
 from mbm.language import faults as language_faults
 from mbm.language.coerce import scalar, vector
-from mbm.language.values import SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
+from mbm.language.values import NEAR, SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.declarations import family_of, keys_of
@@ -20,7 +20,7 @@ from mbm.text.types import Form, MbmError, Sequence, Symbol
 
 USAGE = (
     "(camera name [:model pinhole] [:focal (fx fy)] [:center (cx cy)] "
-    "[:distortion (k1 k2 p1 p2 k3)] [:axes opencv|paper] [:per TABLE])"
+    "[:distortion (k1 k2 p1 p2 k3)] [:axes opencv|paper] [:near 0.1] [:per TABLE])"
 )
 _MODELS = ("pinhole", "fisheye", "weak-perspective", "orthographic")
 _COEFFICIENTS = {"pinhole": (5, "k1 k2 p1 p2 k3"), "fisheye": (4, "k1 k2 k3 k4")}
@@ -37,14 +37,14 @@ def read_camera(work: Workspace, clause: Sequence) -> None:
         items[1:],
         clause.span,
         owner="a camera",
-        known=("model", "focal", "center", "distortion", "axes", "per"),
-        not_yet={"near": "images of curves", "size": "images"},
+        known=("model", "focal", "center", "distortion", "axes", "near", "per"),
+        not_yet={"size": "images"},
     )
     if options.positional:
         raise MbmError(language_faults.bad_form(options.positional[0].span, "a camera takes options only", USAGE))
     model = _choice(options.get("model"), _MODELS, "model") or "pinhole"
     axes = _choice(options.get("axes"), _AXES, "axes") or "opencv"
-    distortion = options.get("distortion")
+    distortion, near = options.get("distortion"), options.get("near")
     if distortion is not None and model not in _COEFFICIENTS:
         message = f"a {model} camera has no distortion"
         raise MbmError(language_faults.bad_form(distortion.span, message, "leave `:distortion` out"))
@@ -59,6 +59,7 @@ def read_camera(work: Workspace, clause: Sequence) -> None:
             _distortion(work, distortion, model, scope),
             axes,
             model,
+            NEAR if near is None else scalar(work.evaluator.wanted(near, scope), near.span),
         )
 
     def make() -> Value:

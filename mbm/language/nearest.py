@@ -1,0 +1,253 @@
+"""The place of a curve that is nearest to a point.
+
+It is looked for among the chords of the curve, of which two are followed: the nearest, and the nearest of those that
+are nearer than the next chord on either side. From there Newton's method, kept between the chords beside, finds where
+the way to the point is square to the curve; the nearer of both is the answer. All of this is held: the derivative of a
+distance does not depend on how its foot moves, for along the curve the distance is stationary (envelope theorem).
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from mbm.expression.algebra import ONE, ZERO, add, apply, divide, dot, multiply, negate, subtract
+from mbm.expression.derivative import derivatives
+from mbm.expression.dimension import NONE
+from mbm.expression.nodes import Apply, Expression, Number, Operation
+from mbm.expression.substitution import Formula
+from mbm.language.bracketing import Bracket, middle
+from mbm.language.chords import NOTHING, Chord, chords_of
+from mbm.language.curves import CurveValue, Piece, Point
+from mbm.language.piecewise import both, chosen, defined, either, equal, less, opposite
+from mbm.text.types import Span
+from mbm.values import dataclass
+
+FIRST_STEPS = 6
+"""Newton's method from a chord; its error is squared in each step and begins at some hundredths."""
+
+LAST_STEPS = 3
+"""After them, by the formula of the piece that the foot is in."""
+
+_ROUNDED = Number(1e-26, NONE)
+"""Square of the share of a coordinate by which a point may be off a curve that it lies on, by rounding."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Foot:
+    """Where a curve is nearest to a point: its parameter ``at``, held; the point of the curve there and its slope.
+
+    ``fixed``: whether an end or a corner is nearest, where the way to the point need not be square to the curve.
+    ``seen``: whether there is anything to be near to; None where there always is.
+    """
+
+    at: Expression
+    point: Point
+    slope: Point
+    fixed: Expression
+    seen: Expression | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Candidate:
+    """A place on a chord: the squared distance, the parameter, and how far from it the foot may be."""
+
+    squared: Expression
+    at: Expression
+    low: Expression
+    high: Expression
+
+
+def foot_of(curve: CurveValue, p: Point, span: Span) -> Foot:
+    """The nearest place to ``p``.
+
+    Raises:
+        UndefinedValueError: the curve has no derivative.
+
+    """
+    chords = chords_of(curve)
+    candidates = [_on_chord(chord, p, span) for chord in chords]
+    best, seen = _nearest(chords, candidates, span)
+    if curve.chords > 1:
+        second = _second(candidates, best, span) if len(candidates) > 2 else best
+        best = _nearer(_refined(curve, best, p, FIRST_STEPS, span), _refined(curve, second, p, FIRST_STEPS, span), span)
+        if not curve.corners and len(curve.pieces) > 1:
+            best = _refined(curve, best, p, LAST_STEPS, span)
+    at, low, high = (apply(Operation.HELD, each, span=span) for each in (best.at, best.low, best.high))
+    point = curve.formula(_within(curve, at, low, high, span))
+    slope = derivatives(point, curve.parameter)
+    formula = Formula.of((*point, *slope), curve.parameter).at(at_knots(curve, at, span))
+    inside = both(less(low, at, span), less(at, high, span), span)
+    return Foot(
+        at=at,
+        point=formula[: len(point)],
+        slope=formula[len(point) :],
+        fixed=opposite(inside, span),
+        seen=seen,
+    )
+
+
+def at_knots(curve: CurveValue, at: Expression, span: Span) -> Expression:
+    """A parameter that is held, but not where it is that of an end or a corner: there the curve may lead it along."""
+    knots = [curve.first, *(piece.last for piece in curve.pieces if curve.corners), curve.last]
+    for knot in knots:
+        if not isinstance(knot, Number):
+            at = chosen(equal(at, knot, span), knot, at, span)
+    return at
+
+
+def _within(curve: CurveValue, at: Expression, low: Expression, high: Expression, span: Span) -> Expression:
+    """A parameter in the piece that counts: at a corner, where two meet, that which was followed."""
+    return middle(low, high, span) if curve.corners else at
+
+
+def _on_chord(chord: Chord, p: Point, span: Span) -> _Candidate:
+    """The nearest place of a chord."""
+    way, r = _difference(chord.end, chord.start, span), _difference(p, chord.start, span)
+    length = dot(way, way, span)
+    share: Expression = ZERO
+    if not isinstance(length, Number) or length.value != 0:
+        share = divide(dot(r, way, span), length, span)
+        share = apply(Operation.MINIMUM, apply(Operation.MAXIMUM, share, ZERO, span=span), ONE, span=span)
+        if not isinstance(length, Number):
+            share = chosen(less(NOTHING, length, span), share, ZERO, span)
+    rest = tuple(subtract(a, multiply(share, b, span), span) for a, b in zip(r, way, strict=True))
+    # Exactly the one end or the other where the share is 0 or 1.
+    left, right = multiply(subtract(ONE, share, span), chord.first, span), multiply(share, chord.last, span)
+    at = add(left, right, span)
+    return _Candidate(squared=dot(rest, rest, span), at=at, low=chord.low, high=chord.high)
+
+
+def _nearest(chords: list[Chord], candidates: list[_Candidate], span: Span) -> tuple[_Candidate, Expression | None]:
+    """The nearest candidate of those that are seen, and whether there is one."""
+    best, seen = candidates[0], chords[0].seen
+    for chord, candidate in zip(chords[1:], candidates[1:], strict=True):
+        nearer: Expression = less(candidate.squared, best.squared, span)
+        if chord.seen is not None and seen is not None:
+            first = opposite(seen, span)
+            nearer = both(chord.seen, either(first, nearer, span), span)
+            seen = either(seen, chord.seen, span)
+        best = _either(nearer, candidate, best, span)
+    return best, seen
+
+
+def _second(candidates: list[_Candidate], best: _Candidate, span: Span) -> _Candidate:
+    """The nearest, but for the best one, of those that are nearer than their neighbours; the best if it is alone."""
+    farthest = candidates[0].squared
+    for candidate in candidates[1:]:
+        farthest = apply(Operation.MAXIMUM, farthest, candidate.squared, span=span)
+    second = _Candidate(squared=farthest, at=best.at, low=best.low, high=best.high)
+    for i, candidate in enumerate(candidates):
+        tests: list[Expression] = [opposite(equal(best.at, candidate.at, span), span)]
+        tests.append(Apply(Operation.LESS_EQUAL, (candidate.squared, second.squared), span=span))
+        if i > 0:
+            tests.append(Apply(Operation.LESS_EQUAL, (candidate.squared, candidates[i - 1].squared), span=span))
+        if i + 1 < len(candidates):
+            tests.append(less(candidate.squared, candidates[i + 1].squared, span))
+        test = tests[0]
+        for each in tests[1:]:
+            test = both(test, each, span)
+        second = _either(test, candidate, second, span)
+    return second
+
+
+def _either(test: Expression, one: _Candidate, other: _Candidate, span: Span) -> _Candidate:
+    return _Candidate(
+        squared=chosen(test, one.squared, other.squared, span),
+        at=chosen(test, one.at, other.at, span),
+        low=chosen(test, one.low, other.low, span),
+        high=chosen(test, one.high, other.high, span),
+    )
+
+
+def _nearer(one: _Candidate, other: _Candidate, span: Span) -> _Candidate:
+    return _either(less(other.squared, one.squared, span), other, one, span)
+
+
+def _refined(curve: CurveValue, start: _Candidate, p: Point, steps: int, span: Span) -> _Candidate:
+    """The foot between ``low`` and ``high``, by the formula of the piece that the candidate is in."""
+    point = curve.formula(_within(curve, start.at, start.low, start.high, span))
+    slope = derivatives(point, curve.parameter)
+    bend = derivatives(slope, curve.parameter)
+    way = _difference(point, p, span)
+    rise = dot(way, slope, span)
+    curvature = add(dot(slope, slope, span), dot(way, bend, span), span)
+    descent = Formula.of((rise, curvature), curve.parameter)
+    at, bracket = start.at, Bracket.of(start.low, start.high, span)
+    for number in range(steps):
+        rise, curvature = descent.at(at)
+        falling = less(rise, NOTHING, span)
+        bracket = bracket.narrowed(at, falling)
+        newton = bracket.kept(subtract(at, divide(rise, curvature, span), span), number)
+        downhill = chosen(falling, bracket.right(number), bracket.left(number), span)
+        at = chosen(less(NOTHING, curvature, span), newton, downhill, span)
+    rest = Formula.of(way, curve.parameter).at(at)
+    return _Candidate(squared=dot(rest, rest, span), at=at, low=start.low, high=start.high)
+
+
+def _difference(a: Point, b: Point, span: Span) -> Point:
+    return tuple(subtract(x, y, span) for x, y in zip(a, b, strict=True))
+
+
+def distance(curve: CurveValue, p: Point, span: Span) -> Expression:
+    """The distance of ``p`` from a curve: of the plane or an image positive left of its direction, else not negative.
+
+    Its derivative is finite everywhere: zero on a curve of space, where there is none. Without a value (NaN) where
+    nothing of an image curve is seen.
+
+    Raises:
+        UndefinedValueError: the curve has no derivative.
+
+    """
+    foot = foot_of(curve, p, span)
+    r = _difference(p, foot.point, span)
+    squared = dot(r, r, span)
+    apart = less(multiply(_ROUNDED, dot(p, p, span), span), squared, span)
+    length = apply(Operation.SQRT, chosen(apart, squared, Number(1), span), span=span)
+    if curve.dimension == 3:
+        return _if_seen(foot, chosen(apart, length, NOTHING, span), span)
+    across = _across(foot.slope, r, span)
+    side = _across(_between(curve, foot, span), r, span) if curve.corners else across
+    ended = chosen(less(side, NOTHING, span), negate(length, span), length, span)
+    square = divide(across, apply(Operation.HYPOT, *foot.slope, span=span), span)
+    return _if_seen(foot, chosen(both(foot.fixed, apart, span), ended, square, span), span)
+
+
+def _if_seen(foot: Foot, value: Expression, span: Span) -> Expression:
+    """``value``, which is no number (NaN) where nothing of the curve is seen."""
+    return value if foot.seen is None else defined(foot.seen, value, span)
+
+
+def _across(way: Point, r: Point, span: Span) -> Expression:
+    """Positive where ``r`` leads to the left of ``way``."""
+    (x, y), (u, v) = way, r
+    return subtract(multiply(x, v, span), multiply(y, u, span), span)
+
+
+def _between(curve: CurveValue, foot: Foot, span: Span) -> Point:
+    """The direction at the end or the corner that is nearest: at a corner the sum of both of length 1."""
+    ways = [_directions(curve, piece, span) for piece in curve.pieces]
+    ends = [ways[0][0], ways[-1][1]]
+    if curve.closed:
+        ends = [_sum(ends[0], ends[1], span)] * 2
+    corners = [ends[0], *(_sum(before[1], after[0], span) for before, after in pairwise(ways)), ends[1]]
+    found = corners[-1]
+    for piece, corner in zip(reversed(curve.pieces), reversed(corners[:-1]), strict=True):
+        test = less(foot.at, middle(piece.first, piece.last, span), span)
+        found = tuple(chosen(test, a, b, span) for a, b in zip(corner, found, strict=True))
+    return found
+
+
+def _directions(curve: CurveValue, piece: Piece, span: Span) -> tuple[Point, Point]:
+    """Where a piece goes, of length 1, at its beginning and at its end."""
+    slope = Formula.of(derivatives(piece.point, curve.parameter), curve.parameter)
+    first, last = (slope.at(end) for end in (piece.first, piece.last))
+    return _unit(first, span), _unit(last, span)
+
+
+def _unit(way: Point, span: Span) -> Point:
+    length = apply(Operation.HYPOT, *way, span=span)
+    return tuple(divide(each, length, span) for each in way)
+
+
+def _sum(a: Point, b: Point, span: Span) -> Point:
+    return tuple(add(x, y, span) for x, y in zip(a, b, strict=True))
