@@ -40,6 +40,12 @@ UNKNOWN_FORMAT = Code(
     "The ending of a file name tells no format, and the data clause names none either.",
     "Rename the file, or name the format in the data clause: `(data NAME (csv …))`.",
 )
+NO_MATCHING_FILE = Code(
+    "no-matching-file",
+    "A data clause names files by a pattern, and no file of the folder has such a name. `*` stands for any characters"
+    " and `?` for one, in the name of the file only; upper and lower case differ.",
+    "Correct the pattern or the folder; paths are relative to the problem file.",
+)
 MISSING_TABLE = Code(
     "missing-table",
     "A data clause says `external`, but no table was given.",
@@ -179,6 +185,13 @@ def unknown_format(place: Place, path: str, extensions: Iterable[str]) -> Diagno
     """No reader claims the ending of ``path``; ``extensions`` are those that some reader claims."""
     message = f"the format of `{path}` is not known: the endings that are read are {_names(extensions)}"
     return Diagnostic(code=UNKNOWN_FORMAT, message=message, place=place)
+
+
+def no_matching_file(place: Place, path: str) -> Diagnostic:
+    """No file fits the pattern ``path``."""
+    message = f"no file has a name as in `{_short(path)}`"
+    hint = "`*` stands for any characters, `?` for one; paths are relative to the problem file"
+    return Diagnostic(code=NO_MATCHING_FILE, message=message, place=place, hint=hint)
 
 
 def missing_table(place: Place, table: str) -> Diagnostic:

@@ -16,8 +16,9 @@ import numpy as np
 from mbm.data import faults
 from mbm.data.content import COMPRESSED, PER_ROW
 from mbm.data.given import table_from_given, table_from_inline
+from mbm.data.patterns import matching
 from mbm.data.shaping import shape
-from mbm.data.types import ManyReader, RawTable, Reader, asked
+from mbm.data.types import AnyReader, ImageReader, RawTable, Reader, asked
 from mbm.files.faults import too_many_files, unreadable_file
 from mbm.files.journal import note, table_role
 from mbm.files.memory import PER_VALUE, check_memory, largest_file
@@ -46,7 +47,7 @@ def load_all(
     given: Mapping[str, object],
     paths: Mapping[str, str],
     sandbox: Path | None,
-    readers: Mapping[str, Reader | ManyReader],
+    readers: Mapping[str, AnyReader],
 ) -> dict[str, Table]:
     """The tables of all data clauses by name, in their order; parameters as of ``load``.
 
@@ -108,7 +109,7 @@ def load(
     given: Mapping[str, object],
     paths: Mapping[str, str],
     sandbox: Path | None,
-    readers: Mapping[str, Reader | ManyReader],
+    readers: Mapping[str, AnyReader],
     parts: Parts | None = None,
 ) -> Table:
     """The table of one data clause, numbers in SI.
@@ -126,7 +127,9 @@ def load(
     try:
         known = {} if parts is None else parts
         with np.errstate(all="ignore"):  # numbers that are none are found in the table, not on standard error
-            return shape(_raw(declaration, base, given, paths, sandbox, readers, known), declaration)
+            raw = _raw(declaration, base, given, paths, sandbox, readers, known)
+            remarks = tuple(_with_clause(remark, declaration) for remark in raw.remarks)
+            return shape(replace(raw, remarks=remarks), declaration)
     except MbmError as error:
         raise MbmError(*(_with_clause(fault, declaration) for fault in error.diagnostics)) from None
 
@@ -146,7 +149,7 @@ def _raw(
     given: Mapping[str, object],
     paths: Mapping[str, str],
     sandbox: Path | None,
-    readers: Mapping[str, Reader | ManyReader],
+    readers: Mapping[str, AnyReader],
     parts: Parts,
 ) -> RawTable:
     """The table as its origin has it. The file that the clause names is noted as read also where another one is."""
@@ -169,9 +172,7 @@ def _raw(
     return _read(reader, base / declaration.path, declaration, sandbox, parts)
 
 
-def _reader_for(
-    path: Path, declaration: TableDeclaration, readers: Mapping[str, Reader | ManyReader]
-) -> Reader | ManyReader:
+def _reader_for(path: Path, declaration: TableDeclaration, readers: Mapping[str, AnyReader]) -> AnyReader:
     """The reader of a path that overrides the data clause: by the ending; the clause's own where that says nothing.
 
     A format of several tables is meant only by a clause that names one of them.
@@ -197,13 +198,11 @@ def _reader_for(
     raise broken[0] if broken else MbmError(faults.unknown_format(declaration.span, path.as_posix(), endings))
 
 
-def _read(
-    reader: Reader | ManyReader, path: Path, declaration: TableDeclaration, sandbox: Path | None, parts: Parts
-) -> RawTable:
+def _read(reader: AnyReader, path: Path, declaration: TableDeclaration, sandbox: Path | None, parts: Parts) -> RawTable:
     """Read a file that lies where it may; whether it is there is said of the place that names it."""
-    if sandbox is not None:
-        _check_confined(path, declaration, sandbox)
-    check_ordinary(path, declaration.span, largest=largest_file())
+    if isinstance(reader, ImageReader):
+        return _read_images(reader, path, declaration, sandbox)
+    _check(path, declaration, sandbox)
     if isinstance(reader, Reader):
         return reader.read(path)
     found = parts.get((reader.name, path))
@@ -212,6 +211,24 @@ def _read(
     if declaration.part is None or declaration.part not in found:
         raise ValueError(f"the reader `{reader.name}` has no part {declaration.part!r}")
     return asked(found[declaration.part])
+
+
+def _read_images(reader: ImageReader, path: Path, declaration: TableDeclaration, sandbox: Path | None) -> RawTable:
+    """Read the images that a path or pattern names."""
+    if sandbox is not None:
+        _check_confined(path.parent, declaration, sandbox)
+    images = matching(path, declaration.span)
+    for image in images:
+        note(image, table_role(declaration.name))
+        _check(image, declaration, sandbox)
+    return reader.read(images, path.as_posix(), dict(declaration.arguments))
+
+
+def _check(path: Path, declaration: TableDeclaration, sandbox: Path | None) -> None:
+    """Check that a file lies where it may and is an ordinary one."""
+    if sandbox is not None:
+        _check_confined(path, declaration, sandbox)
+    check_ordinary(path, declaration.span, largest=largest_file())
 
 
 def _check_confined(path: Path, declaration: TableDeclaration, sandbox: Path) -> None:

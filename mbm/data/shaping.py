@@ -31,6 +31,8 @@ def shape(raw: RawTable, declaration: TableDeclaration) -> Table:
         rows=len(raw.file_rows),
         file_rows=raw.file_rows,
         source_columns={declared.name: declared.source for declared in declaration.columns},
+        files=raw.files,
+        remarks=raw.remarks,
     )
     table = Table(
         name=declaration.name,

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.tables import Column, ColumnGroup
-from mbm.text.types import MbmError
+from mbm.problem.tables import Column, ColumnGroup, Format, TableFile
+from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
 
@@ -21,7 +22,8 @@ class RawTable:
     ``path`` is what messages print, ``sha256`` the digest of the file's bytes in hexadecimal (None without a file).
     All columns have the length of ``file_rows``, which holds each row's number as in the origin (header = 1; formats
     without a header count their records from 1). ``key`` is the column that names the rows where the format says so,
-    ``groups`` the columns that make a matrix or vector together, by its name.
+    ``groups`` the columns that make a matrix or vector together, by its name. ``files`` are those of a table that is
+    made of several, in the order of its rows, ``remarks`` warnings about what was left out.
     """
 
     path: str
@@ -30,6 +32,8 @@ class RawTable:
     file_rows: NDArray[np.int64] = field(repr=False)
     key: str | None = None
     groups: Mapping[str, ColumnGroup] = field(default_factory=dict)
+    files: tuple[TableFile, ...] = ()
+    remarks: tuple[Diagnostic, ...] = ()
 
 
 class GivenColumns(dict[str, object]):
@@ -75,6 +79,25 @@ class ManyReader:
         return Reader(name=self.name, extensions=self.extensions, read=read)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageReader:
+    """A format of images: one image, or all that a pattern names, and what the data clause says of them, make a table.
+
+    ``format`` says which arguments there are. ``read`` takes the paths as messages shall print them, in the order of
+    their names, the path or pattern of the data clause, and the arguments by name; it raises MbmError for what is
+    wrong.
+    """
+
+    name: str
+    extensions: tuple[str, ...]
+    format: Format
+    read: Callable[[tuple[Path, ...], str, Mapping[str, float | str]], RawTable]
+
+
+AnyReader: TypeAlias = Reader | ManyReader | ImageReader
+"""How a format may be read."""
+
+
 def asked(table: RawTable | MbmError) -> RawTable:
     """The table; raises what is in its place."""
     if isinstance(table, MbmError):
@@ -82,15 +105,17 @@ def asked(table: RawTable | MbmError) -> RawTable:
     return table
 
 
-class Formats(Mapping[str, tuple[str, ...]]):
-    """The formats that readers know: the names of the tables in a file of each, none where a file is one table."""
+class Formats(Mapping[str, Format]):
+    """The formats that readers know: what a data clause may say of each."""
 
-    def __init__(self, readers: Mapping[str, Reader | ManyReader]) -> None:
+    def __init__(self, readers: Mapping[str, AnyReader]) -> None:
         self._readers = readers
 
-    def __getitem__(self, name: str) -> tuple[str, ...]:
+    def __getitem__(self, name: str) -> Format:
         reader = self._readers[name]
-        return reader.parts if isinstance(reader, ManyReader) else ()
+        if isinstance(reader, ImageReader):
+            return reader.format
+        return Format(parts=reader.parts if isinstance(reader, ManyReader) else ())
 
     def __contains__(self, name: object) -> bool:
         return name in self._readers

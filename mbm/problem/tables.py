@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
+from enum import StrEnum
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.text.types import DataPlace, Span
+from mbm.text.types import DataPlace, Diagnostic, Span
 from mbm.values import dataclass
 
 Numbers: TypeAlias = NDArray[np.float64]
@@ -71,17 +72,61 @@ class InlineTable:
     spans: tuple[Span, ...]
 
 
+class ArgumentKind(StrEnum):
+    """What an argument of a source is: a whole number, a positive length or number in SI, or a text."""
+
+    COUNT = "a whole number"
+    LENGTH = "a length"
+    NUMBER = "a number"
+    TEXT = "a text"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Argument:
+    """What a source takes behind its path: by position, or as ``:name value`` where there is a ``default``.
+
+    Numbers lie between ``least`` and ``most``; a text is one of ``choices``, where there are any.
+    """
+
+    name: str
+    kind: ArgumentKind
+    default: float | str | None = None
+    least: float = 0.0
+    most: float = float("inf")
+    choices: tuple[str, ...] = ()
+
+    @property
+    def required(self) -> bool:
+        """Whether it must be given."""
+        return self.default is None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format:
+    """What a data clause may say of a format: the tables in a file of it, its arguments, the units of its columns.
+
+    Columns of ``lengths`` have the unit of the first argument that is a length, if it states one.
+    """
+
+    parts: tuple[str, ...] = ()
+    arguments: tuple[Argument, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
+    lengths: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableDeclaration:
     """A ``data`` clause before anything is read. ``source`` names the reader (``csv``, ``external``, ``table`` …).
 
-    ``part`` names the table of a format whose files hold several (``edges`` of a ``g2o``).
+    ``part`` names the table of a format whose files hold several (``edges`` of a ``g2o``), ``arguments`` holds what
+    the source says beside its path, by name, lengths in SI.
     """
 
     name: str
     source: str
     path: str | None
     part: str | None = None
+    arguments: tuple[tuple[str, float | str], ...] = ()
     inline: InlineTable | None = None
     key: str | None = None
     columns: tuple[ColumnDeclaration, ...] = ()
@@ -107,10 +152,20 @@ class PairDeclaration:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TableFile:
+    """One of the files that a table was made of, and how many of its rows come from there, one after the other."""
+
+    path: str
+    sha256: str
+    rows: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
     """Where a table came from. ``file_rows[i]`` is the row of cell row i as in the file (header = 1).
 
-    ``origins`` has the columns that came in from another table.
+    ``origins`` has the columns that came in from another table. Of a table made of several ``files``, in the order of
+    its rows, ``path`` is the pattern that names them. ``remarks`` are warnings of the reader.
     """
 
     path: str
@@ -119,6 +174,8 @@ class Provenance:
     file_rows: NDArray[np.int64] = field(repr=False)
     source_columns: Mapping[str, str] = field(default_factory=dict)
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
+    files: tuple[TableFile, ...] = field(default=(), repr=False)
+    remarks: tuple[Diagnostic, ...] = field(default=(), repr=False)
 
     def place(self, row: int, column: str | None = None) -> DataPlace:
         """The place of a cell; ``row`` counts the table's rows from 1, ``column`` is the name used in the problem."""
@@ -127,7 +184,16 @@ class Provenance:
             return origin.provenance.place(int(origin.rows[row - 1]), origin.column)
         in_file = int(self.file_rows[row - 1]) if 0 < row <= len(self.file_rows) else row
         name = self.source_columns.get(column, column) if column is not None else None
-        return DataPlace(file=self.path, row=in_file, column=name)
+        return DataPlace(file=self._file(row), row=in_file, column=name)
+
+    def _file(self, row: int) -> str:
+        """The path of the file that a row is from."""
+        last = 0
+        for each in self.files:
+            last += each.rows
+            if row <= last:
+                return each.path
+        return self.path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

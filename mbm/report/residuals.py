@@ -65,9 +65,9 @@ def residual_summaries(problem: Problem, solution: Solution) -> Mapping[str, Res
 
 
 def file_rows(table: Table, positions: list[int]) -> tuple[int, ...]:
-    """Rows of the file, ascending; 0 where the table stands in the problem or was given as arrays."""
+    """Rows of the file, ascending; 0 where the table is from no file or from several."""
     lines = table.provenance.file_rows
-    if any(_shares_its_line(lines, int(table.rows[p]) - 1) for p in positions):
+    if table.provenance.files or any(_shares_its_line(lines, int(table.rows[p]) - 1) for p in positions):
         return (0,) * len(positions)
     places = (table.place(p) for p in positions)
     return tuple(sorted(p.row or 0 if isinstance(p, DataPlace) else 0 for p in places))

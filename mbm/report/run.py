@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
-from mbm.problem.tables import Table
+from mbm.problem.tables import Provenance, Table
 from mbm.problem.types import BlockRole, Consensus, GivenStarts, Overrides, Problem, RandomStarts
 from mbm.report.from_solution import report_of
 from mbm.report.options import Progress
@@ -79,12 +79,16 @@ def result_of(
             **_constraints_option(problem),
             **asked,
         },
-        inputs=tuple(
-            InputFile(path=t.provenance.path, sha256=t.provenance.sha256, rows=t.provenance.rows) for t in raw.values()
-        ),
+        inputs=tuple(file for table in raw.values() for file in _files(table.provenance)),
         diagnostics=(*problem.warnings, *_interrupted(done, left)),
         complete=not left,
     )
+
+
+def _files(source: Provenance) -> tuple[InputFile, ...]:
+    """The files of a table; the table itself, if it is from none or one."""
+    made_of = source.files or (source,)
+    return tuple(InputFile(path=each.path, sha256=each.sha256, rows=each.rows) for each in made_of)
 
 
 def _kinds(failures: Sequence[Failure]) -> tuple[Diagnostic, ...]:
