@@ -179,7 +179,7 @@ def library() -> str:
             parts.append(
                 f"## `({name} {arguments})`\n\n" + "".join(f"{line}\n" for line in function.doc.splitlines()) + "\n"
             )
-    parts.append("Meshes and the models `tube ellipsoid torus grid` are not available yet.\n")
+    parts.append("Meshes are not available yet.\n")
     return "".join(parts)
 
 

@@ -285,7 +285,7 @@ class Problem:
         wrong = refusals(problem, tables)
         calls = () if wrong else self._called(found, inputs)
         if not (wrong or calls):
-            wrong = self._without_start(found)
+            wrong = list(self._without_start(found))
         return (*wrong, *problem.warnings, *structural_warnings(problem, tables), *lacking, *calls)
 
     def _called(self, found: Elaborated, inputs: Inputs) -> tuple[Diagnostic, ...]:
@@ -319,7 +319,7 @@ class Problem:
         from mbm.estimation.solve.choice import chosen_solver
 
         kernels = compiler.derived(found)
-        cache = EvaluationCache(self.registry.suited(self.registry.backend("auto"), kernels))
+        cache = EvaluationCache(self.registry.suited(self.registry.backend("auto"), kernels, None))
         try:
             chosen_solver(found, kernels, cache, self.registry.closed_forms())
         except MbmError as error:

@@ -77,6 +77,7 @@ class ManyReader:
     ``read`` takes the path as messages shall print it, reads the file once, and gives all tables by the names
     ``parts``; an MbmError in the place of a table is raised when it is asked for. ``members`` are the files
     that it may open where the path is that of a folder, by their names; none where the path is that of a file.
+    ``named``: a table is asked for by a text that the file decides, or none: ``(opencv "path" "node")``.
     """
 
     name: str
@@ -84,6 +85,7 @@ class ManyReader:
     parts: tuple[str, ...]
     read: Callable[[Path], Mapping[str, RawTable | MbmError]]
     members: tuple[str, ...] = ()
+    named: bool = False
 
     def part(self, name: str) -> Reader:
         """The reader of one of the tables alone."""
@@ -130,7 +132,9 @@ class Formats(Mapping[str, Format]):
         reader = self._readers[name]
         if isinstance(reader, ImageReader):
             return reader.format
-        return Format(parts=reader.parts if isinstance(reader, ManyReader) else ())
+        if isinstance(reader, ManyReader):
+            return Format(parts=reader.parts, named=reader.named)
+        return Format()
 
     def __contains__(self, name: object) -> bool:
         return name in self._readers

@@ -16,6 +16,7 @@ from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.estimation.settings import Forms, Settings, settings_of, standard_forms
 from mbm.estimation.solve.estimate import estimate
 from mbm.estimation.solve.sampled_rows import settled
+from mbm.kernels.faults import is_failed_call
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import CellKey
@@ -51,7 +52,8 @@ def solutions(
 ) -> Solutions:
     """The solves that the problem's ``for-each`` and ``window`` ask for; one without them.
 
-    One of several solves that cannot be set up is a ``Failure``, and the others go on. A window starts from the last
+    One of several solves that cannot be set up is a ``Failure``, and the others go on; a function in Python that fails
+    ends them all. A window starts from the last
     one where that is better; one with too few rows is ``Skipped``. An ``interruption`` ends the solve at work, and
     makes no further ones. ``starts`` is None where no start is given from outside. ``workers`` threads share what can
     be made together, solves or starts (None: one for each processor); the answers do not depend on their number.
@@ -123,7 +125,7 @@ def _one_by_one(
                 ),
             )
         except MbmError as error:
-            if not selection.key:
+            if not selection.key or is_failed_call(error):
                 raise
             return Failure(key=selection.key, diagnostics=error.diagnostics)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import traceback
 from pathlib import Path
 
-from mbm.text.faults import shown
-from mbm.text.types import Code, Diagnostic, Severity, Span
+from mbm.text.faults import REASON_LENGTH, shown
+from mbm.text.types import Code, Diagnostic, MbmError, Severity, Span
 
 EXTERNAL_NOT_ALLOWED = Code(
     "external-not-allowed",
@@ -31,9 +31,6 @@ WRONG_JACOBIAN = Code(
 
 _NOT_THEIRS = (Path(__file__).parent.name, "importlib")
 """Folders of the code that imports and calls: where that fails, it is not to blame."""
-
-REASON_LENGTH = 200
-"""Characters that are told of an exception."""
 
 
 def external_not_allowed(span: Span, function: str, severity: Severity = Severity.ERROR) -> Diagnostic:
@@ -65,6 +62,11 @@ def external_failed(span: Span, function: str, reason: str, arguments: str) -> D
         place=span,
         hint=f"called with {shown(arguments, REASON_LENGTH)}",
     )
+
+
+def is_failed_call(error: MbmError) -> bool:
+    """Whether a function in Python failed: a fault of the program, whichever rows show it."""
+    return any(diagnostic.code is EXTERNAL_FAILED for diagnostic in error.diagnostics)
 
 
 def exception_text(error: BaseException) -> str:

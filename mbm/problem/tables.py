@@ -111,10 +111,12 @@ class Argument:
 class Format:
     """What a data clause may say of a format: the tables in a file of it, its arguments, the units of its columns.
 
-    Columns of ``lengths`` have the unit of the first argument that is a length, if it states one.
+    ``named``: the files of it call their tables as they like. Columns of ``lengths`` have the unit of the first
+    argument that is a length, if it states one.
     """
 
     parts: tuple[str, ...] = ()
+    named: bool = False
     arguments: tuple[Argument, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     lengths: tuple[str, ...] = ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.text.faults import shown
+from mbm.text.faults import REASON_LENGTH, shown
 from mbm.text.types import Code, Diagnostic, Span
 
 BROKEN_PLUG_IN = Code(
@@ -10,9 +10,6 @@ BROKEN_PLUG_IN = Code(
     "An installed package announces a closed form, a reader or a function that cannot be loaded, or is none.",
     "Update or remove the package.",
 )
-
-REASON_LENGTH = 200
-"""Characters that are told of why a package does not load."""
 
 
 def broken_plug_in(span: Span | None, name: str, group: str, package: str, reason: str) -> Diagnostic:

@@ -29,7 +29,7 @@ from mbm.language.vocabulary.frames import rotation_transform, scale_transform, 
 from mbm.language.vocabulary.rigid import pose
 from mbm.shapes import faults
 from mbm.shapes.features import pose_transform
-from mbm.shapes.heads import CURVES, FORMS_NOT_YET, LIBRARY_NOT_YET, SWEEP_USAGES, are_values, fits, is_users
+from mbm.shapes.heads import CURVES, FORMS_NOT_YET, SWEEP_USAGES, fits, is_users
 from mbm.shapes.motions import motion_of
 from mbm.shapes.profiles import profile_of
 from mbm.shapes.repetition import repetitions
@@ -143,8 +143,6 @@ def _headed(head: Symbol, form: Sequence, site: Site) -> Node:
         raise MbmError(language_faults.not_available_yet(head.span, f"`{name}`", FORMS_NOT_YET[name]))
     if isinstance(function, ModelFunction) and fits(function, form, evaluator, site.scope):
         return _called(form, site)
-    if name in LIBRARY_NOT_YET and are_values(form.items[1:], evaluator, site.scope):
-        raise MbmError(language_faults.not_available_yet(head.span, f"`{name}`", LIBRARY_NOT_YET[name]))
     variable = site.scope.lookup(name, head.span)
     if isinstance(variable, Callable_):
         return _called(form, site)

@@ -31,11 +31,6 @@ FORMS_NOT_YET: Mapping[str, str] = MappingProxyType(
 )
 """Shape descriptions of the language that come later."""
 
-LIBRARY_NOT_YET: Mapping[str, str] = MappingProxyType(
-    dict.fromkeys(("tube", "ellipsoid", "torus", "grid"), "library models with curved or many faces")
-)
-"""Models of the library that come later."""
-
 
 def is_users(function: Callable_ | None) -> bool:
     """Whether the user defined this function or model: then no part has its name without ``(part …)``."""

@@ -17,7 +17,10 @@ from mbm.shapes.model import arrived_arguments, call_model
 from mbm.shapes.types import ModelFunction, Shape
 from mbm.text.types import Source
 
-LIBRARY_NAMES = ("rectangular", "disk", "box", "prism", "cylinder", "cone", "frustum", "sphere")
+LIBRARY_NAMES = (
+    *("rectangular", "disk", "box", "prism", "cylinder", "cone", "frustum", "sphere"),
+    *("tube", "ellipsoid", "torus", "grid"),
+)
 """The models there are, each in a file of its name."""
 
 

@@ -41,7 +41,7 @@ from mbm.language.vocabulary import (
 from mbm.shapes import faults
 from mbm.shapes.description import swept_shape
 from mbm.shapes.features import Place, enter, find_parts, frame_feature, numbered, part_names, resolve, root
-from mbm.shapes.heads import FORMS_NOT_YET, LIBRARY_NOT_YET, SWEEP_USAGES
+from mbm.shapes.heads import FORMS_NOT_YET, SWEEP_USAGES
 from mbm.shapes.library import library_models
 from mbm.shapes.model import Model
 from mbm.shapes.opaque import opaque_argument
@@ -59,7 +59,7 @@ _OBSERVABLES_NOT_YET = {
     ),
     **dict.fromkeys(("curve-distance", "extrema"), "image curves"),
 }
-NOT_YET = MappingProxyType({**FORMS_NOT_YET, **LIBRARY_NOT_YET, **_OBSERVABLES_NOT_YET})
+NOT_YET = MappingProxyType({**FORMS_NOT_YET, **_OBSERVABLES_NOT_YET})
 """Names of the language that come later, with the topic that brings them."""
 
 

@@ -358,6 +358,10 @@ def too_many_words(place: Span, limit: int) -> Diagnostic:
     )
 
 
+REASON_LENGTH = 200
+"""Characters that are told of an exception of code that is not mbm's."""
+
+
 def shown(words: str | Path, longest: int = 60) -> str:
     """Words of a user as a message shows them: on one line, printable, and not endless."""
     return cut(str(words), longest)

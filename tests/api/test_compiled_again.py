@@ -58,15 +58,6 @@ def test_of_several_solves_none_is_taken_for_the_answer() -> None:
     assert [solve.estimates[0].value for solve in solved.solves] == [pytest.approx(4), pytest.approx(5)]
 
 
-def test_what_the_contract_has_for_later_is_not_available_yet() -> None:
-    problem = mbm.loads(EXTERNAL)
-    calls = (lambda: problem.solve(data={"d": LINE}, allow_external=True),)
-    for call in calls:
-        with pytest.raises(mbm.MbmError) as caught:
-            call()
-        assert caught.value.diagnostics[0].code.name == "not-available-yet"
-
-
 def test_covariances_go_with_the_unit_of_the_sigmas() -> None:
     problem = mbm.loads("(problem p (unknowns (a :unit mm)) (observe (= 1m a) :sigma 2mm))")
     solved = problem.solve()

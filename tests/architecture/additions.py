@@ -70,7 +70,7 @@ METHOD = {
 """A rule of steps: the undamped step, and half the trust radius where it is longer than that."""
 
 READER = {
-    "mbm/data/readers/__init__.py": (('"g2o")', '"semicolons", '),),
+    "mbm/data/readers/__init__.py": (('"g2o",', '"semicolons", '),),
     "mbm/data/readers/semicolons.py": (
         (
             "",

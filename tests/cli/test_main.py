@@ -110,6 +110,14 @@ def test_wrong_calls_are_json_too(mbm: Run) -> None:
     assert json.loads(outcome.out)["diagnostics"][0]["code"] == "bad-call"
 
 
+def test_json_without_a_file_is_a_wrong_call(mbm: Run) -> None:
+    outcome = mbm("solve", "desk.mbm", "--json")
+    assert outcome.status == 2
+    assert "--json" in outcome.err
+    assert "Traceback" not in outcome.err
+    assert "internal" not in outcome.err
+
+
 def test_an_internal_fault_asks_for_a_report_and_hides_the_traceback(mbm: Run, api: Any) -> None:
     api.answers["solve_file"] = ZeroDivisionError("float division by zero\nsecond line")
     outcome = mbm("solve", "desk.mbm")

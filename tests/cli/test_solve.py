@@ -152,7 +152,6 @@ def test_quiet_prints_one_line(mbm: Run, tmp_path: Path) -> None:
         (("--starts", "0"), "invalid value for '--starts'"),
         (("--overlay", "o.png"), "`--overlay` is not available yet"),
         (("--scheduler", "tcp://a"), "`--scheduler` is not available yet"),
-        (("--allow-external",), "`--allow-external` is not available yet"),
         (("--nonsense",), "no such option"),
     ],
 )

@@ -29,7 +29,20 @@ def outcome(reader, path, content):
 
 
 @pytest.fixture(
-    params=["csv", "tsv", "json", "npz", "parquet", "tum", "kitti", "euroc", "bal:cameras", "g2o:vertices", "g2o:edges"]
+    params=[
+        "csv",
+        "tsv",
+        "json",
+        "npz",
+        "parquet",
+        "tum",
+        "kitti",
+        "euroc",
+        "bal:cameras",
+        "g2o:vertices",
+        "g2o:edges",
+        "bundler:observations",
+    ]
 )
 def reader(request):
     name, _, part = request.param.partition(":")

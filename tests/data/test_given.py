@@ -8,6 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from mbm.data.cells import mixed_column
+
 
 def cells(table) -> dict[str, list]:
     return {name: list(c.texts) if c.texts is not None else c.numbers.tolist() for name, c in table.columns.items()}
@@ -93,3 +95,8 @@ def test_units_key_and_gaps_are_treated_as_in_files(load_given, column):
     assert table.rows.tolist() == [1, 3]
     assert table.place(1, "range").column == "r"
     assert table.place(1, "range").row == 3
+
+
+def test_whole_numbers_among_texts_are_keys_without_a_point():
+    found = mixed_column("k", [1000.0, "a", 0.5, -123456789.0, 7, None]).texts
+    assert found == ("1000", "a", "0.5", "-123456789", "7", "")

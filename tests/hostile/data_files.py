@@ -59,6 +59,10 @@ def sound(kind: str) -> bytes:
         case "bal":
             seen = "".join(f"{i % 2} {i % 3} {i}.5 -{i}.25\n" for i in range(6))
             return ("2 3 6\n" + seen + "\n".join(str(0.1 * i) for i in range(2 * 9 + 3 * 3)) + "\n").encode()
+        case "bundler":
+            camera = "500 0 0\n1 0 0\n0 1 0\n0 0 1\n0 0 -4\n"
+            points = "".join(f"0.{i} 0 0\n9 9 9\n2 0 {i} {i}.5 1 1 {i} 2 3\n" for i in range(3))
+            return ("# Bundle file v0.3\n2 3\n" + 2 * camera + points).encode()
         case _:
             nodes = "".join(f"VERTEX_SE2 {i} {i} 0 0.1\n" for i in range(4))
             edges = "".join(f"EDGE_SE2 {i} {i + 1} 1 0 0.1 1 0 0 1 0 1\n" for i in range(3))
@@ -73,6 +77,10 @@ SOURCES = {
     "bal": (
         '(data c (bal "d.bal" :cameras)) (data q (bal "d.bal" :points)) (data d (bal "d.bal" :observations))',
         "(observe d (= u (+ a (* b v))) :sigma 1) (observe c (= f a) :sigma 1) (observe q (= x b) :sigma 1)",
+    ),
+    "bundler": (
+        '(data c (bundler "d.bundler" :images)) (data d (bundler "d.bundler" :observations))',
+        "(observe d (= u (+ a (* b v))) :sigma 1) (observe c (= z a) :sigma 1)",
     ),
     "g2o": (
         '(data n (g2o "d.g2o" :vertices)) (data d (g2o "d.g2o" :edges))',
@@ -121,6 +129,8 @@ def bomb(kind: str, choices: Choices) -> bytes:
             )
         case "bal":
             return f"{many} {choices.one_of((many, 3))} {choices.one_of((many, 6))}\n0 0 1 2\n".encode()
+        case "bundler":
+            return f"{many} {choices.one_of((many, 3))}\n0 0 0\n".encode()
         case "g2o":
             return f"VERTEX_SE2 {many} 0 0 0\nEDGE_SE2 {many} 0 1 0 0 1 0 0 1 0 1\n".encode()
         case "csv" | "tsv":

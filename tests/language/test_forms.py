@@ -240,3 +240,13 @@ def test_functions_of_lists_take_quoted_forms_as_data(lisp):
     assert lisp("(reduce (lambda (n form) (+ n 1)) '(no names here) 0)") == 3.0
     assert lisp("(length (append '(no names) '(here)))") == 3.0
     assert lisp("(length (map (lambda (form) 1) '(no names here)))") == 3.0
+
+
+def test_quantities_of_one_dimension_are_compared(lisp):
+    assert lisp("(if (< 1mm 2m) 1 2)") == 1.0
+    assert lisp("(if (>= 1mm 2m) 1 2)") == 2.0
+
+
+def test_a_text_at_the_end_of_a_function_is_its_value(lisp):
+    assert lisp("(f 2)", "(defun f (x) (sin x) (* 3 x))") == 6.0
+    assert lisp.value("(f 2)", '(defun f (x) "a value")') == "a value"

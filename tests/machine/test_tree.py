@@ -119,7 +119,27 @@ def brackets(n: Integer, m: Integer, x: ConstantReals, out: Reals) -> None:
     out[8] = x[0] * (x[1] - x[2]) / (x[1] + x[2])
 
 
-MODULE = module_of("sample", [cholesky, walk, functions, brackets])
+def comparisons(n: Integer, x: ConstantReals, out: Reals) -> None:
+    """All comparisons of all pairs: with what is no number, only `!=` holds."""
+    for i in range(n):
+        for k in range(n):
+            found = 0.0
+            if x[i] < x[k]:
+                found += 1.0
+            if x[i] <= x[k]:
+                found += 2.0
+            if x[i] > x[k]:
+                found += 4.0
+            if x[i] >= x[k]:
+                found += 8.0
+            if x[i] == x[k]:
+                found += 16.0
+            if x[i] != x[k]:
+                found += 32.0
+            out[i * n + k] = found
+
+
+MODULE = module_of("sample", [cholesky, walk, functions, brackets, comparisons])
 X = np.array([1.0, -2.0, 0.1, 0.1, -3.0, 7.0, -1.0, -4.0, -4.0, 2.5, 99.0, 3.0])
 
 
@@ -210,6 +230,15 @@ def test_functions_in_all_targets(target, request):
     np.testing.assert_allclose(there, here, rtol=1e-14, atol=1e-13)
     called(library, "functions", None, 1, np.ones(1), there)
     assert there[2] == np.inf  # nothing is raised at a pole
+
+
+@TARGETS
+def test_comparisons_with_what_is_no_number(target, request):
+    x, found, wanted = np.array([np.nan, -1.0, 2.0, np.inf]), np.zeros(16), np.zeros(16)
+    called(request.getfixturevalue(target), "comparisons", None, 4, x, found)
+    comparisons(4, x, wanted)
+    np.testing.assert_array_equal(found, wanted)
+    assert wanted[:4].tolist() == [32.0] * 4
 
 
 @TARGETS

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mbm.shapes.library import LIBRARY_NAMES, library_definition
+from tests.shapes.bodies import is_closed, pieces, volume
 
 RIM = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)], dtype=float)
 UP = np.array([0, 0, 5.0])
@@ -29,6 +30,10 @@ CORNERS = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)], dtype=float)
         ("(frustum 2 1 5)", [*(2 * RIM), *(RIM + UP)]),
         ("(sphere 2)", [*(2 * RIM), (0, 0, 2), (0, 0, -2)]),
         ("(prism 4 2 5)", [*(2 * RIM), *(2 * RIM + UP)]),
+        ("(tube 2 1 5)", [*(2 * RIM), *(2 * RIM + UP), *RIM, *(RIM + UP)]),
+        ("(ellipsoid 1 2 3)", [(1, 0, 0), (0, 2, 0), (-1, 0, 0), (0, -2, 0), (0, 0, 3), (0, 0, -3)]),
+        ("(torus 5 1)", [*(6 * RIM), *(4 * RIM), *(5 * RIM + UP / 5), *(5 * RIM - UP / 5)]),
+        ("(grid 3 2 1 5)", [(x, y, 0) for y in (0, 5) for x in (0, 1, 2)]),
     ],
 )
 def test_vertexes(opened, call, expected):
@@ -49,6 +54,9 @@ def test_vertexes(opened, call, expected):
         ("(frustum 2 1 5)", [(1, 5), (2, 6), (3, 7), (4, 8)]),
         ("(sphere 2)", [(3, 1), (4, 2), (6, 5)]),
         ("(prism 3 2 5)", [(1, 2), (2, 3), (3, 1), (4, 5), (5, 6), (6, 4), (1, 4), (2, 5), (3, 6)]),
+        ("(tube 2 1 5)", [(n, n + 4) for n in (1, 2, 3, 4, 9, 10, 11, 12)]),
+        ("(ellipsoid 1 2 3)", [(3, 1), (4, 2), (6, 5)]),
+        ("(grid 3 2 1 5)", [(1, 2), (2, 3), (4, 5), (5, 6), (1, 4), (2, 5), (3, 6)]),
     ],
 )
 def test_lines(opened, call, ends):
@@ -68,6 +76,8 @@ def test_lines(opened, call, ends):
         ("(cylinder 2 5)", [(0, 0, -1), (0, 0, 1)]),
         ("(cone 2 5)", [(0, 0, -1)]),
         ("(frustum 2 1 5)", [(0, 0, -1), (0, 0, 1)]),
+        ("(tube 2 1 5)", [(0, 0, -1), (0, 0, 1)]),
+        ("(grid 3 2 1 5)", [(0, 0, 1), (0, 0, 1)]),
         (
             "(prism 6 2 5)",
             [(0, 0, -1), (0, 0, 1), *((np.cos(a), np.sin(a), 0) for a in np.pi / 6 + np.pi / 3 * np.arange(6))],
@@ -110,3 +120,25 @@ def test_arguments_are_numbers(opened):
     assert fault.code.name == "wrong-kind"
     assert fault.place.text == '"wide"'
     assert opened().fault("(cylinder 1)").code.name == "wrong-arity"
+
+
+@pytest.mark.parametrize(
+    ("call", "circles"),
+    [
+        ("(disk 2)", [(2, 0)]),
+        ("(tube 2 1 5)", [(2, 0), (2, 5), (1, 0), (1, 5)]),
+        ("(torus 5 1)", [(6, 0), (4, 0), (5, 1), (5, -1)]),
+    ],
+)
+def test_curves_are_circles_from_x(opened, call, circles):
+    for n, (radius, height) in enumerate(circles, 1):
+        found = opened().numbers(f'(curve-point (feature {call} "curve/{n}") 1)')
+        np.testing.assert_allclose(found, [radius * np.cos(1), radius * np.sin(1), height], rtol=1e-14)
+
+
+def test_the_volume_of_an_extruded_grid(opened):
+    """Its cells are faces side by side: between them are no sides, and the body is closed."""
+    content = opened().value("(extrude (grid 4 3 0.5 2) 3)").content
+    assert volume(content) == pytest.approx(1.5 * 4 * 3, rel=1e-14)
+    (surface,) = pieces(content)
+    assert is_closed(surface)

@@ -76,7 +76,6 @@ BODY = [
     ("wrong-kind", "(sweep (rectangular 1 1) 2)", "2", "a curve"),
     ("not-a-shape", "(extrude 5 2)", "5", "a number"),
     ("not-available-yet", '(mesh "part.stl")', "mesh", "meshes"),
-    ("not-available-yet", "(torus 1 2)", "torus", "library"),
     ("wrong-arity", "(other)", "(other)", "no arguments"),
     ("unknown-name", "(p (trans (0 0 hight) (sphere 1)))", "hight", None),
 ]
@@ -141,7 +140,6 @@ PATHS = [
     ("bad-path", "(get-vertex-from-model '(bent) '(curve 1))", "1", "leads to a curve"),
     ("not-available-yet", '(feature (desk 1) "board/silhouette")', '"board/silhouette"', "silhouettes"),
     ("not-available-yet", "(silhouette (desk 1))", "silhouette", "silhouettes"),
-    ("not-available-yet", "(torus 1 2)", "torus", "library"),
 ]
 
 

@@ -141,6 +141,17 @@ def test_each_row_has_the_true_value_of_its_member() -> None:
     np.testing.assert_allclose(made["u"], 2, atol=0.5)
 
 
+def test_values_without_a_start_are_in_the_middle_of_where_they_may_be() -> None:
+    problem = mbm.loads("""(problem middles
+      (data d external)
+      (unknowns (a :in (2 6)) (b :in (0 100) :start (10 20)))
+      (observe d (= y a) :sigma 0.01)
+      (observe e d (= z b) :sigma 0.01))""")
+    made = problem.simulate(data={"d": {"y": np.zeros(3), "z": np.zeros(3)}}, seed=1)["d"]
+    np.testing.assert_allclose(made["y"], 4, atol=0.05)  # five deviations
+    np.testing.assert_allclose(made["z"], 15, atol=0.05)
+
+
 def test_the_same_seed_gives_the_same_noise_whatever_else_is_simulated() -> None:
     alone = line().simulate(data=table(), seed=5)["d"]["y"]
     np.testing.assert_array_equal(line().simulate(data=table(), seed=5)["d"]["y"], alone)

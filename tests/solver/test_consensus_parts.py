@@ -25,6 +25,7 @@ from mbm.solver.consensus_sample import (
     trials_for_share,
 )
 from mbm.solver.consensus_scores import inlier_count, least_median, outlier_count, truncated
+from mbm.solver.consensus_subset import solve_free
 
 NUMBERS = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40)
 
@@ -85,7 +86,8 @@ def test_truncated_squares_are_summed():
 
 def test_each_unit_has_its_own_limit():
     generator = np.random.default_rng(1)
-    squares, limits = generator.uniform(0, 20, 11), generator.uniform(1, 15, 11)
+    squares, limits = generator.uniform(0, 4, 11), generator.uniform(3, 15, 11)
+    squares[4] = 1e3  # beyond its limit
     wanted = np.minimum(squares / (2.0 * limits), 1.0).sum()
     assert truncated(11, 2.0, squares, limits) == pytest.approx(wanted, rel=1e-14)  # another order of the sum
 
@@ -154,3 +156,17 @@ def test_lists_hold_the_best_trials_in_order_and_no_point_twice(scores, most):
     count = int(work.listed[0])
     assert work.best_scores[:count].tolist() == wanted
     assert [scores[trial] for trial in work.best[:count]] == wanted
+
+
+@pytest.mark.parametrize("held", [(), (0,), (3,), (1, 2)])
+def test_coordinates_that_are_not_held_take_the_step_of_the_normal_equations(held):
+    generator, n = np.random.default_rng(3), 4
+    jacobian, gradient = generator.normal(size=(9, n)), generator.normal(size=n)
+    normal, hold, step = jacobian.T @ jacobian, np.zeros(n), generator.normal(size=n)
+    hold[list(held)] = 1.0
+    free, kept = np.flatnonzero(hold == 0), step.copy()
+    solve_free(n, 0.1, normal.ravel(), gradient, hold, np.zeros(n * n), step)
+    right = -gradient[free] - normal[np.ix_(free, held)] @ kept[list(held)]
+    wanted = np.linalg.solve(normal[np.ix_(free, free)] + 0.1 * np.eye(len(free)), right)
+    np.testing.assert_allclose(step[free], wanted, rtol=1e-9)  # the regularisation is 1e-12 at most of the diagonal
+    np.testing.assert_array_equal(step[list(held)], kept[list(held)])

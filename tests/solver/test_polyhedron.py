@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from mbm.machine.records import slot
 from mbm.solver import description as of
-from tests.solver.scratch import Scratch
+from tests.solver.scratch import FirstPlace, Scratch
 
 WIDTH = 5
 
@@ -36,7 +37,7 @@ def joined(solver, work, normals, limits, sizes):
         if beyond[face] < 1e-12:
             return True
         work.record.normal[:WIDTH] = normals[face]
-        if solver("join", WIDTH, face, limits[face], sizes[face], work) == 0:
+        if solver("join", WIDTH, face, limits[face], sizes[face], work) != 1:
             return False
     raise AssertionError("faces join and leave for ever")
 
@@ -74,3 +75,21 @@ def test_faces_without_a_common_point(solver, scratch):
     normals[-1], limits[-1] = normals[-1] / length, limits[-1] / length
     assert nearest_by_duality(normals, limits) == (None, None)
     assert not joined(solver, scratch, normals, limits, np.append(sizes, 1.0))
+
+
+def test_faces_of_bounds_are_lower_ones_and_then_upper_ones(solver, scratch):
+    """Without constraints: face j is the lower bound of coordinate j, face n + j the upper one."""
+    system = np.zeros(of.HEADER + 2 * WIDTH, dtype=np.int64)
+    system[[of.Problem.n, of.Problem.numbers]] = WIDTH
+    system[slot(of.Problem, "positive")] = of.HEADER
+    x, low, high = np.arange(1.0, 6.0), np.arange(-5.0, 0.0), np.arange(11.0, 16.0)
+    constants = np.zeros(of.BOUNDS_AT + 2 * WIDTH)
+    constants[of.BOUNDS_AT : of.BOUNDS_AT + WIDTH], constants[of.BOUNDS_AT + WIDTH :] = low, high
+    work = scratch.record
+    work.rows.constants, work.scale[:WIDTH], work.values[:1] = constants, 2.0, 1e3
+    place = FirstPlace(scratch)
+    place.record.x[:WIDTH] = x
+    for j in range(WIDTH):
+        for face, sign, value in ((j, -1.0, 2.0 * (low - x)[j]), (WIDTH + j, 1.0, -2.0 * (high - x)[j])):
+            assert solver("set_face", system, face, 0, place, scratch) == pytest.approx(value, rel=1e-15)
+            assert work.moved[:WIDTH].tolist() == (sign * np.eye(WIDTH)[j]).tolist()

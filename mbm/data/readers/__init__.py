@@ -7,7 +7,23 @@ from importlib import import_module
 
 from mbm.data.types import AnyReader
 
-_NAMES = ("csv", "tsv", "json", "npz", "parquet", "tum", "kitti", "euroc", "bal", "g2o", "colmap", "chessboard")
+_NAMES = (
+    "csv",
+    "tsv",
+    "json",
+    "npz",
+    "parquet",
+    "tum",
+    "kitti",
+    "euroc",
+    "bal",
+    "g2o",
+    "bundler",
+    "colmap",
+    "opencv",
+    "kalibr",
+    "chessboard",
+)
 """The formats, each in a file of its name that exports ``READER``."""
 
 

@@ -19,13 +19,12 @@ from mbm.data.readers import colmap_binary, colmap_text
 from mbm.data.readers.colmap_models import PARAMETERS
 from mbm.data.readers.colmap_records import NO_POINT, Cameras, Images, Integers, Origin, Points, positions_of
 from mbm.data.readers.fields import LARGEST_DEVIATION, number_columns
+from mbm.data.readers.scenes import PARTS, POSE
 from mbm.data.types import ManyReader, RawTable, asked
 from mbm.problem.tables import Column, Numbers
 from mbm.text.types import MbmError
 
-PARTS = ("cameras", "images", "points", "observations")
 STEMS = ("cameras", "images", "points3D")
-POSE = ("qw", "qx", "qy", "qz", "x", "y", "z")
 
 T = TypeVar("T")
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from mbm.text.shown import cut
+from mbm.text.suggest import suggestion
 from mbm.text.types import Code, DataPlace, Diagnostic
 
 MISSING_HEADER = Code(
@@ -44,7 +47,7 @@ MALFORMED_NPZ = Code(
 )
 MALFORMED_RECORD = Code(
     "malformed-record",
-    "A line or record of a format with a fixed layout (`tum`, `kitti`, `euroc`, `bal`, `g2o`, `colmap`) does"
+    "A line or record of a format with a fixed layout (`tum`, `kitti`, `euroc`, `bal`, `g2o`, `colmap`, `bundler`) does"
     " not hold what belongs there.",
     "Correct the line, or name the format that the file has.",
 )
@@ -64,7 +67,18 @@ MALFORMED_PARQUET = Code(
     "A file is no Parquet file, or it is damaged.",
     "Write it anew, for example with `to_parquet` of a data frame.",
 )
+MALFORMED_YAML = Code(
+    "malformed-yaml",
+    "A file does not follow the rules of YAML, or not those of the format that is written in it (`opencv`, `kalibr`).",
+    "Correct it at the line named, or write it anew with the program that it comes from.",
+)
+NO_NODE = Code(
+    "no-node",
+    "A file has no node of the name that a data clause asks for.",
+    "Correct the name. Nodes within nodes have their names with points between them: `left.camera_matrix`.",
+)
 LONGEST_SHOWN = 40
+MOST_NODES = 12
 
 
 def shown(text: str) -> str:
@@ -128,6 +142,20 @@ def mixed_records(place: DataPlace, tag: str, other: str, row: int) -> Diagnosti
 def no_records(place: DataPlace, what: str) -> Diagnostic:
     """``what`` are not in the file."""
     return Diagnostic(code=NO_RECORDS, message=f"`{place.file}` holds no {what}", place=place)
+
+
+def malformed_yaml(place: DataPlace, reason: str) -> Diagnostic:
+    """``reason`` says what is wrong with the line, or the file, at ``place``."""
+    where = f"`{place.file}`" if place.row is None else f"line {place.row} of `{place.file}`"
+    return Diagnostic(code=MALFORMED_YAML, message=f"{where}: {reason}", place=place)
+
+
+def no_node(place: DataPlace, name: str, part: str, known: Iterable[str]) -> Diagnostic:
+    """There is no ``part`` of the node ``name`` among the ``known`` ones."""
+    known = tuple(known)
+    listed = ", ".join(shown(each) for each in known[:MOST_NODES])
+    near = suggestion(part, known, f"there are {listed}" if known else "there are none within it")
+    return Diagnostic(code=NO_NODE, message=f"`{place.file}` has no node {shown(name)}", place=place, hint=near)
 
 
 def malformed_parquet(place: DataPlace, reason: str) -> Diagnostic:

@@ -17,7 +17,7 @@ from mbm.problem.types import Problem
 from mbm.text.types import MbmError
 
 MOST_ROTATIONS = 3
-"""Rotations of space that random points may guess at once: of 128 points one is near four once in 1,000 cases."""
+"""Rotations of space that random points may guess at once; one of 128 is near four of them in one case of 1,000."""
 
 
 def may_be_startless(problem: Problem, tables: Mapping[str, Table]) -> bool:

@@ -11,7 +11,7 @@ from mbm.estimation.search.starting import beginnings
 from mbm.estimation.settings import settings_of
 from mbm.estimation.solve.estimate import assemble
 from mbm.kernels.backends.calling import CallingStream
-from mbm.kernels.faults import EXTERNAL_FAILED
+from mbm.kernels.faults import is_failed_call
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.text.types import Diagnostic, MbmError
@@ -37,7 +37,7 @@ def jacobian_doubts(found: Elaborated, kernels: KernelSet, cache: EvaluationCach
     except (StopIteration, IndexError):
         return ()
     except MbmError as error:
-        if any(diagnostic.code is EXTERNAL_FAILED for diagnostic in error.diagnostics):
+        if is_failed_call(error):
             raise
         return ()
     doubts: dict[str, Diagnostic] = {}

@@ -144,7 +144,7 @@ def _source(evaluator: Evaluator, scope: Scope, form: Form, formats: Formats) ->
         raise MbmError(language_faults.not_available_yet(form.span, f"the source `{head}`", "other file formats"))
     if isinstance(form, Sequence) and head is not None and head in formats:
         known = formats[head]
-        return _images(evaluator, scope, form, known) if known.arguments else _file(form, head, known.parts)
+        return _images(evaluator, scope, form, known) if known.arguments else _file(form, head, known)
     if isinstance(form, Sequence) and head == "table":
         return _inline(evaluator, scope, form)
     if isinstance(form, Sequence) and head == UNION:
@@ -153,12 +153,19 @@ def _source(evaluator: Evaluator, scope: Scope, form: Form, formats: Formats) ->
     raise MbmError(faults.unknown_source(form.span, shown, (*formats, "table", UNION, "external", *LATER)))
 
 
-def _file(form: Sequence, head: str, parts: tuple[str, ...]) -> _Source:
+def _file(form: Sequence, head: str, known: Format) -> _Source:
     """``(csv "path")``; ``(g2o "path" :edges)``: one of the tables of a file."""
-    if not parts:
+    parts = known.parts
+    if not (parts or known.named):
         if len(form.items) != 2 or not isinstance(form.items[1], Text):
             raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes one path", f'({head} "path")'))
         return _Source(format=head, path=form.items[1].value)
+    if known.named:
+        texts = [item.value for item in form.items[1:] if isinstance(item, Text)]
+        if not 1 <= len(texts) <= 2 or len(texts) != len(form.items) - 1:
+            usage = f'({head} "path" ["node"])'
+            raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes a path and the name of a node", usage))
+        return _Source(format=head, path=texts[0], part=texts[1] if len(texts) > 1 else "")
     usage = f'({head} "path" {" | ".join(f":{part}" for part in parts)})'
     if len(form.items) != 3 or not isinstance(form.items[1], Text) or not isinstance(form.items[2], Keyword):
         raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes a path and the table that is meant", usage))

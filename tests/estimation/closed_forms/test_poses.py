@@ -86,6 +86,7 @@ def test_rays_meet_where_they_were_sent_from() -> None:
     assert np.isnan(meeting_points(places, np.tile(rays[:1], (5, 1)))).all()
 
 
-def test_points_at_one_place_have_no_pose() -> None:
-    found, shifts = poses_from_bearings(np.tile([1.0, 2.0, 3.0], (5, 1)), np.tile([0.0, 0.0, 1.0], (5, 1)))
+@pytest.mark.parametrize("points", [np.tile([1.0, 2.0, 3.0], (5, 1)), cloud(5, 3)], ids=["one place", "one ray"])
+def test_points_at_one_place_or_on_one_ray_have_no_pose(points: np.ndarray) -> None:
+    found, shifts = poses_from_bearings(points, np.tile([0.0, 0.0, 1.0], (5, 1)))
     assert (found.shape, shifts.shape) == ((0, 3, 3), (0, 3))

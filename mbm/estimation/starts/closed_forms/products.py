@@ -26,7 +26,7 @@ from mbm.estimation.starts.closed_forms.numerics.contaminated import poses_of_mo
 from mbm.estimation.starts.closed_forms.numerics.finite import finite
 from mbm.estimation.starts.closed_forms.pose_from_points import bearings_of, is_central
 from mbm.estimation.starts.closed_forms.similarity import targets_of
-from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate
+from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
 from mbm.rotations import exponential, matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
 from mbm.values import dataclass
 
@@ -45,6 +45,20 @@ class Products:
     R: Floats
     t: Floats
 
+    def factor(self, k: int, numbers: Floats) -> tuple[Floats, Floats]:
+        """The pose of link k in each product (C, 3, 3), (C, 3); those of the others are among all ``numbers`` (N,)."""
+        before, behind = _rest(len(self.R)), _rest(len(self.R))
+        for j, link in enumerate(self.links):
+            pose = numbers[np.stack([link.places(member) for member in link.member.tolist()])]
+            motion = (matrix_of_quaternion(pose[:, :4]), pose[:, 4:])
+            motion = inverse(motion) if link.inverse else motion
+            if j < k:
+                before = after(after(before, motion), (self.turns[j], self.shifts[j]))
+            elif j > k:
+                behind = after(after(behind, (self.turns[j - 1], self.shifts[j - 1])), motion)
+        found = after(after(inverse(before), (self.R, self.t)), inverse(behind))
+        return inverse(found) if self.links[k].inverse else found
+
 
 def products_of(candidate: Candidate) -> Products | None:
     """The products of all poses of a candidate that rows tell, which miss nothing else."""
@@ -58,14 +72,17 @@ def products_of(candidate: Candidate) -> Products | None:
         for poses, rows in rows_of_products(situation, group, np.arange(group.rows))
         if poses == entries
     )
-    if not lines:
-        return None
+    return products_in(situation, lines, entries) if lines else None
+
+
+def products_in(situation: Situation, lines: Lines, entries: tuple[int, ...]) -> Products | None:
+    """The products that rows tell which miss one member of each of ``entries``, poses, and nothing else."""
     for width in (2, 3):
         found = chain(situation, lines, entries, width)
         told = None if found is None else _seen(found) if width == 2 else _placed(found)
         if found is not None and told is not None:
             return _whole(found, *told)
-    return _measured(candidate, lines) if len(entries) == 2 else None
+    return _measured(situation, lines, entries) if len(entries) == 2 else None
 
 
 def _whole(found: Chain, R: Floats, t: Floats) -> Products:
@@ -107,13 +124,12 @@ def _placed(found: Chain) -> tuple[Floats, Floats] | None:
     return np.stack([R for _, R, _ in parts]), np.stack([t for _, _, t in parts])
 
 
-def _measured(candidate: Candidate, lines: Lines) -> Products | None:
+def _measured(situation: Situation, lines: Lines, entries: tuple[int, ...]) -> Products | None:
     """``P A Q^±1 = C`` with C measured: P vanishes the residual, and how it changes with Q tells A and the sign."""
-    entries = candidate.support.entries
-    outer, inner = (pose_in(candidate.situation, lines, entry) for entry in entries)
+    outer, inner = (pose_in(situation, lines, entry) for entry in entries)
 
     def outer_at(motion: Floats) -> tuple[Floats, Floats] | None:
-        alone = alone_in(candidate.situation, lines, (outer, inner), outer, {inner.entry.unknown.name: motion})
+        alone = alone_in(situation, lines, (outer, inner), outer, {inner.entry.unknown.name: motion})
         rows = alone.rows(6)
         found = vanishing(rows, outer.entry) if len(rows) else np.full((1, 7), np.nan)
         return (matrix_of_quaternion(found[:, :4]), found[:, 4:]) if bool(np.isfinite(found).all()) else None
@@ -123,29 +139,34 @@ def _measured(candidate: Candidate, lines: Lines) -> Products | None:
     if rest is None or any(each is None for each in turned):
         return None
     # P(Q) = C Q^∓1 A⁻¹, so that P(1)⁻¹ P(Q) = A Q^∓1 A⁻¹
-    within = [_after(_inverse(rest), each) for each in turned if each is not None]
+    within = [after(inverse(rest), each) for each in turned if each is not None]
     axes = np.stack([vector_of_quaternion(quaternion_of_matrix(R)) for R, _ in within], axis=-1)
-    inverse = bool(np.linalg.det(axes[0]) > 0)
-    turns = axes if inverse else -axes
+    inverted = bool(np.linalg.det(axes[0]) > 0)
+    turns = axes if inverted else -axes
     if not np.allclose(np.swapaxes(turns, 1, 2) @ turns, np.eye(3), atol=AGREEMENT):
         return None
     moved = np.concatenate([np.eye(3) - R for R, _ in within], axis=1)
     shifts = np.einsum("nij,nj->ni", np.linalg.pinv(moved), np.concatenate([t for _, t in within], axis=1))
-    R, t = _after(rest, (turns, shifts))
+    R, t = after(rest, (turns, shifts))
     members = [np.concatenate(pose.members) for pose in (outer, inner)]
     links = (
         Link(entry=outer.entry, inverse=False, member=members[0]),
-        Link(entry=inner.entry, inverse=inverse, member=members[1]),
+        Link(entry=inner.entry, inverse=inverted, member=members[1]),
     )
     return Products(links=links, turns=turns[None], shifts=shifts[None], R=R, t=t)
 
 
-def _after(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+def _rest(count: int) -> tuple[Floats, Floats]:
+    return np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+
+
+def after(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     """The motions (n, 3, 3), (n, 3) first ∘ second."""
     (R, t), (S, s) = first, second
     return R @ S, np.einsum("nij,nj->ni", R, s) + t
 
 
-def _inverse(motion: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+def inverse(motion: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """The inverse motions."""
     R, t = motion
     return np.swapaxes(R, 1, 2), -np.einsum("nji,nj->ni", R, t)
