@@ -197,7 +197,7 @@ def photographs(axes: Axes) -> None:
     found = solve("photographs", "photographs")
     left = np.array([r.value for r in found.residuals("corners")]).reshape(-1, 2)[:35]
     photograph = HERE / "photographs" / "board1.png"
-    table = READERS["chessboard"].read((photograph,), "board1.png", {"columns": 7, "rows": 5, "size": 0.03})
+    table = READERS["chessboard"].read({"board1": photograph}, "board1.png", {"columns": 7, "rows": 5, "size": 0.03})
     u, v = (next(c.numbers for c in table.columns if c.name == name) for name in ("u", "v"))
     axes.imshow(plt.imread(photograph), cmap="gray", vmin=0, vmax=1)
     axes.plot(u, v, "+", color=BLUE)

@@ -6,6 +6,7 @@ written in the problem, the file that the data clause names.
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -66,20 +67,19 @@ def load_all(
     strangers = [name for name in dict.fromkeys((*given, *paths)) if name not in declared]
     found: list[Diagnostic] = [faults.undeclared_table(name, declared) for name in strangers]
     tables: dict[str, Table] = {}
-    parts: Parts = {}
+    sources = _Sources(
+        base=base,
+        given=given,
+        paths=paths,
+        sandbox=sandbox,
+        readers=readers,
+        parts={},
+        tables=ChainMap(dict(known), tables),
+    )
     for number, declaration in enumerate(_unions_last(declared), start=1):
         name = declaration.name
         if number > MOST_FILES:
             raise MbmError(too_many_files(declaration.span, MOST_FILES))
-        sources = _Sources(
-            base=base,
-            given=given,
-            paths=paths,
-            sandbox=sandbox,
-            readers=readers,
-            parts=parts,
-            tables={**tables, **known},
-        )
         if sources.lack(declaration):
             continue  # what is wrong with a member was said where it was read
         try:
@@ -97,8 +97,11 @@ def load_all(
 
 def _unions_last(declared: Mapping[str, TableDeclaration]) -> Iterator[TableDeclaration]:
     """The declarations, each union behind the tables that it takes; no union takes itself by whatever way."""
-    members = {name: [m.name for m in each.members if m.name in declared] for name, each in declared.items()}
-    return (declared[name] for name in TopologicalSorter(members).static_order())
+    unions = {name: each for name, each in declared.items() if each.members}
+    yield from (each for name, each in declared.items() if name not in unions)
+    if unions:
+        among = {name: [m.name for m in each.members if m.name in unions] for name, each in unions.items()}
+        yield from (unions[name] for name in TopologicalSorter(among).static_order())
 
 
 def _check_together(tables: Mapping[str, Table], place: Span) -> None:
@@ -128,7 +131,7 @@ def _once(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sources:
-    """Where tables may come from, as ``load`` has it; ``tables`` are those of the problem that were read before."""
+    """Where tables may come from, as ``load`` has it; ``tables`` are those of the problem that were read so far."""
 
     base: Path
     given: Mapping[str, object]

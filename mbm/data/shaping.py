@@ -25,9 +25,7 @@ def shape(raw: RawTable, declaration: TableDeclaration) -> Table:
     key = declaration.key
     if key is None and raw.key is not None:
         key = names.get(raw.key, raw.key)
-    provenance = replace(
-        raw.provenance(), source_columns={declared.name: declared.source for declared in declaration.columns}
-    )
+    provenance = raw.provenance({declared.name: declared.source for declared in declaration.columns})
     table = Table(
         name=declaration.name,
         columns=columns,

@@ -37,13 +37,14 @@ class RawTable:
     parts: tuple[Part, ...] = field(default=(), repr=False)
     remarks: tuple[Diagnostic, ...] = field(default=(), repr=False)
 
-    def provenance(self) -> Provenance:
-        """Where its rows stand."""
+    def provenance(self, source_columns: Mapping[str, str] | None = None) -> Provenance:
+        """Where its rows stand; ``source_columns`` are its names of columns that have others now."""
         return Provenance(
             path=self.path,
             sha256=self.sha256,
             rows=len(self.file_rows),
             file_rows=self.file_rows,
+            source_columns=source_columns or {},
             parts=self.parts,
             remarks=self.remarks,
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import traceback
 from pathlib import Path
 
 from mbm.text.faults import REASON_LENGTH, shown
@@ -71,6 +70,8 @@ def is_failed_call(error: MbmError) -> bool:
 
 def exception_text(error: BaseException) -> str:
     """Kind and text of an exception, and the line that raised it: ``ValueError: math domain error (helper.py:12)``."""
+    import traceback  # by failed calls only, so that others begin at once
+
     text = "".join(traceback.format_exception_only(error)[-1:]).strip()
     every = [(Path(frame.filename), frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
     own = [(path, line) for path, line in every if path.is_file() and path.parent.name not in _NOT_THEIRS]

@@ -33,6 +33,7 @@ def test_check_without_faults(mbm: Run, api: Any) -> None:
         "strict_units": True,
         "data": {"d": Path("x.csv")},
         "sandbox": Path("here"),
+        "allow_external": False,
     }
 
 
@@ -61,7 +62,13 @@ def test_check_as_json(mbm: Run, api: Any, diagnostic_of: Callable[..., Diagnost
 def test_explain(mbm: Run, api: Any) -> None:
     outcome = mbm("explain", "desk.mbm", "--latex", "--stage", "symbolic")
     assert (outcome.status, outcome.out) == (0, "h = 1 + x\n")
-    assert api.calls[0][2] == {"problem": None, "latex": True, "stage": "symbolic", "sandbox": None}
+    assert api.calls[0][2] == {
+        "problem": None,
+        "latex": True,
+        "stage": "symbolic",
+        "sandbox": None,
+        "allow_external": False,
+    }
     assert mbm("explain", "desk.mbm", "--stage", "nonsense").status == 2
 
 

@@ -136,7 +136,7 @@ def test_outliers_and_inputs_are_told_by_file(folder, capsys):
     (folder / "p.mbm").write_text(f'(problem p (data d (csv "A*.csv")) {LINE} (solve :robust (lmeds)))')
     run(["solve", "p.mbm", "--json", "out.json"])
     said = capsys.readouterr().out
-    assert "outliers: rows 1, 12 (row 2 of A10.csv, row 11 of A2.csv)" in said
+    assert "outliers: rows 1, 12 (row 2 of A10.csv, row 11 of A2.csv)" in " ".join(said.split())
     document = json.loads((folder / "out.json").read_text())
     assert [(each["path"], each["rows"]) for each in document["inputs"]] == [("A10.csv", 2), ("A2.csv", 10)]
 

@@ -26,7 +26,9 @@ def corners(folder):
     from mbm.data.readers import READERS
 
     arguments = {"columns": 9, "rows": 6, "size": 0.025}
-    table = READERS["chessboard"].read(tuple(sorted(folder.glob("left*.jpg"))), "left*.jpg", arguments)
+    table = READERS["chessboard"].read(
+        {path.stem: path for path in sorted(folder.glob("left*.jpg"))}, "left*.jpg", arguments
+    )
     return {column.name: column.numbers if column.texts is None else column.texts for column in table.columns}
 
 

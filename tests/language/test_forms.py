@@ -250,3 +250,10 @@ def test_quantities_of_one_dimension_are_compared(lisp):
 def test_a_text_at_the_end_of_a_function_is_its_value(lisp):
     assert lisp("(f 2)", "(defun f (x) (sin x) (* 3 x))") == 6.0
     assert lisp.value("(f 2)", '(defun f (x) "a value")') == "a value"
+
+
+def test_a_wrong_call_shows_the_parameters_with_their_defaults(lisp):
+    with pytest.raises(MbmError) as caught:
+        lisp.value("(f)", "(defun f (a &optional (b (* 2 a)) c &key (:tag d 7)) a)")
+    (fault,) = caught.value.diagnostics
+    assert "(f a [b = (* 2 a)] [c] [:tag d])" in f"{fault.message} {fault.hint}"

@@ -12,6 +12,7 @@ from mbm.machine.kinds import LANES
 from mbm.solver.consensus_fixed_point import contradicted
 from mbm.solver.consensus_forms import points_in_closed_form
 from mbm.solver.consensus_joint import group_noise
+from mbm.solver.consensus_order import robust_variance
 from mbm.solver.consensus_records import SPHERES
 from mbm.solver.consensus_rows import unruled_square
 from mbm.solver.consensus_units import norm_directions
@@ -98,3 +99,14 @@ def test_chosen_ranges_meet_in_a_point(offset):
     rest = [place for place in range(numbers) if place not in order]
     assert (points[:, rest] == base[rest]).all()
     assert np.abs(points[:, order] - truth).max(axis=1).min() < 1e-9
+
+
+def test_the_robust_variance_is_that_of_rousseeuw_and_leroy():
+    """``(1 + 5/(n − p))²`` times the median over that of the law (1987, p. 202); n counts the scalars of all groups."""
+    group, squares = np.array([0, 1, 0, 0, 1, 0]), np.array([4.0, 100.0, 1.0, np.inf, 100.0, 9.0])
+    medians = np.full(6, chi2.ppf(0.5, 1))
+    units = SimpleNamespace(count=6, group=group, medians=medians, scalars=9)
+    wanted = (1 + 5 / (9 - 3)) ** 2 * np.median([4.0, 1.0, np.inf, 9.0]) / medians[0]
+    assert robust_variance(units, 3, squares, 0, np.zeros(6)) == pytest.approx(wanted, rel=1e-14)
+    assert robust_variance(units, 9, squares, 0, np.zeros(6)) == pytest.approx(36 * 6.5 / medians[0], rel=1e-14)
+    assert robust_variance(units, 3, squares, 2, np.zeros(6)) == 0.0

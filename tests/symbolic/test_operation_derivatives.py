@@ -61,7 +61,7 @@ CASES = {
 
 
 def test_every_operation_is_differentiated():
-    assert set(CASES) == set(Operation)
+    assert set(CASES) == set(Operation) - {Operation.EXTERNAL}  # whose derivatives are not symbolic
 
 
 @pytest.mark.parametrize(("operation", "text"), [(o, t) for o, texts in CASES.items() for t in texts])

@@ -104,7 +104,7 @@ class Portion:
         result = np.ones((self.count, self.most))
         for each, own in zip(self._lines, values, strict=True):
             if own is not None:
-                each.put(own, result)
+                each.put(np.broadcast_to(own, each.slots.shape), result)
         return result
 
     def losses(self, number: int | None = None) -> Iterator[tuple[LossFunction, Indices, Indices]]:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations.assembly import Assembled
-from mbm.equations.layout import Entry
-from mbm.equations.types import Floats
-from mbm.estimation.settings import Settings
 from mbm.problem import faults
 from mbm.problem.manifold import Piece
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.text.types import MbmError
+
+if TYPE_CHECKING:
+    from mbm.equations.assembly import Assembled
+    from mbm.equations.layout import Entry
+    from mbm.equations.types import Floats
+    from mbm.estimation.settings import Settings
 
 MOST_ROTATIONS = 3
 """Rotations of space that random points may guess at once; one of 128 is near four of them in one case of 1,000."""
