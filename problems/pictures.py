@@ -201,8 +201,8 @@ def photographs(axes: Axes) -> None:
     u, v = (next(c.numbers for c in table.columns if c.name == name) for name in ("u", "v"))
     axes.imshow(plt.imread(photograph), cmap="gray", vmin=0, vmax=1)
     axes.plot(u, v, "+", color=BLUE)
-    axes.quiver(u, v, left[:, 0], left[:, 1], angles="xy", scale_units="xy", scale=1 / 200, width=0.003, color=ORANGE)
-    axes.set(xlabel="u (px)", ylabel="v (px), residuals × 200")
+    axes.quiver(u, v, left[:, 0], left[:, 1], angles="xy", scale_units="xy", scale=1 / 1000, width=0.003, color=ORANGE)
+    axes.set(xlabel="u (px)", ylabel="v (px), residuals × 1,000")
 
 
 def walk(axes: Axes) -> None:

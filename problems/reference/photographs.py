@@ -1,20 +1,24 @@
 """A camera looks at a chessboard seven times: photographs rendered pixel by pixel, with distortion and noise.
 
-Each pixel is the mean over 5 × 5 places in it. Where a place lies on the board is found by taking the distortion off
-(fixed-point iteration) and intersecting the line of sight with the board's plane.
+The image is made at six times the resolution, where each small pixel is dark as far as the board's edges leave it so;
+there it is blurred as by a lens, and then each pixel takes the mean of its 6 × 6. (Blurring the pixels themselves, or
+sampling the board at points, moves corners by as much as noise does.) Where a place lies on the board is found by
+taking the distortion off (fixed-point iteration) and intersecting the line of sight with the board's plane.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 from problems.reference.least_squares import PROBLEMS, Array, write_expected
 
 COLUMNS, ROWS, SQUARE = 7, 5, 0.03
 WIDTH, HEIGHT = 320, 240
 FOCAL, CENTRE, K1 = (330.0, 328.0), (163.5, 117.0), -0.12
-DARK, BRIGHT, NOISE, BLUR = 55.0, 185.0, 5.0, 0.6
+DARK, BRIGHT, NOISE, BLUR = 55.0, 185.0, 2.0, 0.6
+SAMPLES = 6
 POSES = (
     (0.45, -0.10, 0.10, 0.40),
     (-0.50, 0.15, -0.20, 0.38),
@@ -45,38 +49,53 @@ def sights(u: Array, v: Array) -> Array:
     return np.concatenate([plain, np.ones((*u.shape, 1))], axis=-1)
 
 
-def grey(rotation: Array, place: Array, u: Array, v: Array) -> Array:
-    """What is seen at places of the image."""
+def places(rotation: Array, place: Array, u: Array, v: Array) -> tuple[Array, Array]:
+    """Where on the board, in squares, the lines of sight through places of the image end."""
     directions = sights(u, v) @ rotation  # in the frame of the board
     origin = -place @ rotation
     x, y = (origin[i] - origin[2] / directions[..., 2] * directions[..., i] for i in (0, 1))
-    x, y = x / SQUARE, y / SQUARE
-    dark = (np.floor(x) + np.floor(y)) % 2 == 0
-    return np.where(dark & (x >= -1) & (x < COLUMNS) & (y >= -1) & (y < ROWS), DARK, BRIGHT)
+    return x / SQUARE, y / SQUARE
 
 
-def blurred(image: Array) -> Array:
-    """A normal distribution of `BLUR` px in both directions."""
-    steps = np.arange(-4, 5)
-    weights = np.exp(-0.5 * (steps / BLUR) ** 2)
-    weights /= weights.sum()
-    for axis in (0, 1):
-        padded = np.pad(image, [(4, 4) if i == axis else (0, 0) for i in (0, 1)], mode="edge")
-        image = sum(w * np.take(padded, range(k, k + image.shape[axis]), axis) for k, w in enumerate(weights))
-    return image
+def chessboard(x: Array, y: Array, columns: int, rows: int) -> Array:
+    """How dark, from 0 to 1, small pixels at places of a board of so many inner corners are: by the part of each.
+
+    ``x`` and ``y`` (height, width) are the places of the middles of neighbouring small pixels, in squares from the
+    first inner corner; the square after it is dark.
+    """
+    on, sign = 1.0, 1.0
+    for at, count in ((x, columns), (y, rows)):
+        width = np.hypot(*np.gradient(at))
+        edge = np.clip(np.rint(at), 0, count - 1)
+        sign = sign * np.where(edge % 2 == 0, 1, -1) * np.clip(2 * (at - edge) / width, -1, 1)
+        on = on * np.clip((at + 1) / width + 0.5, 0, 1) * np.clip((count - at) / width + 0.5, 0, 1)
+    return on * (1 + sign) / 2
+
+
+def small_pixels(width: int, height: int, samples: int) -> tuple[Array, Array]:
+    """Places u, v (height·samples, width·samples) of the middles of small pixels."""
+    v, u = np.mgrid[: height * samples, : width * samples].astype(float)
+    return (u + 0.5) / samples - 0.5, (v + 0.5) / samples - 0.5
+
+
+def exposed(image: Array, samples: int, blur: float) -> Array:
+    """Pixels from small pixels: blurred by a normal distribution of ``blur`` px, and the mean over each pixel."""
+    blurred = gaussian_filter(image, blur * samples, mode="nearest")
+    height, width = image.shape[0] // samples, image.shape[1] // samples
+    return blurred.reshape(height, samples, width, samples).mean(axis=(1, 3))
 
 
 def main() -> None:
     """Write the photographs, and what they were made with."""
     random = np.random.default_rng(1)
-    offsets = (np.arange(5) + 0.5) / 5 - 0.5
-    v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+    u, v = small_pixels(WIDTH, HEIGHT, SAMPLES)
     for number, (*angles, distance) in enumerate(POSES, 1):
         rotation = turned(*angles)
         middle = rotation @ np.array([(COLUMNS - 1) * SQUARE / 2, (ROWS - 1) * SQUARE / 2, 0])
         place = np.array([0, 0, distance]) - middle
-        image = np.mean([grey(rotation, place, u + a, v + b) for a in offsets for b in offsets], axis=0)
-        noisy = blurred(image) + random.normal(0, NOISE, image.shape)
+        dark = chessboard(*places(rotation, place, u, v), COLUMNS, ROWS)
+        image = exposed(BRIGHT + (DARK - BRIGHT) * dark, SAMPLES, BLUR)
+        noisy = image + random.normal(0, NOISE, image.shape)
         whole = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
         Image.fromarray(whole).save(PROBLEMS / "photographs" / f"board{number}.png", optimize=True)
     truth = dict(zip(("fx", "fy", "cx", "cy", "k1"), (*FOCAL, *CENTRE, K1), strict=True))

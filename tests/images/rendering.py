@@ -1,7 +1,7 @@
 """Photographs of plane patterns by a simulator that shares nothing with mbm: every pixel is a mean over its square.
 
-A board is a function of the place on it, in squares; a camera looks at it from a pose. What is seen at a place of the
-image is found by the inverse of the homography. Pixel centres are at whole numbers.
+A board is a function of the places of small pixels on it, in squares; a camera looks at it from a pose. What is seen at
+a place of the image is found by the inverse of the homography. Pixel centres are at whole numbers.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
+
+from problems.reference import photographs
 
 DARK, BRIGHT = 60.0, 190.0
 CAMERA = np.array([[400.0, 0, 161.3], [0, 404.0, 118.6], [0, 0, 1]])
@@ -26,9 +27,7 @@ def chessboard(columns: int, rows: int) -> Pattern:
     """The grey of a board of so many inner corners, of which the first is at (0, 0); the square after it is dark."""
 
     def grey(x, y):
-        dark = (np.floor(x) + np.floor(y)) % 2 == 0
-        on_board = (x >= -1) & (x < columns) & (y >= -1) & (y < rows)
-        return np.where(on_board & dark, DARK, BRIGHT)
+        return BRIGHT + (DARK - BRIGHT) * photographs.chessboard(x, y, columns, rows)
 
     return grey
 
@@ -54,17 +53,12 @@ def rendered(
     samples: int = 6,
     blur: float = 0.7,
 ) -> np.ndarray:
-    """The image without noise: means over samples × samples places in each pixel, blurred by ``blur`` px."""
+    """The image without noise: blurred by ``blur`` px, means over samples × samples small pixels in each pixel."""
     axes = turn.as_matrix()
     inverse = np.linalg.inv(camera @ np.column_stack([axes[:, 0], axes[:, 1], place]))
-    offsets = (np.arange(samples) + 0.5) / samples - 0.5
-    v, u = np.mgrid[: shape[0], : shape[1]].astype(float)
-    total = np.zeros(shape)
-    for du in offsets:
-        for dv in offsets:
-            x, y, w = np.tensordot(inverse, np.stack([u + du, v + dv, np.ones(shape)]), axes=1)
-            total += pattern(x / w / SQUARE, y / w / SQUARE)
-    return gaussian_filter(total / samples**2, blur)
+    u, v = photographs.small_pixels(shape[1], shape[0], samples)
+    x, y, w = np.tensordot(inverse, np.stack([u, v, np.ones_like(u)]), axes=1)
+    return photographs.exposed(pattern(x / w / SQUARE, y / w / SQUARE), samples, blur)
 
 
 def noisy(image: np.ndarray, random: np.random.Generator, noise: float) -> np.ndarray:

@@ -70,7 +70,7 @@ def test_errors_are_as_large_as_is_stated(tmp_path):
         truth = projected(corners(COLUMNS, ROWS), turn, place)
         for _ in range(24):
             path = tmp_path / "board.png"
-            save(path, noisy(clean, random, 6))
+            save(path, noisy(clean, random, 2))
             table = read(path)
             error = numbers(table, "u", "v") - truth
             c = numbers(table, "covariance11", "covariance12", "covariance22")
@@ -78,9 +78,9 @@ def test_errors_are_as_large_as_is_stated(tmp_path):
             sums.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error))
             np.testing.assert_allclose(numbers(table, "sigma")[:, 0] ** 2, (c[:, 0] + c[:, 2]) / 2, rtol=1e-12)
             count += 2 * len(error)
-    # Chance gives 1 ± 0.016 (8,064 errors); the pattern that is fitted leaves out perspective within a patch, and
-    # s² has some 100 degrees of freedom: a tenth of the variance, a twentieth of σ.
-    assert abs(np.concatenate(sums).sum() / count - 1) < 0.1
+    # Chance gives 1 ± 0.016 (8,064 errors). That s² has some 100 degrees of freedom adds 0.02, for E[1/s²] is larger
+    # than 1/σ²; the box of the pixel, which the pattern's normal blur stands for, about as much.
+    assert abs(np.concatenate(sums).sum() / count - 1) < 0.07
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(5, 7), (6, 4), (5, 5), (4, 4)])
@@ -104,7 +104,7 @@ def test_a_large_photograph_is_searched_small_and_measured_large(tmp_path):
     points = corners(COLUMNS, ROWS)
     turn = Rotation.from_euler("xyz", [0.3, -0.2, 0.4])
     place = middle_of(points, turn, 0.4)
-    image = rendered(chessboard(COLUMNS, ROWS), turn, place, camera=large, shape=(1440, 1920), samples=3)
+    image = rendered(chessboard(COLUMNS, ROWS), turn, place, camera=large, shape=(1440, 1920), samples=2)
     save(tmp_path / "board.png", noisy(image, np.random.default_rng(3), 2))
     away = numbers(read(tmp_path / "board.png"), "u", "v") - projected(points, turn, place, large)
     assert np.abs(away).max() < 0.05
@@ -135,8 +135,10 @@ def test_a_camera_is_calibrated_from_image_files(photographs):
     truth = {"fx": CAMERA[0, 0], "fy": CAMERA[1, 1], "cx": CAMERA[0, 2], "cy": CAMERA[1, 2]}
     for name, value in truth.items():
         assert abs(solved[name].value - value) < 4 * solved[name].sigma  # 1 in 10,000
-    # The stated covariances of the corners: χ² is as large as it should be, as far as a tenth of σ² allows.
-    assert abs(solved.first.cost / solved.first.dof - 1) < 0.2
+    # Chance gives χ²/dof = 1 ± √(2/dof) with dof = 396, four of which are 0.28; the bias of 1/s² and of the pattern
+    # (see above) adds 0.04.
+    assert solved.first.dof == 8 * (2 * COLUMNS * ROWS - 6) - 4
+    assert abs(solved.first.cost / solved.first.dof - 1) < 0.32
     for i, (turn, place) in enumerate(poses(8)):
         pose, sigma = solved["T"].value[i], solved["T"].sigma[i]
         off = (turn.inv() * Rotation.from_quat(np.roll(pose[:4], -1))).as_rotvec()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,9 +52,11 @@ def refined(levels: list[Grey], points: Floats, prepared: Callable[[Floats], Pat
         fitted = fit(level, prepared(points), pattern)
         good &= fitted.good
         points = np.where(fitted.good[:, None], fitted.points, points)
-    fitted = fit(levels[0], prepared(points), pattern)  # about what was found, so that patches do not hang on the start
+    patches = prepared(points)  # about what was found, so that patches do not hang on the start
+    parameters = np.where(fitted.good[:, None], fitted.parameters, patches.parameters)
+    fitted = fit(levels[0], replace(patches, parameters=parameters), pattern)
     points = np.where(fitted.good[:, None], fitted.points, points)
-    return Fitted(points=points, covariances=fitted.covariances, good=good & fitted.good)
+    return replace(fitted, points=points, good=good & fitted.good)
 
 
 def chessboard(image: Grey, columns: int, rows: int) -> Found | None:

@@ -30,8 +30,8 @@ Pattern: TypeAlias = Callable[[Floats, Floats, Floats], tuple[Floats, Floats, Fl
 respect to x and y (n, pixels, 2), and to the parameters (n, pixels, k)."""
 
 MOST_TRIALS = 60
-SETTLED = 1e-5
-"""Pixels of a step of the point below which a fit has converged."""
+LEAST_MOVE = 1e-4
+"""Pixels of a step of the point below which a fit has converged: the step after it would be a hundredth of that."""
 
 DAMPED_FIRST, DAMPED, EASED, LEAST_DAMPING, MOST_DAMPING = 1e-3, 10.0, 0.1, 1e-9, 1e9
 SINGULAR = 1e-10
@@ -67,10 +67,14 @@ class Patches:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
-    """Points (n, 2) in px, their covariances (n, 2, 2) in px², and which of them are to be relied on (n,)."""
+    """Points (n, 2) in px, their covariances (n, 2, 2) in px², and which of them are to be relied on (n,).
+
+    ``parameters`` (n, k) are those of the pattern.
+    """
 
     points: Floats
     covariances: Floats
+    parameters: Floats
     good: NDArray[np.bool_]
 
 
@@ -107,6 +111,7 @@ def fit(image: Grey, patches: Patches, pattern: Pattern) -> Fitted:
     return Fitted(
         points=np.concatenate([np.zeros((0, 2)), *(part.points for part in parts)]),
         covariances=np.concatenate([np.zeros((0, 2, 2)), *(part.covariances for part in parts)]),
+        parameters=np.concatenate([patches.parameters[:0], *(part.parameters for part in parts)]),
         good=np.concatenate([np.zeros(0, dtype=bool), *(part.good for part in parts)]),
     )
 
@@ -150,7 +155,12 @@ def _fit(image: Grey, patches: Patches, pattern: Pattern) -> Fitted:
     moved = np.linalg.norm(found[:, :2] - patches.points, axis=1)
     clear = np.abs(found[:, -1]) > FAINTEST * np.sqrt(np.maximum(covariances[:, -1, -1], 0.0))
     good = settled & regular & clear & (moved <= FARTHEST * patches.radii) & (spare >= FEWEST_SPARE)
-    return Fitted(points=found[:, :2], covariances=covariances[:, :2, :2], good=good)
+    return Fitted(
+        points=found[:, :2],
+        covariances=covariances[:, :2, :2],
+        parameters=found[:, 2:-BACKGROUND],
+        good=good,
+    )
 
 
 def _with_background(patches: Patches, pixels: _Pixels, pattern: Pattern) -> Floats:
@@ -195,7 +205,7 @@ def _minimised(start: Floats, pixels: _Pixels, pattern: Pattern) -> tuple[Floats
         tried = here + step
         r, j = _linearised(tried, own, pattern)
         better = (r**2).sum(axis=1) <= (residuals**2).sum(axis=1)
-        done = (np.abs(step[:, :2]).max(axis=1) < SETTLED) & (better | (damping <= DAMPED_FIRST))
+        done = (np.abs(step[:, :2]).max(axis=1) < LEAST_MOVE) & (better | (damping <= DAMPED_FIRST))
         here = np.where(better[:, None], tried, here)
         found[going], settled[going] = here, done
         if done.all():
