@@ -14,6 +14,7 @@ from types import ModuleType
 
 import mbm
 from mbm.data.columns import MOST_COLUMNS
+from mbm.data.images.photographs import PER_PIXEL
 from mbm.data.union.patterns import MOST_MATCHES
 from mbm.equations.selection import MAXIMUM_SOLVES, MAXIMUM_WINDOWS
 from mbm.estimation.minimise.minimise import DENSE_LIMIT
@@ -231,6 +232,7 @@ def bounds() -> str:
         ("characters of one message", _count(LONGEST_MESSAGE), "", "cut in the middle"),
         ("memory, everything together", usual, "too-much-memory", f"`{memory.VARIABLE}`"),
         ("a file, and what it unpacks to", f"1/{memory.FILE_SHARE} of that", "file-too-large", f"`{memory.VARIABLE}`"),
+        ("an image", f"{PER_PIXEL} bytes of memory for a pixel", "too-much-memory", f"`{memory.VARIABLE}`"),
         ("columns of a table", _count(MOST_COLUMNS), "too-many-columns", "rows in place of columns"),
         ("numbers of a dense Jacobian", _count(DENSE_LIMIT), "too-many-unknowns", "`:method auto`"),
         ("solves of `for-each`", _count(MAXIMUM_SOLVES), "too-many-solves", "its columns in one table"),

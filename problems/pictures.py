@@ -12,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 
 import mbm
+from mbm.data.readers import READERS
 
 mpl.use("agg")
 from matplotlib import pyplot as plt
@@ -191,6 +192,19 @@ def calibration(axes: Axes) -> None:
     axes.legend()
 
 
+def photographs(axes: Axes) -> None:
+    """A photograph with the corners that were found, and what the calibrated camera leaves, enlarged."""
+    found = solve("photographs", "photographs")
+    left = np.array([r.value for r in found.residuals("corners")]).reshape(-1, 2)[:35]
+    photograph = HERE / "photographs" / "board1.png"
+    table = READERS["chessboard"].read({"board1": photograph}, "board1.png", {"columns": 7, "rows": 5, "size": 0.03})
+    u, v = (next(c.numbers for c in table.columns if c.name == name) for name in ("u", "v"))
+    axes.imshow(plt.imread(photograph), cmap="gray", vmin=0, vmax=1)
+    axes.plot(u, v, "+", color=BLUE)
+    axes.quiver(u, v, left[:, 0], left[:, 1], angles="xy", scale_units="xy", scale=1 / 1000, width=0.003, color=ORANGE)
+    axes.set(xlabel="u (px)", ylabel="v (px), residuals × 1,000")
+
+
 def walk(axes: Axes) -> None:
     """Positions on the map, and the end of each window as laid onto it."""
     seen = rows("walk", "ble.csv")
@@ -349,6 +363,7 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
         desk_as_printed,
         echoes,
         loop,
+        photographs,
         rim,
         triangle,
         walk,

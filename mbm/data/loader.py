@@ -21,7 +21,7 @@ from mbm.data import faults
 from mbm.data.content import COMPRESSED, PER_ROW
 from mbm.data.given import table_from_given, table_from_inline
 from mbm.data.shaping import shape
-from mbm.data.types import ManyReader, RawTable, Reader, asked
+from mbm.data.types import AnyReader, ImageReader, ManyReader, RawTable, Reader, asked
 from mbm.data.union.patterns import is_pattern, matching
 from mbm.data.union.tables import piece_of_file, piece_of_table, united
 from mbm.files.faults import too_many_files, unreadable_file
@@ -53,7 +53,7 @@ def load_all(
     given: Mapping[str, object],
     paths: Mapping[str, str],
     sandbox: Path | None,
-    readers: Mapping[str, Reader | ManyReader],
+    readers: Mapping[str, AnyReader],
     known: Mapping[str, Table] = MappingProxyType({}),
 ) -> dict[str, Table]:
     """The tables of all data clauses by name, in their order; parameters as of ``load``.
@@ -137,7 +137,7 @@ class _Sources:
     given: Mapping[str, object]
     paths: Mapping[str, str]
     sandbox: Path | None
-    readers: Mapping[str, Reader | ManyReader]
+    readers: Mapping[str, AnyReader]
     parts: Parts
     tables: Mapping[str, Table]
 
@@ -154,7 +154,7 @@ def load(
     given: Mapping[str, object],
     paths: Mapping[str, str],
     sandbox: Path | None,
-    readers: Mapping[str, Reader | ManyReader],
+    readers: Mapping[str, AnyReader],
 ) -> Table:
     """The table of one data clause, numbers in SI.
 
@@ -175,7 +175,9 @@ def _loaded(declaration: TableDeclaration, sources: _Sources) -> Table:
     """As ``load``."""
     try:
         with np.errstate(all="ignore"):  # numbers that are none are found in the table, not on standard error
-            return shape(_raw(declaration, sources), declaration)
+            raw = _raw(declaration, sources)
+            remarks = tuple(_with_clause(remark, declaration) for remark in raw.remarks)
+            return shape(replace(raw, remarks=remarks), declaration)
     except MbmError as error:
         raise MbmError(*(_with_clause(fault, declaration) for fault in error.diagnostics)) from None
 
@@ -215,17 +217,12 @@ def _raw(declaration: TableDeclaration, sources: _Sources) -> RawTable:
 
 def _note(base: Path, path: str, declaration: TableDeclaration) -> None:
     """The files that a path means are read for the table; what is wrong with a pattern is said where it is read."""
-    files: Iterable[Path] = (base / path,)
-    if is_pattern(path):
-        with suppress(MbmError):
-            files = matching(base, path, declaration.span).values()
-    for file in files:
-        note(file, table_role(declaration.name))
+    with suppress(MbmError):
+        for file in matching(base, path, declaration.span).values():
+            note(file, table_role(declaration.name))
 
 
-def _reader_for(
-    path: Path, declaration: TableDeclaration, readers: Mapping[str, Reader | ManyReader]
-) -> Reader | ManyReader:
+def _reader_for(path: Path, declaration: TableDeclaration, readers: Mapping[str, AnyReader]) -> AnyReader:
     """The reader of a path that overrides the data clause: by the ending; the clause's own where that says nothing.
 
     A format of several tables is meant only by a clause that names one of them.
@@ -251,17 +248,20 @@ def _reader_for(
     raise broken[0] if broken else MbmError(faults.unknown_format(declaration.span, path.as_posix(), endings))
 
 
-def _read(
-    reader: Reader | ManyReader, base: Path, path: str, declaration: TableDeclaration, sources: _Sources
-) -> RawTable:
+def _read(reader: AnyReader, base: Path, path: str, declaration: TableDeclaration, sources: _Sources) -> RawTable:
     """Read the file at ``path``, relative to ``base``, or all files that a pattern means."""
-    whole = base / path
-    if not is_pattern(path):
+    whole, pattern = base / path, is_pattern(path)
+    if pattern:
+        _check_confined(whole.parent, declaration, sources)
+    files = matching(base, path, declaration.span)
+    if isinstance(reader, ImageReader):
+        for file in files.values():
+            _check_file(file, declaration, sources)
+        return reader.read(files, whole.as_posix(), dict(declaration.arguments))
+    if not pattern:
         return _read_file(reader, whole, declaration, sources)
-    if sources.sandbox is not None:
-        _check_confined(whole.parent, declaration, sources.sandbox)
     pieces, taken = [], 0
-    for source, file in matching(base, path, declaration.span).items():
+    for source, file in files.items():
         pieces.append(piece_of_file(source, _read_file(reader, file, declaration, sources)))
         taken += _size(pieces[-1].columns.values(), len(pieces[-1].rows))
         check_memory(taken * TABLES_SHARE, f"a table of {len(pieces)} files or more", declaration.span)
@@ -270,10 +270,8 @@ def _read(
 
 def _read_file(reader: Reader | ManyReader, path: Path, declaration: TableDeclaration, sources: _Sources) -> RawTable:
     """Read a file that lies where it may; whether it is there is said of the place that names it."""
-    if sources.sandbox is not None:
-        _check_confined(path, declaration, sources.sandbox)
     if isinstance(reader, Reader):
-        check_ordinary(path, declaration.span, largest=largest_file())
+        _check_file(path, declaration, sources)
         return reader.read(path)
     _check_members(reader, path, declaration, sources)
     found = sources.parts.get((reader.name, path))
@@ -287,17 +285,26 @@ def _read_file(reader: Reader | ManyReader, path: Path, declaration: TableDeclar
 def _check_members(reader: ManyReader, path: Path, declaration: TableDeclaration, sources: _Sources) -> None:
     """The file of the reader, or each of its files in a folder, lies where it may; what is missing the reader says."""
     if not reader.members:
-        check_ordinary(path, declaration.span, largest=largest_file())
+        _check_file(path, declaration, sources)
+        return
+    _check_confined(path, declaration, sources)
     for file in (path / member for member in reader.members):
         if file.is_symlink() or file.exists():
-            if sources.sandbox is not None:
-                _check_confined(file, declaration, sources.sandbox)
-            check_ordinary(file, declaration.span, largest=largest_file())
+            _check_file(file, declaration, sources)
             note(file, table_role(declaration.name))
 
 
-def _check_confined(path: Path, declaration: TableDeclaration, sandbox: Path) -> None:
-    """Check that a path lies in the sandbox, symbolic links followed."""
+def _check_file(path: Path, declaration: TableDeclaration, sources: _Sources) -> None:
+    """Check that a file lies where it may and is an ordinary one."""
+    _check_confined(path, declaration, sources)
+    check_ordinary(path, declaration.span, largest=largest_file())
+
+
+def _check_confined(path: Path, declaration: TableDeclaration, sources: _Sources) -> None:
+    """Check that a path lies in the sandbox if there is one, symbolic links followed."""
+    sandbox = sources.sandbox
+    if sandbox is None:
+        return
     try:
         confined = path.resolve().is_relative_to(sandbox.resolve())
     except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name too long, a NUL in it

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.tables import NAMED, Column, ColumnGroup, Part, Provenance
-from mbm.text.types import MbmError
+from mbm.problem.tables import Column, ColumnGroup, Format, Part, Provenance
+from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
 T = TypeVar("T")
@@ -24,8 +24,8 @@ class RawTable:
     ``path`` is what messages print, ``sha256`` the digest of the file's bytes in hexadecimal (None without a file).
     All columns have the length of ``file_rows``, which holds each row's number as in the origin (header = 1; formats
     without a header count their records from 1). ``key`` is the column that names the rows where the format says so,
-    ``groups`` the columns that make a matrix or vector together, by its name; ``parts`` are the tables that were put
-    end to end, if any were.
+    ``groups`` the columns that make a matrix or vector together, by its name; ``parts`` are the tables or
+    files whose rows stand end to end, if there are several, ``remarks`` warnings about what was left out.
     """
 
     path: str
@@ -35,6 +35,7 @@ class RawTable:
     key: str | None = None
     groups: Mapping[str, ColumnGroup] = field(default_factory=dict)
     parts: tuple[Part, ...] = field(default=(), repr=False)
+    remarks: tuple[Diagnostic, ...] = field(default=(), repr=False)
 
     def provenance(self, source_columns: Mapping[str, str] | None = None) -> Provenance:
         """Where its rows stand; ``source_columns`` are its names of columns that have others now."""
@@ -45,6 +46,7 @@ class RawTable:
             file_rows=self.file_rows,
             source_columns=source_columns or {},
             parts=self.parts,
+            remarks=self.remarks,
         )
 
 
@@ -95,6 +97,25 @@ class ManyReader:
         return Reader(name=self.name, extensions=self.extensions, read=read)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageReader:
+    """A format of images: one image, or all that a pattern names, and what the data clause says of them, make a table.
+
+    ``format`` says which arguments there are. ``read`` takes the paths as messages shall print them, in the order of
+    their names, by what rows of each are told by; the path or pattern of the data clause; and the arguments by name.
+    It raises MbmError for what is wrong.
+    """
+
+    name: str
+    extensions: tuple[str, ...]
+    format: Format
+    read: Callable[[Mapping[str, Path], str, Mapping[str, float | str]], RawTable]
+
+
+AnyReader: TypeAlias = Reader | ManyReader | ImageReader
+"""How a format may be read."""
+
+
 def asked(table: T | MbmError) -> T:
     """The table, or what else was to be read; raises what is in its place."""
     if isinstance(table, MbmError):
@@ -102,17 +123,19 @@ def asked(table: T | MbmError) -> T:
     return table
 
 
-class Formats(Mapping[str, tuple[str, ...]]):
-    """The formats that readers know: the names of the tables in a file of each, none where a file is one table."""
+class Formats(Mapping[str, Format]):
+    """The formats that readers know: what a data clause may say of each."""
 
-    def __init__(self, readers: Mapping[str, Reader | ManyReader]) -> None:
+    def __init__(self, readers: Mapping[str, AnyReader]) -> None:
         self._readers = readers
 
-    def __getitem__(self, name: str) -> tuple[str, ...]:
+    def __getitem__(self, name: str) -> Format:
         reader = self._readers[name]
+        if isinstance(reader, ImageReader):
+            return reader.format
         if isinstance(reader, ManyReader):
-            return NAMED if reader.named else reader.parts
-        return ()
+            return Format(parts=reader.parts, named=reader.named)
+        return Format()
 
     def __contains__(self, name: object) -> bool:
         return name in self._readers

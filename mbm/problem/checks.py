@@ -86,6 +86,8 @@ def check_data(
     errors: list[Diagnostic] = []
     warnings: list[Diagnostic] = []
     families = {u.name: u.family.rows for u in problem.unknowns if u.family is not None}
+    for plan in problem.plans:
+        warnings.extend(tables[plan.name].provenance.remarks)
     masks = [used_rows(block, tables) for block in problem.blocks]
     for block, mask in zip(problem.blocks, masks, strict=True):
         if mask is not None and not mask.any():

@@ -19,7 +19,7 @@ from mbm.problem.elaborated import Consulted, Grouping
 from mbm.problem.extent import Extent
 from mbm.problem.rows import MAXIMUM_REPORTED, decided, static_cells
 from mbm.problem.scopes import ProblemScope, RowScope
-from mbm.problem.tables import CellKey, Table
+from mbm.problem.tables import CellKey, Format, Table
 from mbm.problem.types import RowValues, Static, ValueCase
 from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol
@@ -56,7 +56,7 @@ class Reads:
 class Workspace:
     """The elaboration at work: local to one call, handed from clause to clause. ``diagnostics`` collects the errors.
 
-    ``formats`` has the formats of files with the tables in them; ``routines`` gives the names of the registered closed
+    ``formats`` has what a data clause may say of each format; ``routines`` gives the names of the registered closed
     forms, which may be asked for as methods; ``reads`` keeps account of the values that decided something, ``extent``
     of what there is to compile.
     """
@@ -64,7 +64,7 @@ class Workspace:
     evaluator: Evaluator
     scope: ProblemScope
     tables: dict[str, Table]
-    formats: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    formats: Mapping[str, Format] = field(default_factory=dict)
     routines: Routines = tuple
     diagnostics: list[Diagnostic] = field(default_factory=list)
     undeclared: set[str] = field(default_factory=set)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
+from enum import StrEnum
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.text.types import DataPlace, Span
+from mbm.text.types import DataPlace, Diagnostic, Span
 from mbm.values import dataclass
 
 Numbers: TypeAlias = NDArray[np.float64]
@@ -22,9 +23,6 @@ EXTERNAL = "external"
 
 UNION = "union"
 """The source of a table that is made of others, end to end."""
-
-NAMED = ("*",)
-"""The tables of a format whose files call them as they like."""
 
 SOURCE = "source"
 """The column of such a table that says which of them a row is from."""
@@ -80,6 +78,50 @@ class InlineTable:
     spans: tuple[Span, ...]
 
 
+class ArgumentKind(StrEnum):
+    """What an argument of a source is: a whole number, a positive length or number in SI, or a text."""
+
+    COUNT = "a whole number"
+    LENGTH = "a length"
+    NUMBER = "a number"
+    TEXT = "a text"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Argument:
+    """What a source takes behind its path: by position, or as ``:name value`` where there is a ``default``.
+
+    Numbers lie between ``least`` and ``most``; a text is one of ``choices``, where there are any.
+    """
+
+    name: str
+    kind: ArgumentKind
+    default: float | str | None = None
+    least: float = 0.0
+    most: float = float("inf")
+    choices: tuple[str, ...] = ()
+
+    @property
+    def required(self) -> bool:
+        """Whether it must be given."""
+        return self.default is None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format:
+    """What a data clause may say of a format: the tables in a file of it, its arguments, the units of its columns.
+
+    ``named``: the files of it call their tables as they like. Columns of ``lengths`` have the unit of the first
+    argument that is a length, if it states one.
+    """
+
+    parts: tuple[str, ...] = ()
+    named: bool = False
+    arguments: tuple[Argument, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
+    lengths: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Member:
     """A table that a union takes, and the place that names it."""
@@ -92,14 +134,15 @@ class Member:
 class TableDeclaration:
     """A ``data`` clause before anything is read. ``source`` names the reader (``csv``, ``external``, ``table`` …).
 
-    ``part`` names the table of a format whose files hold several (``edges`` of a ``g2o``), ``members`` are the tables
-    of a ``union``.
+    ``part`` names the table of a format whose files hold several (``edges`` of a ``g2o``), ``arguments`` holds what
+    the source says beside its path, by name, lengths in SI, ``members`` are the tables of a ``union``.
     """
 
     name: str
     source: str
     path: str | None
     part: str | None = None
+    arguments: tuple[tuple[str, float | str], ...] = ()
     inline: InlineTable | None = None
     members: tuple[Member, ...] = ()
     key: str | None = None
@@ -130,7 +173,7 @@ class Provenance:
     """Where a table came from. ``file_rows[i]`` is the row of cell row i as in the file (header = 1).
 
     ``origins`` has the columns that came in from another table; ``parts`` are what the rows were taken from, in their
-    order, where that was not the file at ``path`` alone.
+    order, where that was not the file at ``path`` alone. ``remarks`` are warnings of the reader.
     """
 
     path: str
@@ -140,6 +183,7 @@ class Provenance:
     source_columns: Mapping[str, str] = field(default_factory=dict)
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
     parts: tuple[Part, ...] = field(default=(), repr=False)
+    remarks: tuple[Diagnostic, ...] = field(default=(), repr=False)
 
     def taking(self, rows: NDArray[np.int64]) -> Provenance:
         """The provenance of a table that has these ``rows`` (n,) of this one, which count from 1."""

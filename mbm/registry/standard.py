@@ -12,7 +12,7 @@ from mbm.language.limits import Limits
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.data.types import ManyReader, Reader
+    from mbm.data.types import AnyReader
     from mbm.estimation.starts.closed_forms.types import ClosedForm
     from mbm.kernels.python_functions import PythonFunctions
     from mbm.kernels.store import Store
@@ -36,24 +36,24 @@ def _vocabulary() -> Vocabulary:
     return replace(words, functions={**added, **words.functions}) if added else words
 
 
-class _Readers(Mapping[str, "Reader | ManyReader"]):
+class _Readers(Mapping[str, "AnyReader"]):
     """The readers of mbm by name, and then those of packages, which are asked for names that mbm does not have."""
 
-    def __init__(self, own: Mapping[str, Reader | ManyReader]) -> None:
+    def __init__(self, own: Mapping[str, AnyReader]) -> None:
         self._own = own
-        self._found: Mapping[str, Callable[[], Reader | ManyReader]] | None = None
+        self._found: Mapping[str, Callable[[], AnyReader]] | None = None
 
     @property
-    def _added(self) -> Mapping[str, Callable[[], Reader | ManyReader]]:
+    def _added(self) -> Mapping[str, Callable[[], AnyReader]]:
         if self._found is None:
-            from mbm.data.types import ManyReader, Reader
+            from mbm.data.types import AnyReader
             from mbm.registry.plug_ins import Group
 
-            group = Group(name=READERS, wanted="reader", suits=lambda found: isinstance(found, Reader | ManyReader))
+            group = Group(name=READERS, wanted="reader", suits=lambda found: isinstance(found, AnyReader))
             self._found = {name: partial(group.loaded, point) for name, point in group.announced().items()}
         return self._found
 
-    def __getitem__(self, name: str) -> Reader | ManyReader:
+    def __getitem__(self, name: str) -> AnyReader:
         return self._own[name] if name in self._own else self._added[name]()
 
     def __contains__(self, name: object) -> bool:
@@ -67,7 +67,7 @@ class _Readers(Mapping[str, "Reader | ManyReader"]):
         return sum(1 for _ in self)
 
 
-def _readers() -> Mapping[str, Reader | ManyReader]:
+def _readers() -> Mapping[str, AnyReader]:
     from mbm.data.readers import READERS as OWN
 
     return _Readers(OWN)
@@ -123,7 +123,7 @@ class Registry:
     """
 
     vocabulary: Callable[[], Vocabulary] = _vocabulary
-    readers: Callable[[], Mapping[str, Reader | ManyReader]] = _readers
+    readers: Callable[[], Mapping[str, AnyReader]] = _readers
     backends: Mapping[str, Callable[[Store | None], Backend]] = field(default_factory=lambda: _BACKENDS)
     store: Callable[[], Store | None] = _store
     closed_forms: Callable[[], tuple[ClosedForm, ...]] = _closed_forms

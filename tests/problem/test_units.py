@@ -88,6 +88,16 @@ def test_literals_without_units_take_any(solve):
     assert result["d"].unit == "m"
 
 
+def test_cells_state_the_unit_of_a_column_that_is_renamed(solve):
+    """The unit is stated once, by the cells; the new name does not lose it."""
+    table = "(data t (table (d) (200cm) (4m)) :columns ((height d)))"
+    result = solve(f"(problem p {table} (unknowns (h)) (observe t (= height h)))")
+    assert (result["h"].unit, result["h"].value) == ("m", pytest.approx(3.0, rel=1e-15))
+    with pytest.raises(mbm.MbmError) as caught:
+        solve(f"(problem p {table.replace('d)))', 'd :unit m)))')} (unknowns (h)) (observe t (= height h)))")
+    assert caught.value.diagnostics[0].code.name == "mixed-units"
+
+
 def test_strict_units_want_every_unit(tmp_path):
     file = tmp_path / "p.mbm"
     file.write_text("(problem p (data t (table (x y) (1 2m) (2 5m))) (unknowns (v)) (observe t (= y (* v x))))")

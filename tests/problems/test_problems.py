@@ -46,6 +46,10 @@ def compare(found, wanted):
                 np.testing.assert_allclose(sigma, quantity["sigma"], rtol=SPREADS, atol=1e-15, err_msg=name)
             continue
         value = np.array(quantity["value"], dtype=float)
+        if "deviations" in quantity:  # what measurements were simulated with
+            away = np.abs(np.array(found[name]["value"], dtype=float) - value)
+            assert np.all(away <= quantity["deviations"] * sigma), (name, away, sigma)
+            continue
         got = np.array(found[name]["value"], dtype=float)
         assert got.shape == value.shape, name
         assert np.all(np.abs(got - value) <= VALUES * np.fmax(np.abs(value), sigma)), (name, got, value)

@@ -34,8 +34,8 @@ RECORDS = {
 }
 """Formats with columns of their own: a sound file and what is in it."""
 
-ELSEWHERE = ("colmap", "bundler", "opencv", "kalibr")
-"""Folders, and files of several tables, which `tests/data` has tests for by these names."""
+ELSEWHERE = ("colmap", "bundler", "opencv", "kalibr", "chessboard")
+"""Folders, and files of several tables, which `tests/data` has tests for by these names; `tests/images` has images."""
 
 
 def _sound(name: str, folder: Path) -> Path:

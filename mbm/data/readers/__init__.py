@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 
-from mbm.data.types import ManyReader, Reader
+from mbm.data.types import AnyReader
 
 _NAMES = (
     "csv",
@@ -22,17 +22,18 @@ _NAMES = (
     "colmap",
     "opencv",
     "kalibr",
+    "chessboard",
 )
 """The formats, each in a file of its name that exports ``READER``."""
 
 
-class _Readers(Mapping[str, Reader | ManyReader]):
+class _Readers(Mapping[str, AnyReader]):
     """The readers by name; each is loaded when it is first asked for."""
 
-    def __getitem__(self, name: str) -> Reader | ManyReader:
+    def __getitem__(self, name: str) -> AnyReader:
         if name not in _NAMES:
             raise KeyError(name)
-        reader: Reader | ManyReader = import_module(f"{__name__}.{name}").READER
+        reader: AnyReader = import_module(f"{__name__}.{name}").READER
         return reader
 
     def __contains__(self, name: object) -> bool:
@@ -45,4 +46,4 @@ class _Readers(Mapping[str, Reader | ManyReader]):
         return len(_NAMES)
 
 
-READERS: Mapping[str, Reader | ManyReader] = _Readers()
+READERS: Mapping[str, AnyReader] = _Readers()

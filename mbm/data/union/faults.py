@@ -88,10 +88,10 @@ def pattern_in_folder(place: Place, pattern: str) -> Diagnostic:
 
 
 def same_source(place: Place, first: str, second: str, name: str) -> Diagnostic:
-    """Two files that fit a pattern would have the same text ``name`` in the column that tells them apart."""
+    """Two files that fit a pattern would be told by the same ``name`` in the table."""
     message = (
-        f"the pattern fits `{short_text(first)}` and `{short_text(second)}`, whose rows would both have the"
-        f" {SOURCE} `{short_text(name)}`"
+        f"the pattern fits `{short_text(first)}` and `{short_text(second)}`, whose rows would both be told by the name"
+        f" `{short_text(name)}`"
     )
     return Diagnostic(code=BAD_PATTERN, message=message, place=place, hint="write the ending into the pattern")
 

@@ -24,7 +24,7 @@ def is_pattern(path: str) -> bool:
 
 
 def matching(base: Path, path: str, place: Place) -> dict[str, Path]:
-    """The files that fit, in the order of their names, by what the column ``source`` says of their rows.
+    """The files that fit, in the order of their names, by what their rows are told by; a path without pattern is one.
 
     ``path`` is relative to ``base``. A name that begins with a point fits only a pattern that does. Nothing is opened.
 
@@ -34,6 +34,8 @@ def matching(base: Path, path: str, place: Place) -> dict[str, Path]:
     """
     pattern = base / path
     shown = pattern.as_posix()
+    if not is_pattern(path):
+        return {source_of(pattern): pattern}
     if is_pattern(str(Path(path).parent)):
         raise MbmError(faults.pattern_in_folder(place, shown))
     fits = compiled(translate(pattern.name.replace("[", "[[]"))).match
@@ -64,5 +66,5 @@ def matching(base: Path, path: str, place: Place) -> dict[str, Path]:
 
 def source_of(path: Path) -> str:
     """The name of a file without folder and ending, of a packed one without the ending before it either."""
-    bare = path.with_suffix("") if path.suffix.lower() in COMPRESSED else path
-    return os.fsencode(bare.stem).decode("utf-8", errors="replace")
+    bare = path.stem if path.suffix.lower() in COMPRESSED else path.name
+    return os.fsencode(Path(bare).stem).decode("utf-8", errors="replace")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field, replace
 from typing import TypeAlias
 
 from mbm.expression.nodes import Constant, Number, nearest
@@ -11,8 +12,9 @@ from mbm.language import faults as language_faults
 from mbm.language.values import Evaluator, Scope, describe
 from mbm.problem import faults
 from mbm.problem.options import split_options
+from mbm.problem.reading.source_arguments import read_arguments
 from mbm.problem.reading.unknowns import stated_unit
-from mbm.problem.tables import NAMED, UNION, ColumnDeclaration, InlineTable, Member, Table, TableDeclaration
+from mbm.problem.tables import UNION, ColumnDeclaration, Format, InlineTable, Member, Table, TableDeclaration
 from mbm.problem.types import Join
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol, Text
@@ -22,10 +24,10 @@ USAGE = (
     '(data name (csv "path") [:key column] [:with (table column)] [:columns ((new old :unit u)…)] '
     "[:where form] [:missing skip])"
 )
-Formats: TypeAlias = Mapping[str, tuple[str, ...]]
-"""The formats of files by name; of those whose files hold several tables, the names of these."""
+Formats: TypeAlias = Mapping[str, Format]
+"""What a data clause may say of the formats of files, by name."""
 
-LATER = ("image", "contour", "chessboard")
+LATER = ("image", "contour")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,22 +40,21 @@ class DataClause:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Inline:
-    """An inline table with the SI unit of each column whose cells state one, and the place that states it."""
-
-    table: InlineTable
-    units: Mapping[str, tuple[str, Span]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _Source:
-    """The source of a data clause: a format with its path (and table, of several), ``external``, or rows written."""
+    """The source of a data clause: a format with its path (and table, of several), ``external``, or rows written.
+
+    ``units`` has the SI unit of each column of which the source states it, and the place that does; ``usual`` the unit
+    of columns that have none of their own.
+    """
 
     format: str
     path: str | None = None
     part: str | None = None
-    inline: _Inline | None = None
+    arguments: tuple[tuple[str, float | str], ...] = ()
+    inline: InlineTable | None = None
     members: tuple[Member, ...] = ()
+    units: Mapping[str, tuple[str, Span]] = field(default_factory=dict)
+    usual: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence, formats: Formats) -> DataClause:
@@ -72,17 +73,15 @@ def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence, formats: F
     if options.positional:
         raise MbmError(language_faults.bad_form(options.positional[0].span, "a data clause has one source", USAGE))
     origin = _source(evaluator, scope, items[1], formats)
-    inline = origin.inline
-    columns = _columns(options.get("columns"))
-    if inline is not None:
-        columns = _inline_units(inline, columns)
+    columns = _with_units(origin, _columns(options.get("columns")), items[1].span)
     key = options.get("key")
     declaration = TableDeclaration(
         name=name.name,
         source=origin.format,
         path=origin.path,
         part=origin.part,
-        inline=inline.table if inline is not None else None,
+        arguments=origin.arguments,
+        inline=origin.inline,
         members=origin.members,
         key=_symbol(key, ":key") if key is not None else None,
         columns=columns,
@@ -144,23 +143,24 @@ def _source(evaluator: Evaluator, scope: Scope, form: Form, formats: Formats) ->
     if head in LATER:
         raise MbmError(language_faults.not_available_yet(form.span, f"the source `{head}`", "other file formats"))
     if isinstance(form, Sequence) and head is not None and head in formats:
-        return _file(form, head, formats[head])
+        known = formats[head]
+        return _images(evaluator, scope, form, known) if known.arguments else _file(form, head, known)
     if isinstance(form, Sequence) and head == "table":
-        return _Source(format="table", inline=_inline(evaluator, scope, form))
+        return _inline(evaluator, scope, form)
     if isinstance(form, Sequence) and head == UNION:
         return _Source(format=UNION, members=_members(form))
     shown = head or form.span.text
-    known = (*formats, "table", UNION, "external", *LATER)
-    raise MbmError(faults.unknown_source(form.span, shown, known))
+    raise MbmError(faults.unknown_source(form.span, shown, (*formats, "table", UNION, "external", *LATER)))
 
 
-def _file(form: Sequence, head: str, parts: tuple[str, ...]) -> _Source:
+def _file(form: Sequence, head: str, known: Format) -> _Source:
     """``(csv "path")``; ``(g2o "path" :edges)``: one of the tables of a file."""
-    if not parts:
+    parts = known.parts
+    if not (parts or known.named):
         if len(form.items) != 2 or not isinstance(form.items[1], Text):
             raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes one path", f'({head} "path")'))
         return _Source(format=head, path=form.items[1].value)
-    if parts == NAMED:
+    if known.named:
         texts = [item.value for item in form.items[1:] if isinstance(item, Text)]
         if not 1 <= len(texts) <= 2 or len(texts) != len(form.items) - 1:
             usage = f'({head} "path" ["node"])'
@@ -191,7 +191,14 @@ def _members(form: Sequence) -> tuple[Member, ...]:
     return tuple(found.values())
 
 
-def _inline(evaluator: Evaluator, scope: Scope, form: Sequence) -> _Inline:
+def _images(evaluator: Evaluator, scope: Scope, form: Sequence, known: Format) -> _Source:
+    """``(chessboard "left*.jpg" 9 6 25mm)``: images, and what is to be found in them."""
+    given = read_arguments(evaluator, scope, form, known)
+    units = {} if given.length is None else dict.fromkeys(known.lengths, given.length)
+    return _Source(format=form.head or "", path=given.path, arguments=given.values, units=units, usual=known.units)
+
+
+def _inline(evaluator: Evaluator, scope: Scope, form: Sequence) -> _Source:
     usage = "(table (column…) (value…)…)"
     header = form.items[1] if len(form.items) > 1 else None
     if not isinstance(header, Sequence) or not all(isinstance(i, Symbol) for i in header.items):
@@ -212,22 +219,24 @@ def _inline(evaluator: Evaluator, scope: Scope, form: Sequence) -> _Inline:
                 raise MbmError(faults.mixed_units(cell.span, name, (units[name][0], unit), units[name][1]))
         rows.append(tuple(value for value, _ in cells))
     table = InlineTable(columns=names, rows=tuple(rows), spans=tuple(i.span for i in form.items[2:]))
-    return _Inline(table=table, units=units)
+    return _Source(format="table", inline=table, units=units)
 
 
-def _inline_units(inline: _Inline, columns: tuple[ColumnDeclaration, ...]) -> tuple[ColumnDeclaration, ...]:
-    """Cells such as ``5mm`` state their column's unit; ``:columns`` may not state it again."""
+def _with_units(origin: _Source, columns: tuple[ColumnDeclaration, ...], place: Span) -> tuple[ColumnDeclaration, ...]:
+    """What the source states, as the cells ``5mm`` of an inline table do, ``:columns`` may not state again."""
+    units = {**{name: (unit, place) for name, unit in origin.usual.items()}, **origin.units}
+    found = []
     for column in columns:
-        stated = inline.units.get(column.source)
+        stated = origin.units.get(column.source)
         if stated is not None and column.unit is not None:
             raise MbmError(faults.unit_given_twice(column.span, column.source, stated[1]))
-    declared = {c.source for c in columns}
-    found = [
+        unit, _ = units.pop(column.source, (None, place))
+        found.append(column if column.unit is not None else replace(column, unit=unit or None))
+    left = [
         ColumnDeclaration(name=name, source=name, unit=unit or None, factor=1.0, span=span)
-        for name, (unit, span) in inline.units.items()
-        if name not in declared
+        for name, (unit, span) in units.items()
     ]
-    return (*columns, *found)
+    return (*found, *left)
 
 
 def _cell(evaluator: Evaluator, scope: Scope, form: Form) -> tuple[float | str, str | None]:

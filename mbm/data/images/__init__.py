@@ -1,0 +1,1 @@
+"""Makes measured points from photographs: decoding within bounds, boards, sub-pixel fits with their covariances."""

@@ -1,0 +1,88 @@
+"""Points of boards in an image: found on a small copy of it by OpenCV, put in order, refined level by level."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.data.images import opencv
+from mbm.data.images.features import USUAL_BLUR, crossing
+from mbm.data.images.fitting import Fitted, Floats, Grey, Patches, Pattern, fit
+from mbm.data.images.orientation import oriented
+from mbm.values import dataclass
+
+SEARCHED = 1200
+"""Pixels of the longer side of the image in which a board is looked for: a larger one is halved until it fits."""
+
+LARGEST_PATCH, SMALLEST_PATCH = 8.0, 2.5
+"""Radii of patches in px: lenses bend the edges of larger ones, smaller ones have too few pixels."""
+
+CLEAR = 0.8
+"""Part of the distance to the next edge that a patch may reach."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """Points of a board in one image: their numbers on the board from 1 (n,), and how they were fitted."""
+
+    numbers: NDArray[np.int64]
+    fitted: Fitted
+
+
+def pyramid(image: Grey) -> list[Grey]:
+    """The image, and copies at half the size each, down to one that is no longer than `SEARCHED`."""
+    levels = [image]
+    while max(levels[-1].shape) > SEARCHED:
+        levels.append(opencv.halved(levels[-1]))
+    return levels
+
+
+def refined(levels: list[Grey], points: Floats, prepared: Callable[[Floats], Patches], pattern: Pattern) -> Fitted:
+    """Points (n, 2) of the last level, fitted there and on all levels before it; in px of the first.
+
+    ``prepared`` makes patches of points. What cannot be fitted on a level goes on as it was, but is not good.
+    """
+    good = np.ones(len(points), dtype=bool)
+    for number, level in enumerate(reversed(levels)):
+        if number:
+            points = 2 * points + 0.5
+        fitted = fit(level, prepared(points), pattern)
+        good &= fitted.good
+        points = np.where(fitted.good[:, None], fitted.points, points)
+    patches = prepared(points)  # about what was found, so that patches do not hang on the start
+    parameters = np.where(fitted.good[:, None], fitted.parameters, patches.parameters)
+    fitted = fit(levels[0], replace(patches, parameters=parameters), pattern)
+    points = np.where(fitted.good[:, None], fitted.points, points)
+    return replace(fitted, points=points, good=good & fitted.good)
+
+
+def chessboard(image: Grey, columns: int, rows: int) -> Found | None:
+    """The inner corners of a chessboard, or None where there is none."""
+    levels = pyramid(image)
+    points = opencv.chessboard(levels[-1], columns, rows)
+    grid = None if points is None else oriented(levels[-1], points, columns, rows)
+    if grid is None:
+        return None
+
+    def prepared(at: Floats) -> Patches:
+        return grid_patches(at.reshape(rows, columns, 2))
+
+    fitted = refined(levels, grid.reshape(-1, 2), prepared, crossing)
+    return Found(numbers=np.arange(1, rows * columns + 1), fitted=fitted)
+
+
+def grid_patches(grid: Floats) -> Patches:
+    """Patches about the points of a grid (rows, columns, 2) in which edges run along rows and columns."""
+    along, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
+    across = np.abs(along[..., 0] * down[..., 1] - along[..., 1] * down[..., 0])
+    clear = across / np.maximum(np.linalg.norm(along, axis=-1), np.linalg.norm(down, axis=-1))
+    angles = [np.arctan2(step[..., 1], step[..., 0]).ravel() for step in (along, down)]
+    blur = np.full(angles[0].shape, np.log(USUAL_BLUR))
+    return Patches(
+        points=grid.reshape(-1, 2),
+        radii=np.clip(CLEAR * clear.ravel(), SMALLEST_PATCH, LARGEST_PATCH),
+        parameters=np.column_stack([*angles, blur]),
+    )

@@ -1,0 +1,84 @@
+"""What may be wrong with images, and with what is looked for in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mbm.data.faults import MOST_NAMES_SHOWN
+from mbm.text.faults import shown
+from mbm.text.types import Code, DataPlace, Diagnostic, Severity
+
+NOT_AN_IMAGE = Code(
+    "not-an-image",
+    "A file of a source of images is no image of a kind that is read.",
+    "Convert it to PNG, which loses nothing. A narrower pattern leaves other files out.",
+)
+DAMAGED_IMAGE = Code(
+    "damaged-image",
+    "An image file is cut short or damaged. Decoders fill up with grey what a file lacks, so it is refused.",
+    "Copy it anew from the camera, or leave it out by a narrower pattern.",
+)
+NO_BOARD = Code(
+    "no-board",
+    "The board that a data clause describes is in none of its images.",
+    "Count again: the columns and rows of a chessboard are the inner corners, where four squares meet. The whole board"
+    " must be seen, with a white margin around it.",
+)
+BOARD_LEFT_OUT = Code(
+    "board-left-out",
+    "The board was not found in some of the images; they give no rows.",
+    "Usually it is not whole in the image, blurred, or a lamp is reflected in it. Nothing is wrong with the others.",
+)
+POINTS_LEFT_OUT = Code(
+    "points-left-out",
+    "Some points of a board were found but could not be refined: their surroundings do not look as they should.",
+    "Usually they are at the border of the image, hidden in part, or blurred. Nothing is wrong with the others.",
+)
+
+
+def not_an_image(place: DataPlace, kinds: str) -> Diagnostic:
+    """The content of a file begins as that of no known kind of images does."""
+    message = f"`{shown(place.file)}` is no image of a kind that is read: {kinds}"
+    return Diagnostic(code=NOT_AN_IMAGE, message=message, place=place, hint="convert it to PNG")
+
+
+def damaged_image(place: DataPlace, reason: str) -> Diagnostic:
+    """``reason`` says what is wrong with the file."""
+    message = f"the image `{shown(place.file)}` is damaged: {reason}"
+    return Diagnostic(code=DAMAGED_IMAGE, message=message, place=place)
+
+
+def pixels_of(path: str, width: int, height: int) -> str:
+    """What a message about memory calls an image."""
+    return f"the image `{shown(path)}` of {width:,} × {height:,} pixels"
+
+
+def no_board(place: DataPlace, board: str, images: int) -> Diagnostic:
+    """``board`` says what was looked for, in all of so many images."""
+    where = "the image" if images == 1 else f"any of the {images:,} images"
+    return Diagnostic(
+        code=NO_BOARD,
+        message=f"no {board} was found in {where} `{shown(place.file)}`",
+        place=place,
+        hint="look whether the whole board is seen, and count its columns and rows again",
+    )
+
+
+def board_left_out(place: DataPlace, board: str, names: Sequence[str], images: int) -> Diagnostic:
+    """Some of so many images show no board."""
+    message = f"no {board} was found in {len(names):,} of {images:,} images, which give no rows: {_listed(names)}"
+    return Diagnostic(code=BOARD_LEFT_OUT, message=message, place=place, severity=Severity.WARNING)
+
+
+def points_left_out(place: DataPlace, counts: Sequence[tuple[str, int]]) -> Diagnostic:
+    """So many points of each of these images could not be refined."""
+    total = sum(count for _, count in counts)
+    names = [f"{name} ({count})" for name, count in counts]
+    message = f"{total:,} points of the board could not be refined and give no rows: {_listed(names)}"
+    return Diagnostic(code=POINTS_LEFT_OUT, message=message, place=place, severity=Severity.WARNING)
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - MOST_NAMES_SHOWN
+    listed = ", ".join(shown(name) for name in names[:MOST_NAMES_SHOWN])
+    return f"{listed} and {more:,} more" if more > 0 else listed

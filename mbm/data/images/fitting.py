@@ -1,0 +1,236 @@
+"""Points of an image to a fraction of a pixel: a patch of the image is compared with what it should look like there.
+
+The grey value of a pixel at p is b₀ + b₁x + b₂y + c·f(p − q) plus noise: the background, its slope, the contrast, and a
+pattern f about the point q that is sought. What else describes the pattern, such as the directions of its edges and
+the blur, is estimated with q by least squares (Levenberg and Marquardt), all patches of an image at once. The
+covariance of q is that of least squares, s² (JᵀJ)⁻¹ with s² = Σr²/(n − k): Σ∇I∇Iᵀ of the patch, less what the other
+parameters take of it, and the noise that this patch has.
+
+Sources: W. Förstner and E. Gülch, "A fast operator for detection and precise location of distinct points, corners and
+centres of circular features" (1987), for s² (Σ∇I∇Iᵀ)⁻¹; the pattern of an edge is a step blurred by a normal
+distribution, an error function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.values import dataclass
+
+Floats: TypeAlias = NDArray[np.float64]
+Grey: TypeAlias = NDArray[np.uint8]
+"""A grey image (height, width)."""
+
+Pattern: TypeAlias = Callable[[Floats, Floats, Floats], tuple[Floats, Floats, Floats]]
+"""Values (n, pixels) of a pattern with parameters (n, k) at x, y (n, pixels) from its point; their derivatives with
+respect to x and y (n, pixels, 2), and to the parameters (n, pixels, k)."""
+
+MOST_TRIALS = 60
+LEAST_MOVE = 1e-4
+"""Pixels of a step of the point below which a fit has converged: the step after it would be a hundredth of that."""
+
+DAMPED_FIRST, DAMPED, EASED, LEAST_DAMPING, MOST_DAMPING = 1e-3, 10.0, 0.1, 1e-9, 1e9
+SINGULAR = 1e-10
+"""Smallest eigenvalue of a normal matrix with a unit diagonal that is not singular."""
+
+AT_ONCE = 256
+"""Patches that are fitted together: it bounds the memory of their Jacobians."""
+
+ROUNDING = 1 / 12
+"""Variance of the rounding to whole grey values: no image has less noise."""
+
+FARTHEST = 0.75
+"""A point is left out that the fit moves farther than this part of its patch's radius."""
+
+BACKGROUND = 4
+"""Parameters of every patch: background, its two slopes, contrast."""
+
+FEWEST_SPARE = 8
+"""Pixels that a patch must have beyond its parameters, for the noise is told by them."""
+
+FAINTEST = 4.0
+"""The contrast must be so many standard deviations of its own from zero."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Patches:
+    """What is fitted: a point (n, 2) in each patch, its radius (n,) in px, and the pattern's parameters (n, k)."""
+
+    points: Floats
+    radii: Floats
+    parameters: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fitted:
+    """Points (n, 2) in px, their covariances (n, 2, 2) in px², and which of them are to be relied on (n,).
+
+    ``parameters`` (n, k) are those of the pattern.
+    """
+
+    points: Floats
+    covariances: Floats
+    parameters: Floats
+    good: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pixels:
+    """Pixels of patches (n, pixels): their places, grey values, and 1 where they count, else 0.
+
+    ``across``, ``down`` are their places from the middle of the patch.
+    """
+
+    x: Floats
+    y: Floats
+    grey: Floats
+    counts: Floats
+    across: Floats
+    down: Floats
+
+    def of(self, which: NDArray[np.bool_]) -> _Pixels:
+        """Those of some of the patches."""
+        return _Pixels(
+            x=self.x[which],
+            y=self.y[which],
+            grey=self.grey[which],
+            counts=self.counts[which],
+            across=self.across[which],
+            down=self.down[which],
+        )
+
+
+def fit(image: Grey, patches: Patches, pattern: Pattern) -> Fitted:
+    """The points of all patches; pixel centres are at whole numbers."""
+    starts = range(0, len(patches.points), AT_ONCE)
+    parts = [_fit(image, _part(patches, slice(k, k + AT_ONCE)), pattern) for k in starts]
+    return Fitted(
+        points=np.concatenate([np.zeros((0, 2)), *(part.points for part in parts)]),
+        covariances=np.concatenate([np.zeros((0, 2, 2)), *(part.covariances for part in parts)]),
+        parameters=np.concatenate([patches.parameters[:0], *(part.parameters for part in parts)]),
+        good=np.concatenate([np.zeros(0, dtype=bool), *(part.good for part in parts)]),
+    )
+
+
+def _part(patches: Patches, which: slice) -> Patches:
+    return Patches(points=patches.points[which], radii=patches.radii[which], parameters=patches.parameters[which])
+
+
+def _pixels(image: Grey, patches: Patches) -> _Pixels:
+    """The pixels within each patch's radius; those outside of the image do not count."""
+    height, width = image.shape
+    reach = int(np.ceil(patches.radii.max()))
+    steps = np.arange(-reach, reach + 1, dtype=np.float64)
+    across, down = np.tile(steps, len(steps)), np.repeat(steps, len(steps))
+    round_ones = across**2 + down**2 <= (reach + 1) ** 2
+    across, down = across[round_ones], down[round_ones]
+    middle = np.rint(np.clip(patches.points, 0, [width - 1, height - 1]))
+    x, y = middle[:, :1] + across, middle[:, 1:] + down
+    near = np.hypot(x - patches.points[:, :1], y - patches.points[:, 1:]) <= patches.radii[:, None]
+    inside = near & (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    rows, columns = (np.clip(p, 0, n - 1).astype(np.intp) for p, n in ((y, height), (x, width)))
+    return _Pixels(
+        x=x,
+        y=y,
+        grey=image[rows, columns].astype(np.float64),
+        counts=inside.astype(np.float64),
+        across=np.broadcast_to(across, x.shape),
+        down=np.broadcast_to(down, y.shape),
+    )
+
+
+def _fit(image: Grey, patches: Patches, pattern: Pattern) -> Fitted:
+    pixels = _pixels(image, patches)
+    first = _with_background(patches, pixels, pattern)
+    found, settled = _minimised(first, pixels, pattern)
+    residuals, jacobian = _linearised(found, pixels, pattern)
+    spare = pixels.counts.sum(axis=1) - found.shape[1]
+    variance = np.maximum((residuals**2).sum(axis=1) / np.maximum(spare, 1), ROUNDING)
+    inverse, regular = _inverse(jacobian.transpose(0, 2, 1) @ jacobian)
+    covariances = variance[:, None, None] * inverse
+    moved = np.linalg.norm(found[:, :2] - patches.points, axis=1)
+    clear = np.abs(found[:, -1]) > FAINTEST * np.sqrt(np.maximum(covariances[:, -1, -1], 0.0))
+    good = settled & regular & clear & (moved <= FARTHEST * patches.radii) & (spare >= FEWEST_SPARE)
+    return Fitted(
+        points=found[:, :2],
+        covariances=covariances[:, :2, :2],
+        parameters=found[:, 2:-BACKGROUND],
+        good=good,
+    )
+
+
+def _with_background(patches: Patches, pixels: _Pixels, pattern: Pattern) -> Floats:
+    """All parameters (n, 2 + k + 4) at the start: background and contrast are those that go best with the pattern."""
+    value, _, _ = pattern(patches.parameters, pixels.x - patches.points[:, :1], pixels.y - patches.points[:, 1:])
+    count = np.maximum(pixels.counts.sum(axis=1), 1)
+
+    def mean(of: Floats) -> Floats:
+        return np.asarray((of * pixels.counts).sum(axis=1) / count)
+
+    spread = np.maximum(mean(value**2) - mean(value) ** 2, 1e-6)
+    contrast = (mean(value * pixels.grey) - mean(value) * mean(pixels.grey)) / spread
+    level = mean(pixels.grey) - contrast * mean(value)
+    none = np.zeros(len(level))
+    return np.column_stack([patches.points, patches.parameters, level, none, none, contrast])
+
+
+def _linearised(parameters: Floats, pixels: _Pixels, pattern: Pattern) -> tuple[Floats, Floats]:
+    """Residuals (n, pixels), model less image, and their Jacobian (n, pixels, k); zero where pixels do not count."""
+    x, y = pixels.x - parameters[:, :1], pixels.y - parameters[:, 1:2]
+    shape, (level, along, down, contrast) = parameters[:, 2:-BACKGROUND], parameters[:, -BACKGROUND:].T[:, :, None]
+    value, by_place, by_shape = pattern(shape, x, y)
+    model = level + along * pixels.across + down * pixels.down + contrast * value
+    residuals = (model - pixels.grey) * pixels.counts
+    ones = np.ones_like(value)
+    steep = contrast[:, :, None]
+    background = np.stack([ones, pixels.across, pixels.down, value], axis=2)
+    jacobian = np.concatenate([-steep * by_place, steep * by_shape, background], axis=2)
+    return residuals, jacobian * pixels.counts[:, :, None]
+
+
+def _minimised(start: Floats, pixels: _Pixels, pattern: Pattern) -> tuple[Floats, NDArray[np.bool_]]:
+    """The parameters of least squares, and which of the fits have converged; only those that have not go on."""
+    found = start.copy()
+    settled = np.zeros(len(found), dtype=bool)
+    going = np.arange(len(found))
+    damping = np.full(len(found), DAMPED_FIRST)
+    here, own = start, pixels
+    residuals, jacobian = _linearised(here, own, pattern)
+    for _ in range(MOST_TRIALS):
+        step = _step(residuals, jacobian, damping)
+        tried = here + step
+        r, j = _linearised(tried, own, pattern)
+        better = (r**2).sum(axis=1) <= (residuals**2).sum(axis=1)
+        done = (np.abs(step[:, :2]).max(axis=1) < LEAST_MOVE) & (better | (damping <= DAMPED_FIRST))
+        here = np.where(better[:, None], tried, here)
+        found[going], settled[going] = here, done
+        if done.all():
+            break
+        residuals = np.where(better[:, None], r, residuals)[~done]
+        jacobian = np.where(better[:, None, None], j, jacobian)[~done]
+        damping = np.clip(damping * np.where(better, EASED, DAMPED), LEAST_DAMPING, MOST_DAMPING)[~done]
+        here, going, own = here[~done], going[~done], own.of(~done)
+    return found, settled
+
+
+def _step(residuals: Floats, jacobian: Floats, damping: Floats) -> Floats:
+    """The damped steps (n, k)."""
+    turned = jacobian.transpose(0, 2, 1)
+    normal = turned @ jacobian
+    diagonal = np.einsum("nii->ni", normal)
+    normal[:, range(normal.shape[1]), range(normal.shape[1])] += damping[:, None] * diagonal + 1e-9
+    return np.asarray(-np.linalg.solve(normal, turned @ residuals[:, :, None])[:, :, 0])
+
+
+def _inverse(normal: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """The inverses of normal matrices (n, k, k), and which of them are regular; the others are infinite."""
+    scale = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))
+    scaled = normal / scale[:, :, None] / scale[:, None, :]
+    regular = np.linalg.eigvalsh(scaled)[:, 0] > SINGULAR
+    safe = np.where(regular[:, None, None], scaled, np.eye(normal.shape[1]))
+    inverse = np.linalg.inv(safe) / scale[:, :, None] / scale[:, None, :]
+    return np.where(regular[:, None, None], inverse, np.inf), regular

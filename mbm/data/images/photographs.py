@@ -1,0 +1,156 @@
+"""Photographs of a board → one table: a row for each point of the board that was found in one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import field
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.data.cells import frozen
+from mbm.data.columns import row_numbers
+from mbm.data.content import read_bytes
+from mbm.data.images import faults
+from mbm.data.images.header import size_of
+from mbm.data.images.opencv import decoded
+from mbm.data.types import RawTable
+from mbm.files.memory import check_memory
+from mbm.problem.tables import Column, ColumnGroup, Part, Provenance
+from mbm.text.types import DataPlace, Diagnostic, MbmError
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.data.images.boards import Found
+    from mbm.data.images.fitting import Floats, Grey
+
+PHOTO = "photo"
+"""The column that names the photograph: the name of its file without folder and ending."""
+
+UNITS = MappingProxyType({"u": "px", "v": "px", "sigma": "px"})
+LENGTHS = ("x", "y", "z")
+COVARIANCE = ("covariance11", "covariance12", "covariance22")
+GROUP = ColumnGroup(shape=(2, 2), columns=(COVARIANCE[0], COVARIANCE[1], COVARIANCE[1], COVARIANCE[2]))
+
+PER_PIXEL = 6
+"""Bytes for a pixel: decoded, and in copies of half the size (measured: 3); a board is looked for in a small copy."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Board:
+    """What is looked for: words for messages, where its points are (n, 3) in the board's frame, and how to find them.
+
+    ``more`` holds further columns: a number for each point, by the column's name.
+    """
+
+    words: str
+    places: Floats
+    find: Callable[[Grey], Found | None]
+    more: Mapping[str, Floats] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Seen:
+    """What one photograph shows: the points that are to be relied on, and how many others there were."""
+
+    name: str
+    path: str
+    sha256: str
+    found: Found | None
+
+    @property
+    def rows(self) -> int:
+        """Points that are to be relied on."""
+        return 0 if self.found is None else int(self.found.fitted.good.sum())
+
+    def part(self) -> Part:
+        """The rows of the table that are from this photograph."""
+        numbers = row_numbers(1, self.rows)
+        source = Provenance(path=self.path, sha256=self.sha256, rows=self.rows, file_rows=numbers)
+        return Part(provenance=source, rows=numbers)
+
+    @property
+    def left_out(self) -> int:
+        """Points that were found but could not be refined."""
+        return 0 if self.found is None else int((~self.found.fitted.good).sum())
+
+
+def plane(columns: int, rows: int, size: float) -> Floats:
+    """Places (rows·columns, 3) of a grid of points, row by row, the first at the origin."""
+    y, x = np.mgrid[:rows, :columns].reshape(2, -1) * size
+    return np.column_stack([x, y, np.zeros(len(x))])
+
+
+def read_image(path: Path) -> tuple[Grey, str]:
+    """An image and the SHA-256 digest of its file; what it takes is worked out from its header.
+
+    Raises MbmError as ``read_bytes`` does, and not-an-image, damaged-image, too-much-memory, missing-extra.
+    """
+    content, digest = read_bytes(path)
+    shown = path.as_posix()
+    place = DataPlace(file=shown)
+    width, height = size_of(content, shown)
+    check_memory(PER_PIXEL * width * height, faults.pixels_of(shown, width, height), place)
+    return decoded(content, place), digest
+
+
+def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable:
+    """The table of all points of a board in photographs by their names; ``shown`` is the pattern that means them.
+
+    Raises MbmError as `read_image` does, and no-board.
+    """
+    place = DataPlace(file=shown)
+    seen = [_seen(name, path, board) for name, path in paths.items()]
+    without = [each.name for each in seen if each.found is None]
+    if len(without) == len(seen):
+        raise MbmError(faults.no_board(place, board.words, len(seen)))
+    parts = tuple(each.part() for each in seen)
+    file_rows = np.concatenate([part.rows for part in parts])
+    file_rows.setflags(write=False)
+    return RawTable(
+        path=shown,
+        sha256=None,
+        columns=tuple(_columns(seen, board)),
+        file_rows=file_rows,
+        groups={"covariance": GROUP},
+        parts=parts,
+        remarks=tuple(_remarks(seen, without, board, place)),
+    )
+
+
+def _seen(name: str, path: Path, board: Board) -> _Seen:
+    image, digest = read_image(path)
+    found = board.find(image)
+    if found is not None and not found.fitted.good.any():
+        found = None
+    return _Seen(name=name, path=path.as_posix(), sha256=digest, found=found)
+
+
+def _columns(seen: Sequence[_Seen], board: Board) -> Iterator[Column]:
+    shows = [(each.name, each.found) for each in seen if each.found is not None]
+    good = [found.fitted.good for _, found in shows]
+    numbers = np.concatenate([found.numbers[kept] for (_, found), kept in zip(shows, good, strict=True)])
+    points = np.concatenate([found.fitted.points[kept] for (_, found), kept in zip(shows, good, strict=True)])
+    spread = np.concatenate([found.fitted.covariances[kept] for (_, found), kept in zip(shows, good, strict=True)])
+    names = [name for (name, _), kept in zip(shows, good, strict=True) for _ in range(int(kept.sum()))]
+    yield Column(name=PHOTO, texts=tuple(names))
+    yield Column(name="corner", numbers=frozen(numbers))
+    for name, values in board.more.items():
+        yield Column(name=name, numbers=frozen(values[numbers - 1]))
+    for name, values in zip(LENGTHS, board.places[numbers - 1].T, strict=True):
+        yield Column(name=name, numbers=frozen(values))
+    for name, values in zip(("u", "v"), points.T, strict=True):
+        yield Column(name=name, numbers=frozen(values))
+    yield Column(name="sigma", numbers=frozen(np.sqrt((spread[:, 0, 0] + spread[:, 1, 1]) / 2)))
+    for name, (i, j) in zip(COVARIANCE, ((0, 0), (0, 1), (1, 1)), strict=True):
+        yield Column(name=name, numbers=frozen(spread[:, i, j]))
+
+
+def _remarks(seen: Sequence[_Seen], without: Sequence[str], board: Board, place: DataPlace) -> Iterator[Diagnostic]:
+    if without:
+        yield faults.board_left_out(place, board.words, without, len(seen))
+    counts = [(each.name, each.left_out) for each in seen if each.left_out]
+    if counts:
+        yield faults.points_left_out(place, counts)

@@ -1,0 +1,217 @@
+"""What is said of images and sources that are wrong, and what hostile files come to."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import mbm
+from mbm.text.types import DataPlace, MbmError, Span
+from tests.images.rendering import chessboard, corners, middle_of, projected, rendered, save
+
+TURN = Rotation.from_euler("xyz", [0.3, -0.2, 0.4])
+SOURCE = '(chessboard "*.png" 7 4 25mm)'
+
+
+@pytest.fixture
+def board():
+    image = rendered(chessboard(7, 4), TURN, middle_of(corners(7, 4), TURN, 0.4), samples=2)
+    return np.rint(image).astype(np.uint8)
+
+
+def fault(folder, source=SOURCE, sandbox=None):
+    text = f"(problem p (data d {source}) (unknowns (a)) (observe d (= u a)))"
+    with pytest.raises(MbmError) as caught:
+        mbm.loads(text, base=folder, sandbox=sandbox).solve()
+    (found,) = caught.value.diagnostics
+    return found
+
+
+@pytest.mark.parametrize(
+    ("source", "code", "words"),
+    [
+        ("(chessboard 7 4 25mm)", "bad-form", '(chessboard "path" columns rows size)'),
+        ('(chessboard "*.png" 7 4)', "bad-form", "`columns`, `rows`, `size`"),
+        ('(chessboard "*.png" 7 4 25mm 1)', "bad-form", "`columns`, `rows`, `size`"),
+        ('(chessboard "*.png" 7.5 4 25mm)', "wrong-kind", "a whole number for `columns` from 3 to 1000"),
+        ('(chessboard "*.png" 2 4 25mm)', "wrong-kind", "a whole number for `columns` from 3 to 1000"),
+        ('(chessboard "*.png" 7 1e9 25mm)', "wrong-kind", "a whole number for `rows` from 3 to 1000"),
+        ('(chessboard "*.png" 7 4mm 25mm)', "wrong-kind", "a whole number for `rows`"),
+        ('(chessboard "*.png" 7 4 25s)', "wrong-kind", "a length for `size`"),
+        ('(chessboard "*.png" 7 4 0)', "wrong-kind", "a length for `size` above 0"),
+        ('(chessboard "*.png" 7 4 -1mm)', "wrong-kind", "a length for `size` above 0"),
+        ('(chessboard "*.png" 7 4 "a")', "wrong-kind", "a length for `size`"),
+        ('(chessboard "*.png" 7 4 25mm :size 3)', "bad-form", ":size"),
+        ('(chessboard "*.png" 7 4 25mm) :columns ((x :unit mm))', "mixed-units", "x"),
+    ],
+)
+def test_arguments_are_checked_at_their_places(source, code, words, tmp_path):
+    found = fault(tmp_path, source)
+    assert found.code.name == code
+    assert isinstance(found.place, Span)
+    assert words in found.message + (found.hint or "")
+
+
+def test_no_file_fits(tmp_path):
+    found = fault(tmp_path)
+    assert found.code.name == "no-match"
+    assert isinstance(found.place, Span)
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    assert fault(tmp_path, '(chessboard "gone/*.png" 7 4 25mm)').code.name == "no-match"
+    assert fault(tmp_path, '(chessboard "gone.png" 7 4 25mm)').code.name == "missing-file"
+
+
+def test_no_board_in_any(tmp_path):
+    save(tmp_path / "blank.png", np.full((240, 320), 128, np.uint8))
+    save(tmp_path / "noise.png", np.random.default_rng(0).integers(0, 256, (240, 320), np.uint8))
+    found = fault(tmp_path)
+    assert found.code.name == "no-board"
+    assert "no chessboard of 7 × 4 inner corners was found in any of the 2 images" in found.message
+
+
+def test_a_board_of_another_size_is_none(board, tmp_path):
+    save(tmp_path / "a.png", board)
+    assert fault(tmp_path, '(chessboard "a.png" 9 6 25mm)').code.name == "no-board"
+
+
+def test_points_that_cannot_be_refined_are_left_out_and_said(board, tmp_path):
+    """A label sticks on one corner: the detector sees the squares, but there is no corner to measure."""
+    turn, place = TURN, middle_of(corners(7, 4), TURN, 0.4)
+    u, v = np.rint(projected(corners(7, 4), turn, place)[9]).astype(int)
+    board[v - 7 : v + 8, u - 7 : u + 8] = 125
+    save(tmp_path / "a.png", board)
+    text = f"(problem p (data d {SOURCE}) (unknowns (a)) (observe d (= u a)))"
+    solved = mbm.loads(text, base=tmp_path).solve()
+    (warning,) = solved.document()["diagnostics"]
+    assert warning["code"] == "points-left-out"
+    assert warning["message"].startswith("1 points of the board could not be refined and give no rows: a (1)")
+    assert solved.document()["inputs"][0]["rows"] == 27
+
+
+def test_two_images_of_one_name(board, tmp_path):
+    save(tmp_path / "a.png", board)
+    save(tmp_path / "a.jpg", board)
+    assert fault(tmp_path, '(chessboard "a*" 7 4 25mm)').code.name == "bad-pattern"
+
+
+def chunk(kind, content):
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+
+def png(width, height, rows=b""):
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + body
+
+
+def encoded(board, ending, tmp_path):
+    save(tmp_path / f"whole{ending}", board)
+    return (tmp_path / f"whole{ending}").read_bytes()
+
+
+BROKEN = {
+    "text": (lambda whole: b"u,v\n1,2\n", "not-an-image"),
+    "tiff": (lambda whole: b"II*\0" + bytes(100), "not-an-image"),
+    "empty": (lambda whole: b"", "empty-file"),
+    "magic": (lambda whole: whole(".png")[:8], "damaged-image"),
+    "half-png": (lambda whole: whole(".png")[: len(whole(".png")) // 2], "damaged-image"),
+    "no-end-png": (lambda whole: whole(".png")[:-12], "damaged-image"),
+    "bit-png": (lambda whole: whole(".png")[:300] + b"\xff" + whole(".png")[301:], "damaged-image"),
+    "half-jpeg": (lambda whole: whole(".jpg")[: len(whole(".jpg")) // 2], "damaged-image"),
+    "head-jpeg": (lambda whole: whole(".jpg")[:30], "damaged-image"),
+    "no-end-jpeg": (lambda whole: whole(".jpg")[:-2], "damaged-image"),
+    "half-bmp": (lambda whole: whole(".bmp")[: len(whole(".bmp")) // 2], "damaged-image"),
+    "half-pgm": (lambda whole: whole(".pgm")[: len(whole(".pgm")) // 2], "damaged-image"),
+    "pgm-words": (lambda whole: b"P5 a b c", "damaged-image"),
+    "pgm-comment": (lambda whole: b"P5 #", "damaged-image"),
+    "few-rows": (lambda whole: png(320, 240, bytes(321 * 3)), "damaged-image"),
+    "no-rows": (lambda whole: png(320, 240), "damaged-image"),
+    "no-width": (lambda whole: png(0, 240), "damaged-image"),
+    "hole-jpeg": (lambda whole: whole(".jpg")[:3000] + b"\xff\xd0" + whole(".jpg")[3002:], "damaged-image"),
+    "bomb": (lambda whole: png(2**31 - 1, 2**31 - 1), "too-much-memory"),
+    "broad": (lambda whole: png(60_000, 60_000, bytes(1000)), "too-much-memory"),
+    "bomb-jpeg": (
+        lambda whole: b"\xff\xd8\xff\xc0\x00\x0b\x08\xff\xff\xff\xff\x01\x01\x11\x00\xff\xda\x00\x02\xff\xd9",
+        "too-much-memory",
+    ),
+    "bomb-pgm": (lambda whole: b"P5 9999999999 9999999999 255 ", "damaged-image"),
+    "bomb-bmp": (
+        lambda whole: b"BM" + struct.pack("<IHHIIii", 26, 0, 0, 26, 40, 2**31 - 1, -(2**31)) + bytes(28),
+        "too-much-memory",
+    ),
+    "passes": (lambda whole: whole(".jpg")[:-2] + b"\xff\xda" * 101 + b"\xff\xd9", "damaged-image"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_image_is_named(name, board, tmp_path, capfd):
+    made, code = BROKEN[name]
+    content = made(lambda ending: encoded(board, ending, tmp_path))
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / "broken.png").write_bytes(content)
+    found = fault(folder)
+    assert found.code.name == code
+    assert isinstance(found.place, DataPlace)
+    assert found.place.file.endswith("broken.png")
+    assert [label.place for label in found.labels if isinstance(label.place, Span)]  # and the data clause
+    assert capfd.readouterr() == ("", "")  # decoders are not heard
+
+
+def test_no_change_of_a_byte_ends_the_process(board, tmp_path):
+    """A table, or a diagnostic; nothing else, whichever byte of the headers is another."""
+    from mbm.data.images.photographs import read_image
+
+    path = tmp_path / "changed"
+    for ending in (".jpg", ".bmp", ".pgm", ".png"):
+        whole = encoded(board[:40, :40], ending, tmp_path)
+        for place in range(0, min(len(whole), 700), 3):
+            for change in (1, 128):
+                path.write_bytes(whole[:place] + bytes([(whole[place] + change) % 256]) + whole[place + 1 :])
+                try:
+                    image, _ = read_image(path)
+                except MbmError:
+                    continue
+                assert image.dtype == np.uint8
+
+
+def test_memory_bounds_the_size_of_images(board, tmp_path, monkeypatch):
+    save(tmp_path / "a.png", board)
+    monkeypatch.setenv("MBM_MEMORY", "400KB")
+    found = fault(tmp_path)
+    assert found.code.name == "too-much-memory"
+    assert "320 × 240 pixels" in found.message
+
+
+def test_what_is_no_ordinary_file(board, tmp_path):
+    (tmp_path / "a.png").mkdir()
+    assert fault(tmp_path).code.name == "not-a-file"
+    (tmp_path / "a.png").rmdir()
+    os.mkfifo(tmp_path / "a.png")
+    assert fault(tmp_path).code.name == "not-a-file"
+
+
+def test_links_out_of_the_sandbox_are_refused(board, tmp_path):
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    save(tmp_path / "a.png", board)
+    (inside / "a.png").symlink_to(tmp_path / "a.png")
+    assert fault(inside, sandbox=inside).code.name == "outside-sandbox"
+    assert fault(inside, '(chessboard "../*.png" 7 4 25mm)', sandbox=inside).code.name == "outside-sandbox"
+    assert fault(inside, '(chessboard "../gone/*.png" 7 4 25mm)', sandbox=inside).code.name == "outside-sandbox"
+
+
+def test_without_opencv_the_extra_is_named(board, tmp_path, monkeypatch):
+    import sys
+
+    save(tmp_path / "a.png", board)
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    found = fault(tmp_path)
+    assert (found.code.name, found.hint) == ("missing-extra", 'install them with `pip install "mbm[images]"`')
