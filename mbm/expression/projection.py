@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from mbm.expression.nodes import Expression
+from fractions import Fraction
+
+from mbm.expression.nodes import Expression, Number
 from mbm.values import dataclass
+
+NEAR = Number(Fraction(1, 10))
+"""What is nearer to a camera is not seen: in m, or what the problem measures lengths in."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

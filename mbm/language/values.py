@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
-from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from mbm.expression.nodes import (
@@ -19,7 +18,7 @@ from mbm.expression.nodes import (
     Parameter,
     RowChoice,
 )
-from mbm.expression.projection import Projection
+from mbm.expression.projection import NEAR, Projection
 from mbm.text.types import Code, Diagnostic, Form, Keyword, Numeral, Place, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
@@ -91,9 +90,6 @@ class ImageLineValue:
 
     alpha: Expression
     rho: Expression
-
-
-NEAR = Number(Fraction(1, 10))  # m, or what the problem measures lengths in
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -301,13 +301,11 @@ class PlotData:
 class SolveReport:
     """One solve.
 
-    ``key`` holds the key values of ``for-each``, empty with one solve. ``cost``, ``dof``,
-    ``sigma0``, ``chi2_p`` are as CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is
-    the sum of the losses, None without one; ``reasons`` says why
-    by the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
-    ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when they are asked for;
-    ``root_means`` makes those of each observation by its name, ``made_from`` gives what was solved and how (None:
-    nothing was).
+    ``key`` holds the key values of ``for-each``, empty with one solve. ``cost``, ``dof``, ``sigma0``, ``chi2_p`` are as
+    CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is the sum of the losses, None
+    without one; ``reasons`` says why by the field's name. ``noise`` has one entry per observation clause: the estimated
+    factor, None for stated noise. ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make
+    them when asked for; ``root_means`` makes those of each observation, ``made_from`` gives what was solved and how.
     """
 
     status: SolveStatus

@@ -13,10 +13,10 @@ from fractions import Fraction
 from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, divide, dot, multiply, subtract
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
-from mbm.expression.projection import Projection
+from mbm.expression.projection import NEAR, Projection
 from mbm.language import faults
 from mbm.language.coerce import scalar
-from mbm.language.values import NEAR, Array, Call, CameraValue, Value, describe
+from mbm.language.values import Array, Call, CameraValue, Value, describe
 from mbm.text.types import MbmError, Span
 
 _NEAR = Number(1e-8, NONE)

@@ -26,7 +26,7 @@ from mbm.language.vocabulary.rigid import (
 )
 from mbm.text.types import MbmError, Span
 
-POSE2, POSE3 = "(pose2 [x y theta])", "(pose3 [R t])"
+POSE2, POSE3 = "(pose2 x y theta), or (pose2)", "(pose3 R t), or (pose3)"
 _SMALL_ANGLE = Number(2.5e-3, NONE)
 """Squared angle below which sin x / x and (1 − cos x)/x² are taken from their series (remainder below 1e-16)."""
 
@@ -241,8 +241,8 @@ FUNCTIONS: tuple[Builtin, ...] = (
     Builtin("axis-angle", "(axis-angle v)", "Rotation about v by the angle |v|.", 1, 1, _axis_angle),
     Builtin("quaternion", "(quaternion w x y z)", "Rotation of a quaternion of any length.", 4, 4, _quaternion),
     Builtin("look-at", "(look-at eye target [up])", "Pose of a frame at eye: x towards target, y left, z up.", 2, 3, _look_at),
-    Builtin("pose2", POSE2, "Pose in the plane; without arguments the identity.", 0, 3, _pose2),
-    Builtin("pose3", POSE3, "Pose in space; without arguments the identity.", 0, 2, _pose3),
+    Builtin("pose2", "(pose2 [x] [y] [theta])", "Pose in the plane; without arguments the identity.", 0, 3, _pose2),
+    Builtin("pose3", "(pose3 [R] [t])", "Pose in space; without arguments the identity.", 0, 2, _pose3),
     Builtin("rotation", "(rotation P)", "The rotation of a pose.", 1, 1, _rotation_of),
     Builtin("translation", "(translation P)", "The translation of a pose.", 1, 1, _translation_of),
     Builtin("heading", "(heading P)", "The angle about z of a pose; its differences wrap.", 1, 1, _heading),

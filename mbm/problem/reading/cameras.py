@@ -7,9 +7,10 @@ from collections.abc import Callable
 from mbm.expression.algebra import ZERO
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, Member, Number
+from mbm.expression.projection import NEAR
 from mbm.language import faults as language_faults
 from mbm.language.coerce import scalar, vector
-from mbm.language.values import NEAR, SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
+from mbm.language.values import SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.declarations import family_of, keys_of
