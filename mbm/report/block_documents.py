@@ -19,7 +19,7 @@ from mbm.report.numbers import NUMBERS
 from mbm.report.solve_document import (
     constraint_document,
     corrections_document,
-    root_means_document,
+    raw_document,
     solve_document,
     solve_key,
 )
@@ -118,13 +118,13 @@ class _Filled:
         corrections = self._reports.corrected(place)
         if corrections:
             written["corrections"] = corrections_document(corrections)
-        noises, residuals, means = {}, {}, self._reports.root_means(place)
+        noises, residuals, raw = {}, {}, self._reports.raw_residuals(place)
         for i, (name, summary) in zip(self._observed, model["residuals"].items(), strict=True):
             noises[name] = None if model["noise"][name] is None else self._noise[place][i]
             found = self._block.columns.outliers[i]
             bad = [] if found is None else sorted(int(found.table.rows[position]) for position in found.of(place))
             own = {"rows": self._rows[place][i], "used": self._used[place][i], "rms": self._rms[place][i]}
-            own["rms_unit"] = root_means_document(means[name])
+            own |= raw_document(raw[name])
             residuals[name] = {**summary, **own, "outliers": bad}
         written["noise"], written["residuals"] = noises, residuals
         written["priors"] = [

@@ -15,7 +15,7 @@ from mbm.problem.types import BlockRole, Problem
 from mbm.report.elements import element_names, shown_sigma, shown_values
 from mbm.report.filled import families, filled
 from mbm.report.from_solution import report_of
-from mbm.report.means import RootMean
+from mbm.report.means import RawResiduals
 from mbm.report.residuals import column_corrections
 from mbm.report.root_means import RootMeans, of_block
 from mbm.report.types import (
@@ -63,10 +63,10 @@ class BlockReports:
         if not self.from_columns[place] or not self.complete:
             return self._made(place)
         report = filled(self.like(place), self.items, self.corrected(place), self.problem, self.block, place)
-        return replace(report, root_means=lambda: self.root_means(place))
+        return replace(report, raw_residuals=lambda: self.raw_residuals(place))
 
-    def root_means(self, place: int) -> Mapping[str, tuple[RootMean, ...]]:
-        """The root mean squares of raw residuals in the solve at a place, of each observation by its name."""
+    def raw_residuals(self, place: int) -> Mapping[str, RawResiduals]:
+        """What is said of the raw residuals of each observation in the solve at a place, by its name."""
         return {name: each.of(place) for name, each in self._root_means.items()}
 
     @cached_property

@@ -91,7 +91,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         observability=_observability(solution, names) if reached else None,
         noise=_noise(problem, solution),
         residual_summaries=residual_summaries(problem, solution),
-        root_means=lambda: of_solution(problem, solution),
+        raw_residuals=lambda: of_solution(problem, solution),
         made_from=lambda: (problem, solution),
         residual_rows=lambda: residual_rows(problem, solution),
         plot_data=lambda: plot_data(problem, solution),

@@ -26,6 +26,16 @@ class RootMean:
     brief: bool = True
 
 
-def no_root_means() -> Mapping[str, tuple[RootMean, ...]]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RawResiduals:
+    """What is said of raw residuals: their root means, and the rows (from 1 in the unfiltered table) that see a point
+    behind its camera.
+    """
+
+    means: tuple[RootMean, ...] = ()
+    behind: tuple[int, ...] = ()
+
+
+def no_residuals() -> Mapping[str, RawResiduals]:
     """What a solve has that observes nothing."""
     return {}

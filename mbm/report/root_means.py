@@ -13,10 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations.at_rows import AtRows
+from mbm.equations.binding import Group
+from mbm.equations.types import Indices
 from mbm.estimation.search.solution import RawRows, Solution
+from mbm.expression.evaluate import Values
 from mbm.expression.units import Unit
 from mbm.problem.types import BlockRole, Problem
-from mbm.report.means import COORDINATE, OVER_POINTS, OVER_ROWS, RootMean
+from mbm.report.means import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, RootMean
 from mbm.report.types import Floats, Mask
 from mbm.values import dataclass
 
@@ -43,13 +47,20 @@ class _Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RootMeans:
-    """The numbers of one clause in K solves: ``parts`` says what they are, ``values`` (K, parts), NaN: none counted."""
+    """The numbers of one clause in K solves: ``parts`` says what they are, ``values`` (K, parts), NaN: none counted.
+
+    ``behind`` has, for some solves, the rows that see a point behind its camera.
+    """
 
     parts: tuple[_Part, ...]
     values: Floats
+    behind: Mapping[int, list[int]]
 
-    def of(self, place: int) -> tuple[RootMean, ...]:
+    def of(self, place: int) -> RawResiduals:
         """Those of one solve; a mean without a finite value is None, one over nothing is left out."""
+        return RawResiduals(means=self._means(place), behind=tuple(sorted(self.behind.get(place, ()))))
+
+    def _means(self, place: int) -> tuple[RootMean, ...]:
         return tuple(
             RootMean(
                 per=part.per,
@@ -63,8 +74,8 @@ class RootMeans:
         )
 
 
-def of_solution(problem: Problem, solution: Solution) -> Mapping[str, tuple[RootMean, ...]]:
-    """The root mean squares of each observation of a solve, by its name."""
+def of_solution(problem: Problem, solution: Solution) -> Mapping[str, RawResiduals]:
+    """What is said of the raw residuals of each observation of a solve, by its name."""
     found = _of_rows(problem, _raw(problem, solution), 1)
     return {name: each.of(0) for name, each in found.items()}
 
@@ -74,12 +85,29 @@ def of_block(problem: Problem, block: Block) -> Mapping[str, RootMeans]:
     return _of_rows(problem, block.raw(), len(block.which))
 
 
+def rows_of(problem: Problem, solution: Solution, group: Group) -> AtRows:
+    """The rows of a group at the estimates."""
+    block = problem.blocks[group.kernel.owner]
+
+    def numbers(places: Indices | int) -> Values:
+        return np.asarray(solution.numbers[places])
+
+    return AtRows(
+        count=group.rows,
+        layout=solution.layout,
+        table=None if block.table is None else solution.tables[block.table],
+        positions=group.positions,
+        tables=solution.tables,
+        numbers=numbers,
+    )
+
+
 @np.errstate(all="ignore")
 def _raw(problem: Problem, solution: Solution) -> Iterator[RawRows]:
     for group in solution.groups:
         if problem.blocks[group.kernel.owner].role is not BlockRole.OBSERVATION or not group.rows:
             continue
-        values = group.values(solution.numbers)
+        values, rows = group.values(solution.numbers), rows_of(problem, solution, group)
         weights = None if solution.weights is None else solution.weights[group.first : group.first + group.count]
         yield RawRows(
             owner=group.kernel.owner,
@@ -87,6 +115,8 @@ def _raw(problem: Problem, solution: Solution) -> Iterator[RawRows]:
             solve=np.zeros(group.rows, dtype=np.int64),
             values=values,
             counting=np.ones(values.shape, dtype=bool) if weights is None else weights.reshape(values.shape) > 0.0,
+            behind=rows.behind(problem.blocks[group.kernel.owner].cases[group.kernel.case].equations),
+            rows=np.ones(group.rows, dtype=np.int64) if rows.table is None else rows.table.rows[group.positions],
         )
 
 
@@ -94,7 +124,11 @@ def _raw(problem: Problem, solution: Solution) -> Iterator[RawRows]:
 def _of_rows(problem: Problem, rows: Iterable[RawRows], solves: int) -> Mapping[str, RootMeans]:
     """Those of each observation: sums over its rows, solve by solve, in their order."""
     sums: dict[int, dict[_Part, Floats]] = {}
+    behind: dict[int, dict[int, list[int]]] = {}
     for each in rows:
+        for place in np.flatnonzero(each.behind).tolist() if each.behind is not None else ():
+            found = behind.setdefault(each.owner, {})
+            found.setdefault(int(each.solve[place]), []).append(int(each.rows[place]))
         equations = problem.blocks[each.owner].cases[each.case].equations
         own = sums.setdefault(each.owner, {})
         begin = 0
@@ -108,7 +142,11 @@ def _of_rows(problem: Problem, rows: Iterable[RawRows], solves: int) -> Mapping[
                 total += _squares(values[:, part.first : part.last] / part.factor, counting, part, each.solve, solves)
             begin = end
     return {
-        block.name: RootMeans(tuple(sums.get(owner, ())), _roots(tuple(sums.get(owner, {}).values()), solves))
+        block.name: RootMeans(
+            tuple(sums.get(owner, ())),
+            _roots(tuple(sums.get(owner, {}).values()), solves),
+            behind.get(owner, {}),
+        )
         for owner, block in enumerate(problem.blocks)
         if block.role is BlockRole.OBSERVATION
     }

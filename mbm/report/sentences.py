@@ -7,7 +7,7 @@ from itertools import islice
 from math import isfinite
 
 from mbm.report.digits import plain
-from mbm.report.means import COORDINATE, OVER_POINTS, OVER_ROWS, RootMean
+from mbm.report.means import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, RootMean
 from mbm.report.types import Observability, ResidualSummary, SolveReport
 from mbm.text.types import Diagnostic
 
@@ -80,11 +80,12 @@ def observability_sentences(found: Observability | None) -> Iterator[str]:
 
 def residual_sentences(solve: SolveReport) -> Iterator[str]:
     """Rows used and their rms, normalised, then as it was measured."""
-    means = solve.root_means() if solve.residual_summaries else {}
+    raw = solve.raw_residuals() if solve.residual_summaries else {}
     for clause, summary in solve.residual_summaries.items():
+        said = raw.get(clause, RawResiduals())
         used = f"{summary.used} of {summary.rows} rows" if summary.used != summary.rows else _rows(summary.rows)
         rms = "" if summary.rms is None else f", rms {plain(summary.rms, 3)}"
-        yield f"`{clause}`: {used}{rms}{_raw(means.get(clause, ()))}{_outliers(summary)}"
+        yield f"`{clause}`: {used}{rms}{_raw(said.means)}{_outliers(summary)}{_behind(said)}"
 
 
 def _raw(means: tuple[RootMean, ...]) -> str:
@@ -93,6 +94,10 @@ def _raw(means: tuple[RootMean, ...]) -> str:
     texts = [_raw_mean(each) for each in shown[:MOST_MEANS]]
     more = f" and {len(shown) - MOST_MEANS} more" if len(shown) > MOST_MEANS else ""
     return f", raw {', '.join(texts)}{more}" if texts else ""
+
+
+def _behind(raw: RawResiduals) -> str:
+    return f"; behind the camera: {_named_rows(raw.behind)}" if raw.behind else ""
 
 
 def _raw_mean(mean: RootMean) -> str:

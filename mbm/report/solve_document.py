@@ -12,7 +12,7 @@ import numpy as np
 from mbm.report.elements import plain_key, shown_sigma, unit_text
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
-from mbm.report.means import RootMean
+from mbm.report.means import RawResiduals
 from mbm.report.numbers import NUMBERS, USUAL
 from mbm.report.types import (
     Alternative,
@@ -193,23 +193,23 @@ def _direction(direction: FreeDirection, factors: Mapping[str, float]) -> dict[s
 
 def _residuals(solve: SolveReport) -> dict[str, Any]:
     summaries = solve.residual_summaries
-    means = solve.root_means() if summaries else {}
-    return {name: _summary(summary, means.get(name, ())) for name, summary in summaries.items()}
+    raw = solve.raw_residuals() if summaries else {}
+    return {name: _summary(summary, raw.get(name, RawResiduals())) for name, summary in summaries.items()}
 
 
-def root_means_document(means: tuple[RootMean, ...]) -> list[dict[str, Any]]:
-    """The root mean squares of raw residuals as documents hold them."""
-    return [
+def raw_document(raw: RawResiduals) -> dict[str, Any]:
+    """What documents say of raw residuals."""
+    means = [
         {"value": each.value, "unit": each.unit, "per": each.per}
         | ({} if each.equation is None else {"equation": each.equation})
-        for each in means
+        for each in raw.means
     ]
+    return {"rms_unit": means} | ({"behind_camera": list(raw.behind)} if raw.behind else {})
 
 
-def _summary(summary: ResidualSummary, means: tuple[RootMean, ...]) -> dict[str, Any]:
+def _summary(summary: ResidualSummary, raw: RawResiduals) -> dict[str, Any]:
     rms = _number(summary.rms)
-    written: dict[str, Any] = {"rows": summary.rows, "used": summary.used, "rms": rms}
-    written["rms_unit"] = root_means_document(means)
+    written: dict[str, Any] = {"rows": summary.rows, "used": summary.used, "rms": rms, **raw_document(raw)}
     written["outliers"] = list(summary.outliers)
     return written if rms is not None else written | {"reason": "no row was used"}
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mbm.files.journal import Read
 from mbm.report.map_types import Map
-from mbm.report.means import RootMean, no_root_means
+from mbm.report.means import RawResiduals, no_residuals
 from mbm.text.types import DataPlace, Diagnostic
 from mbm.values import dataclass
 
@@ -305,7 +305,7 @@ class SolveReport:
     CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is the sum of the losses, None
     without one; ``reasons`` says why by the field's name. ``noise`` has one entry per observation clause: the estimated
     factor, None for stated noise. ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make
-    them when asked for; ``root_means`` makes those of each observation, ``made_from`` gives what was solved and how.
+    them when asked for; ``raw_residuals`` is said of each observation, ``made_from`` gives what was solved and how.
     """
 
     status: SolveStatus
@@ -328,7 +328,7 @@ class SolveReport:
     observability: Observability | None = None
     noise: Mapping[str, float | None] = field(default_factory=lambda: MappingProxyType({}))
     residual_summaries: Mapping[str, ResidualSummary] = field(default_factory=lambda: MappingProxyType({}))
-    root_means: Callable[[], Mapping[str, tuple[RootMean, ...]]] = no_root_means
+    raw_residuals: Callable[[], Mapping[str, RawResiduals]] = no_residuals
     residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()
     plot_data: tuple[PlotData, ...] | Callable[[], tuple[PlotData, ...]] = ()
     map_data: tuple[Map, ...] | Callable[[], tuple[Map, ...]] = ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,6 @@ from mbm.estimation.batches.portion import Portion, stated
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
-from mbm.estimation.search.solution import RawRows
 from mbm.estimation.trust.plausibility import IMPROBABLE
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.types import Block, BlockRole, Problem
@@ -97,22 +96,6 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         limits=_limits(problem, stack, which, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
-
-
-@np.errstate(all="ignore")
-def raw_rows(problem: Problem, stack: Stack, which: range, columns: Columns) -> Iterator[RawRows]:
-    """What the equations of observations say at the ends of some solves, measured values taken as exact."""
-    portion = Portion(stack.exactly(), which)
-    for number, (owner, solve, slots) in enumerate(portion.groups()):
-        if problem.blocks[owner].role is BlockRole.OBSERVATION and len(solve):
-            every = np.ones(slots.shape, dtype=bool)
-            yield RawRows(
-                owner=owner,
-                case=stack.equations.groups[number].kernel.case,
-                solve=solve,
-                values=portion.values(number, columns.points),
-                counting=every if columns.counting is None else columns.counting[solve[:, None], slots],
-            )
 
 
 def _surface(portion: Portion, ends: Ends, jacobian: Floats) -> tuple[Held, Tangents] | None:

@@ -19,10 +19,11 @@ from mbm.equations.binding import EvaluationCache
 from mbm.equations.metric import roundings, steps_between
 from mbm.equations.selection import Selection
 from mbm.equations.types import Floats, Indices, Mask, Minimum, Noise
-from mbm.estimation.batches.answers import answers, raw_rows
+from mbm.estimation.batches.answers import answers
 from mbm.estimation.batches.chain import NOT_SOLVED, SAME_ENDS
 from mbm.estimation.batches.components import estimated_on_the_way
 from mbm.estimation.batches.descent import solver_of
+from mbm.estimation.batches.raw import raw_rows
 from mbm.estimation.batches.sets import Sets
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Block, Columns, Corrections, Descent

@@ -107,7 +107,9 @@ class Alone:
 class RawRows:
     """What the equations of a block say, MODEL − MEASURED, in one solve or in many: rows of one case of its equations.
 
-    ``values`` (R, outputs) of solve ``solve`` (R,), ascending; ``counting`` (R, outputs) says which of them count.
+    ``values`` (R, outputs) of solve ``solve`` (R,), ascending; ``counting`` (R, outputs) says which of them count,
+    ``behind`` (R,) where a point is behind its camera (None: there is none). ``rows`` (R,) are those of the unfiltered
+    table, from 1.
     """
 
     owner: int
@@ -115,3 +117,5 @@ class RawRows:
     solve: Indices
     values: Floats
     counting: Mask
+    behind: Mask | None
+    rows: Indices

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from mbm.equations.binding import Group
-from mbm.equations.members import member_cells, picked_members
+from mbm.equations.members import member_cells
 from mbm.estimation.search.solution import Solution
-from mbm.expression.evaluate import Values, evaluate
-from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, Member, leaves
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Member, leaves
 from mbm.problem.naming import key_text
-from mbm.problem.rows import lookup
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import Block, Problem, UnknownKind
+from mbm.problem.types import Problem, UnknownKind
+from mbm.report.root_means import rows_of
 from mbm.report.types import Floats
 
 
@@ -23,33 +20,11 @@ class RowsOf:
 
     def __init__(self, problem: Problem, solution: Solution, group: Group) -> None:
         self.problem, self.solution, self.group = problem, solution, group
-        block: Block = problem.blocks[group.kernel.owner]
-        self.block = block
-        self.table = None if block.table is None else solution.tables[block.table]
-        self._data = lookup(self.table, group.positions, solution.tables)
+        self.rows = rows_of(problem, solution, group)
 
-    def values(self, roots: tuple[Expression, ...], instead: Mapping[str, Sequence[float]] | None = None) -> Floats:
+    def values(self, roots: Sequence[Expression], instead: Mapping[str, Sequence[float]] | None = None) -> Floats:
         """The values (R, k) of expressions; unknowns named in ``instead`` have those numbers in all rows."""
-
-        def value(leaf: Leaf) -> Values:
-            if not isinstance(leaf, Component):
-                return self._data(leaf)
-            entry = self.solution.layout.entry(leaf.unknown)
-            place = entry.unknown.indices().index(leaf.index)
-            if instead is not None and leaf.unknown in instead:
-                return instead[leaf.unknown][place]
-            return np.asarray(self.solution.numbers[entry.offset + self._member(leaf) * entry.unknown.size + place])
-
-        found = np.empty((self.group.rows, len(roots)))
-        for place, column in enumerate(evaluate(roots, value)):
-            found[:, place] = column
-        return found
-
-    def _member(self, leaf: Component) -> np.ndarray | int:
-        if leaf.member is None:
-            return 0
-        entry = self.solution.layout.entry(leaf.unknown)
-        return picked_members(entry, leaf.member, self.table, self.group.positions, self.solution.tables)
+        return self.rows.values(roots, instead)
 
     def unknowns(self, roots: tuple[Expression, ...], kind: UnknownKind, size: int) -> dict[str, Member | None]:
         """The unknowns of a kind and size that expressions use, with the members that they pick, in their order."""
@@ -69,7 +44,7 @@ class RowsOf:
         if member is None:
             return [""] * self.group.rows
         if isinstance(member, ColumnMember):
-            cells = member_cells(member, self.table, self.group.positions, self.solution.tables)
+            cells = member_cells(member, self.rows.table, self.group.positions, self.solution.tables)
             return cells if len(cells) == self.group.rows else cells * self.group.rows
         return [member.key] * self.group.rows
 

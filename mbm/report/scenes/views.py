@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mbm.estimation.search.solution import Solution
-from mbm.expression.nodes import Column, Component, Expression, Member, leaves
+from mbm.expression.nodes import Column, Component, Expression, Member, externals, leaves
 from mbm.expression.projection import Projection
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.scenes import faults
@@ -85,6 +85,8 @@ def _views(problem: Problem, solution: Solution, form: str) -> Iterator[Views]:
             first = mine.stop
             if equation.projection is None:
                 continue
+            if any(externals((*equation.projection.point, *equation.projection.focal))):
+                raise MbmError(faults.format_needs(form, "points and cameras that no function in Python computes"))
             measured = None if equation.measured is None else rows.values(equation.measured)
             yield _view(rows, equation.projection, form, (measured, values[:, mine], counts[:, mine].min(axis=1)))
 

@@ -1,0 +1,52 @@
+"""What equations say in many solves, not whitened: for those who ask for residuals as they were measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mbm.equations.at_rows import AtRows
+from mbm.equations.types import Indices
+from mbm.estimation.batches.portion import Portion
+from mbm.estimation.batches.stack import Stack
+from mbm.estimation.batches.types import Columns
+from mbm.estimation.search.solution import RawRows
+from mbm.expression.evaluate import Values
+from mbm.problem.types import BlockRole, Problem
+
+
+@np.errstate(all="ignore")
+def raw_rows(problem: Problem, stack: Stack, which: range, columns: Columns) -> Iterator[RawRows]:
+    """What the equations of observations say at the ends of some solves, measured values taken as exact."""
+    stack = stack.exactly()
+    portion = Portion(stack, which)
+    for number, (owner, solve, slots) in enumerate(portion.groups()):
+        block, group = problem.blocks[owner], stack.equations.groups[number]
+        if block.role is not BlockRole.OBSERVATION or not len(solve):
+            continue
+        table = None if block.table is None else stack.tables[block.table]
+        positions = None if group.positions is None else group.positions[stack.lines(number, which)[1]]
+
+        def numbers(places: Indices | int, solve: Indices = solve) -> Values:
+            return np.asarray(columns.points[solve, places])
+
+        rows = AtRows(
+            count=len(solve),
+            layout=stack.equations.layout,
+            table=table,
+            positions=positions,
+            tables=stack.tables,
+            numbers=numbers,
+            pick=stack.arranged.pick,
+        )
+        every = np.ones(slots.shape, dtype=bool)
+        yield RawRows(
+            owner=owner,
+            case=group.kernel.case,
+            solve=solve,
+            values=portion.values(number, columns.points),
+            counting=every if columns.counting is None else columns.counting[solve[:, None], slots],
+            behind=rows.behind(block.cases[group.kernel.case].equations),
+            rows=np.ones(len(solve), dtype=np.int64) if table is None else table.rows[positions],
+        )

@@ -1,0 +1,96 @@
+"""Points behind a camera are rows that say so: against depths that NumPy computes."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import mbm
+
+TEXT = """
+(problem behind {keys}
+  (data d external)
+  (camera cam :focal 500 :center (320 240) {options})
+  (unknowns (s :init {init}))
+  (observe d (= [u v] (project cam {point})) :sigma 1px :loss (huber)))
+"""
+
+
+def scene(axes: str):
+    """Points in front, behind, and in front again; s = 0.25 moves all of them along the axis of the camera."""
+    points = np.array([[0.1, 0.2, 2], [0.3, -0.1, -1.5], [-0.2, 0.1, 3], [0.2, 0.2, -0.3], [0.4, 0.1, 1.0]])
+    x, y, z = points.T
+    z = z + 0.25
+    ahead = {"x": points[:, 0], "y": points[:, 1], "z": points[:, 2]} if axes == "opencv" else {}
+    if axes == "paper":
+        # x forward, y left, z up: u = 500 y/x + 320, v = 500 z/x + 240
+        ahead = {"x": points[:, 2], "y": points[:, 0], "z": points[:, 1]}
+    u, v = 500 * x / z + 320, 500 * y / z + 240
+    return {**ahead, "u": u, "v": v, "k": np.array([1.0, 2, 1, 1, 2])}, z
+
+
+@pytest.mark.parametrize("axes", ["opencv", "paper"])
+def test_rows_behind_are_named(axes: str) -> None:
+    data, depths = scene(axes)
+    point = "[x y (+ z s)]" if axes == "opencv" else "[(+ x s) y z]"
+    solved = mbm.loads(TEXT.format(init=0.2, keys="", options=f":axes {axes}", point=point)).solve(data={"d": data})
+    assert solved["s"].value == pytest.approx(0.25)
+    (written,) = [solve["residuals"]["d"] for solve in solved.document()["solves"]]
+    assert written["behind_camera"] == (np.flatnonzero(depths <= 0) + 1).tolist() == [2, 4]
+    assert all(each["value"] is not None for each in written["rms_unit"])
+    assert "; behind the camera: rows 2, 4" in str(solved)
+
+
+def test_each_of_many_solves_names_its_own() -> None:
+    data, depths = scene("opencv")
+    text = TEXT.format(init=0.2, keys="(for-each k)", options="", point="[x y (+ z s)]")
+    solved = mbm.loads(text).solve(data={"d": data})
+    for number, solve in enumerate(solved.document()["solves"]):
+        wanted = np.flatnonzero((depths <= 0) & (data["k"] == solve["key"]["k"])) + 1
+        assert solve["residuals"]["d"].get("behind_camera", []) == wanted.tolist()
+        report = solved.solves[number].raw_residuals()["d"]
+        assert list(report.behind) == wanted.tolist()
+
+
+@pytest.mark.parametrize("model", ["fisheye", "orthographic"])
+def test_where_depth_does_not_turn_the_image_nothing_is_said(model: str) -> None:
+    """A fisheye sees more than half of all directions, and to an orthographic camera depth is nothing."""
+    data, _depths = scene("opencv")
+    data["u"] = data["v"] = np.zeros(5)
+    text = TEXT.format(init=0.2, keys="", options=f":model {model}", point="[x y (+ z s)]")
+    solved = mbm.loads(text).solve(data={"d": data})
+    assert "behind_camera" not in solved.document()["solves"][0]["residuals"]["d"]
+
+
+def test_members_of_cameras_and_poses_are_picked_row_by_row() -> None:
+    """In each solve of many the families have members of their own."""
+    text = """
+    (problem rig (for-each k)
+      (data d external)
+      (camera cam :focal 100)
+      (unknowns (T (vector 3) :per d.photo :init [0 0 1]))
+      (observe d (= [u v] (project cam (+ [x y z] (T photo)))) :sigma 1)
+      (observe close d (= 0 ((T photo) 3)) :sigma 1e-3))"""
+    generator = np.random.default_rng(1)
+    k, photo = np.repeat([1.0, 2, 3], 12), np.tile(np.repeat([1.0, 2.0], 6), 3) + np.repeat([0.0, 1, 2], 12)
+    points = generator.uniform([-1, -1, 2], [1, 1, 4], size=(36, 3))
+    points[[3, 20]] *= -1
+    uv = 100 * points[:, :2] / points[:, 2:]
+    data = {"k": k, "photo": photo, **dict(zip(("x", "y", "z", "u", "v"), (*points.T, *uv.T), strict=True))}
+    solved = mbm.loads(text).solve(data={"d": data})
+    found = [solve["residuals"]["d"].get("behind_camera", []) for solve in solved.document()["solves"]]
+    assert found == [[4], [21], []]
+
+
+def test_a_point_in_the_plane_of_the_camera_is_no_number_and_said_so() -> None:
+    """The start puts row 4 there: nothing is solved, and the row is named."""
+    data, _ = scene("opencv")
+    solved = mbm.loads(TEXT.format(init=0.3, keys="", options="", point="[x y (+ z s)]")).solve(data={"d": data})
+    assert solved.first.status == "not-converged"
+    (diagnostic,) = solved.first.diagnostics
+    assert diagnostic.code.name == "not-finite-at-start"
+    assert [label.place.row for label in diagnostic.labels] == [4]
+    assert solved.first.raw_residuals()["d"].behind == (2, 4)
+    json.dumps(solved.document(), allow_nan=False)
