@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 
 from mbm.expression.algebra import add, divide, multiply, subtract
 from mbm.expression.dimension import NONE
@@ -20,19 +22,26 @@ NOTHING = Number(0)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Chord:
-    """The straight line between two points of a curve, where its parameter is ``first`` and ``last``.
+    """The straight line between two points of a curve, ``start`` and ``end``, where its parameter is ``places``.
 
-    ``low`` and ``high`` are how far the place on the curve may be from what the line says: the next chords' ends, but
-    not beyond a corner. ``seen``: whether there is anything of it; None where there always is.
+    ``first`` and ``last`` bound what is seen of this part of the curve: ``hidden`` says whether its beginning and its
+    end are out of sight; None: nothing ever is. Of a part that is seen in part, ``start`` and ``end`` are both the end
+    that is seen. ``low`` and ``high`` are how far the place on the curve may be from what the line says: the next
+    chords' ends, but not beyond a corner.
     """
 
-    first: Expression
-    last: Expression
+    places: tuple[Expression, Expression]
     start: Point
     end: Point
+    first: Expression
+    last: Expression
     low: Expression
     high: Expression
-    seen: Expression | None = None
+    hidden: tuple[Expression, Expression] | None = None
+
+    def seen(self, span: Span) -> Expression | None:
+        """Whether there is anything of it; None where there always is."""
+        return None if self.hidden is None else opposite(both(self.hidden[0], self.hidden[1], span), span)
 
 
 def places(piece: Piece, count: int, span: Span) -> list[Expression]:
@@ -44,63 +53,55 @@ def places(piece: Piece, count: int, span: Span) -> list[Expression]:
 
 def chords_of(curve: CurveValue) -> list[Chord]:
     """The chords of a curve in order."""
-    ends = [pair for piece in curve.pieces for pair in _ends(curve, piece)]
-    found = []
-    last_of_piece = curve.chords - 1
-    for i, (first, last, start, end, cut) in enumerate(ends):
+    found = [chord for piece in curve.pieces for chord in _parts(curve, piece)]
+    bounded = []
+    for i, chord in enumerate(found):
         before = i > 0 and not (curve.corners and i % curve.chords == 0)
-        after = i + 1 < len(ends) and not (curve.corners and i % curve.chords == last_of_piece)
-        low, high = ends[i - 1][0] if before else first, ends[i + 1][1] if after else last
-        if cut is not None:
-            low, high = chosen(cut.start, first, low, curve.span), chosen(cut.end, last, high, curve.span)
-        seen = None if cut is None else cut.seen
-        found.append(Chord(first=first, last=last, start=start, end=end, low=low, high=high, seen=seen))
-    return found
+        after = i + 1 < len(found) and not (curve.corners and (i + 1) % curve.chords == 0)
+        low, high = found[i - 1].first if before else chord.first, found[i + 1].last if after else chord.last
+        if chord.hidden is not None:
+            low = chosen(chord.hidden[0], chord.first, low, curve.span)
+            high = chosen(chord.hidden[1], chord.last, high, curve.span)
+        bounded.append(replace(chord, low=low, high=high))
+    return bounded
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Cut:
-    """Of a stretch whether its ``start`` and its ``end`` are out of sight, and whether anything is ``seen``."""
-
-    start: Expression
-    end: Expression
-    seen: Expression
-
-
-_Ends = tuple[Expression, Expression, Point, Point, _Cut | None]
-
-
-def _ends(curve: CurveValue, piece: Piece) -> Iterator[_Ends]:
-    """Of each part of a piece: where it begins and ends, these points, and what of it is out of sight."""
-    span, formula = curve.span, Formula.of(piece.point, curve.parameter)
-    at = places(piece, curve.chords, span)
-    if piece.seen is None:
-        points = [formula.at(value) for value in at]
-        for i in range(curve.chords):
-            yield at[i], at[i + 1], points[i], points[i + 1], None
-        return
-    depth = Formula.of((piece.seen,), curve.parameter)
-    depths = [depth.at(value)[0] for value in at]
-    for i in range(curve.chords):
-        a, b = depths[i : i + 2]
-        cut = _Cut(start=_negative(a, span), end=_negative(b, span), seen=_any_seen(a, b, span))
-        between = _crossing((at[i], a), (at[i + 1], b), span)
-        first, last = chosen(cut.start, between, at[i], span), chosen(cut.end, between, at[i + 1], span)
-        yield first, last, formula.at(first), formula.at(last), cut
+def _parts(curve: CurveValue, piece: Piece) -> Iterator[Chord]:
+    """The chords of a piece, each by itself."""
+    formula = Formula.of(piece.point, curve.parameter)
+    at = places(piece, curve.chords, curve.span)
+    points = [formula.at(place) for place in at]
+    depth = None if piece.seen is None else Formula.of((piece.seen,), curve.parameter)
+    depths = None if depth is None else [depth.at(place)[0] for place in at]
+    for i, (a, b) in enumerate(pairwise(at)):
+        whole = Chord(places=(a, b), start=points[i], end=points[i + 1], first=a, last=b, low=a, high=b)
+        yield whole if depths is None else _cut(whole, (depths[i], depths[i + 1]), curve.span)
 
 
-def _negative(depth: Expression, span: Span) -> Expression:
-    return less(depth, NOTHING, span)
+def _cut(chord: Chord, depths: tuple[Expression, Expression], span: Span) -> Chord:
+    """What is seen of a chord of whose ends these are the depths; negative ones are out of sight."""
+    hidden = less(depths[0], NOTHING, span), less(depths[1], NOTHING, span)
+    (a, b), between = chord.places, _crossing(chord.places, depths, span)
+    first, last = chosen(hidden[0], between, a, span), chosen(hidden[1], between, b, span)
+    return Chord(
+        places=(chosen(hidden[0], b, a, span), chosen(hidden[1], a, b, span)),
+        start=_either(hidden[0], chord.end, chord.start, span),
+        end=_either(hidden[1], chord.start, chord.end, span),
+        first=first,
+        last=last,
+        low=first,
+        high=last,
+        hidden=hidden,
+    )
 
 
-def _any_seen(a: Expression, b: Expression, span: Span) -> Expression:
-    return opposite(both(_negative(a, span), _negative(b, span), span), span)
+def _either(test: Expression, one: Point, other: Point, span: Span) -> Point:
+    return tuple(chosen(test, a, b, span) for a, b in zip(one, other, strict=True))
 
 
-def _crossing(one: tuple[Expression, Expression], other: tuple[Expression, Expression], span: Span) -> Expression:
+def _crossing(places: tuple[Expression, Expression], depths: tuple[Expression, Expression], span: Span) -> Expression:
     """The parameter where the depth is zero, as if it ran straight; anything where its sign does not change."""
-    (s, a), (t, b) = one, other
-    difference = subtract(a, b, span)
+    (s, t), difference = places, subtract(depths[0], depths[1], span)
     if isinstance(difference, Number) and difference.value == 0:
         return s
-    return add(s, multiply(divide(a, difference, span), subtract(t, s, span), span), span)
+    return add(s, multiply(divide(depths[0], difference, span), subtract(t, s, span), span), span)

@@ -8,6 +8,7 @@ distance does not depend on how its foot moves, for along the curve the distance
 
 from __future__ import annotations
 
+from functools import partial, reduce
 from itertools import pairwise
 
 from mbm.expression.algebra import ONE, ZERO, add, apply, divide, dot, multiply, negate, subtract
@@ -22,11 +23,14 @@ from mbm.language.piecewise import both, chosen, defined, either, equal, less, o
 from mbm.text.types import Span
 from mbm.values import dataclass
 
-FIRST_STEPS = 6
+FIRST_STEPS = 5
 """Newton's method from a chord; its error is squared in each step and begins at some hundredths."""
 
 LAST_STEPS = 3
 """After them, by the formula of the piece that the foot is in."""
+
+_FAR = Number(1e300)
+"""The squared distance from what is out of sight."""
 
 _ROUNDED = Number(1e-26, NONE)
 """Square of the share of a coordinate by which a point may be off a curve that it lies on, by rounding."""
@@ -66,10 +70,10 @@ def foot_of(curve: CurveValue, p: Point, span: Span) -> Foot:
     """
     chords = chords_of(curve)
     candidates = [_on_chord(chord, p, span) for chord in chords]
-    best, seen = _nearest(chords, candidates, span)
+    best = reduce(partial(_nearer, span), candidates)
     if curve.chords > 1:
         second = _second(candidates, best, span) if len(candidates) > 2 else best
-        best = _nearer(_refined(curve, best, p, FIRST_STEPS, span), _refined(curve, second, p, FIRST_STEPS, span), span)
+        best = _nearer(span, *(_refined(curve, each, p, FIRST_STEPS, span) for each in (best, second)))
         if not curve.corners and len(curve.pieces) > 1:
             best = _refined(curve, best, p, LAST_STEPS, span)
     at, low, high = (apply(Operation.HELD, each, span=span) for each in (best.at, best.low, best.high))
@@ -82,8 +86,14 @@ def foot_of(curve: CurveValue, p: Point, span: Span) -> Foot:
         point=formula[: len(point)],
         slope=formula[len(point) :],
         fixed=opposite(inside, span),
-        seen=seen,
+        seen=_any_seen(chords, span),
     )
+
+
+def _any_seen(chords: list[Chord], span: Span) -> Expression | None:
+    """Whether there is anything of a curve; None where there always is."""
+    every = [seen for seen in (chord.seen(span) for chord in chords) if seen is not None]
+    return reduce(lambda a, b: either(a, b, span), every) if every else None
 
 
 def at_knots(curve: CurveValue, at: Expression, span: Span) -> Expression:
@@ -112,22 +122,11 @@ def _on_chord(chord: Chord, p: Point, span: Span) -> _Candidate:
             share = chosen(less(NOTHING, length, span), share, ZERO, span)
     rest = tuple(subtract(a, multiply(share, b, span), span) for a, b in zip(r, way, strict=True))
     # Exactly the one end or the other where the share is 0 or 1.
-    left, right = multiply(subtract(ONE, share, span), chord.first, span), multiply(share, chord.last, span)
-    at = add(left, right, span)
-    return _Candidate(squared=dot(rest, rest, span), at=at, low=chord.low, high=chord.high)
-
-
-def _nearest(chords: list[Chord], candidates: list[_Candidate], span: Span) -> tuple[_Candidate, Expression | None]:
-    """The nearest candidate of those that are seen, and whether there is one."""
-    best, seen = candidates[0], chords[0].seen
-    for chord, candidate in zip(chords[1:], candidates[1:], strict=True):
-        nearer: Expression = less(candidate.squared, best.squared, span)
-        if chord.seen is not None and seen is not None:
-            first = opposite(seen, span)
-            nearer = both(chord.seen, either(first, nearer, span), span)
-            seen = either(seen, chord.seen, span)
-        best = _either(nearer, candidate, best, span)
-    return best, seen
+    at = dot((subtract(ONE, share, span), share), chord.places, span)
+    squared, seen = dot(rest, rest, span), chord.seen(span)
+    if seen is not None:
+        squared = chosen(seen, squared, _FAR, span)
+    return _Candidate(squared=squared, at=at, low=chord.low, high=chord.high)
 
 
 def _second(candidates: list[_Candidate], best: _Candidate, span: Span) -> _Candidate:
@@ -159,7 +158,7 @@ def _either(test: Expression, one: _Candidate, other: _Candidate, span: Span) ->
     )
 
 
-def _nearer(one: _Candidate, other: _Candidate, span: Span) -> _Candidate:
+def _nearer(span: Span, one: _Candidate, other: _Candidate) -> _Candidate:
     return _either(less(other.squared, one.squared, span), other, one, span)
 
 

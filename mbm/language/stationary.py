@@ -81,9 +81,9 @@ def _stretches(curve: CurveValue, coordinate: int, span: Span) -> list[_Stretch]
     found = []
     for i, (chord, (begins, ends)) in enumerate(zip(chords, falls, strict=True)):
         corner = curve.corners and i % curve.chords == curve.chords - 1
-        if i + 1 < len(chords) and chord.seen is None and not corner:
+        if i + 1 < len(chords) and chord.hidden is None and not corner:
             ends = falls[i + 1][0]  # of a smooth curve one number: rounding makes and loses no root
-        found.append(_Stretch(first=chord.first, last=chord.last, falls=(begins, ends), seen=chord.seen))
+        found.append(_Stretch(first=chord.first, last=chord.last, falls=(begins, ends), seen=chord.seen(span)))
         if corner and i + 1 < len(chords):
             found.append(_joint(chord, chords[i + 1], (ends, falls[i + 1][0]), span))
     if curve.closed:
@@ -93,7 +93,8 @@ def _stretches(curve: CurveValue, coordinate: int, span: Span) -> list[_Stretch]
 
 def _joint(before: Chord, after: Chord, falls: tuple[Expression, Expression], span: Span) -> _Stretch:
     """The corner where one chord ends and the next begins."""
-    seen = None if before.seen is None or after.seen is None else both(before.seen, after.seen, span)
+    one, other = before.seen(span), after.seen(span)
+    seen = None if one is None or other is None else both(one, other, span)
     return _Stretch(first=before.last, last=before.last, falls=falls, seen=seen)
 
 

@@ -79,7 +79,7 @@ def image_of(call: Call, camera: Value | None, thing: Value, span: Span) -> Valu
         if thing.dimension != 3:
             raise MbmError(faults.wrong_kind(span, "a curve of space", describe(thing)))
         pieces = tuple(_piece_of(call, camera, piece) for piece in thing.pieces)
-        return replace(thing, pieces=pieces, chords=max(thing.chords, IMAGE_CHORDS))
+        return replace(thing, pieces=pieces, chords=IMAGE_CHORDS if thing.chords == 1 else thing.chords)
     ends = thing.ends() if isinstance(thing, Placeable) and thing.as_point() is None else None
     if ends is None:
         if isinstance(thing, Placeable) and thing.as_point() is None:
@@ -92,7 +92,7 @@ def image_of(call: Call, camera: Value | None, thing: Value, span: Span) -> Valu
 
 
 IMAGE_CHORDS = 8
-"""Straight lines in which the nearest place is looked for, in each piece of an image that was straight in space."""
+"""Straight lines in which the nearest place is looked for, in the image of each piece that is straight in space."""
 
 
 def _piece_of(call: Call, camera: Value | None, piece: Piece) -> Piece:
