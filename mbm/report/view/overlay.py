@@ -171,7 +171,7 @@ def _frame(found: Overlay, axes: Axes, image: Beneath | None) -> None:
     if image is not None:
         lo, hi = np.array([-0.5, -0.5]), np.array([image.width - 0.5, image.height - 0.5])
     else:
-        every = [found.tails, photograph.predicted, *(line.points for line in photograph.lines)]
+        every = [found.tails, found.tips, photograph.predicted, *(line.points for line in photograph.lines)]
         points = np.vstack(every)
         points = points[np.isfinite(points).all(axis=1)]
         lo, hi = points.min(axis=0), points.max(axis=0)
@@ -185,4 +185,4 @@ def _frame(found: Overlay, axes: Axes, image: Beneath | None) -> None:
     axes.tick_params(labelsize=8, colors=GREY)
     for side in axes.spines.values():
         side.set_color("#bbbbbb")
-    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, frameon=False)
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0, ncols=2, frameon=False)
