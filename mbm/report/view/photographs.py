@@ -47,7 +47,7 @@ class Photograph:
 
 
 def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozenset[str]) -> tuple[Photograph, ...]:
-    """All images, in the order in which the rows speak of them."""
+    """All images, in the order of their numbers, or of the rows that speak of them."""
     cameras = {row.sight.camera.name for row in rows if row.sight.camera is not None}
     groups: dict[str, list[tuple[ImageRows, Mask]]] = {}
     for row in rows:
@@ -55,7 +55,8 @@ def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozense
         camera = row.sight.camera.name if row.sight.camera is not None and len(cameras) > 1 else ""
         for name in dict.fromkeys(row.photo):
             groups.setdefault(" ".join(filter(None, (camera, name))), []).append((row, names == name))
-    return tuple(_photograph(name, parts, solution, library) for name, parts in groups.items())
+    names = sorted(groups, key=int) if all(name.isdecimal() for name in groups) else list(groups)
+    return tuple(_photograph(name, groups[name], solution, library) for name in names)
 
 
 def _photograph(
@@ -144,8 +145,8 @@ def image_lines(
     faces = Faces([flattened(f) for f in solid.faces if before(f)], patches)
     for stroke in solid.strokes:
         if before(stroke.points):
-            for each in faces.stretches(flattened(_finer(stroke.points))):
-                yield Line(points=image(each.points), hidden=each.hidden)
+            for each in faces.stretches(flattened(stroke.points)):
+                yield Line(points=image(_finer(each.points)), hidden=each.hidden)
     for patch in patches:
         for outline in outlines(patch):
             for each in faces.stretches(outline, outline=True):

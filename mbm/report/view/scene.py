@@ -79,7 +79,7 @@ def scene_of(problem: Problem, rows: Sequence[ImageRows], solution: Solution, li
     points = np.unique(np.round(np.concatenate([source.points for _, source in own]), 12), axis=0)
     step = -(-len(points) // MOST_DOTS)
     if step > 1:
-        notes.append(f"each {step}th of {len(points):,} points")
+        notes.append(f"1 in {step} of {len(points):,} points is drawn in the scene")
     centres = np.stack([camera.centre for camera in cameras])
     size = float(np.ptp(np.concatenate([points, centres]), axis=0).max())
     strokes = [stroke for camera in cameras[:MOST_CAMERAS] for stroke in frustum(camera, FRUSTUM * size)]
