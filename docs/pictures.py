@@ -12,6 +12,7 @@ import numpy as np
 
 import mbm
 from mbm.api import expand
+from mbm.cli.main import run
 from mbm.equations.losses import loss_function
 from mbm.problem.kinds import LossKind
 from mbm.problem.types import Loss
@@ -118,6 +119,20 @@ def windows() -> None:
     save(figure, "windows")
 
 
+def view(name: str, file: Path, *arguments: str) -> None:
+    """A picture of `mbm view`."""
+    if run(["view", str(file), "-o", str(FOLDER / f"{name}.svg"), *arguments]) != 0:
+        raise SystemExit(f"mbm view {file}")
+
+
+def views() -> None:
+    """The pictures of the guide to `mbm view`."""
+    problems = Path(__file__).parents[1] / "problems"
+    view("view-models", problems / "desk/furniture.mbm", "--model", "(box 3 2 1)", "--model", "(torus 1 0.3)")
+    view("view-desk", problems / "desk/desk.mbm", "--problem", "desk")
+    view("view-map", problems / "loop/loop.mbm")
+
+
 def save(figure: plt.Figure, name: str) -> None:
     """Write a figure as SVG without date."""
     text = io.StringIO()
@@ -131,7 +146,7 @@ def main() -> None:
     """Draw all."""
     mpl.rcParams.update({"svg.hashsalt": "mbm", "svg.fonttype": "none", "font.size": 9})
     FOLDER.mkdir(exist_ok=True)
-    for draw in (camera_axes, box_vertexes, mirrored_tag, losses, windows):
+    for draw in (camera_axes, box_vertexes, mirrored_tag, losses, windows, views):
         draw()
 
 

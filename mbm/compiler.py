@@ -272,6 +272,7 @@ def viewed(
     from mbm.estimation.run import solutions
     from mbm.report.view.answers import view_of
     from mbm.report.view.models import library_of
+    from mbm.report.view.rays import implied_seeings
     from mbm.report.view.tracing import Trace
 
     found = _requested(found, settings, registry)
@@ -285,7 +286,8 @@ def viewed(
     traced = trace.vocabulary(words)
     noted = elaborated(program, found.problem.name, inputs, replace(registry, vocabulary=lambda: traced))
     library = library_of({**words.functions, **dict.fromkeys(program.models)})
-    return view_of(found.problem, made, number, tuple(trace.seeings(noted.problem)), library)
+    seeings = tuple(trace.seeings(noted.problem)) or tuple(implied_seeings(found.problem))
+    return view_of(found.problem, made, number, seeings, library)
 
 
 def jacobian_doubts(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> tuple[Diagnostic, ...]:

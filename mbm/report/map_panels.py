@@ -79,7 +79,7 @@ def _draw_edges(found: Map, at: Floats, axes: Axes) -> None:
     for chosen, label, width, style, order in kinds:
         if not chosen.any():
             continue
-        every = f", each {step}th" if step > 1 else ""
+        every = f", 1 in {step} is drawn" if step > 1 else ""
         lines = LineCollection(
             list(at[edges[chosen]]),
             array=residuals[chosen],

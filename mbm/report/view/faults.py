@@ -95,8 +95,9 @@ def too_much_to_draw(most: str) -> Diagnostic:
 
 def unknown_photo(name: str, known: Iterable[str]) -> Diagnostic:
     """No image is called ``name``."""
-    names = tuple(known)
-    hint = suggestion(name, names, "one of " + ", ".join(f"`{each}`" for each in names[:8]))
+    names = tuple(each for each in known if each)
+    listed = "one of " + ", ".join(f"`{each}`" for each in names[:8])
+    hint = suggestion(name, names, listed if names else "the problem has one image, without a name")
     return Diagnostic(code=UNKNOWN_PHOTO, message=f"no measurement is from the photograph `{name}`", hint=hint)
 
 

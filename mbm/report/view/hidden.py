@@ -29,6 +29,9 @@ ROUGH = 0.03
 _SLIVER = 1e-9
 """Area, as a share of the picture's, below which a face is seen edge on."""
 
+STRAIGHT = 1e-6
+"""Sine of the angle between steps below which a line goes straight on."""
+
 _SPECK = 2
 """Steps over which a line over smooth patches is neither hidden nor seen on its own."""
 
@@ -86,7 +89,7 @@ class Faces:
             hidden = _without_specks(hidden)
         ends = np.flatnonzero(np.diff(hidden)) + 1
         for first, last in zip([0, *ends.tolist()], [*ends.tolist(), len(hidden)], strict=True):
-            yield Stretch(points=line[first : last + 1], hidden=bool(hidden[first]))
+            yield Stretch(points=_bends(line[first : last + 1]), hidden=bool(hidden[first]))
 
     def hides(self, points: Floats, among: Mask | None = None, *, outline: bool = False) -> Mask:
         """Which of points (n, 3) lie behind a face (one of ``among``)."""
@@ -158,6 +161,14 @@ class Faces:
         with np.errstate(all="ignore"):
             share = ((corners - start) * normals).sum(axis=1) / slope
         return np.asarray(share[np.isfinite(share) & (share > 1e-9) & (share < 1 - 1e-9)])
+
+
+def _bends(points: Floats) -> Floats:
+    """The same line without the points at which it goes straight on."""
+    steps = np.diff(points, axis=0)
+    steps = steps / np.maximum(np.linalg.norm(steps, axis=1)[:, None], 1e-300)
+    turned = np.linalg.norm(np.cross(steps[:-1], steps[1:]), axis=1) > STRAIGHT
+    return np.asarray(points[np.concatenate([[True], turned, [True]])])
 
 
 def _without_specks(hidden: Mask) -> Mask:

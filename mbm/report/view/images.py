@@ -9,7 +9,7 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.members import member_cells
 from mbm.estimation.search.solution import Solution
-from mbm.expression.nodes import Column, ColumnMember, Component, Expression, LiteralMember, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
 from mbm.problem.naming import plain_number
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
@@ -22,6 +22,12 @@ MOST_COVARIANCES = 400
 """Predictions of one picture whose covariance is computed."""
 
 Names = tuple[str, ...]
+
+_FRAMES = {
+    "opencv": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
+    "paper": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+}
+"""Right, up and forward in the frame of a camera, by its axes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,6 +55,11 @@ class ImageRows:
     def sight(self) -> Sight:
         """The camera and what it sees."""
         return self.seeing.sight
+
+
+def right_up_forward(axes: str) -> Floats:
+    """The directions (3, 3) of a camera in its own frame."""
+    return _FRAMES[axes]
 
 
 def image_rows(problem: Problem, solution: Solution, seeings: Sequence[Seeing]) -> Iterator[ImageRows]:
@@ -103,37 +114,31 @@ def _photos(sight: Sight, table: Table | None, group: Group, solution: Solution)
     return tuple(" ".join(dict.fromkeys(parts)) for parts in zip(*names, strict=True)) or ("",) * group.rows
 
 
-def _members(sight: Sight) -> Iterator[ColumnMember | LiteralMember]:
-    """The members that are no points: of families that the lens needs, and of those that turn."""
-    lens = {leaf.member for leaf in leaves(sight.lens) if isinstance(leaf, Component) and leaf.member is not None}
-    yield from lens
-    plain = _points_of(sight.point)
-    for leaf in leaves(sight.point):
-        if isinstance(leaf, Component) and leaf.member is not None and leaf.unknown not in plain:
+def _members(sight: Sight) -> Iterator[ColumnMember]:
+    """The members, by keys of the rows, that are no points: of families that the lens needs, and of those that turn."""
+    plain = points_seen(sight.point) if sight.family is None else {sight.family}
+    for leaf in leaves((*sight.lens, *sight.point)):
+        if isinstance(leaf, Component) and isinstance(leaf.member, ColumnMember) and leaf.unknown not in plain:
             yield leaf.member
-        if isinstance(leaf, Column) and leaf.row is RowChoice.KEYED and leaf.member is not None:
+        if isinstance(leaf, Column) and leaf.row is RowChoice.KEYED and isinstance(leaf.member, ColumnMember):
             yield leaf.member
 
 
-def _points_of(point: Sequence[Expression]) -> frozenset[str]:
-    """Families of vectors that are the only ones of their key: the points that are seen, not where from."""
+def points_seen(formulas: Sequence[Expression]) -> frozenset[str]:
+    """Families of three numbers that are the only ones of their key: the points that are seen, not where from."""
     keys: dict[object, set[str]] = {}
     sizes: dict[str, int] = {}
-    for leaf in leaves(tuple(point)):
+    for leaf in leaves(tuple(formulas)):
         if isinstance(leaf, Component) and leaf.member is not None:
             keys.setdefault(leaf.member, set()).add(leaf.unknown)
             sizes[leaf.unknown] = max(sizes.get(leaf.unknown, 0), *leaf.index, 0)
-    alone = [names for names in keys.values() if len(names) == 1]
     if len(keys) < 2:
         return frozenset()
-    return frozenset(name for names in alone for name in names if sizes[name] == 3)
+    return frozenset(name for names in keys.values() if len(names) == 1 for name in names if sizes[name] == 3)
 
 
-def _texts(member: ColumnMember | LiteralMember, table: Table | None, group: Group, solution: Solution) -> list[str]:
-    if isinstance(member, LiteralMember):
-        return [key_text(member.key)] * group.rows
-    cells = member_cells(member, table, group.positions, solution.tables)
-    texts = [key_text(cell) for cell in cells]
+def _texts(member: ColumnMember, table: Table | None, group: Group, solution: Solution) -> list[str]:
+    texts = [key_text(cell) for cell in member_cells(member, table, group.positions, solution.tables)]
     return texts if len(texts) == group.rows else texts * group.rows
 
 

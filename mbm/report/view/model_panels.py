@@ -103,8 +103,8 @@ def draw_model(solid: Solid, view: View, axes: Axes) -> None:
         axes.plot(*found.dots.T, "o", color=ORANGE, markersize=size, markeredgewidth=0.0, zorder=1.5)
     beside = rulers(*solid.bounds(), view, solid.unit)
     scale = _frame(found, beside, view, axes)
-    _draw_rulers(beside, view, scale, axes)
-    _draw_marks(found, scale, axes)
+    taken = _draw_rulers(beside, view, scale, axes)
+    _draw_marks(found, scale, taken, axes)
     axes.set_title(solid.name, fontsize=11)
 
 
@@ -157,7 +157,9 @@ def _frame(found: Seen, beside: Sequence[Ruler], view: View, axes: Axes) -> _Sca
     return _Scale(lo=middle - half, per_unit=scale, width=width, height=height)
 
 
-def _draw_rulers(beside: Sequence[Ruler], view: View, scale: _Scale, axes: Axes) -> None:
+def _draw_rulers(beside: Sequence[Ruler], view: View, scale: _Scale, axes: Axes) -> list[Floats]:
+    """Draw axes; the rectangles (4,) that nothing else may cover, in points."""
+    taken = []
     for ruler in beside:
         ends = view.of(np.stack([ruler.start, ruler.end]))[:, :2]
         axes.plot(*ends.T, color=GREY, linewidth=0.7)
@@ -166,10 +168,14 @@ def _draw_rulers(beside: Sequence[Ruler], view: View, scale: _Scale, axes: Axes)
             place = scale.points(view.of(at)[:2])
             axes.plot(*scale.back(np.stack([place, place + 3.0 * outward])).T, color=GREY, linewidth=0.7)
             where = scale.back(place + 10.0 * outward)
+            taken += [np.concatenate([place + 10.0 * outward - 6.0, place + 10.0 * outward + 6.0])]
             axes.text(float(where[0]), float(where[1]), text, fontsize=7, color=GREY, ha="center", va="center")
+        along = scale.points(ends[0] + np.linspace(0.0, 1.0, 40)[:, None] * (ends[1] - ends[0]))
+        taken += [np.concatenate([place - 2.0, place + 2.0]) for place in along]
         middle = scale.points(ends).mean(axis=0) + 22.0 * outward
         x, y = scale.back(middle).tolist()
         axes.text(x, y, ruler.name, fontsize=8, color=GREY, ha="center", va="center")
+    return taken
 
 
 def _outward(ends: Floats, upright: bool) -> Floats:
@@ -183,7 +189,7 @@ def _outward(ends: Floats, upright: bool) -> Floats:
     return np.asarray(across / max(float(np.hypot(*across)), 1e-300))
 
 
-def _draw_marks(found: Seen, scale: _Scale, axes: Axes) -> None:
+def _draw_marks(found: Seen, scale: _Scale, taken: Sequence[Floats], axes: Axes) -> None:
     """Write what has room, parts first, then what is seen, then what is hidden (in grey)."""
     order = list(_KINDS)
     marks = sorted(
@@ -208,7 +214,7 @@ def _draw_marks(found: Seen, scale: _Scale, axes: Axes) -> None:
         for mark, at, _ in marks
     ]
     dots = [scale.points(at) for mark, at, _ in marks if mark.kind in ("vertex", "point")]
-    taken = [np.concatenate([dot - 1.5, dot + 1.5]) for dot in dots]
+    taken = [*taken, *(np.concatenate([dot - 1.5, dot + 1.5]) for dot in dots)]
     for each in placed(wanted, (np.zeros(2), np.array([scale.width, scale.height])), taken):
         mark, _, hidden = marks[each.number]
         size, colour = _KINDS[mark.kind]

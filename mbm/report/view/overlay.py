@@ -18,11 +18,14 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_POINTS = 5_000
+MOST_POINTS = 1_000
 """Measurements of one image that are drawn: each so-manyth of more."""
 
 ARROW = 0.06
 """Length of a typical magnified residual, as a share of the image's width."""
+
+MANY = 50
+"""Arrows of which not all need to lie in the frame."""
 
 _ELLIPSE = 36
 
@@ -116,9 +119,9 @@ def _draw_points(found: Overlay, axes: Axes) -> None:
     outlier = photograph.outlier[::step]
     unused = ~photograph.used[::step] & ~outlier
     good = ~outlier & ~unused
-    size = 6.0 if len(found.tails) < 60 else 3.5
+    size = 6.0 if len(found.tails) < 60 else 3.5 if len(found.tails) < 300 else 1.8
     predicted = photograph.predicted[::step]
-    every = f", each {step}th of {len(photograph.measured):,}" if step > 1 else ""
+    every = f", 1 in {step} of {len(photograph.measured):,}" if step > 1 else ""
     axes.plot(
         *found.tails[good].T,
         "o",
@@ -154,7 +157,7 @@ def _draw_spread(found: Overlay, axes: Axes) -> None:
         scale_units="xy",
         scale=1.0,
         color=BLUE,
-        width=0.003,
+        width=0.003 if len(found.tails) < 300 else 0.0015,
         headwidth=4,
         zorder=3,
         label=f"residual (model − measured) × {found.factor:g}",
@@ -171,8 +174,9 @@ def _frame(found: Overlay, axes: Axes, image: Beneath | None) -> None:
     if image is not None:
         lo, hi = np.array([-0.5, -0.5]), np.array([image.width - 0.5, image.height - 0.5])
     else:
-        every = [found.tails, photograph.predicted, *(line.points for line in photograph.lines)]
-        points = np.vstack(every)
+        tips = found.tips[np.isfinite(found.tips).all(axis=1)]
+        most = np.quantile(tips, [0.02, 0.98], axis=0) if len(tips) > MANY else tips  # a few may lead out of it
+        points = np.vstack([found.tails, most, photograph.predicted, *(line.points for line in photograph.lines)])
         points = points[np.isfinite(points).all(axis=1)]
         lo, hi = points.min(axis=0), points.max(axis=0)
         room = 0.08 * float((hi - lo).max() or 1.0)
@@ -185,4 +189,4 @@ def _frame(found: Overlay, axes: Axes, image: Beneath | None) -> None:
     axes.tick_params(labelsize=8, colors=GREY)
     for side in axes.spines.values():
         side.set_color("#bbbbbb")
-    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, frameon=False)
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0, ncols=2, frameon=False)

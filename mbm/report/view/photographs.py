@@ -10,8 +10,9 @@ import numpy as np
 from mbm.estimation.search.solution import Solution
 from mbm.report.types import Floats, Mask
 from mbm.report.view.hidden import Faces
-from mbm.report.view.images import ImageRows
+from mbm.report.view.images import ImageRows, right_up_forward
 from mbm.report.view.model_panels import Line
+from mbm.report.view.rays import placed_by_rays
 from mbm.report.view.solids import solid_of
 from mbm.report.view.tracing import Sight
 from mbm.report.view.types import Solid
@@ -22,12 +23,6 @@ from mbm.values import dataclass
 
 NEAREST = 1e-3
 """Depth, as a share of the greatest, before which nothing of a body is drawn."""
-
-_FRAMES = {
-    "opencv": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
-    "paper": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
-}
-"""Right, up and forward in the frame of a camera, by its axes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,13 +46,8 @@ class Photograph:
     file: str | None = None
 
 
-def right_up_forward(axes: str) -> Floats:
-    """The directions (3, 3) of a camera in its own frame."""
-    return _FRAMES[axes]
-
-
 def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozenset[str]) -> tuple[Photograph, ...]:
-    """All images, in the order in which the rows speak of them."""
+    """All images, in the order of their numbers, or of the rows that speak of them."""
     cameras = {row.sight.camera.name for row in rows if row.sight.camera is not None}
     groups: dict[str, list[tuple[ImageRows, Mask]]] = {}
     for row in rows:
@@ -65,15 +55,18 @@ def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozense
         camera = row.sight.camera.name if row.sight.camera is not None and len(cameras) > 1 else ""
         for name in dict.fromkeys(row.photo):
             groups.setdefault(" ".join(filter(None, (camera, name))), []).append((row, names == name))
-    return tuple(_photograph(name, parts, solution, library) for name, parts in groups.items())
+    names = sorted(groups, key=int) if all(name.isdecimal() for name in groups) else list(groups)
+    return tuple(_photograph(name, groups[name], solution, library) for name in names)
 
 
 def _photograph(
     name: str, parts: Sequence[tuple[ImageRows, Mask]], solution: Solution, library: frozenset[str]
 ) -> Photograph:
     first = parts[0][0]
-    lines = [line for row, mask in parts for line in _body_lines(row, mask, solution, library)]
+    known: set[bytes] = set()
+    lines = [line for row, mask in parts for line in _body_lines(row, mask, solution, library, known)]
     paper = first.sight.axes == "paper"
+    placed = placed_by_rays(first, parts[0][1], solution) if first.sight.family is not None else None
     return Photograph(
         name=name,
         measured=np.concatenate([row.measured[mask] for row, mask in parts]),
@@ -81,9 +74,9 @@ def _photograph(
         covariance=np.concatenate([row.covariance[mask] for row, mask in parts]),
         used=np.concatenate([row.used[mask] for row, mask in parts]),
         outlier=np.concatenate([row.outlier[mask] for row, mask in parts]),
-        lines=tuple(lines) if len(parts) == 1 else tuple(_once(lines)),
+        lines=tuple(lines),
         labels=("X", "Y") if paper else ("u", "v"),
-        down=not paper,
+        down=not paper if placed is None else placed.down,
         left=paper,
         file=_file(first, parts[0][1]),
     )
@@ -102,8 +95,10 @@ def _file(row: ImageRows, mask: Mask) -> str | None:
     return None
 
 
-def _body_lines(row: ImageRows, mask: Mask, solution: Solution, library: frozenset[str]) -> Iterator[Line]:
-    """What the camera sees of the body that the features of some rows belong to."""
+def _body_lines(
+    row: ImageRows, mask: Mask, solution: Solution, library: frozenset[str], known: set[bytes]
+) -> Iterator[Line]:
+    """What the camera sees of the body that the features of some rows belong to, unless that is ``known``."""
     body = row.sight.body
     if body is None:
         return
@@ -112,6 +107,10 @@ def _body_lines(row: ImageRows, mask: Mask, solution: Solution, library: frozens
         solid = solid_of(body, row.clause, library, answer_lookup(solution, row.table, positions))
     except MbmError:  # a body whose size differs from row to row
         return
+    shape = np.round(np.concatenate([stroke.points for stroke in solid.strokes] or [np.zeros((0, 3))]), 9).tobytes()
+    if shape in known:
+        return
+    known.add(shape)
     yield from image_lines(solid, row.sight, solution, row, positions)
 
 
@@ -146,8 +145,8 @@ def image_lines(
     faces = Faces([flattened(f) for f in solid.faces if before(f)], patches)
     for stroke in solid.strokes:
         if before(stroke.points):
-            for each in faces.stretches(flattened(_finer(stroke.points))):
-                yield Line(points=image(each.points), hidden=each.hidden)
+            for each in faces.stretches(flattened(stroke.points)):
+                yield Line(points=image(_finer(each.points)), hidden=each.hidden)
     for patch in patches:
         for outline in outlines(patch):
             for each in faces.stretches(outline, outline=True):
@@ -161,13 +160,3 @@ def _finer(points: Floats, parts: int = 8) -> Floats:
     share = np.linspace(0.0, 1.0, parts + 1)[:-1, None]
     cut = [a + share * (b - a) for a, b in pairwise(points)]
     return np.concatenate([*cut, points[-1:]])
-
-
-def _once(lines: Sequence[Line]) -> Iterator[Line]:
-    """Equal lines of bodies that several equations see, once."""
-    known = set()
-    for line in lines:
-        key = np.round(line.points, 6).tobytes()
-        if key not in known:
-            known.add(key)
-            yield line

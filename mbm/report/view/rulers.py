@@ -14,7 +14,7 @@ from mbm.values import dataclass
 MARKS = 4
 """Marks on the longest axis, about."""
 
-GAP = 0.07
+GAP = 0.1
 """From the box to its axes, as a share of its greatest extent."""
 
 

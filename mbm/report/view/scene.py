@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mbm.estimation.search.solution import Solution
+from mbm.expression.nodes import Component, leaves
+from mbm.problem.types import Problem
+from mbm.report.quantities import quantity_of
 from mbm.report.types import Floats
-from mbm.report.view.images import ImageRows
-from mbm.report.view.photographs import right_up_forward
+from mbm.report.view.images import ImageRows, right_up_forward
 from mbm.report.view.solids import solid_of
 from mbm.report.view.sources import Source, source_of
 from mbm.report.view.types import Mark, Solid, Stroke
@@ -26,6 +28,9 @@ MOST_CAMERAS, MOST_NAMED = 400, 30
 
 MOST_SPREADS = 60
 """Estimated points up to which their confidence ellipsoids are drawn."""
+
+LARGEST_SPREAD = 0.5
+"""Half axis of an ellipsoid that is drawn, as a share of the scene: greater ones would be all that is seen."""
 
 FRUSTUM = 0.12
 """Length of a camera's pyramid, as a share of the scene."""
@@ -57,7 +62,7 @@ class Scene:
     notes: tuple[str, ...] = ()
 
 
-def scene_of(rows: Sequence[ImageRows], solution: Solution, library: frozenset[str]) -> Scene | None:
+def scene_of(problem: Problem, rows: Sequence[ImageRows], solution: Solution, library: frozenset[str]) -> Scene | None:
     """The scene that the images of a problem show; None where no camera has a place."""
     sources = [(row, source) for row in rows if (source := source_of(row, solution)) is not None]
     if not sources:
@@ -74,12 +79,12 @@ def scene_of(rows: Sequence[ImageRows], solution: Solution, library: frozenset[s
     points = np.unique(np.round(np.concatenate([source.points for _, source in own]), 12), axis=0)
     step = -(-len(points) // MOST_DOTS)
     if step > 1:
-        notes.append(f"each {step}th of {len(points):,} points")
+        notes.append(f"1 in {step} of {len(points):,} points is drawn in the scene")
     centres = np.stack([camera.centre for camera in cameras])
     size = float(np.ptp(np.concatenate([points, centres]), axis=0).max())
     strokes = [stroke for camera in cameras[:MOST_CAMERAS] for stroke in frustum(camera, FRUSTUM * size)]
     family = next((source.family for _, source in own if source.family is not None), None)
-    strokes += _spreads(family, solution)
+    strokes += _spreads(family, solution, LARGEST_SPREAD * size)
     bodies = list(_bodies(own, solution, library))
     named = cameras[:MOST_NAMED] if len(cameras) <= MOST_NAMED else ()
     solid = Solid(
@@ -88,10 +93,17 @@ def scene_of(rows: Sequence[ImageRows], solution: Solution, library: frozenset[s
         faces=tuple(face for body in bodies for face in body.faces),
         patches=tuple(patch for body in bodies for patch in body.patches),
         marks=tuple(Mark(kind="camera", text=camera.name or "camera", at=camera.centre) for camera in named),
-        unit="m",
+        unit=_unit(problem, own, bodies),
         dots=points[::step],
     )
     return Scene(cameras=cameras, solid=solid, view=_view(cameras, points), notes=tuple(notes))
+
+
+def _unit(problem: Problem, own: Sequence[tuple[ImageRows, Source]], bodies: Sequence[Solid]) -> str:
+    """``m`` where a body, or an unknown that the places depend on, is known to be in metres."""
+    names = {leaf.unknown for row, _ in own for leaf in leaves(row.sight.point) if isinstance(leaf, Component)}
+    units = {quantity_of(problem, problem.unknown(name)).unit for name in sorted(names)}
+    return "m" if "m" in units | {body.unit for body in bodies} else ""
 
 
 def _frame(source: Source) -> str:
@@ -110,7 +122,8 @@ def _cameras(own: Sequence[tuple[ImageRows, Source]]) -> tuple[Camera, ...]:
         for place in np.unique(key_numbers, axis=0, return_index=True)[1].tolist():
             mask = (key_numbers == key_numbers[place]).all(axis=1)
             label = " ".join(filter(None, (name if several or not row.photo[place] else "", row.photo[place])))
-            turned = row.points[mask] @ frame.T
+            seen = source.points[mask] @ source.matrix[place].T + source.offset[place]
+            turned = seen @ frame.T
             with np.errstate(all="ignore"):
                 tangents = np.abs(turned[:, :2] / turned[:, 2:])
             key = (name, *key_numbers[place].tolist())
@@ -141,8 +154,8 @@ def frustum(camera: Camera, length: float) -> Iterator[Stroke]:
     yield Stroke(points=np.stack([corners[2], tip, corners[3]]), kind="camera")
 
 
-def _spreads(family: str | None, solution: Solution) -> Iterator[Stroke]:
-    """The 95 % ellipsoids of estimated points, where they are few: three circles each."""
+def _spreads(family: str | None, solution: Solution, largest: float) -> Iterator[Stroke]:
+    """The 95 % ellipsoids of estimated points, where they are few and none beyond ``largest``: three circles."""
     if family is None:
         return
     entry = solution.layout.entry(family)
@@ -157,7 +170,9 @@ def _spreads(family: str | None, solution: Solution) -> Iterator[Stroke]:
         if (own < 0).any() or np.isin(solution.free[own], solution.unused).any():
             continue
         centre = solution.numbers[entry.offset + 3 * member : entry.offset + 3 * member + 3]
-        yield from ellipsoid(centre, factor[own] @ factor[own].T, angles)
+        covariance = factor[own] @ factor[own].T
+        if CHI_95_3D * float(np.sqrt(np.linalg.norm(covariance, 2))) <= largest:
+            yield from ellipsoid(centre, covariance, angles)
 
 
 def ellipsoid(centre: Floats, covariance: Floats, angles: Floats) -> Iterator[Stroke]:

@@ -12,13 +12,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from mbm.estimation.search.solution import Solution
-from mbm.expression.evaluate import Lookup, Values
-from mbm.expression.nodes import Column, Component, Leaf, RowChoice, leaves
+from mbm.expression.evaluate import Lookup
+from mbm.expression.nodes import Column, Component, RowChoice, leaves
 from mbm.language.values import Transform
 from mbm.problem.types import UnknownKind
 from mbm.report.types import Floats
-from mbm.report.view.images import ImageRows
-from mbm.report.view.values import answer_lookup, values_of
+from mbm.report.view.images import ImageRows, right_up_forward
+from mbm.report.view.rays import placed_by_rays
+from mbm.report.view.values import answer_lookup, stepped, values_of
 from mbm.shapes.types import Moved, Node, Shape
 from mbm.values import dataclass
 
@@ -44,6 +45,8 @@ class Source:
 
 def source_of(row: ImageRows, solution: Solution) -> Source | None:
     """Where the points of some rows have coordinates; None if their formulas do not say."""
+    if row.sight.family is not None:
+        return _by_rays(row, row.sight.family, solution)
     known = answer_lookup(solution, row.table, row.positions)
     if row.sight.body is not None:
         return _of_body(row, row.sight.body, known)
@@ -54,6 +57,20 @@ def source_of(row: ImageRows, solution: Solution) -> Source | None:
             offset = row.points - np.einsum("nij,nj->ni", matrix, points)
             return Source(frame=frame, points=points, matrix=matrix, offset=offset, family=family)
     return None
+
+
+def _by_rays(row: ImageRows, family: str, solution: Solution) -> Source | None:
+    """The poses of cameras that are known by their rays only; rows of those that have no place are left out."""
+    names = np.array(row.photo)
+    matrix, offset = np.full((len(names), 3, 3), np.nan), np.full((len(names), 3), np.nan)
+    for name in dict.fromkeys(row.photo):
+        placed = placed_by_rays(row, names == name, solution)
+        if placed is not None:
+            matrix[names == name] = right_up_forward(row.sight.axes).T @ placed.axes
+            offset[names == name] = -(matrix[names == name][0] @ placed.centre)
+    if not bool(np.isfinite(matrix).all()):
+        return None
+    return Source(frame=f"family {family}", points=row.points, matrix=matrix, offset=offset, family=family)
 
 
 def _of_body(row: ImageRows, body: Shape, known: Lookup) -> Source:
@@ -100,7 +117,7 @@ def _of_coordinates(row: ImageRows, known: Lookup, targets: tuple[object, ...]) 
     count = len(row.points)
     sides = []
     for target in targets:
-        ahead = values_of(row.sight.point, _stepped(known, target), count)
+        ahead = values_of(row.sight.point, stepped(known, target, 1.0), count)
         sides.append(ahead - row.points)
     if len(sides) == 2:
         sides.append(np.cross(sides[0], sides[1]))
@@ -116,11 +133,3 @@ def _of_coordinates(row: ImageRows, known: Lookup, targets: tuple[object, ...]) 
     for k, target in enumerate(targets):
         points[:, k] = known(at[target])  # type: ignore[index]
     return points, matrix
-
-
-def _stepped(known: Lookup, target: object) -> Lookup:
-    def value(leaf: Leaf) -> Values:
-        found = known(leaf)
-        return found + 1.0 if isinstance(leaf, Column | Component) and leaf.identity == target else found
-
-    return value

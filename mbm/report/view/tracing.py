@@ -31,6 +31,8 @@ class Sight:
 
     ``lens`` is the image of any point: of that whose coordinates are the parameters ``ray``. ``camera`` is None for the
     paper's projection; ``body`` is the shape that the point is a feature of, in the frame of the camera.
+    ``family``: no camera is known, the image is made by functions of the user, of the points of this family; ``point``
+    is then in the frame of those, and ``lens`` the image itself.
     """
 
     image: tuple[Expression, ...]
@@ -39,11 +41,14 @@ class Sight:
     body: Shape | None
     ray: tuple[Parameter, ...]
     lens: tuple[Expression, ...]
+    family: str | None = None
 
     @property
     def axes(self) -> str:
         """``opencv`` or ``paper``."""
-        return "paper" if self.camera is None else self.camera.axes
+        if self.camera is not None:
+            return self.camera.axes
+        return "paper" if self.family is None else "opencv"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 from mbm.equations.members import picked_members
 from mbm.estimation.search.solution import Solution
 from mbm.expression.evaluate import Lookup, Values, evaluate
-from mbm.expression.nodes import Component, Expression, Leaf, Parameter
+from mbm.expression.nodes import Column, Component, Expression, Leaf, Parameter
 from mbm.problem.rows import Positions, lookup
 from mbm.problem.tables import Table
 from mbm.report.types import Floats
@@ -32,6 +32,16 @@ def answer_lookup(
                 raise TypeError(leaf)
             return given[leaf]
         return data(leaf)
+
+    return value
+
+
+def stepped(known: Lookup, target: object, step: float) -> Lookup:
+    """Values where the leaf of the identity ``target`` is greater by ``step``."""
+
+    def value(leaf: Leaf) -> Values:
+        found = known(leaf)
+        return found + step if isinstance(leaf, Column | Component) and leaf.identity == target else found
 
     return value
 

@@ -75,7 +75,7 @@ def problem_panels(viewed: Viewed, wishes: Wishes) -> Panels:
 
     """
     rows = tuple(image_rows(viewed.problem, viewed.solution, viewed.seeings))
-    scene = scene_of(rows, viewed.solution, viewed.library) if rows else None
+    scene = scene_of(viewed.problem, rows, viewed.solution, viewed.library) if rows else None
     show = wishes.show or ((Show.OVERLAY, Show.SCENE) if rows else (Show.MAP,))
     notes: list[str] = []
     panels: list[Panel] = []

@@ -126,7 +126,9 @@ def test_cameras_of_a_calibration_stand_where_their_boards_say() -> None:
     from mbm.report.view.scene import scene_of
 
     found = of_folder("calibration", "calibration")
-    scene = scene_of(tuple(image_rows(found.problem, found.solution, found.seeings)), found.solution, found.library)
+    scene = scene_of(
+        found.problem, tuple(image_rows(found.problem, found.solution, found.seeings)), found.solution, found.library
+    )
     assert scene is not None
     answer = mbm.load(PROBLEMS / "calibration/calibration.mbm").solve()
     turns, places = (next(e for e in answer.result.solves[0].estimates if e.quantity.name == n) for n in ("r", "t"))
@@ -144,7 +146,9 @@ def test_the_camera_of_the_desk_stands_at_the_height_of_the_eye() -> None:
     from mbm.report.view.scene import scene_of
 
     found = of_folder("desk", "desk")
-    scene = scene_of(tuple(image_rows(found.problem, found.solution, found.seeings)), found.solution, found.library)
+    scene = scene_of(
+        found.problem, tuple(image_rows(found.problem, found.solution, found.seeings)), found.solution, found.library
+    )
     assert scene is not None
     (camera,) = scene.cameras
     assert camera.centre[2] == pytest.approx(1.5, abs=1e-12)
@@ -165,9 +169,58 @@ def test_estimated_points_have_their_ellipsoids() -> None:
       (observe seen
         (= [left v] (project eye (p point))) (= [right v] (project eye (- (p point) [1 0 0]))) :sigma 1))""")
     rows_ = tuple(image_rows(found.problem, found.solution, found.seeings))
-    scene = scene_of(rows_, found.solution, found.library)
+    scene = scene_of(found.problem, rows_, found.solution, found.library)
     assert scene is not None
     centres = sorted(camera.centre.round(9).tolist() for camera in scene.cameras)
     assert centres == [[0, 0, 0], [1, 0, 0]]
     assert sum(stroke.kind == "spread" for stroke in scene.solid.strokes) == 9
     np.testing.assert_allclose(scene.solid.dots[:, 2], 10, atol=1e-6)
+
+
+def test_cameras_that_are_functions_of_the_user_are_placed_by_their_rays() -> None:
+    """Two cameras of a formula, looking along -z and along +x; the points are known by their priors."""
+    from mbm.report.view.rays import implied_seeings, placed_by_rays
+
+    places = [(0, 0, -5), (1, 0, -6), (0, 1, -7), (-1, -1, -5), (1, 1, -8)]
+    rows_ = []
+    known = [f"({k} {x} {y} {z})" for k, (x, y, z) in enumerate(places, 1)]
+    for k, (x, y, z) in enumerate(places, start=1):
+        rows_ += [
+            f'("a" {k} {100 * x / -z} {100 * y / -z})',
+            f'("b" {k} {100 * (z + 6) / (x + 4)} {-100 * y / (x + 4)})',
+        ]
+    found = of_text(f"""(problem formula
+      (data cameras (table (camera turned px) ("a" 0 0) ("b" 1 4)) :key camera)
+      (data points (table (point x y z) {" ".join(known)}) :key point)
+      (data seen (table (camera point u v) {" ".join(rows_)}) :with (cameras camera))
+      (unknowns (f (vector 1) :per cameras :init [100]) (p (vector 3) :per points :init [x y z] :sigma 1))
+      (observe seen
+        (= [u v] (if (= cameras.turned 1)
+          (* ((f camera) 1) [(/ (+ ((p point) 3) 6) (+ ((p point) 1) 4)) (- (/ ((p point) 2) (+ ((p point) 1) 4)))])
+          (* ((f camera) 1) [(/ ((p point) 1) (- ((p point) 3))) (/ ((p point) 2) (- ((p point) 3)))])))
+        :sigma 1))""")
+    assert found.seeings
+    assert [s.sight.family for s in implied_seeings(found.problem)] == ["p"] * len(found.seeings)
+    placed = {}
+    for row in image_rows(found.problem, found.solution, found.seeings):
+        for name in dict.fromkeys(row.photo):
+            placed[name] = placed_by_rays(row, np.array(row.photo) == name, found.solution)
+    first, second = placed["a"], placed["b"]
+    assert first is not None
+    assert second is not None
+    # central differences with steps of 1e-5: errors of 1e-10, and rounding of 1e-11 over the step's share
+    np.testing.assert_allclose(first.centre, [0, 0, 0], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(second.centre, [-4, 0, -6], rtol=0, atol=1e-6)
+    assert (first.down, second.down) == (False, True)
+    assert first.axes[0] @ [1, 0, 0] > 0.9
+    assert first.axes[2] @ [0, 0, -1] > 0.9
+    assert second.axes[2] @ [1, 0, 0] > 0.9
+    assert np.linalg.det(first.axes) == pytest.approx(
+        -1, abs=1e-9
+    )  # right, up, forward: forward is away from the viewer
+
+
+def test_literal_members_make_no_photograph() -> None:
+    (photo,) = photos("skeleton", "skeleton-near")
+    assert photo.name == ""
+    assert len(photo.measured) == len(rows("skeleton", "skeleton_joints.csv"))
