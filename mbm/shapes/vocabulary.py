@@ -38,7 +38,7 @@ from mbm.language.vocabulary import (
     rotations,
     vectors,
 )
-from mbm.shapes import faults
+from mbm.shapes import faults, silhouettes
 from mbm.shapes.description import swept_shape
 from mbm.shapes.features import Place, enter, find_parts, frame_feature, numbered, part_names, resolve, root
 from mbm.shapes.heads import FORMS_NOT_YET, SWEEP_USAGES
@@ -53,12 +53,7 @@ from mbm.text.suggest import closest
 from mbm.text.types import Bracket, Form, MbmError, Numeral, Sequence, Span, Symbol
 from mbm.values import dataclass
 
-_OBSERVABLES_NOT_YET = {
-    **dict.fromkeys(
-        ("silhouette", "area", "centroid", "perimeter", "extent", "extreme", "contour-distance"), "silhouettes"
-    ),
-    **dict.fromkeys(("curve-distance", "extrema"), "image curves"),
-}
+_OBSERVABLES_NOT_YET = dict.fromkeys(("curve-distance", "extrema"), "image curves")
 NOT_YET = MappingProxyType({**FORMS_NOT_YET, **_OBSERVABLES_NOT_YET})
 """Names of the language that come later, with the topic that brings them."""
 
@@ -275,7 +270,7 @@ def vocabulary() -> Vocabulary:
     """Special forms, functions, the library's models, and the names that come later."""
     rooms = (arithmetic, comparison, curves, directions, external, frames, lines, lists, rotations, vectors)
     functions: dict[str, Callable_] = {f.name: f for room in rooms for f in room.FUNCTIONS}
-    functions.update((f.name, f) for f in FEATURE_FUNCTIONS)
+    functions.update((f.name, f) for f in (*FEATURE_FUNCTIONS, *silhouettes.FUNCTIONS))
     words = Vocabulary(
         special_forms=SPECIAL_FORMS, functions=MappingProxyType(dict(functions)), not_yet=MappingProxyType({})
     )
