@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mbm.emit.types import OutputFile
     from mbm.equations.binding import EvaluationCache
     from mbm.equations.interruption import Interruption
-    from mbm.kernels.python_functions import PythonFunctions
+    from mbm.kernels.called_functions import CalledFunctions
     from mbm.kernels.types import KernelSet
     from mbm.language.program import Program
     from mbm.problem.checks import Mentioned
@@ -186,16 +186,16 @@ def checked(found: Elaborated, known: tuple[Mentioned, ...] | None = None) -> El
     return replace(found, problem=replace(found.problem, warnings=(*found.lasting, *warnings)))
 
 
-def python_functions(kernels: KernelSet, inputs: Inputs, base: Path) -> PythonFunctions | None:
-    """The functions in Python that kernels call; None: they call none. ``base`` is the folder of the problem file.
+def called_functions(kernels: KernelSet, inputs: Inputs, base: Path) -> CalledFunctions | None:
+    """What kernels call; None: they call nothing. ``base`` is the folder of the problem file.
 
     Nothing is imported before the first call.
     """
     if not any(kernel.calls for kernel in kernels.kernels):
         return None
-    from mbm.kernels.python_functions import PythonFunctions
+    from mbm.kernels.called_functions import CalledFunctions
 
-    return PythonFunctions(base, allowed=inputs.allow_external)
+    return CalledFunctions(base, allowed=inputs.allow_external)
 
 
 def symbolic(found: Elaborated) -> SymbolicModel:
@@ -248,7 +248,7 @@ def solved(
         covariance_full=settings.covariance_full,
         progress=settings.progress,
     )
-    if not any(call.external.jacobian is not None for kernel in kernels.kernels for call in kernel.calls):
+    if not any(call.has_jacobian for kernel in kernels.kernels for call in kernel.calls):
         return result
     return replace(result, diagnostics=(*result.diagnostics, *jacobian_doubts(found, kernels, cache)))
 
@@ -357,10 +357,10 @@ def emitted(
 def simulator(found: Elaborated, program: Program, inputs: Inputs, registry: Registry, file: str | None) -> Simulator:
     """Typed equations + tables → what makes measurements, as the model predicts them, from true values."""
     from mbm.equations.binding import EvaluationCache
-    from mbm.kernels.python_functions import PythonFunctions
+    from mbm.kernels.called_functions import CalledFunctions
     from mbm.report.simulated import Simulator
 
-    functions = PythonFunctions(program.base, allowed=inputs.allow_external)
+    functions = CalledFunctions(program.base, allowed=inputs.allow_external)
 
     def made() -> tuple[KernelSet, EvaluationCache]:
         kernels = derived(found)

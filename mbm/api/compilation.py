@@ -61,7 +61,7 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
 
         raise MbmError(faults.native_unavailable(str(error))) from None
     found = origin.reading.compiled(origin.name, inputs)
-    functions = compiler.python_functions(found.kernels, inputs, origin.reading.base)
+    functions = compiler.called_functions(found.kernels, inputs, origin.reading.base)
     if functions is not None:
         with noting(origin.reading.journal):
             functions.load(found.kernels)

@@ -183,7 +183,7 @@ class CompiledProblem:
         found: dict[str, Any] = {}
         for kernel in self._latest().kernels.kernels:
             if kernel.calls:
-                raise MbmError(faults.calls_python(kernel.calls[0].external))
+                raise MbmError(faults.calls(kernel.calls[0].external))
             name = f"{kernel.name}/{kernel.case + 1}"
             found[f"{kernel.purpose.value} {name}" if name in found else name] = function_of(
                 "values_and_jacobian", kernel.jacobian_program

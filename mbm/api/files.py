@@ -131,7 +131,7 @@ def explain(
     kernels = compiler.derived(found)
     if stage == "kernels":
         return explaining.kernel_stage(kernels)
-    functions = compiler.python_functions(kernels, inputs, loaded.reading.base)
+    functions = compiler.called_functions(kernels, inputs, loaded.reading.base)
     cache = EvaluationCache(loaded.registry.suited(loaded.registry.backend("auto"), kernels, functions))
     return explaining.explanation(
         found, compiler.symbolic(found), kernels, cache, loaded.registry.closed_forms(), latex=latex

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.expression.nodes import External
+from mbm.expression.nodes import External, Outlined
 from mbm.text.faults import shown
 from mbm.text.types import Code, Diagnostic, Place
 
@@ -23,8 +23,11 @@ def not_emitted(place: Place | None, what: str, why: str, instead: str = "use `m
     return Diagnostic(code=NOT_EMITTED, message=f"{what} cannot be compiled: {why}", place=place, hint=instead)
 
 
-def calls_python(external: External) -> Diagnostic:
-    """A function in Python, which no generated code brings along."""
+def calls(external: External | Outlined) -> Diagnostic:
+    """A function in Python, or an outline, which no generated code brings along."""
+    if isinstance(external, Outlined):
+        why = "generated code has no geometry to find an outline with"
+        return not_emitted(external.span, "a silhouette", why)
     what = f"the function `{shown(external.function)}` in Python"
     why = "generated code holds its mathematics itself, to be built, read and trusted without that module"
     return not_emitted(

@@ -204,10 +204,10 @@ def _derived(problem: Problem, target: Target) -> Iterator[Diagnostic]:
 
 
 def _called(nodes: Sequence[Expression]) -> Iterator[Diagnostic]:
-    """The first function in Python that is called."""
+    """The first function that is called."""
     external = next(externals(tuple(nodes)), None)
     if external is not None:
-        yield faults.calls_python(external)
+        yield faults.calls(external)
 
 
 def _sampled(nodes: Sequence[Expression]) -> bool:

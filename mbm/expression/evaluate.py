@@ -8,12 +8,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.expression.nodes import Apply, Expression, External, Leaf, Number, Operation, nearest, postorder
+from mbm.expression.nodes import Apply, Expression, External, Leaf, Number, Operation, Outlined, nearest, postorder
 from mbm.machine.numpy_functions import function_of
 
 Values: TypeAlias = NDArray[np.float64] | float
 Lookup: TypeAlias = Callable[[Leaf], Values]
-Calls: TypeAlias = Callable[[External, tuple[Values, ...]], tuple[Values, ...]]
+Calls: TypeAlias = Callable[[External | Outlined, tuple[Values, ...]], tuple[Values, ...]]
 """What calls functions in Python: the numbers of one, each (rows,) or one for all, from those of its arguments."""
 
 _TWO_PI = 2 * np.pi
@@ -75,7 +75,7 @@ def evaluate(roots: tuple[Expression, ...], lookup: Lookup, calls: Calls | None 
     has it: the caller says where they may not stand.
     """
     values: dict[int, Values] = {}
-    called: dict[tuple[External, tuple[int, ...]], tuple[Values, ...]] = {}
+    called: dict[tuple[External | Outlined, tuple[int, ...]], tuple[Values, ...]] = {}
     with np.errstate(all="ignore"):
         for node in postorder(roots):
             if isinstance(node, Apply) and node.output is not None:

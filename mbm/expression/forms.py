@@ -17,6 +17,7 @@ from mbm.expression.nodes import (
     Number,
     Opaque,
     Operation,
+    Outlined,
     Output,
     Parameter,
     nearest,
@@ -113,6 +114,9 @@ def _apply_form(node: Apply, forms: dict[int, Form], span: Span) -> Form:
 def _external_form(output: Output, elements: tuple[Form, ...], span: Span) -> Form:
     """``((external "module:function" a [b c] :size n) i)``; a function of one number without the index."""
     external = output.external
+    if isinstance(external, Outlined):
+        call = external.form
+        return call if external.size == 1 else sequence((call, numeral(output.index + 1, span)), span)
     left = list(elements)
     items: list[Form] = [symbol(Operation.EXTERNAL.value, span), text(external.function, span)]
     for shape in external.shapes:

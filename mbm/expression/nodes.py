@@ -257,11 +257,58 @@ class External:
     span: Span = field(repr=False, compare=False)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sheet:
+    """A piece of what is seen: u, v and the depth in terms of constants that are called by their position, from "0".
+
+    The first ``parameters`` of them run from 0 to 1: one along a line, two over a surface. The other ``inputs`` stand
+    for numbers that a `Figure` is drawn from. ``straight``: the image of a line is a straight line.
+    """
+
+    parameters: int
+    inputs: int
+    point: tuple[Expression, ...] = field(repr=False, compare=False)
+    straight: bool = False
+    key: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """What a silhouette is drawn from: ``size`` numbers, and sheets that take theirs from places among these.
+
+    ``lines`` and ``patches`` are (number of a sheet, places of its inputs). ``faces`` are flat, bounded by lines: each
+    is (number of a line, whether it runs along). ``ends`` are flat as well, bounded by sides of patches: (number of a
+    patch, side, whether it runs along), with sides 0…3: t = 0, s = 1, t = 1, s = 0, counter-clockwise in (s, t).
+    """
+
+    size: int
+    sheets: tuple[Sheet, ...]
+    lines: tuple[tuple[int, tuple[int, ...]], ...]
+    faces: tuple[tuple[tuple[int, bool], ...], ...]
+    patches: tuple[tuple[int, tuple[int, ...]], ...]
+    ends: tuple[tuple[tuple[int, int, bool], ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outlined:
+    """``size`` numbers that mbm reads off the outline of a ``figure``; ``function`` is called as in the language.
+
+    Arguments are those of the figure, and behind them the coordinates of a point if the function takes one. ``form``
+    is how it was written.
+    """
+
+    function: str
+    size: int
+    figure: Figure
+    form: Form = field(repr=False, compare=False)
+    span: Span = field(repr=False, compare=False)
+
+
 @dataclass(frozen=True, slots=True)
 class Output:
-    """Number ``index`` (from 0) of those that a function in Python gives."""
+    """Number ``index`` (from 0) of those that a call gives: of a function in Python, or of one that mbm has itself."""
 
-    external: External
+    external: External | Outlined
     index: int
 
 
@@ -321,8 +368,8 @@ def postorder(roots: tuple[Expression, ...]) -> list[Expression]:
     return order
 
 
-def externals(roots: tuple[Expression, ...]) -> Iterator[External]:
-    """The functions in Python that are called below ``roots``; one may come again."""
+def externals(roots: tuple[Expression, ...]) -> Iterator[External | Outlined]:
+    """What is called below ``roots``: functions in Python, and what is read off outlines; one may come again."""
     for node in postorder(roots):
         if isinstance(node, Apply) and node.output is not None:
             yield node.output.external

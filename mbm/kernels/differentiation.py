@@ -11,8 +11,10 @@ from dataclasses import replace
 
 import casadi
 
+from mbm.expression.nodes import Outlined
 from mbm.kernels.instructions import program_of
 from mbm.kernels.lowering import Call, Choice, Constancy, Lowered
+from mbm.kernels.outlines.sheets import programs_of
 from mbm.kernels.types import ExternalCall
 from mbm.values import dataclass
 
@@ -95,6 +97,7 @@ class Differentiated:
                 wanted=each.wanted,
                 bent=each.bends is not None,
                 first=first,
+                sheets=programs_of(external.figure) if isinstance(external := each.call.external, Outlined) else (),
             )
             first += made.results
             yield made

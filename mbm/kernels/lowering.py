@@ -9,7 +9,7 @@ from typing import Any
 import casadi
 import sympy
 
-from mbm.expression.nodes import External
+from mbm.expression.nodes import External, Outlined
 from mbm.kernels.functions import applied
 from mbm.symbolic.conversion import ELEMENTARY, Called, Finite, Held
 from mbm.values import dataclass
@@ -86,7 +86,7 @@ class Constancy:
 class Call:
     """A call of a function in Python: ``symbols`` stand for the numbers that it gives for ``arguments``."""
 
-    external: External
+    external: External | Outlined
     arguments: tuple[casadi.SX, ...]
     symbols: tuple[casadi.SX, ...]
 
@@ -129,7 +129,7 @@ class _Steps:
 
     def __init__(self) -> None:
         self.every: list[Choice | Constancy | Call] = []
-        self._calls: dict[tuple[External, tuple[sympy.Basic, ...]], Call] = {}
+        self._calls: dict[tuple[External | Outlined, tuple[sympy.Basic, ...]], Call] = {}
 
     def called(self, node: Called, arguments: tuple[casadi.SX, ...]) -> casadi.SX:
         """The symbol of one number that a call gives; the call is made once for all of them."""

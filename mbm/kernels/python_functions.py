@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from hashlib import sha256
 from importlib.machinery import ModuleSpec, PathFinder
@@ -22,12 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from mbm.expression.evaluate import Values
 from mbm.expression.nodes import External
 from mbm.files.journal import note
 from mbm.kernels import faults
 from mbm.kernels.differences import EXACT, ROUNDED, differences
-from mbm.kernels.types import Floats, KernelSet
+from mbm.kernels.types import Floats
 from mbm.text.types import Diagnostic, MbmError, Span
 
 TOLERANCE = 1e-4
@@ -50,14 +49,14 @@ class PythonFunctions:
         self._found: dict[str, Callable[..., Any]] = {}
         self._lock = RLock()
 
-    def load(self, kernels: KernelSet) -> None:
-        """Import what kernels call, and the Jacobians of that.
+    def load(self, externals: Iterable[External]) -> None:
+        """Import functions, and their Jacobians.
 
         Raises:
             MbmError: external-not-allowed, external-not-found; for each function one.
         """
         wanted: dict[str, Span] = {}
-        for external in (call.external for kernel in kernels.kernels for call in kernel.calls):
+        for external in externals:
             for name in (external.function, external.jacobian):
                 if name is not None:
                     wanted.setdefault(name, external.span)
@@ -96,21 +95,6 @@ class PythonFunctions:
         """The same from the values alone, which have a relative ``noise``."""
         return differences(lambda points: self.values(external, points), arguments, wanted, noise)
 
-    def bends(self, external: External, arguments: Floats, wanted: tuple[int, ...]) -> Floats:
-        """Second derivatives (rows, n, w, w): differences of the first ones.
-
-        Raises:
-            MbmError: as for ``values``.
-        """
-        rows, n, w = len(arguments), external.size, len(wanted)
-
-        def flat(points: Floats) -> Floats:
-            return self.slopes(external, points, wanted).reshape(len(points), n * w)
-
-        noise = ROUNDED if external.jacobian is None else EXACT
-        found = differences(flat, arguments, wanted, noise).reshape(rows, n, w, w)
-        return np.asarray((found + found.swapaxes(2, 3)) / 2)
-
     def doubt(self, external: External, arguments: Floats, wanted: tuple[int, ...]) -> Diagnostic | None:
         """A warning if the Jacobian is not that of the values at ``arguments``; where steps of two sizes differ, too,
         the values are not smooth enough to tell.
@@ -131,12 +115,6 @@ class PythonFunctions:
         numbers = float(given[row, value, argument]), float(narrow[row, value, argument])
         place = value + 1, wanted[argument] + 1
         return faults.wrong_jacobian(external.span, external.jacobian, place, *numbers)
-
-    def outputs(self, external: External, arguments: tuple[Values, ...]) -> tuple[Values, ...]:
-        """As ``values``, for arguments and numbers one by one, each of shape (rows,) or one for all rows."""
-        columns = np.broadcast_arrays(np.zeros(1), *arguments)[1:]
-        table = np.stack(columns, axis=1) if columns else np.zeros((1, 0))
-        return tuple(self.values(external, table).T)
 
     def _rows(self, name: str, external: External, arguments: Floats, shape: tuple[int, ...]) -> Floats:
         """What the function ``name`` gives (rows, numbers of ``shape``)."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.expression.nodes import External
+from mbm.expression.nodes import External, Outlined
 from mbm.machine.program import Program
 from mbm.symbolic.types import Chart, Parameter, Purpose, Slot
 from mbm.text.types import Span
@@ -59,19 +59,38 @@ class Kernel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SheetPrograms:
+    """A sheet of a silhouette, differentiated: see `mbm.kernels.outlines.sheets`."""
+
+    parameters: int
+    inputs: int
+    straight: bool
+    geometry: Program = field(repr=False)
+    bending: Program = field(repr=False)
+    motion: Program = field(repr=False)
+    slant: Program = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExternalCall:
-    """A call of a function in Python in each row of a kernel.
+    """A call in each row of a kernel: of a function in Python, or of what mbm reads off an outline.
 
     ``arguments`` gives those of the call, m of them, from the inputs of the row and the results of earlier calls. The
     results stand at ``first …`` behind them: the n values; their derivatives (n, w) by the arguments at the positions
-    ``wanted``; and if ``bent``, the second ones (n, w, w).
+    ``wanted``; and if ``bent``, the second ones (n, w, w). ``sheets`` are those of an outline's figure.
     """
 
-    external: External
+    external: External | Outlined
     arguments: Program = field(repr=False)
     wanted: tuple[int, ...]
     bent: bool
     first: int
+    sheets: tuple[SheetPrograms, ...] = ()
+
+    @property
+    def has_jacobian(self) -> bool:
+        """Whether the problem gives the derivatives, which may be wrong."""
+        return isinstance(self.external, External) and self.external.jacobian is not None
 
     @property
     def results(self) -> int:

@@ -224,7 +224,7 @@ class Workspace:
         """``wanted`` has to be known before the solve: no unknown, and nothing that only a solve computes."""
         external = next(externals(nodes), None)
         if external is not None:
-            raise MbmError(faults.external_misplaced(external.span, wanted))
+            raise MbmError(faults.external_misplaced(external, wanted))
         for leaf in leaves(nodes):
             if isinstance(leaf, Component):
                 raise MbmError(faults.depends_on_unknown(leaf.span or span, wanted, leaf.unknown))

@@ -48,7 +48,7 @@ def sample(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     _refuse_nested((at,), at_form.span)
     external = next(externals((at,)), None)
     if external is not None:
-        raise MbmError(faults.external_misplaced(external.span, "the time of `sample`"))
+        raise MbmError(faults.external_misplaced(external, "the time of `sample`"))
     sampling = Sampling(table=table.name, by=_time_column(table, options.get("by"), name.span), at=at, span=form.span)
 
     def evaluated(row: RowChoice) -> Value:

@@ -34,10 +34,12 @@ def called_functions(problem: Problem) -> tuple[External, ...]:
     found: dict[str, External] = {}
     for block in problem.blocks:
         for external in externals(tuple(n for case in block.cases for e in case.equations for n in e.components)):
-            found.setdefault(external.function, external)
+            if isinstance(external, External):
+                found.setdefault(external.function, external)
     for derived in problem.derived:
         for external in externals(tuple(n for case in derived.cases for n in case.values)):
-            found.setdefault(external.function, external)
+            if isinstance(external, External):
+                found.setdefault(external.function, external)
     return tuple(found.values())
 
 

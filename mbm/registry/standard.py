@@ -14,7 +14,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.data.types import AnyReader
     from mbm.estimation.starts.closed_forms.types import ClosedForm
-    from mbm.kernels.python_functions import PythonFunctions
+    from mbm.kernels.called_functions import CalledFunctions
     from mbm.kernels.store import Store
     from mbm.kernels.types import Backend, KernelSet
     from mbm.language.values import Vocabulary
@@ -133,7 +133,7 @@ class Registry:
         """The backend of a name, with the store to keep what it compiles in."""
         return self.backends[name](self.store())
 
-    def suited(self, backend: Backend, kernels: KernelSet, functions: PythonFunctions | None) -> Backend:
+    def suited(self, backend: Backend, kernels: KernelSet, functions: CalledFunctions | None) -> Backend:
         """``backend``, or what stands in for it where these kernels are not for it, or call ``functions``."""
         from mbm.kernels.backends.automatic import suited
 

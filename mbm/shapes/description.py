@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from mbm.expression.nodes import Apply, Column, leaves
+from mbm.expression.nodes import Apply, Column, Parameter, leaves
 from mbm.language import faults as language_faults
-from mbm.language.coerce import condition, vector
+from mbm.language.coerce import condition, scalar, vector
 from mbm.language.curves import CurveValue, in_space
+from mbm.language.scope import LocalScope
 from mbm.language.special import clauses_of_cond, cond_condition, let_scope
 from mbm.language.values import (
     FORMS,
@@ -45,8 +46,10 @@ from mbm.shapes.types import (
     NamedPoint,
     Node,
     Part,
+    Patch,
     Projection,
     Shape,
+    SmoothFace,
     Surface,
     dimension_of,
 )
@@ -55,6 +58,7 @@ from mbm.values import dataclass
 
 POINT_USAGE = "(point name (x y z))"
 PART_USAGE = "(part name shape…)"
+SURFACE = "(surface (s first last) (t first last) [x y z])"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -262,6 +266,25 @@ def _step(head: str, value: Value, span: Span, dimension: int) -> Transform:
     return step
 
 
+def _smooth_face(form: Sequence, site: Site) -> Node:
+    """``(surface (s a b) (t c d) [x y z])``; without a vector at its end, a part of that name."""
+    if len(form.items) != 4 or not isinstance(last := form.items[3], Sequence) or last.bracket is not Bracket.SQUARE:
+        return _part("surface", form.items[0].span, form.items[1:], form, site)
+    scope, ranges = site.scope, []
+    for written in form.items[1:3]:
+        items = written.items if isinstance(written, Sequence) else ()
+        if len(items) != 3 or not isinstance(items[0], Symbol):
+            raise MbmError(
+                language_faults.bad_form(written.span, "the range of a parameter is (s first last)", SURFACE)
+            )
+        name, ends = items[0], items[1:]
+        first, end = (scalar(site.evaluator.wanted(each, site.scope), each.span) for each in ends)
+        ranges.append((Parameter(name.name, name.span), first, end))
+        scope = LocalScope({name.name: ranges[-1][0]}, scope)
+    point = vector(site.evaluator.wanted(last, scope), last.span, 3).elements
+    return SmoothFace(patch=Patch(first=ranges[0], second=ranges[1], point=point), span=form.span)
+
+
 def _perse(form: Sequence, site: Site) -> Moved:
     children = describe_shapes(form.items[1:], site.inside(site.scope))
     if not children:
@@ -351,6 +374,7 @@ _WORDS: Mapping[str, Callable[[Sequence, Site], Node]] = MappingProxyType(
         "for": _for,
         "part": _named_part,
         "point": _point,
+        "surface": _smooth_face,
         "let": _let,
         "let*": _let,
         "if": _if,

@@ -37,6 +37,16 @@ BAD_CONSTRAINT = Code(
     "An entry of a model's constraints block is of no known type, or has too few forms.",
     "The types are `= > < >= <= normal uniform`.",
 )
+NO_FACES = Code(
+    "no-faces",
+    "A silhouette is wanted of a shape that covers nothing: it has neither planes nor surfaces, only points and lines.",
+    "Give the surface model `planes`, or use a body of the library.",
+)
+ALREADY_PROJECTED = Code(
+    "already-projected",
+    "A silhouette is wanted of a shape in whose model `perse` stands: it lies in an image already.",
+    "Take `perse` out of the model, and write `(perse SHAPE)` where the silhouette is wanted.",
+)
 UNKNOWN_PART = Code(
     "unknown-part",
     "A path names a part that the shape does not have at that level.",
@@ -187,3 +197,23 @@ def _choices(name: str, known: tuple[str, ...], what: str) -> str:
     shown = ", ".join(f"`{k}`" for k in known[:12])
     every = f"its {what}: {shown}{', …' if len(known) > 12 else ''}" if known else f"it has no {what}"
     return suggestion(name, known, every)
+
+
+def no_faces(span: Span, kind: str) -> Diagnostic:
+    """A shape without faces."""
+    return Diagnostic(
+        code=NO_FACES,
+        message=f"{kind} has no faces, and so no silhouette",
+        place=span,
+        hint="give its surface model `planes`, or use a body of the library",
+    )
+
+
+def already_projected(span: Span) -> Diagnostic:
+    """A shape that lies in an image."""
+    return Diagnostic(
+        code=ALREADY_PROJECTED,
+        message="this shape is projected by `perse` in its model, and cannot be projected again",
+        place=span,
+        hint="take `perse` out of the model, and write `(perse SHAPE)` here",
+    )

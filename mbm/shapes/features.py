@@ -25,6 +25,7 @@ from mbm.shapes.types import (
     Part,
     Plane,
     Shape,
+    SmoothFace,
     Step,
     Surface,
     SweptSide,
@@ -254,7 +255,7 @@ def contents(call: Call, place: Place) -> Iterator[tuple[Node, tuple[Step, ...]]
         seen += 1
         if seen % _NODES_PER_STEP == 0:
             call.evaluator.budget.spend(1, call.form)
-        if isinstance(node, Part | Surface | CurveNode | SweptSide | NamedPoint | ModelCall):
+        if isinstance(node, Part | Surface | CurveNode | SweptSide | SmoothFace | NamedPoint | ModelCall):
             yield node, steps
         if isinstance(node, Moved):
             stack.extend((child, (*steps, node.step)) for child in reversed(node.children))

@@ -85,11 +85,21 @@ def _path(vertex: Point, stretches: tuple[Stretch, ...], span: Span) -> CurveVal
 def _smooth_sides(profile: Profile, motion: Motion, span: Span) -> Iterator[SweptSide]:
     """The sides over curves, and in a smooth motion those over lines."""
     for curve in profile.curves:
-        yield SweptSide(patches=tuple(_patches(curve, motion, span)), span=span)
+        ends = (
+            () if motion.closed else _ends(len(curve.pieces), len(motion.stretches) or len(motion.sections) - 1, motion)
+        )
+        yield SweptSide(patches=tuple(_patches(curve, motion, span)), ends=ends, span=span)
     if motion.stretches:
         for a, b in profile.sides().values():
             edge = _edge(profile.vertexes[a], profile.vertexes[b], span)
-            yield SweptSide(patches=tuple(_patches(edge, motion, span)), span=span)
+            yield SweptSide(patches=tuple(_patches(edge, motion, span)), ends=(), span=span)
+
+
+def _ends(pieces: int, ways: int, motion: Motion) -> tuple[tuple[tuple[int, int, bool], ...], ...]:
+    """The sides of `_patches` where the way begins, and where it ends, in the direction of the curve."""
+    first, last = ((3, False), (1, True)) if motion.against else ((0, True), (2, False))
+    begin = tuple((k * ways, *first) for k in range(pieces))
+    return begin, tuple((k * ways + ways - 1, *last) for k in range(pieces))
 
 
 def _edge(a: Point, b: Point, span: Span) -> CurveValue:

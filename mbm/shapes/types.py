@@ -69,9 +69,22 @@ class Patch:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SweptSide:
-    """The smooth side that a curve, or a line on a smooth way, sweeps: as what it is, not as facets."""
+    """The smooth side that a curve, or a line on a smooth way, sweeps: as what it is, not as facets.
+
+    ``ends`` are loops of sides of patches, as `mbm.expression.nodes.Figure` has them, that bound the flat first and
+    last sections where the curve is closed.
+    """
 
     patches: tuple[Patch, ...]
+    ends: tuple[tuple[tuple[int, int, bool], ...], ...]
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SmoothFace:
+    """``(surface (s a b) (t c d) [x y z])``: a smooth face, whose model's planes are features of it, no faces."""
+
+    patch: Patch
     span: Span
 
 
@@ -124,7 +137,7 @@ class ModelCall:
     span: Span
 
 
-Node: TypeAlias = Surface | CurveNode | SweptSide | NamedPoint | Moved | Part | Group | ModelCall
+Node: TypeAlias = Surface | CurveNode | SweptSide | SmoothFace | NamedPoint | Moved | Part | Group | ModelCall
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

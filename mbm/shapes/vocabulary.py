@@ -39,7 +39,7 @@ from mbm.language.vocabulary import (
     rotations,
     vectors,
 )
-from mbm.shapes import faults
+from mbm.shapes import faults, silhouettes
 from mbm.shapes.description import swept_shape
 from mbm.shapes.features import Place, enter, find_parts, frame_feature, numbered, part_names, resolve, root
 from mbm.shapes.heads import FORMS_NOT_YET, SWEEP_USAGES
@@ -54,12 +54,7 @@ from mbm.text.suggest import closest
 from mbm.text.types import Bracket, Form, MbmError, Numeral, Sequence, Span, Symbol
 from mbm.values import dataclass
 
-_OBSERVABLES_NOT_YET = {
-    **dict.fromkeys(
-        ("silhouette", "area", "centroid", "perimeter", "extent", "extreme", "contour-distance"), "silhouettes"
-    ),
-}
-NOT_YET = MappingProxyType({**FORMS_NOT_YET, **_OBSERVABLES_NOT_YET})
+NOT_YET = MappingProxyType(dict(FORMS_NOT_YET))
 """Names of the language that come later, with the topic that brings them."""
 
 
@@ -287,7 +282,7 @@ def vocabulary() -> Vocabulary:
         vectors,
     )
     functions: dict[str, Callable_] = {f.name: f for room in rooms for f in room.FUNCTIONS}
-    functions.update((f.name, f) for f in FEATURE_FUNCTIONS)
+    functions.update((f.name, f) for f in (*FEATURE_FUNCTIONS, *silhouettes.FUNCTIONS))
     words = Vocabulary(
         special_forms=SPECIAL_FORMS, functions=MappingProxyType(dict(functions)), not_yet=MappingProxyType({})
     )

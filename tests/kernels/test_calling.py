@@ -11,7 +11,7 @@ import mbm
 from mbm import compiler
 from mbm.kernels.backends import calling, casadi_map, numpy_stream
 from mbm.kernels.backends.native import NativeBackend
-from mbm.kernels.python_functions import PythonFunctions
+from mbm.kernels.called_functions import CalledFunctions
 from mbm.kernels.types import Backend, Kernel
 
 BACKENDS = (casadi_map.BACKEND, numpy_stream.BACKEND, NativeBackend())
@@ -77,7 +77,7 @@ def dense(kernel: Kernel, nonzeros: np.ndarray) -> dict[tuple[int, str], np.ndar
 @pytest.mark.parametrize(("call", "good"), [(WAVE, 1e-9), (WAVES, 1e-12)], ids=["differenced", "with a Jacobian"])
 def test_values_and_derivatives_are_those_of_the_formula(backend: Backend, call: str, good: float) -> None:
     """Differences leave 1e-10, here through one more function; a Jacobian leaves rounding."""
-    found = calling.backend(backend, PythonFunctions(Path(), allowed=True))
+    found = calling.backend(backend, CalledFunctions(Path(), allowed=True))
     for called, plain in pair(NESTED, call):
         assert called.calls
         assert not plain.calls
@@ -113,7 +113,7 @@ def tables(kernel: Kernel, backend: Backend) -> tuple[dict[tuple[object, ...], n
 )
 def test_second_derivatives_by_uncertain_columns(call: str, good: float) -> None:
     """Differences of differences leave 1e-7, differences of a Jacobian 1e-10; a hundred times that through the rest."""
-    found = calling.backend(numpy_stream.BACKEND, PythonFunctions(Path(), allowed=True))
+    found = calling.backend(numpy_stream.BACKEND, CalledFunctions(Path(), allowed=True))
     for called, plain in pair(CORRECTED, call):
         assert called.corrections is not None
         assert all(each.bent for each in called.corrections.kernel.calls)
@@ -148,7 +148,7 @@ def test_a_branch_that_has_no_value_is_left_out() -> None:
     """The function is called for both branches; its NaN stays in the one that is not taken."""
     clauses = f'(observe rows (- (if (< x 1) a (external "{WHERE}:root" (- (* a x) 1.2) :size 1)) y) :sigma 1)'
     (kernel,) = kernels(clauses)
-    found = calling.backend(numpy_stream.BACKEND, PythonFunctions(Path(), allowed=True)).stream(kernel)
+    found = calling.backend(numpy_stream.BACKEND, CalledFunctions(Path(), allowed=True)).stream(kernel)
     values = {"a0": 1.5, "x": 0.7, "y": 1.0}
     order = [f"{s.unknown}{s.component}" for s in kernel.variables] + [p.name for p in kernel.parameters]
     outputs, nonzeros = found.values_and_jacobian(np.array([[values[name] for name in order]]))

@@ -96,6 +96,7 @@ ROOM = """
   (declared (sphere 1)) (two (sphere 1) (sphere 2)) (twins (leg-of) (leg-of)))
 (defmodel bent () (polyline ((0 0) (1 1))) (trans (0 0 1) (curve (s 0 1) [s s])))
 (defmodel leg-of () (leg (sphere 1)))
+(defmodel seen () (perse (trans (5 0 0) (sphere 1))))
 (defmodel named () (declare (array leg (front 7))) ((leg 1) (sphere 1)))
 """
 PATHS = [
@@ -139,7 +140,8 @@ PATHS = [
     ("unknown-feature", '(feature (bent) "curved/1")', '"curved/1"', "did you mean `curve`?"),
     ("bad-path", "(get-vertex-from-model '(bent) '(curve 1))", "1", "leads to a curve"),
     ("not-available-yet", '(feature (desk 1) "board/silhouette")', '"board/silhouette"', "silhouettes"),
-    ("not-available-yet", "(silhouette (desk 1))", "silhouette", "silhouettes"),
+    ("no-faces", "(perse (bent))", "(perse (bent))", "no silhouette"),
+    ("already-projected", "(perse (seen))", "(perse (seen))", "out of the model"),
 ]
 
 

@@ -1,4 +1,4 @@
-"""Kernels that call functions in Python: their arguments, the calls, then the rest by another backend."""
+"""Kernels that call functions: their arguments, the calls, then the rest by another backend."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.kernels.backends.numpy_stream import Step, run, steps_of
-from mbm.kernels.python_functions import PythonFunctions
+from mbm.kernels.called_functions import CalledFunctions
 from mbm.kernels.types import Backend, Evaluation, ExternalCall, Floats, Kernel, Stream
 from mbm.symbolic.types import ConstantInput
 from mbm.text.types import Diagnostic
@@ -24,7 +24,7 @@ class CallingBackend:
     """``inner`` evaluates what is no call. Solvers call all of it back: none of it is machine code for them."""
 
     inner: Backend
-    functions: PythonFunctions
+    functions: CalledFunctions
     name: str
     store: Store | None
 
@@ -40,7 +40,7 @@ class CallingBackend:
         return _stream(kernel, self) if kernel.calls else self.inner.stream(kernel)
 
 
-def backend(inner: Backend, functions: PythonFunctions) -> CallingBackend:
+def backend(inner: Backend, functions: CalledFunctions) -> CallingBackend:
     """The backend whose kernels call ``functions``, and are evaluated by ``inner`` otherwise."""
     return CallingBackend(
         inner=inner,
@@ -69,7 +69,7 @@ class CallingStream:
     calls: tuple[tuple[ExternalCall, tuple[Step, ...]], ...]
     width: int
     rest: Stream
-    functions: PythonFunctions
+    functions: CalledFunctions
 
     def values(self, inputs: Floats) -> Floats:
         """The outputs (rows, outputs) at inputs (rows, variables + parameters)."""

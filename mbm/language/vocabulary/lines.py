@@ -115,10 +115,6 @@ def _project(call: Call) -> Value:
     return image_of(call, call.arguments[0], call.arguments[1], call.forms[1].span)
 
 
-def _perse(call: Call) -> Value:
-    return image_of(call, None, call.arguments[0], call.forms[0].span)
-
-
 def _vertex_on_image(call: Call) -> Value:
     found = _project(call)
     if not isinstance(found, Array):
@@ -174,8 +170,6 @@ def _cross(a: tuple[Expression, ...], b: tuple[Expression, ...], span: Span) -> 
 
 
 FUNCTIONS: tuple[Builtin, ...] = (
-    Builtin("perse", "(perse X)", "The paper's projection (k0 y/x, k1 z/x) of a point, a line or a curve; k0, k1 are the problem's, else 1.", 1, 1, _perse),
-    Builtin("project", "(project camera X)", "The image of X in the camera's frame: [u v] of a point, an image line of a line, a curve of a curve.", 2, 2, _project),
     Builtin("vertex-on-image", "(vertex-on-image camera P)", "The image [u v] of a point.", 2, 2, _vertex_on_image),
     Builtin("line-on-image", "(line-on-image camera L)", "The image line of a line.", 2, 2, _line_on_image),
     Builtin("image-line", "(image-line alpha rho)", "The image line of direction α at ρ = −X sin α + Y cos α.", 2, 2, _image_line),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.expression.nodes import External, Outlined
 from mbm.language.limits import more_work
 from mbm.problem.tables import Member
 from mbm.solver.description import RULES
@@ -301,12 +302,11 @@ def depends_on_unknown(span: Span, wanted: str, unknown: str) -> Diagnostic:
     )  # fmt: skip
 
 
-def external_misplaced(span: Span, wanted: str) -> Diagnostic:
-    """A function in Python where only a table may decide."""
-    return Diagnostic(
-        code=EXTERNAL_MISPLACED, message=f"{wanted} must be known before the solve, but calls a function in Python",
-        place=span, hint="give the table a column with its values; equations may call it",
-    )  # fmt: skip
+def external_misplaced(external: External | Outlined, wanted: str) -> Diagnostic:
+    """A function in Python, or what is read off an outline, where only a table may decide."""
+    what = "calls a function in Python" if isinstance(external, External) else "measures a silhouette"
+    message, hint = f"{wanted} must be known before the solve, but {what}", "give the table a column with its values"
+    return Diagnostic(code=EXTERNAL_MISPLACED, message=message, place=external.span, hint=hint)
 
 
 def prior_without_init(span: Span, name: str, option: str) -> Diagnostic:

@@ -168,7 +168,7 @@ def refuse_contradictions(
             continue
         external = next(externals((pair.component,)), None)
         if external is not None:
-            raise MbmError(faults.external_misplaced(external.span, "a constraint without unknowns"))
+            raise MbmError(faults.external_misplaced(external, "a constraint without unknowns"))
         numbers = evaluate((pair.left, pair.right, pair.component), lookup(table, positions, tables))
         left, right, value = np.broadcast_arrays(*(np.atleast_1d(np.asarray(each, dtype=float)) for each in numbers))
         rounding = EQUAL_NUMBERS * (np.abs(left) + np.abs(right))

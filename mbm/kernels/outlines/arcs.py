@@ -1,0 +1,241 @@
+"""The lines of an image that may be part of an outline, and how many more sheets cover their left than their right.
+
+Each flat face and each stretch of a surface that is seen from one side is bounded counter-clockwise in the image: sides
+that two of them share in opposite directions cancel, where a surface folds two add up. The number of sheets that cover
+a point of the image is then its winding number about all arcs; no closed body has to be known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.expression.nodes import Figure
+from mbm.kernels.outlines.folds import CELLS, folds_of
+from mbm.kernels.outlines.surveyor import Surveyor
+from mbm.kernels.types import Floats
+from mbm.values import dataclass
+
+NEAREST_DEPTH = 0.1
+"""Depth in m from which something is seen."""
+
+SAME = 1e-8
+"""Of the image's size: sides of surfaces that are no farther apart are one."""
+
+BENT = 8
+"""Chords of the bent image of a straight line."""
+
+POINT = 1e-10
+"""Parameter beside a side that is a single point, where D would vanish all along."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Arc:
+    """``nodes`` (n + 1, 2) are parameters of a sheet, ``points`` their images (n + 1, 2), the more covered side left.
+
+    Between two nodes it runs straight in the parameters, or, if ``fold``, where the surface folds beside that line.
+    """
+
+    sheet: int
+    places: NDArray[np.int64]
+    fold: bool
+    straight: bool
+    weight: int
+    nodes: Floats
+    points: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Patch:
+    """A surface with the images of its sides, (CELLS + 1, 3) each, counter-clockwise; None for one that is a point."""
+
+    sheet: int
+    places: NDArray[np.int64]
+    sides: tuple[Floats | None, ...]
+    zeros: tuple[Floats, ...]
+    lines: tuple[Floats, ...]
+
+
+def arcs_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> tuple[Arc, ...] | None:
+    """The arcs of a figure for these numbers (size,); None where some of it is not in front of the camera."""
+    found = list(_edges(figure, surveyor, numbers))
+    patches = [_patch(surveyor, sheet, places, numbers) for sheet, places in figure.patches]
+    if any(arc is None for arc in found) or any(patch is None for patch in patches):
+        return None
+    arcs = [arc for arc in found if arc is not None and arc.weight]
+    surfaces = [patch for patch in patches if patch is not None]
+    for patch in surfaces:
+        for line in patch.lines:
+            points = _geometry(surveyor, patch, line, numbers)[:, :2]
+            arcs.append(
+                Arc(
+                    sheet=patch.sheet,
+                    places=patch.places,
+                    fold=True,
+                    straight=False,
+                    weight=2,
+                    nodes=line,
+                    points=points,
+                )
+            )
+    return (*arcs, *_sides(figure, surveyor, surfaces, numbers))
+
+
+def _edges(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Iterator[Arc | None]:
+    """The lines, each weighed by the faces that it bounds."""
+    if not figure.lines:
+        return
+    every: list[tuple[Floats, Floats]] = []
+    for sheet, places in figure.lines:
+        count = 1 if figure.sheets[sheet].straight else BENT
+        at = np.stack([np.linspace(0, 1, count + 1), np.zeros(count + 1)], axis=1)
+        inputs = np.broadcast_to(numbers[list(places)], (count + 1, len(places)))
+        every.append((at, surveyor.table(sheet, "geometry", at, inputs)))
+    weights = [0] * len(every)
+    for face in figure.faces:
+        corners = np.array([every[line][1][0 if along else -1, :2] for line, along in face])
+        turn = int(np.sign(doubled_area(corners)))
+        for line, along in face:
+            weights[line] += turn if along else -turn
+    for (sheet, places), (at, table), weight in zip(figure.lines, every, weights, strict=True):
+        if not (table[:, 2] >= NEAREST_DEPTH).all():
+            yield None
+            continue
+        order = slice(None) if weight >= 0 else slice(None, None, -1)
+        yield Arc(
+            sheet=sheet,
+            places=np.array(places),
+            fold=False,
+            straight=figure.sheets[sheet].straight,
+            weight=abs(weight),
+            nodes=at[order],
+            points=table[order, :2],
+        )
+
+
+def doubled_area(points: Floats) -> float:
+    """Of a polygon (n, 2), positive if it runs counter-clockwise."""
+    x, y = (points - points[0]).T
+    return float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y))
+
+
+def _patch(surveyor: Surveyor, sheet: int, places: tuple[int, ...], numbers: Floats) -> _Patch | None:
+    own = np.array(places)
+    inputs = numbers[own]
+
+    def table(at: Floats) -> Floats:
+        return surveyor.table(sheet, "geometry", at, np.broadcast_to(inputs, (len(at), len(inputs))))
+
+    def fold(at: Floats) -> tuple[Floats, Floats]:
+        found = table(at)
+        return jacobian(found), found[:, 7:9]
+
+    s = t = np.linspace(0, 1, CELLS + 1)
+    grid = table(_grid(s, t)).reshape(CELLS + 1, CELLS + 1, -1)
+    if not (grid[..., 2] >= NEAREST_DEPTH).all():
+        return None
+    places3 = grid[..., :3]
+    around = (places3[:, 0], places3[-1], places3[::-1, -1], places3[0, ::-1])
+    size = np.ptp(places3.reshape(-1, 3), axis=0).max()
+    sides = tuple(side if np.ptp(side, axis=0).max() > SAME * size else None for side in around)
+    if None in [side if side is None else 0 for side in sides]:
+        s, t = s.copy(), t.copy()
+        for line, end, side in ((t, 0, 0), (s, -1, 1), (t, -1, 2), (s, 0, 3)):
+            if sides[side] is None:
+                line[end] += POINT if end == 0 else -POINT
+        grid = table(_grid(s, t)).reshape(CELLS + 1, CELLS + 1, -1)
+    values = jacobian(grid.reshape(-1, grid.shape[2])).reshape(CELLS + 1, CELLS + 1)
+    folds = folds_of(fold, (s, t), values)
+    return _Patch(sheet=sheet, places=own, sides=sides, zeros=folds.zeros, lines=folds.lines)
+
+
+def _grid(s: Floats, t: Floats) -> Floats:
+    return np.stack(np.meshgrid(s, t, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def jacobian(geometry: Floats) -> Floats:
+    """D of rows of a surface's geometry."""
+    return np.asarray(geometry[:, 3] * geometry[:, 6] - geometry[:, 4] * geometry[:, 5])
+
+
+def _geometry(surveyor: Surveyor, patch: _Patch, at: Floats, numbers: Floats) -> Floats:
+    inputs = numbers[patch.places]
+    return surveyor.table(patch.sheet, "geometry", at, np.broadcast_to(inputs, (len(at), len(inputs))))
+
+
+def side_parameters(side: int, share: Floats) -> Floats:
+    """Parameters (points, 2) at fractions of a side of the unit square, counter-clockwise."""
+    zero, one = np.zeros_like(share), np.ones_like(share)
+    pair = ((share, zero), (one, share), (1 - share, one), (zero, 1 - share))[side]
+    return np.stack(pair, axis=1)
+
+
+def _sides(figure: Figure, surveyor: Surveyor, patches: list[_Patch], numbers: Floats) -> Iterator[Arc]:
+    """The sides of surfaces; those that coincide are one arc, cut wherever one of its surfaces turns its other side."""
+    ends = {
+        (p, side): _turn_of_end(patches, loop) * (1 if along else -1) for loop in figure.ends for p, side, along in loop
+    }
+    for group in _same_sides(patches):
+        (first, own, _), shares = group[0], [np.linspace(0, 1, CELLS + 1)]
+        for number, side, along in group:
+            zeros = patches[number].zeros[side]
+            shares.append(zeros if along else 1 - zeros)
+        share = np.unique(np.concatenate(shares))
+        share = share[np.concatenate([[True], np.diff(share) > 1e-9])]
+        share[-1] = 1.0
+        middle = (share[1:] + share[:-1]) / 2
+        weights = np.zeros(len(middle), dtype=int)
+        for number, side, along in group:
+            at = side_parameters(side, middle if along else 1 - middle)
+            turn = np.sign(jacobian(_geometry(surveyor, patches[number], at, numbers))).astype(int)
+            turn += ends.get((number, side), 0)
+            weights += turn if along else -turn
+        nodes = side_parameters(own, share)
+        points = _geometry(surveyor, patches[first], nodes, numbers)[:, :2]
+        bounds = [0, *(np.flatnonzero(np.diff(weights)) + 1).tolist(), len(weights)]
+        for begin, end in pairwise(bounds):
+            weight = int(weights[begin])
+            if weight:
+                order = slice(begin, end + 1)
+                back = 1 if weight > 0 else -1
+                yield Arc(
+                    sheet=patches[first].sheet,
+                    places=patches[first].places,
+                    fold=False,
+                    straight=False,
+                    weight=abs(weight),
+                    nodes=nodes[order][::back],
+                    points=points[order][::back],
+                )
+
+
+def _turn_of_end(patches: list[_Patch], loop: tuple[tuple[int, int, bool], ...]) -> int:
+    """Whether a flat end is seen counter-clockwise as its sides run: 1, or −1."""
+    pieces = []
+    for number, side, along in loop:
+        points = patches[number].sides[side]
+        if points is not None:
+            pieces.append((points if along else points[::-1])[:-1, :2])
+    return int(np.sign(doubled_area(np.concatenate(pieces)))) if pieces else 0
+
+
+def _same_sides(patches: list[_Patch]) -> list[list[tuple[int, int, bool]]]:
+    """Sides (patch, side, whether it runs as the first of its group does) that have the same image and depth."""
+    keys = [(p, k) for p, patch in enumerate(patches) for k in range(4) if patch.sides[k] is not None]
+    if not keys:
+        return []
+    curves = np.array([patches[p].sides[k] for p, k in keys])
+    limit = SAME * np.ptp(curves[..., :2].reshape(-1, 2), axis=0).max()
+    groups: list[list[tuple[int, int, bool]]] = []
+    left = list(range(len(keys)))
+    while left:
+        first = left[0]
+        rest = np.array(left)
+        along = np.abs(curves[rest] - curves[first]).max(axis=(1, 2)) <= limit
+        back = np.abs(curves[rest] - curves[first][::-1]).max(axis=(1, 2)) <= limit
+        groups.append([(*keys[k], bool(a)) for k, a, b in zip(left, along, back, strict=True) if a or b])
+        left = [k for k, a, b in zip(left, along, back, strict=True) if not (a or b)]
+    return groups

@@ -1,0 +1,126 @@
+"""Where the image of a surface folds back: D(s, t) = 0 in the unit square, as polylines with exact points.
+
+The square is a grid of `CELLS` × `CELLS`; where D changes its sign along an edge of the grid, the zero is found by
+Newton's method within its bracket, and zeros are joined through the cells (marching squares, Lorensen and Cline 1987).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.kernels.types import Floats
+from mbm.values import dataclass
+
+CELLS = 32
+"""Of a fold that lies within one cell nothing is seen."""
+
+_STEPS = 60
+
+Fold = Callable[[Floats], tuple[Floats, Floats]]
+"""D (points,) and its gradient (points, 2) at parameters (points, 2)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Folds:
+    """Polylines (points, 2) in (s, t), D > 0 on their left; and the zeros on the sides 0…3, as fractions along each."""
+
+    lines: tuple[Floats, ...]
+    zeros: tuple[Floats, Floats, Floats, Floats]
+
+
+def folds_of(fold: Fold, at: tuple[Floats, Floats], values: Floats) -> Folds:
+    """The folds of a surface whose D has ``values`` (CELLS + 1, CELLS + 1) on the grid of coordinates ``at``."""
+    s, t = at
+    positive = values >= 0
+    across = np.argwhere(positive[1:, :] != positive[:-1, :])  # edges along s
+    along = np.argwhere(positive[:, 1:] != positive[:, :-1])  # edges along t
+    if not len(across) and not len(along):
+        return Folds(lines=(), zeros=(np.zeros(0),) * 4)
+    nodes = np.stack(np.meshgrid(s, t, indexing="ij"), axis=-1)
+    both = np.concatenate([across, along])
+    after = both + np.repeat([[1, 0], [0, 1]], [len(across), len(along)], axis=0)
+    starts, ends = nodes[tuple(both.T)], nodes[tuple(after.T)]
+    rising = positive[tuple(after.T)]
+    found, slopes = _zeros(fold, starts, ends, rising)
+    numbers = {(0, i, j): k for k, (i, j) in enumerate(across.tolist())}
+    numbers |= {(1, i, j): len(across) + k for k, (i, j) in enumerate(along.tolist())}
+    lines = tuple(_directed(found[chain], slopes[chain]) for chain in _chains(_neighbours(numbers, positive)))
+    sides = (
+        [k for (kind, _, j), k in numbers.items() if kind == 0 and j == 0],
+        [k for (kind, i, _), k in numbers.items() if kind == 1 and i == CELLS],
+        [k for (kind, _, j), k in numbers.items() if kind == 0 and j == CELLS],
+        [k for (kind, i, _), k in numbers.items() if kind == 1 and i == 0],
+    )
+    bottom, right, top, left = (found[k] for k in sides)
+    return Folds(lines=lines, zeros=(bottom[:, 0], right[:, 1], 1 - top[:, 0], 1 - left[:, 1]))
+
+
+def _zeros(fold: Fold, starts: Floats, ends: Floats, rising: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Between each start and end, where D has opposite signs: the points of a zero, and the gradients there."""
+    low, high = np.zeros(len(starts)), np.ones(len(starts))
+    share = np.full(len(starts), 0.5)
+    way = ends - starts
+    for _ in range(_STEPS):
+        values, slopes = fold(starts + share[:, None] * way)
+        above = (values >= 0) == rising
+        high, low = np.where(above, share, high), np.where(above, low, share)
+        with np.errstate(all="ignore"):
+            step = -values / np.einsum("ij,ij->i", slopes, way)
+        inside = (share + step > low) & (share + step < high)
+        moved = np.where(inside, share + step, (low + high) / 2)
+        moved = np.where(values == 0, share, moved)
+        done = np.abs(moved - share) <= 4e-16
+        share = moved
+        if done.all() or (high - low).max() <= 4e-16:
+            break
+    points = starts + share[:, None] * way
+    return points, fold(points)[1]
+
+
+def _neighbours(numbers: dict[tuple[int, int, int], int], positive: NDArray[np.bool_]) -> dict[int, list[int]]:
+    """The zeros that are joined to each one through a cell."""
+    joined: dict[int, list[int]] = {k: [] for k in numbers.values()}
+    cells = {(i, j - d) if kind == 0 else (i - d, j) for kind, i, j in numbers for d in (0, 1)}
+    for i, j in sorted(cells):
+        if not (0 <= i < CELLS and 0 <= j < CELLS):
+            continue
+        edges = ((0, i, j), (1, i + 1, j), (0, i, j + 1), (1, i, j))
+        met = [numbers[e] for e in edges if e in numbers]
+        # where both diagonals differ, the corner at (i, j) is cut off if it is negative: the positive ones are joined
+        pairs = [(0, 1)] if len(met) == 2 else [(0, 3), (1, 2)] if not positive[i, j] else [(0, 1), (2, 3)]
+        for a, b in pairs:
+            joined[met[a]].append(met[b])
+            joined[met[b]].append(met[a])
+    return joined
+
+
+def _chains(joined: dict[int, list[int]]) -> list[list[int]]:
+    """Open chains from end to end, then closed ones, whose first point comes again."""
+    left = set(joined)
+    chains = []
+    for start in (*(k for k, near in joined.items() if len(near) == 1), *joined):
+        if start not in left:
+            continue
+        chain = [start]
+        left.discard(start)
+        while True:
+            following = next((k for k in joined[chain[-1]] if k in left), None)
+            if following is None:
+                break
+            chain.append(following)
+            left.discard(following)
+        if len(chain) > 2 and start in joined[chain[-1]]:
+            chain.append(start)
+        if len(chain) > 1:
+            chains.append(chain)
+    return chains
+
+
+def _directed(points: Floats, slopes: Floats) -> Floats:
+    """The polyline with D > 0 on its left."""
+    ways = np.diff(points, axis=0)
+    left = np.stack([-ways[:, 1], ways[:, 0]], axis=1)
+    return points if np.sum(left * (slopes[:-1] + slopes[1:])) >= 0 else points[::-1]

@@ -1,0 +1,119 @@
+"""What mbm reads off outlines, for calls in rows: equal arguments share one outline."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from threading import RLock
+from typing import Any
+
+import numpy as np
+
+from mbm.expression.nodes import Figure, Outlined
+from mbm.kernels.outlines.distances import Feet, feet_of, slopes_of
+from mbm.kernels.outlines.extremes import SIDES, extent, extreme
+from mbm.kernels.outlines.measures import Measured, area, centroid, perimeter
+from mbm.kernels.outlines.outline import Indices, Outline, outline_of
+from mbm.kernels.outlines.surveyor import Surveyor
+from mbm.kernels.types import Floats, SheetPrograms
+
+KEPT = 64
+"""Outlines that are kept: values and derivatives are asked for one after the other, by several equations."""
+
+_WHOLE: Mapping[str, Callable[[Outline], Measured]] = {
+    "area": area,
+    "centroid": centroid,
+    "perimeter": perimeter,
+    "extent": extent,
+    **{f"extreme {side}": partial(extreme, side=side) for side in SIDES},
+}
+
+
+class Outlines:
+    """The outlines of the figures of one problem, one at a time from whatever thread."""
+
+    def __init__(self) -> None:
+        self._surveyors: dict[Figure, Surveyor] = {}
+        self._kept: OrderedDict[tuple[Figure, bytes], Outline | None] = OrderedDict()
+        self._measured: OrderedDict[tuple[str, Figure, bytes], Measured | None] = OrderedDict()
+        self._last: tuple[Outline, Floats, Feet] | None = None
+        self._lock = RLock()
+
+    def know(self, figure: Figure, sheets: tuple[SheetPrograms, ...]) -> None:
+        """Take the programs of a figure's sheets; figures that are not known are differentiated."""
+        with self._lock:
+            self._surveyors.setdefault(figure, Surveyor(sheets))
+
+    def values(self, call: Outlined, arguments: Floats) -> Floats:
+        """Numbers (rows, n); NaN where there is no outline."""
+        with self._lock, np.errstate(all="ignore"):
+            found = np.full((len(arguments), call.size), np.nan)
+            for rows, outline, key in self._outlines(call.figure, arguments):
+                if outline is None:
+                    continue
+                if call.function == "contour-distance":
+                    found[rows] = self._feet(outline, arguments[rows, call.figure.size :]).distances[:, None]
+                else:
+                    found[rows] = self._whole(call, outline, key)[0]
+            return found
+
+    def slopes(self, call: Outlined, arguments: Floats, wanted: tuple[int, ...]) -> Floats:
+        """Derivatives (rows, n, w) by the arguments at the positions ``wanted``."""
+        with self._lock, np.errstate(all="ignore"):
+            found = np.full((len(arguments), call.size, len(wanted)), np.nan)
+            for rows, outline, key in self._outlines(call.figure, arguments):
+                if outline is None:
+                    continue
+                if call.function == "contour-distance":
+                    feet = self._feet(outline, arguments[rows, call.figure.size :])
+                    found[rows, 0] = slopes_of(outline, feet)[:, wanted]
+                else:
+                    found[rows] = self._whole(call, outline, key)[1][:, wanted]
+            return found
+
+    def _feet(self, outline: Outline, points: Floats) -> Feet:
+        """Those of the last call, if it was about the same points."""
+        known = self._last
+        if known is None or known[0] is not outline or not np.array_equal(known[1], points):
+            known = self._last = outline, points, feet_of(outline, points)
+        return known[2]
+
+    def _whole(self, call: Outlined, outline: Outline, key: tuple[Figure, bytes]) -> Measured:
+        kept = self._measured.get((call.function, *key))
+        if kept is None:
+            kept = _WHOLE[call.function](outline)
+            _keep(self._measured, (call.function, *key), kept)
+        return kept
+
+    def _outlines(
+        self, figure: Figure, arguments: Floats
+    ) -> Iterator[tuple[Indices, Outline | None, tuple[Figure, bytes]]]:
+        """The rows of each outline."""
+        table = np.ascontiguousarray(arguments[:, : figure.size])
+        if len(table) and (table == table[0]).all():
+            groups = [np.arange(len(table))]
+        else:
+            _, number = np.unique(table, axis=0, return_inverse=True)
+            order = np.argsort(number.ravel(), kind="stable")
+            groups = np.split(order, np.flatnonzero(np.diff(number.ravel()[order])) + 1)
+        for rows in groups:
+            if len(rows):
+                numbers = table[rows[0]]
+                key = figure, numbers.tobytes()
+                if key not in self._kept:
+                    _keep(self._kept, key, outline_of(figure, self._surveyor(figure), numbers))
+                yield rows, self._kept[key], key
+
+    def _surveyor(self, figure: Figure) -> Surveyor:
+        if figure not in self._surveyors:
+            from mbm.kernels.outlines.sheets import programs_of
+
+            self._surveyors[figure] = Surveyor(programs_of(figure))
+        return self._surveyors[figure]
+
+
+def _keep(kept: OrderedDict[Any, Any], key: object, value: object) -> None:
+    kept[key] = value
+    if len(kept) > KEPT:
+        kept.popitem(last=False)

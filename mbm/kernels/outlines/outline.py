@@ -1,0 +1,252 @@
+"""The outline of a figure: smooth pieces end to end, each along a line of a sheet or along a fold of it.
+
+Points are found on the surfaces themselves, never on chords; a piece is (arc, from, to) in chords of the arc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.expression.nodes import Figure
+from mbm.kernels.outlines.arcs import Arc, arcs_of, jacobian
+from mbm.kernels.outlines.region import rings_of
+from mbm.kernels.outlines.surveyor import Surveyor
+from mbm.kernels.types import Floats
+from mbm.values import dataclass
+
+Indices = NDArray[np.int64]
+
+PARALLEL = 1e-6
+"""Sine of the angle below which two pieces go on into each other without a corner."""
+
+_FOLD_STEPS, _CROSSING_STEPS = 4, 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spots:
+    """Points on arcs: parameters ``at`` (n, 2), images ``x`` (n, 2) and derivatives ``way`` (n, 2) by the chord."""
+
+    arc: Indices
+    at: Floats
+    x: Floats
+    way: Floats
+
+    def normals(self) -> Floats:
+        """Unit normals (n, 2) that point away from what is covered."""
+        unit = self.way / np.linalg.norm(self.way, axis=1, keepdims=True)
+        return np.stack([unit[:, 1], -unit[:, 0]], axis=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArcTable:
+    """Arcs as columns (arcs,): their sheets, whether they are folds, or straight; chords, and where ``nodes`` begin.
+
+    ``places`` (arcs, most inputs) hold the places of the inputs, as many as the sheet has.
+    """
+
+    sheet: Indices
+    fold: NDArray[np.bool_]
+    straight: NDArray[np.bool_]
+    chords: Indices
+    begin: Indices
+    nodes: Floats
+    places: Indices
+
+
+def _table(arcs: tuple[Arc, ...]) -> ArcTable:
+    chords = np.array([len(arc.nodes) - 1 for arc in arcs])
+    places = np.zeros((len(arcs), max(len(arc.places) for arc in arcs)), dtype=np.int64)
+    for k, arc in enumerate(arcs):
+        places[k, : len(arc.places)] = arc.places
+    return ArcTable(
+        sheet=np.array([arc.sheet for arc in arcs]),
+        fold=np.array([arc.fold for arc in arcs]),
+        straight=np.array([arc.straight for arc in arcs]),
+        chords=chords,
+        begin=np.concatenate([[0], np.cumsum(chords + 1)[:-1]]),
+        nodes=np.concatenate([arc.nodes for arc in arcs]),
+        places=places,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outline:
+    """``arc``, ``first``, ``last`` (pieces,); ``following[k]`` is the piece after piece k on its ring."""
+
+    surveyor: Surveyor = field(repr=False)
+    numbers: Floats = field(repr=False)
+    arcs: ArcTable = field(repr=False)
+    arc: Indices
+    first: Floats
+    last: Floats
+    following: Indices
+
+    def spots(self, arc: Indices, places: Floats) -> Spots:
+        """The points at ``places`` (chord and fraction) of arcs."""
+        at, x, way = np.empty((len(arc), 2)), np.empty((len(arc), 2)), np.empty((len(arc), 2))
+        for sheet, fold, own in self._groups(arc):
+            begin, chord, share = self._chords(arc[own], places[own])
+            here = begin + share[:, None] * chord
+            inputs = self.numbers[self.places(sheet, arc[own])]
+            if fold:
+                here, table, slope = self._folded(sheet, here, chord, inputs)
+            else:
+                table, slope = self.surveyor.table(sheet, "geometry", here, inputs), chord
+            at[own], x[own] = here, table[:, :2]
+            way[own] = self.pushed(sheet, table, slope)
+        return Spots(arc=arc, at=at, x=x, way=way)
+
+    def pushed(self, sheet: int, table: Floats, direction: Floats) -> Floats:
+        """The image (n, 2) of a direction (n, 2) in the parameters, for rows of geometry."""
+        if self.surveyor.sheets[sheet].parameters == 1:
+            return table[:, 3:5] * direction[:, :1]
+        return np.asarray(np.einsum("nij,nj->ni", table[:, 3:7].reshape(-1, 2, 2), direction))
+
+    def places(self, sheet: int, arc: Indices) -> Indices:
+        """The places (n, inputs) of the inputs of arcs that are all of one sheet."""
+        return np.asarray(self.arcs.places[arc, : self.surveyor.sheets[sheet].inputs])
+
+    def _groups(self, arc: Indices) -> Iterator[tuple[int, bool, Indices | slice]]:
+        """The positions of the arcs of each sheet, folds apart."""
+        kinds = (2 * self.arcs.sheet + self.arcs.fold)[arc]
+        for kind in np.unique(kinds).tolist():
+            yield kind // 2, bool(kind % 2), np.flatnonzero(kinds == kind)
+
+    def by_sheet(self, arc: Indices) -> Iterator[tuple[int, Indices]]:
+        """The positions of the arcs of each sheet."""
+        sheets = self.arcs.sheet[arc]
+        for sheet in np.unique(sheets).tolist():
+            yield sheet, np.flatnonzero(sheets == sheet)
+
+    def _chords(self, arc: Indices, places: Floats) -> tuple[Floats, Floats, Floats]:
+        number = np.clip(np.floor(places).astype(np.int64), 0, self.arcs.chords[arc] - 1)
+        first = self.arcs.begin[arc] + number
+        begin = self.arcs.nodes[first]
+        return begin, self.arcs.nodes[first + 1] - begin, places - number
+
+    def _folded(self, sheet: int, at: Floats, chord: Floats, inputs: Floats) -> tuple[Floats, Floats, Floats]:
+        """The points of the fold square to ``chord`` from ``at``; their geometry; and how they move along it."""
+        across = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        table = self.surveyor.table(sheet, "geometry", at, inputs)
+        for _ in range(_FOLD_STEPS):
+            tilt = np.einsum("ij,ij->i", table[:, 7:9], across)
+            step = -jacobian(table) / tilt
+            at = at + step[:, None] * across
+            table = self.surveyor.table(sheet, "geometry", at, inputs)
+            if np.abs(step).max(initial=0.0) < 1e-14:
+                break
+        tilt = np.einsum("ij,ij->i", table[:, 7:9], across)
+        drift = -np.einsum("ij,ij->i", table[:, 7:9], chord) / tilt
+        return at, table, chord + drift[:, None] * across
+
+    def motion(self, spots: Spots, weights: Floats) -> Floats:
+        """Σ weight (n, 2) × derivative by the numbers (size,) over spots and coordinates, with the parameters held."""
+        total = np.zeros(len(self.numbers))
+        for own, places, slopes in self.velocities(spots):
+            np.add.at(total, places, np.einsum("nij,ni->nj", slopes, weights[own]))
+        return total
+
+    def velocities(self, spots: Spots, what: str = "motion") -> Iterator[tuple[Indices, Indices, Floats]]:
+        """Positions of spots, the places (k, m) of their inputs and derivatives (k, 2, m) by these; sheet by sheet."""
+        for sheet, own in self.by_sheet(spots.arc):
+            places = self.places(sheet, spots.arc[own])
+            table = self.surveyor.table(sheet, what, spots.at[own], self.numbers[places])
+            yield own, places, table.reshape(len(own), -1, places.shape[1])
+
+    def spread(self, spots: Spots) -> Floats:
+        """Derivatives (n, 2, size) of the spots by all numbers, with the parameters held."""
+        found = np.zeros((len(spots.arc), 2, len(self.numbers)))
+        for own, places, slopes in self.velocities(spots):
+            for k in range(2):
+                np.add.at(found[:, k], (own[:, None], places), slopes[:, k])
+        return found
+
+    def ends(self) -> tuple[Spots, Spots]:
+        """Where each piece begins, and where it ends."""
+        return self.spots(self.arc, self.first), self.spots(self.arc, self.last)
+
+    def stations(self, order: int) -> tuple[Indices, Spots, Floats]:
+        """Gauss points of all pieces, chord by chord: the pieces, the points, weights for the fraction of the chord."""
+        piece, places, weights = [], [], []
+        for k, (arc, first, last) in enumerate(zip(self.arc.tolist(), self.first, self.last, strict=True)):
+            nodes, shares = np.polynomial.legendre.leggauss(2 if self.arcs.straight[arc] else order)
+            inner = np.arange(np.floor(first) + 1, np.ceil(last))
+            bounds = np.concatenate([[first], inner, [last]])
+            half = np.diff(bounds)[:, None] / 2
+            found = (bounds[:-1, None] + half + half * nodes).ravel()
+            places.append(found)
+            weights.append((half * shares).ravel())
+            piece.append(np.full(len(found), k))
+        pieces = np.concatenate(piece)
+        return pieces, self.spots(self.arc[pieces], np.concatenate(places)), np.concatenate(weights)
+
+
+def outline_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Outline | None:
+    """The outline for these numbers (size,); None where some of the figure is not in front of the camera."""
+    if not np.isfinite(numbers).all():
+        return None
+    arcs = arcs_of(figure, surveyor, numbers)
+    rings = rings_of(arcs) if arcs else []
+    if not arcs or not rings:
+        return None
+    pieces = [stretch for ring in rings for stretch in ring]
+    following = np.concatenate(_following([len(ring) for ring in rings]))
+    drafted = Outline(
+        surveyor=surveyor,
+        numbers=numbers,
+        arcs=_table(arcs),
+        arc=np.array([stretch.arc for stretch in pieces]),
+        first=np.array([stretch.first for stretch in pieces]),
+        last=np.array([stretch.last for stretch in pieces]),
+        following=following,
+    )
+    return _crossed(drafted)
+
+
+def _following(counts: Sequence[int]) -> list[Indices]:
+    found, first = [], 0
+    for count in counts:
+        found.append(first + np.roll(np.arange(count), -1))
+        first += count
+    return found
+
+
+def _crossed(drafted: Outline) -> Outline:
+    """The same with the crossings of arcs where the arcs cross, no longer where their chords do.
+
+    Where one arc begins or ends on another, its end stays.
+    """
+    lengths = drafted.arcs.chords
+    after = drafted.following
+    first, last = drafted.first.copy(), drafted.last.copy()
+    ends, begins = last == lengths[drafted.arc], first[after] == 0
+    same = (drafted.arc == drafted.arc[after]) & (np.abs(last - first[after]) < 1e-6)
+    own = np.flatnonzero(~(ends & begins) & ~same)
+    if not len(own):
+        return drafted
+    other, ends, begins = after[own], ends[own], begins[own]
+    for _ in range(_CROSSING_STEPS):
+        ahead, back = _gaps(
+            drafted.spots(drafted.arc[own], last[own]), drafted.spots(drafted.arc[other], first[other]), ends, begins
+        )
+        last[own] = np.clip(last[own] + ahead, 0, lengths[drafted.arc[own]])
+        first[other] = np.clip(first[other] + back, 0, lengths[drafted.arc[other]])
+    return replace(drafted, first=first, last=last)
+
+
+def _gaps(here: Spots, there: Spots, ends: NDArray[np.bool_], begins: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Steps of both places to where the tangents cross; of one alone, to what is nearest to the end of the other."""
+    gap = there.x - here.x
+    turn = here.way[:, 0] * there.way[:, 1] - here.way[:, 1] * there.way[:, 0]
+    with np.errstate(all="ignore"):
+        ahead = (gap[:, 0] * there.way[:, 1] - gap[:, 1] * there.way[:, 0]) / turn
+        back = (gap[:, 0] * here.way[:, 1] - gap[:, 1] * here.way[:, 0]) / turn
+        ahead = np.where(begins, np.einsum("ij,ij->i", gap, here.way) / np.sum(here.way**2, axis=1), ahead)
+        back = np.where(ends, -np.einsum("ij,ij->i", gap, there.way) / np.sum(there.way**2, axis=1), back)
+        sound = (np.abs(ahead) < 1) & (np.abs(back) < 1)
+    return np.where(sound & ~ends, ahead, 0), np.where(sound & ~begins, back, 0)

@@ -1,0 +1,136 @@
+"""Which stretches of arcs are the outline: by the arrangement of their chords (shapely)."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mbm.kernels.outlines.arcs import Arc, doubled_area
+from mbm.kernels.types import Floats
+from mbm.values import dataclass
+
+Indices = NDArray[np.int64]
+
+GRID = 1e-9
+"""Of the image's size: what lies closer together is one point."""
+
+LEAST = 1e-12
+"""Of the squared size: smaller regions are gaps between lines that are one but for rounding."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stretch:
+    """Arc ``arc`` from ``first`` to ``last``: the number of a chord and a fraction of it, in one number."""
+
+    arc: int
+    first: float
+    last: float
+
+
+def rings_of(arcs: tuple[Arc, ...]) -> list[list[Stretch]]:
+    """The closed lines that bound what is covered, each once around, with it on the left."""
+    every = _joined_ends([arc.points for arc in arcs])
+    starts = np.concatenate([points[:-1] for points in every])
+    ends = np.concatenate([points[1:] for points in every])
+    owners = np.repeat(np.arange(len(arcs)), [len(arc.points) - 1 for arc in arcs])
+    numbers = np.concatenate([np.arange(len(arc.points) - 1) for arc in arcs])
+    weights = np.array([arc.weight for arc in arcs], dtype=float)[owners]
+    size = float(np.ptp(starts, axis=0).max())
+    if not size > 0:
+        return []
+    owner = np.repeat(np.arange(len(arcs)), [len(points) for points in every])
+    lines = shapely.linestrings(np.concatenate(every), indices=owner)
+    noded = shapely.union_all(lines, grid_size=GRID * size)
+    cells = shapely.get_parts(shapely.polygonize([noded]))
+    cells = cells[shapely.area(cells) > LEAST * size**2]
+    if not len(cells):
+        return []
+    inside = shapely.get_coordinates(shapely.point_on_surface(cells))
+    covered = cells[windings(inside, starts, ends, weights) > 0.5]
+    chords = _Chords(starts, ends, owners, numbers, size)
+    found = []
+    for polygon in shapely.get_parts(shapely.coverage_union_all(covered)):
+        for number, ring in enumerate(shapely.get_rings(polygon)):
+            points = shapely.get_coordinates(ring)
+            turn = doubled_area(points[:-1])
+            if abs(turn) > LEAST * size**2:
+                stretches = chords.stretches(points if (turn > 0) == (number == 0) else points[::-1])
+                if stretches:
+                    found.append(stretches)
+    return found
+
+
+def _joined_ends(lines: list[Floats]) -> list[Floats]:
+    """The same with ends that differ by rounding made one: the grid would part what lies on both sides of its edge."""
+    ends = np.array([points[k] for points in lines for k in (0, -1)])
+    near = 10 * GRID * max(float(np.ptp(ends, axis=0).max()), 1e-300)
+    close = np.abs(ends[:, None] - ends[None]).max(axis=2) <= near
+    first = np.argmax(close, axis=1)
+    found = [points.copy() for points in lines]
+    for k in np.flatnonzero(first != np.arange(len(ends))).tolist():
+        found[k // 2][-(k % 2)] = ends[first[k]]
+    return found
+
+
+def windings(points: Floats, starts: Floats, ends: Floats, weights: Floats) -> Floats:
+    """How often chords run around points (n, 2), counter-clockwise ones positive."""
+    x, y = points[:, :1], points[:, 1:]
+    up = (starts[:, 1] <= y) & (ends[:, 1] > y)
+    down = (starts[:, 1] > y) & (ends[:, 1] <= y)
+    left = (ends[:, 0] - starts[:, 0]) * (y - starts[:, 1]) - (ends[:, 1] - starts[:, 1]) * (x - starts[:, 0])
+    return np.asarray(((up & (left > 0)) * weights).sum(axis=1) - ((down & (left < 0)) * weights).sum(axis=1))
+
+
+class _Chords:
+    """The chords of all arcs, to be found again from pieces of them. Local to one outline."""
+
+    def __init__(self, starts: Floats, ends: Floats, owners: Indices, numbers: Indices, size: float) -> None:
+        self._starts, self._ways = starts, ends - starts
+        self._lengths = np.maximum(np.linalg.norm(self._ways, axis=1), 1e-300)
+        self._owners, self._numbers, self._size = owners, numbers, size
+        self._tree = shapely.STRtree(shapely.linestrings(np.stack([starts, ends], axis=1)))
+
+    def stretches(self, ring: Floats) -> list[Stretch]:
+        """The stretches along a ring of chords' pieces (n + 1, 2), whose inside lies left."""
+        middles, ways = (ring[1:] + ring[:-1]) / 2, np.diff(ring, axis=0)
+        lengths = np.linalg.norm(ways, axis=1)
+        pairs = self._tree.query(shapely.points(middles), predicate="dwithin", distance=20 * GRID * self._size)
+        piece, chord = pairs
+        along = np.einsum("ij,ij->i", ways[piece], self._ways[chord]) / (lengths[piece] * self._lengths[chord])
+        best = np.full(len(middles), -1)
+        for k in np.lexsort((chord, along)):  # the most parallel one is the last, of equal ones always the same
+            if along[k] > 0.5:
+                best[piece[k]] = chord[k]
+        kept = np.flatnonzero(best >= 0)
+        found: list[Stretch] = []
+        for k, c in zip(kept.tolist(), best[kept].tolist(), strict=True):
+            first, last = (self._share(c, ring[k + i]) for i in (0, 1))
+            found.append(Stretch(arc=int(self._owners[c]), first=first, last=last))
+        return _joined(found)
+
+    def _share(self, chord: int, point: Floats) -> float:
+        share = np.dot(point - self._starts[chord], self._ways[chord]) / self._lengths[chord] ** 2
+        share = min(max(float(share), 0.0), 1.0)
+        slack = 4 * GRID * self._size / self._lengths[chord]
+        share = 0.0 if share < slack else 1.0 if share > 1 - slack else share
+        return float(self._numbers[chord]) + share
+
+
+def _joined(pieces: list[Stretch]) -> list[Stretch]:
+    """Neighbours that go on along one arc as one stretch; the ring begins where one ends, if any does."""
+    found: list[Stretch] = []
+    for piece in pieces:
+        before = found[-1] if found else None
+        if before is not None and _goes_on(before, piece):
+            found[-1] = Stretch(arc=piece.arc, first=before.first, last=piece.last)
+        else:
+            found.append(piece)
+    if len(found) > 1 and _goes_on(found[-1], found[0]):
+        found[0] = Stretch(arc=found[0].arc, first=found[-1].first, last=found[0].last)
+        found.pop()
+    return found
+
+
+def _goes_on(before: Stretch, piece: Stretch) -> bool:
+    return before.arc == piece.arc and abs(before.last - piece.first) < 1e-6 and piece.last > before.last
