@@ -9,7 +9,7 @@ from mbm.expression.nodes import Column, Member, Number, RowChoice, Sampling
 from mbm.language import faults
 from mbm.language.coerce import scalar
 from mbm.language.scope import LocalScope
-from mbm.language.values import Array, Evaluator, Scope, TableName, TextColumn, Value
+from mbm.language.values import Array, Evaluator, Scope, StaticColumnNeeded, TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
 from mbm.problem.tables import ROW, CellKey, Table
 from mbm.problem.tables import Column as TableColumn
@@ -205,16 +205,23 @@ class RowScope:
 class MemberScope:
     """The columns of the row that a key names in the table of a family, over the problem's names.
 
-    The key's own column is the key: a literal, or a column of the row at hand.
+    The key's own column is the key: a literal, or a column of the row at hand. A column of texts makes that column
+    static; ``read`` hears of the columns whose texts were asked for.
     """
 
     def __init__(
-        self, problem: ProblemScope, table: Table, member: Member, key: str | float | Column | TextColumn
+        self,
+        problem: ProblemScope,
+        table: Table,
+        member: Member,
+        key: str | float | Column | TextColumn,
+        read: Callable[[str], None],
     ) -> None:
         self._problem = problem
         self._table = table
         self._member = member
         self._key = key
+        self._read = read
 
     def lookup(self, name: str, span: Span) -> Value | None:
         """A column of the member's row, or a name of the problem."""
@@ -224,8 +231,15 @@ class MemberScope:
         if name == self._table.key:
             return Number(_exact(self._key), None, span) if isinstance(self._key, float) else self._key
         if column.is_text:
-            raise MbmError(faults.wrong_kind(span, "a number", f"the text column `{name}`"))
+            return self._text(column, span)
         return Column(self._table.name, name, RowChoice.KEYED, span, member=self._member)
+
+    def _text(self, column: TableColumn, span: Span) -> Value:
+        if isinstance(self._key, Column | TextColumn):
+            raise StaticColumnNeeded(self._key, span)
+        self._read(column.name)
+        row = list(self._table.keys()).index(self._key)
+        return str(column.cell(row))
 
     def names(self) -> Iterator[str]:
         """The columns, then the problem's names."""

@@ -9,7 +9,7 @@ from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, Member, Number
 from mbm.expression.projection import NEAR
 from mbm.language import faults as language_faults
-from mbm.language.coerce import scalar, vector
+from mbm.language.coerce import scalar, text, vector
 from mbm.language.values import SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import Options, split_options
@@ -43,16 +43,18 @@ def read_camera(work: Workspace, clause: Sequence) -> None:
     )
     if options.positional:
         raise MbmError(language_faults.bad_form(options.positional[0].span, "a camera takes options only", USAGE))
-    model = _choice(options.get("model"), _MODELS, "model") or "pinhole"
     axes = _choice(options.get("axes"), _AXES, "axes") or "opencv"
     distortion, near = options.get("distortion"), options.get("near")
-    if distortion is not None and model not in _COEFFICIENTS:
-        message = f"a {model} camera has no distortion"
-        raise MbmError(language_faults.bad_form(distortion.span, message, "leave `:distortion` out"))
     family = family_of(work, options.get("per"))
     keys = keys_of(work, family)
+    form = options.get("model")
+    word = (_choice(form, _MODELS, "model") or "pinhole") if form is None or _is_word(work, form, family) else None
+    if distortion is not None and word is not None and word not in _COEFFICIENTS:
+        message = f"a {word} camera has no distortion"
+        raise MbmError(language_faults.bad_form(distortion.span, message, "leave `:distortion` out"))
 
     def camera(scope: Scope) -> CameraValue:
+        model = word or _model(work, form, scope)
         return CameraValue(
             name.name,
             _pair(work, options, "focal", Number(1, NONE if model in _COEFFICIENTS else None), scope),
@@ -85,10 +87,33 @@ def _family(
             picked = LiteralMember(key=key)
             work.reads.keyed[family.rows] = None
         if picked not in made:
-            made[picked] = camera(MemberScope(work.scope, work.tables[family.rows], picked, key))
+            table = work.tables[family.rows]
+            asked = () if table.key is None else (table.key,)
+
+            def read(column: str) -> None:
+                work.reads.grouped(table.name, (*asked, column), None)
+
+            made[picked] = camera(MemberScope(work.scope, table, picked, key, read))
         return made[picked]
 
     return FamilyValue(name, keys, member)
+
+
+def _is_word(work: Workspace, form: Form, family: Family | None) -> bool:
+    """Whether ``:model`` names a model for all members: else it is a form that gives a text for each."""
+    if family is None or (isinstance(form, Symbol) and form.name in _MODELS):
+        return True
+    return isinstance(form, Symbol) and form.name not in work.tables[family.rows].columns
+
+
+def _model(work: Workspace, form: Form | None, scope: Scope) -> str:
+    """The model of a member, from a form in the scope of its row."""
+    if form is None:
+        return _MODELS[0]
+    name = text(work.evaluator.wanted(form, scope), form.span, "the model of a camera")
+    if name not in _MODELS:
+        raise MbmError(language_faults.bad_form(form.span, f"`{name}` is no camera model", " or ".join(_MODELS)))
+    return name
 
 
 def _choice(form: Form | None, known: tuple[str, ...], option: str) -> str | None:
@@ -115,7 +140,8 @@ def _pair(work: Workspace, options: Options, name: str, default: Number, scope: 
 
 
 def _distortion(work: Workspace, form: Form | None, model: str, scope: Scope) -> tuple[Expression, ...]:
-    if form is None:
+    """The coefficients; where members have models of their own, those that have none take none."""
+    if form is None or model not in _COEFFICIENTS:
         return ()
     most, names = _COEFFICIENTS[model]
     elements = vector(work.evaluator.wanted(form, scope), form.span).elements
