@@ -153,3 +153,14 @@ def test_axes_have_round_marks_in_a_fitting_unit() -> None:
     assert small[0].name == "x (mm)"
     assert [text for _, text in small[0].marks] == ["-60", "-40", "-20", "0", "20", "40", "60"]
     assert rulers(lo, lo, View.at(), "m") == ()
+
+
+def test_models_of_too_many_lines_and_faces_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mbm.report.view import model_panels
+
+    (grid,) = of_forms("(grid 10 10 1 1)")
+    assert {mark.kind for mark, _, _ in seen(grid, View.at()).marks} == {"vertex", "plane"}  # 180 lines: no numbers
+    monkeypatch.setattr(model_panels, "MOST_COMPARISONS", 180 * 81 - 1)
+    with pytest.raises(MbmError) as caught:
+        seen(grid, View.at())
+    assert code(caught) == "too-much-to-draw"
