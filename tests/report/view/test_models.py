@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -164,3 +165,13 @@ def test_models_of_too_many_lines_and_faces_are_refused(monkeypatch: pytest.Monk
     with pytest.raises(MbmError) as caught:
         seen(grid, View.at())
     assert code(caught) == "too-much-to-draw"
+
+
+def test_outlines_of_a_swept_side_are_seen_on_both_sides() -> None:
+    """Of a cylinder without its ends, from the side: two generators, one left, one right, nothing before them."""
+    (tube,) = of_forms("(extrude (disk 1) 2)")
+    bare = replace(tube, strokes=(), faces=(), marks=())
+    found = seen(bare, View.at(28, 0)).lines
+    assert {line.hidden for line in found} == {False}
+    # the outline is interpolated between facets of 7.5°: within 1 − cos 3.75° of the radius
+    assert sorted(round(float(line.points[:, 0].mean()), 2) for line in found) == [-1.0, 1.0]
