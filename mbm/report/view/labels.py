@@ -21,7 +21,7 @@ _REACHES = (1.0, 1.6, 2.4)
 class Wanted:
     """A text that belongs to ``at`` (2,), in points of the picture; ``away`` (2,) is the side it would best be on.
 
-    ``centred``: it stands on the place itself, or is left out.
+    ``centred``: the place itself is the best.
     """
 
     text: str
@@ -68,7 +68,6 @@ def _places(each: Wanted, half: Floats) -> Iterable[Floats]:
     """Middles that a text may have, the best first."""
     if each.centred:
         yield each.at
-        return
     turns = _TURNS
     if each.away is not None and bool(np.any(each.away)):
         best = np.arctan2(each.away[1], each.away[0])

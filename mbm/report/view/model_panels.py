@@ -10,11 +10,13 @@ import numpy as np
 
 from mbm.report.panels import BLUE, GREEN, GREY, ORANGE, RED
 from mbm.report.types import Floats
+from mbm.report.view import faults
 from mbm.report.view.hidden import Faces, Stretch
 from mbm.report.view.labels import Wanted, placed
 from mbm.report.view.rulers import Ruler, rulers
 from mbm.report.view.types import Mark, Solid
 from mbm.report.view.viewpoint import View, outlines
+from mbm.text.types import MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -25,6 +27,15 @@ INCHES = (5.6, 5.0)
 
 MOST_LABELS = 300
 """Features whose names are tried; beyond, nobody could read them."""
+
+MOST_LINES = 36
+"""Lines up to which these are numbered; of more, the numbers of vertices and planes would have no room."""
+
+MOST_COMPARISONS = 500_000_000
+"""Lines times faces of a model: what is hidden is then found within a minute."""
+
+MOST_MARKS = 3_000
+"""Features that are looked at."""
 
 _HIDDEN = "#aaaaaa"
 _DASHES = (0, (3.0, 2.0))
@@ -43,7 +54,7 @@ _STYLES: Mapping[tuple[bool, str], tuple[str, float, Any]] = MappingProxyType(
 _KINDS = {"part": (8.5, GREEN), "point": (8.0, RED), "vertex": (8.0, BLUE), "plane": (8.0, ORANGE)}
 _KINDS |= {"camera": (8.0, BLUE), "curve": (7.0, GREY), "line": (7.0, GREY)}
 _SHOWN = {"line": "l{}", "curve": "c{}", "plane": "[{}]"}
-_MARGIN = 26.0
+_MARGIN = 34.0
 """Points of the panel around the model, for its axes and numbers."""
 
 
@@ -69,20 +80,35 @@ class Seen:
 
 
 def seen(solid: Solid, view: View) -> Seen:
-    """What is seen of a model, what is hidden, and where its features are."""
+    """What is seen of a model, what is hidden, and where its features are.
+
+    Raises:
+        MbmError: too-much-to-draw.
+
+    """
     patches = [view.of(patch) for patch in solid.patches]
     faces = Faces([view.of(face) for face in solid.faces], patches)
+    if len(solid.strokes) * faces.count > MOST_COMPARISONS:
+        raise MbmError(faults.too_much_to_draw(f"{MOST_COMPARISONS:,} pairs of a line and a face"))
     lines = []
     for stroke in solid.strokes:
         lines += [_line(each, stroke.kind) for each in faces.stretches(view.of(stroke.points))]
     for patch in patches:
         for outline in outlines(patch):
             lines += [_line(each, "model") for each in faces.stretches(outline, outline=True)]
-    places = view.of(np.array([mark.at for mark in solid.marks]).reshape(-1, 3))
+    named = _named(solid.marks)
+    places = view.of(np.array([mark.at for mark in named]).reshape(-1, 3))
     hidden = [bool(faces.hides(place[None])[0]) for place in places]
-    marks = zip(solid.marks, places[:, :2], hidden, strict=True)
+    marks = zip(named, places[:, :2], hidden, strict=True)
     dots = view.of(solid.dots)[:, :2]
     return Seen(lines=tuple(lines), dots=dots, marks=tuple(mark for mark in marks if _faces_viewer(mark[0], view)))
+
+
+def _named(marks: Sequence[Mark]) -> list[Mark]:
+    """The features that are named: lines only where they are few, of very many features parts and points first."""
+    lines = sum(mark.kind == "line" for mark in marks)
+    kept = [mark for mark in marks if mark.kind != "line" or lines <= MOST_LINES]
+    return sorted(kept, key=lambda mark: list(_KINDS).index(mark.kind))[:MOST_MARKS]
 
 
 def _line(stretch: Stretch, kind: str) -> Line:
@@ -172,7 +198,7 @@ def _draw_rulers(beside: Sequence[Ruler], view: View, scale: _Scale, axes: Axes)
             axes.text(float(where[0]), float(where[1]), text, fontsize=7, color=GREY, ha="center", va="center")
         along = scale.points(ends[0] + np.linspace(0.0, 1.0, 40)[:, None] * (ends[1] - ends[0]))
         taken += [np.concatenate([place - 2.0, place + 2.0]) for place in along]
-        middle = scale.points(ends).mean(axis=0) + 22.0 * outward
+        middle = scale.points(ends).mean(axis=0) + (32.0 if ruler.upright else 22.0) * outward
         x, y = scale.back(middle).tolist()
         axes.text(x, y, ruler.name, fontsize=8, color=GREY, ha="center", va="center")
     return taken

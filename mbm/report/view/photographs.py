@@ -55,8 +55,8 @@ def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozense
         camera = row.sight.camera.name if row.sight.camera is not None and len(cameras) > 1 else ""
         for name in dict.fromkeys(row.photo):
             groups.setdefault(" ".join(filter(None, (camera, name))), []).append((row, names == name))
-    ordered = sorted(groups, key=int) if all(name.isdecimal() for name in groups) else list(groups)
-    return tuple(_photograph(name, groups[name], solution, library) for name in ordered)
+    order = sorted(groups, key=int) if all(name.isdecimal() for name in groups) else list(groups)
+    return tuple(_photograph(name, groups[name], solution, library) for name in order)
 
 
 def _photograph(

@@ -35,8 +35,8 @@ from mbm.values import dataclass
 SAMPLES = 97
 """Points of a piece of a curve."""
 
-GRID = 33
-"""Points of a smooth patch each way."""
+GRID, STRAIGHT = 49, 5
+"""Points of a smooth patch each way, and where it goes straight: facets are long there, and narrow across."""
 
 MOST_NUMBERS = 2_000_000
 """Coordinates of one model; more would neither be seen nor drawn in seconds."""
@@ -180,7 +180,9 @@ class _Walk:
         stretches = []
         for piece in curve.pieces:
             first, last = self._evaluated((piece.first, piece.last))
-            here = {curve.parameter: np.linspace(first, last, 2 if _is_straight(piece.point, curve) else SAMPLES)}
+            here = {
+                curve.parameter: np.linspace(first, last, 2 if _is_straight(piece.point, curve.parameter) else SAMPLES)
+            }
             points = self._sampled(piece.point, here)
             stretches.append(points if points.shape[1] == 3 else np.column_stack([points, np.zeros(len(points))]))
         return np.vstack(stretches)
@@ -188,8 +190,9 @@ class _Walk:
     def _patch(self, patch: Patch) -> Floats:
         (a, a0, a1), (b, b0, b1) = patch.first, patch.second
         ends = self._evaluated((a0, a1, b0, b1))
-        s, t = np.meshgrid(np.linspace(ends[0], ends[1], GRID), np.linspace(ends[2], ends[3], GRID), indexing="ij")
-        return self._sampled(patch.point, {a: s.ravel(), b: t.ravel()}).reshape(GRID, GRID, 3)
+        n, m = (STRAIGHT if _is_straight(patch.point, each) else GRID for each in (a, b))
+        s, t = np.meshgrid(np.linspace(ends[0], ends[1], n), np.linspace(ends[2], ends[3], m), indexing="ij")
+        return self._sampled(patch.point, {a: s.ravel(), b: t.ravel()}).reshape(n, m, 3)
 
     def _affine(self, node: Moved) -> Affine:
         step = node.step
@@ -229,10 +232,9 @@ def newell(polygon: Floats) -> Floats:
     return np.asarray(np.cross(polygon, after).sum(axis=0))
 
 
-def _is_straight(point: tuple[Expression, ...], curve: CurveValue) -> bool:
-    """Whether a piece is a line: its slopes do not depend on the parameter."""
-    slopes = derivatives(point, curve.parameter)
-    return all(leaf is not curve.parameter for leaf in leaves(slopes))
+def _is_straight(point: tuple[Expression, ...], parameter: Parameter) -> bool:
+    """Whether a formula is straight in a parameter: its slopes do not depend on that."""
+    return all(leaf is not parameter for leaf in leaves(derivatives(point, parameter)))
 
 
 def _numbers(elements: tuple[Expression, ...]) -> Iterator[Number]:

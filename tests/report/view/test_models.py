@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -153,3 +154,24 @@ def test_axes_have_round_marks_in_a_fitting_unit() -> None:
     assert small[0].name == "x (mm)"
     assert [text for _, text in small[0].marks] == ["-60", "-40", "-20", "0", "20", "40", "60"]
     assert rulers(lo, lo, View.at(), "m") == ()
+
+
+def test_models_of_too_many_lines_and_faces_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mbm.report.view import model_panels
+
+    (grid,) = of_forms("(grid 10 10 1 1)")
+    assert {mark.kind for mark, _, _ in seen(grid, View.at()).marks} == {"vertex", "plane"}  # 180 lines: no numbers
+    monkeypatch.setattr(model_panels, "MOST_COMPARISONS", 180 * 81 - 1)
+    with pytest.raises(MbmError) as caught:
+        seen(grid, View.at())
+    assert code(caught) == "too-much-to-draw"
+
+
+def test_outlines_of_a_swept_side_are_seen_on_both_sides() -> None:
+    """Of a cylinder without its ends, from the side: two generators, one left, one right, nothing before them."""
+    (tube,) = of_forms("(extrude (disk 1) 2)")
+    bare = replace(tube, strokes=(), faces=(), marks=())
+    found = seen(bare, View.at(28, 0)).lines
+    assert {line.hidden for line in found} == {False}
+    # the outline is interpolated between facets of 7.5°: within 1 − cos 3.75° of the radius
+    assert sorted(round(float(line.points[:, 0].mean()), 2) for line in found) == [-1.0, 1.0]
