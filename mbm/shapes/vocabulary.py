@@ -42,8 +42,9 @@ from mbm.language.vocabulary import (
 from mbm.shapes import faults
 from mbm.shapes.description import swept_shape
 from mbm.shapes.features import Place, enter, find_parts, frame_feature, numbered, part_names, resolve, root
-from mbm.shapes.heads import FORMS_NOT_YET, SWEEP_USAGES
+from mbm.shapes.heads import SWEEP_USAGES
 from mbm.shapes.library import library_models
+from mbm.shapes.meshes.form import MeshMaker
 from mbm.shapes.model import Model
 from mbm.shapes.opaque import opaque_argument
 from mbm.shapes.paths import Segment, element_segment, flat_segments, number_segment, segments_of
@@ -59,7 +60,7 @@ _OBSERVABLES_NOT_YET = {
         ("silhouette", "area", "centroid", "perimeter", "extent", "extreme", "contour-distance"), "silhouettes"
     ),
 }
-NOT_YET = MappingProxyType({**FORMS_NOT_YET, **_OBSERVABLES_NOT_YET})
+NOT_YET = MappingProxyType(_OBSERVABLES_NOT_YET)
 """Names of the language that come later, with the topic that brings them."""
 
 
@@ -242,7 +243,8 @@ def _feature(call: Call) -> Value:
     return resolve(call, shape, segments_of(path, at[1].span, call)).value(call)
 
 
-FEATURE_FUNCTIONS: tuple[FeatureFunction | ShapeMaker | Builtin, ...] = (
+FEATURE_FUNCTIONS: tuple[FeatureFunction | ShapeMaker | MeshMaker | Builtin, ...] = (
+    MeshMaker(),
     *(ShapeMaker(name, usage, _SWEEPS[name]) for name, usage in SWEEP_USAGES.items()),
     FeatureFunction("vertex", "(vertex MODEL part… n)", "Vertex n of a part, as a vector.", 2, _numbered("vertex")),
     FeatureFunction("line", "(line MODEL part… n)", "Line n of a part.", 2, _numbered("line")),
