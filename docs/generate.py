@@ -38,6 +38,7 @@ from mbm.problem.vocabulary import NOT_YET as PROBLEM_NOT_YET
 from mbm.problem.vocabulary import SPECIAL_FORMS as PROBLEM_FORMS
 from mbm.registry.standard import standard_registry
 from mbm.shapes.library import LibraryModel
+from mbm.shapes.meshes.types import MOST as MOST_VERTICES
 from mbm.shapes.vocabulary import FEATURE_FUNCTIONS
 from mbm.text.atoms import LONGEST_NUMBER
 from mbm.text.characters import LARGEST_TEXT, MOST_WORDS
@@ -233,6 +234,7 @@ def bounds() -> str:
         ("memory, everything together", usual, "too-much-memory", f"`{memory.VARIABLE}`"),
         ("a file, and what it unpacks to", f"1/{memory.FILE_SHARE} of that", "file-too-large", f"`{memory.VARIABLE}`"),
         ("an image", f"{PER_PIXEL} bytes of memory for a pixel", "too-much-memory", f"`{memory.VARIABLE}`"),
+        ("vertices, and faces, of a mesh", _count(MOST_VERTICES), "damaged-mesh", "a coarser mesh"),
         ("columns of a table", _count(MOST_COLUMNS), "too-many-columns", "rows in place of columns"),
         ("numbers of a dense Jacobian", _count(DENSE_LIMIT), "too-many-unknowns", "`:method auto`"),
         ("solves of `for-each`", _count(MAXIMUM_SOLVES), "too-many-solves", "its columns in one table"),

@@ -17,6 +17,7 @@ from mbm.data.readers import READERS
 mpl.use("agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from scipy.interpolate import CubicSpline
 
 HERE = Path(__file__).parent
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#999999"
@@ -229,6 +230,24 @@ def rim(axes: Axes) -> None:
     axes.legend()
 
 
+def shoulder(axes: Axes) -> None:
+    """The image of the shoulder as estimated, over the marked points and turns. X grows to the left of the viewer."""
+    found, seen, turns = solve("shoulder", "shoulder"), rows("shoulder", "points.csv"), rows("shoulder", "turns.csv")
+    x, y, psi = (float(found[n].value) for n in ("x", "y", "psi"))
+    points = np.array([(3, -2), (6, -1.2), (10, 0.5), (14, 0.3), (19, -1.5), (25, -2), (32, 1)])
+    lengths = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    course = CubicSpline(lengths, points, bc_type="natural")(np.linspace(0, lengths[-1], 400)) - [x, y]
+    c, s = np.cos(np.deg2rad(psi)), np.sin(np.deg2rad(psi))
+    forward, left = course @ [c, s], course @ [-s, c]
+    axes.plot(FOCAL * left / forward, -FOCAL * 1.2 / forward, color=ORANGE, label="estimated shoulder")
+    axes.plot(column(seen, "u"), column(seen, "v"), "o", color=BLUE, markersize=4, label="marked points")
+    for n, across in enumerate(column(turns, "across")):
+        axes.axvline(across, color=GREY, linestyle=":", label="" if n else "where it turns")
+    axes.set(xlabel="X (px)", ylabel="Y (px)")
+    axes.invert_xaxis()
+    axes.legend()
+
+
 def echoes(axes: Axes) -> None:
     """How much each distance is longer than that to the estimated place."""
     receivers, ranges = rows("echoes", "receivers.csv"), rows("echoes", "ranges.csv")
@@ -365,6 +384,7 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
         loop,
         photographs,
         rim,
+        shoulder,
         triangle,
         walk,
         stereo,

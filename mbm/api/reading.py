@@ -87,8 +87,8 @@ class Reading:
         kernels = compiler.derived(elaborated)
         key: str | None = None
         if store is not None:
-            if self._digest is None:
-                self._digest = remember_text(store, self._key or key_of(self.text), self.program)
+            if self._digest is None or elaborated.read:  # another problem of the text may have read nothing
+                self._digest = remember_text(store, self._key or key_of(self.text), self.program, elaborated.read)
             if self._digest is not None:
                 key = remember(store, self._digest, name, inputs, elaborated, kernels)
         return Recalled(elaborated=elaborated, kernels=kernels, key=key)

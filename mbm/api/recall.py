@@ -24,6 +24,8 @@ from typing import TYPE_CHECKING, Any
 
 from mbm import compiler
 from mbm.compiler import Inputs
+from mbm.files.memory import largest_file
+from mbm.files.reading import read_bytes
 from mbm.files.source import read_file
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.types import Problem
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from mbm.kernels.store import Store
     from mbm.kernels.types import KernelSet
     from mbm.language.program import Program
+    from mbm.language.session import ReadFile
     from mbm.problem.dependence import Facts
     from mbm.problem.tables import Table
     from mbm.registry.standard import Registry
@@ -112,20 +115,25 @@ def known_text(store: Store, own: str) -> str | None:
     return None if uses is None or not all(_unchanged(*use) for use in uses) else _digest(own, uses)
 
 
-def remember_text(store: Store, own: str, program: Program) -> str | None:
-    """Keep which files the text of a key uses. The digest of all of them."""
-    uses = tuple(
-        (str(use.path), str(use.resolved), None if use.source is None else _digest(use.source)) for use in program.used
+def remember_text(store: Store, own: str, program: Program, read: tuple[ReadFile, ...]) -> str | None:
+    """Keep which files the text of a key uses, and which its forms ``read``. The digest of all of them."""
+    texts = (
+        (str(use.path), str(use.resolved), None if use.source is None else _digest(use.source), True)
+        for use in program.used
     )
+    uses = (*texts, *((str(each.path), str(each.resolved), each.sha256, False) for each in read))
     return _digest(own, uses) if _put(store, TEXT, own, uses) else None
 
 
-def _unchanged(path: str, resolved: str, digest: str | None) -> bool:
+def _unchanged(path: str, resolved: str, digest: str | None, is_text: bool) -> bool:
     """Whether a file that is used leads where it led, and holds what it held."""
     place = Path(path)
     try:
         if str(place.resolve()) != resolved:
             return False
+        if not is_text:
+            content = read_bytes(place, DataPlace(file=path), largest=largest_file())
+            return sha256(content).hexdigest() == digest
         return digest is None or _digest(read_file(place, path, DataPlace(file=path))) == digest
     except (MbmError, OSError, RuntimeError):
         return False

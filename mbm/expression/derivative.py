@@ -50,11 +50,17 @@ def derivatives(roots: tuple[Expression, ...], leaf: Leaf) -> tuple[Expression, 
             found[id(node)] = rule(node, tuple(found.get(id(a), _NONE) for a in node.arguments))
         else:
             raise UndefinedValueError(f"the derivative of `{node.operation.value}`")
-    return tuple(found.get(id(root), _NONE) for root in roots)
+    return tuple(_of_its_own(found.get(id(root), _NONE)) for root in roots)
 
 
 _NONE = Number(0)
 """The derivative of what does not depend on the leaf: of whatever dimension is asked for."""
+
+
+def _of_its_own(slope: Expression) -> Expression:
+    """Zero as a number of its own: one that many places share takes the dimension of all of them."""
+    return Number(0) if slope is _NONE else slope
+
 
 LEVEL = CONDITIONS | {Operation.SIGN, Operation.FLOOR, Operation.HELD}
 """Operations whose value changes in steps only, or counts as constant."""
@@ -130,7 +136,7 @@ def _extreme(node: Apply, slopes: tuple[Expression, ...]) -> Expression:
     """The slope of the lesser or of the greater one; of the first where they are equal."""
     pair = node.arguments if node.operation is Operation.MINIMUM else node.arguments[::-1]
     first = Apply(Operation.LESS_EQUAL, pair, span=node.span)
-    return apply(Operation.IF, first, *slopes, span=node.span)
+    return apply(Operation.IF, first, *map(_of_its_own, slopes), span=node.span)
 
 
 _RULES: Mapping[Operation, Rule] = {
@@ -144,5 +150,7 @@ _RULES: Mapping[Operation, Rule] = {
     Operation.ATAN2: _atan2,
     Operation.MINIMUM: _extreme,
     Operation.MAXIMUM: _extreme,
-    Operation.IF: lambda node, slopes: apply(Operation.IF, node.arguments[0], *slopes[1:], span=node.span),
+    Operation.IF: lambda node, slopes: apply(
+        Operation.IF, node.arguments[0], *map(_of_its_own, slopes[1:]), span=node.span
+    ),
 }

@@ -12,12 +12,9 @@ from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Expression, Number
 from mbm.expression.substitution import Formula
 from mbm.language.curves import CurveValue, Piece, Point
-from mbm.language.piecewise import both, chosen, less, opposite
+from mbm.language.piecewise import both, chosen, negative, opposite
 from mbm.text.types import Span
 from mbm.values import dataclass
-
-NOTHING = Number(0)
-"""Zero of whatever dimension it is compared with."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,7 +77,7 @@ def _parts(curve: CurveValue, piece: Piece) -> Iterator[Chord]:
 
 def _cut(chord: Chord, depths: tuple[Expression, Expression], span: Span) -> Chord:
     """What is seen of a chord of whose ends these are the depths; negative ones are out of sight."""
-    hidden = less(depths[0], NOTHING, span), less(depths[1], NOTHING, span)
+    hidden = negative(depths[0], span), negative(depths[1], span)
     (a, b), between = chord.places, _crossing(chord.places, depths, span)
     first, last = chosen(hidden[0], between, a, span), chosen(hidden[1], between, b, span)
     return Chord(

@@ -17,9 +17,9 @@ from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.expression.substitution import Formula
 from mbm.language.bracketing import Bracket, middle
-from mbm.language.chords import NOTHING, Chord, chords_of
+from mbm.language.chords import Chord, chords_of
 from mbm.language.curves import CurveValue, Piece, Point
-from mbm.language.piecewise import both, chosen, defined, either, equal, less, opposite
+from mbm.language.piecewise import both, chosen, defined, either, equal, less, negative, opposite, positive
 from mbm.text.types import Span
 from mbm.values import dataclass
 
@@ -29,7 +29,7 @@ FIRST_STEPS = 5
 LAST_STEPS = 3
 """After them, by the formula of the piece that the foot is in."""
 
-_FAR = Number(1e300)
+_FAR = 1e300
 """The squared distance from what is out of sight."""
 
 _ROUNDED = Number(1e-26, NONE)
@@ -119,13 +119,13 @@ def _on_chord(chord: Chord, p: Point, span: Span) -> _Candidate:
         share = divide(dot(r, way, span), length, span)
         share = apply(Operation.MINIMUM, apply(Operation.MAXIMUM, share, ZERO, span=span), ONE, span=span)
         if not isinstance(length, Number):
-            share = chosen(less(NOTHING, length, span), share, ZERO, span)
+            share = chosen(positive(length, span), share, ZERO, span)
     rest = tuple(subtract(a, multiply(share, b, span), span) for a, b in zip(r, way, strict=True))
     # Exactly the one end or the other where the share is 0 or 1.
     at = dot((subtract(ONE, share, span), share), chord.places, span)
     squared, seen = dot(rest, rest, span), chord.seen(span)
     if seen is not None:
-        squared = chosen(seen, squared, _FAR, span)
+        squared = chosen(seen, squared, Number(_FAR), span)
     return _Candidate(squared=squared, at=at, low=chord.low, high=chord.high)
 
 
@@ -174,11 +174,11 @@ def _refined(curve: CurveValue, start: _Candidate, p: Point, steps: int, span: S
     at, bracket = start.at, Bracket.of(start.low, start.high, span)
     for number in range(steps):
         rise, curvature = descent.at(at)
-        falling = less(rise, NOTHING, span)
+        falling = negative(rise, span)
         bracket = bracket.narrowed(at, falling)
         newton = bracket.kept(subtract(at, divide(rise, curvature, span), span), number)
         downhill = chosen(falling, bracket.right(number), bracket.left(number), span)
-        at = chosen(less(NOTHING, curvature, span), newton, downhill, span)
+        at = chosen(positive(curvature, span), newton, downhill, span)
     rest = Formula.of(way, curve.parameter).at(at)
     return _Candidate(squared=dot(rest, rest, span), at=at, low=start.low, high=start.high)
 
@@ -203,10 +203,10 @@ def distance(curve: CurveValue, p: Point, span: Span) -> Expression:
     apart = less(multiply(_ROUNDED, dot(p, p, span), span), squared, span)
     length = apply(Operation.SQRT, chosen(apart, squared, Number(1), span), span=span)
     if curve.dimension == 3:
-        return _if_seen(foot, chosen(apart, length, NOTHING, span), span)
+        return _if_seen(foot, chosen(apart, length, Number(0), span), span)
     across = _across(foot.slope, r, span)
     side = _across(_between(curve, foot, span), r, span) if curve.corners else across
-    ended = chosen(less(side, NOTHING, span), negate(length, span), length, span)
+    ended = chosen(negative(side, span), negate(length, span), length, span)
     square = divide(across, apply(Operation.HYPOT, *foot.slope, span=span), span)
     return _if_seen(foot, chosen(both(foot.fixed, apart, span), ended, square, span), span)
 

@@ -29,6 +29,16 @@ def both(a: Expression, b: Expression, span: Span) -> Apply:
     return Apply(Operation.AND, (a, b), span=span)
 
 
+def negative(a: Expression, span: Span) -> Apply:
+    """a < 0, whatever the dimension."""
+    return less(a, Number(0), span)
+
+
+def positive(a: Expression, span: Span) -> Apply:
+    """0 < a, whatever the dimension."""
+    return less(Number(0), a, span)
+
+
 def equal(a: Expression, b: Expression, span: Span) -> Apply:
     """a = b."""
     return Apply(Operation.EQUAL, (a, b), span=span)

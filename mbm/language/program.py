@@ -92,11 +92,15 @@ class UsedFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
-    """The definitions of a file and of all files it uses. ``base`` is the folder that paths are relative to."""
+    """The definitions of a file and of all files it uses. ``base`` is the folder that paths are relative to.
+
+    No file outside of ``sandbox`` is read, if there is one.
+    """
 
     source: Source
     used: tuple[UsedFile, ...] = ()
     base: Path = field(default_factory=Path)
+    sandbox: Path | None = None
     functions: Mapping[str, Definition] = field(default_factory=dict)
     models: Mapping[str, ModelDefinition] = field(default_factory=dict)
     constants: Mapping[str, ConstantDefinition] = field(default_factory=dict)
@@ -127,6 +131,7 @@ def read_program(
         source=source,
         used=tuple(reader.used),
         base=path.parent,
+        sandbox=sandbox,
         functions=reader.functions,
         models=reader.models,
         constants=reader.constants,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from types import MappingProxyType
 
 from mbm.language import faults
@@ -10,7 +12,7 @@ from mbm.language.evaluator import FormEvaluator
 from mbm.language.functions import bind_definition
 from mbm.language.limits import Limits
 from mbm.language.program import ConstantDefinition, ModelDefinition, Program
-from mbm.language.values import Callable_, Evaluator, Scope, Value, Vocabulary
+from mbm.language.values import Callable_, Evaluator, Macro, Scope, Value, Vocabulary
 from mbm.text.types import MbmError, Span
 from mbm.values import dataclass
 
@@ -48,13 +50,36 @@ class GlobalScope:
         return iter(self._constants)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadFile:
+    """A file that a form named: its path as messages print it, where that leads, and the digest of its bytes."""
+
+    path: Path
+    resolved: Path
+    sha256: str
+
+
+class FileReader(Macro):
+    """A function whose value stands in a file that its call names."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def within(self, program: Program, read: list[ReadFile]) -> Callable_:
+        """The function where the forms of ``program`` are evaluated; files are added to ``read``."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """What forms at top level are evaluated with; ``functions`` is the evaluator's own table."""
+    """What forms at top level are evaluated with; ``functions`` is the evaluator's own table.
+
+    ``read`` are the files that forms have named so far.
+    """
 
     evaluator: Evaluator
     scope: Scope
     functions: dict[str, Callable_]
+    read: list[ReadFile]
 
     def define(self, function: Callable_) -> None:
         """Add a function that the problem defines itself; it shadows one of the file."""
@@ -73,7 +98,11 @@ def open_session(
 
     ``make_world`` makes the scope of the problem being compiled over that of the file.
     """
-    functions: dict[str, Callable_] = dict(vocabulary.functions)
+    read: list[ReadFile] = []
+    functions: dict[str, Callable_] = {
+        name: function.within(program, read) if isinstance(function, FileReader) else function
+        for name, function in vocabulary.functions.items()
+    }
     evaluator = FormEvaluator(
         Vocabulary(
             special_forms=vocabulary.special_forms,
@@ -89,4 +118,4 @@ def open_session(
         functions[definition.name] = bind_definition(definition, scope)
     for model in program.models.values():
         functions[model.name] = make_model(model, scope)
-    return Session(evaluator, scope, functions)
+    return Session(evaluator, scope, functions, read)

@@ -26,7 +26,7 @@ def chords(points: tuple[Point, ...], span: Span) -> tuple[Expression, ...]:
 
 def knots(lengths: tuple[Expression, ...], span: Span) -> tuple[Expression, ...]:
     """The parameter at each point: how long the way to it is."""
-    found: list[Expression] = [ZERO]
+    found: list[Expression] = [Number(0)]
     for length in lengths:
         found.append(add(found[-1], length, span))
     return tuple(found)
@@ -89,7 +89,7 @@ def _loads(points: tuple[Point, ...], lengths: tuple[Expression, ...], i: int, s
 
 
 def _natural(points: tuple[Point, ...], lengths: tuple[Expression, ...], span: Span) -> tuple[Point, ...]:
-    level = (ZERO,) * len(points[0])
+    level = tuple(Number(0) for _ in points[0])
     inner = range(1, len(points) - 1)
     diagonal = [multiply(_TWO, add(lengths[i - 1], lengths[i], span), span) for i in inner]
     solved = _tridiagonal(diagonal, list(lengths[1:-1]), [_loads(points, lengths, i, span) for i in inner], span)

@@ -12,10 +12,10 @@ from mbm.expression.derivative import derivatives
 from mbm.expression.nodes import Expression, Operation
 from mbm.expression.substitution import Formula
 from mbm.language.bracketing import Bracket, middle
-from mbm.language.chords import NOTHING, Chord, chords_of
+from mbm.language.chords import Chord, chords_of
 from mbm.language.curves import CurveValue, Point
 from mbm.language.nearest import at_knots
-from mbm.language.piecewise import both, chosen, defined, either, equal, less, opposite
+from mbm.language.piecewise import both, chosen, defined, either, equal, negative, opposite, positive
 from mbm.text.types import Span
 from mbm.values import dataclass
 
@@ -75,7 +75,7 @@ def _stretches(curve: CurveValue, coordinate: int, span: Span) -> list[_Stretch]
         Formula.of(derivatives((piece.point[coordinate],), curve.parameter), curve.parameter) for piece in curve.pieces
     ]
     falls = [
-        tuple(less(slopes[i // curve.chords].at(end)[0], NOTHING, span) for end in (chord.first, chord.last))
+        tuple(negative(slopes[i // curve.chords].at(end)[0], span) for end in (chord.first, chord.last))
         for i, chord in enumerate(chords)
     ]
     found = []
@@ -108,11 +108,11 @@ def _root(
     at = middle(*ends, span)
     for number in range(STEPS):
         rise, bend = slopes.at(at)
-        right = equal(_number(less(rise, NOTHING, span), span), falls, span)
+        right = equal(_number(negative(rise, span), span), falls, span)
         bracket = bracket.narrowed(at, right)
         at = bracket.kept(subtract(at, divide(rise, bend, span), span), number)
     at = apply(Operation.HELD, at, span=span)
     rise, bend = slopes.at(at)
     moved = subtract(at, multiply(rise, apply(Operation.HELD, divide(ONE, bend, span), span=span), span), span)
     length = apply(Operation.HELD, subtract(ends[1], ends[0], span), span=span)
-    return chosen(less(NOTHING, length, span), moved, at_knots(curve, at, span), span)
+    return chosen(positive(length, span), moved, at_knots(curve, at, span), span)

@@ -121,7 +121,7 @@ def elaborate(
         span=definition.span,
     )
     numbers_of = {name: tuple(float(n.value) for n in given) for name, given in starts.items()}
-    return _checked(problem, raw, tables, numbers_of, work.reads.consulted())
+    return replace(_checked(problem, raw, tables, numbers_of, work.reads.consulted()), read=tuple(session.read))
 
 
 def _checked(

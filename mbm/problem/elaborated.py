@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from mbm.language.session import ReadFile
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem, RowValues
 from mbm.text.types import Diagnostic
@@ -44,7 +45,7 @@ class Consulted:
 class Elaborated:
     """A problem with the tables it was elaborated against, and the starts (SI) that were given from outside.
 
-    ``lasting`` are those of the problem's warnings that hold for any tables.
+    ``lasting`` are those of the problem's warnings that hold for any tables, ``read`` the files that its forms name.
     """
 
     problem: Problem
@@ -53,3 +54,4 @@ class Elaborated:
     starts: Mapping[str, tuple[float, ...]]
     consulted: Consulted
     lasting: tuple[Diagnostic, ...]
+    read: tuple[ReadFile, ...] = ()

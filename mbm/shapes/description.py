@@ -30,7 +30,7 @@ from mbm.language.vocabulary.frames import rotation_transform, scale_transform, 
 from mbm.language.vocabulary.rigid import pose
 from mbm.shapes import faults
 from mbm.shapes.features import pose_transform
-from mbm.shapes.heads import CURVES, FORMS_NOT_YET, SWEEP_USAGES, fits, is_users
+from mbm.shapes.heads import CURVES, SWEEP_USAGES, fits, is_users
 from mbm.shapes.motions import motion_of
 from mbm.shapes.profiles import profile_of
 from mbm.shapes.repetition import repetitions
@@ -143,8 +143,6 @@ def _headed(head: Symbol, form: Sequence, site: Site) -> Node:
     word = _WORDS.get(name)
     if word is not None:
         return word(form, site)
-    if name in FORMS_NOT_YET:
-        raise MbmError(language_faults.not_available_yet(head.span, f"`{name}`", FORMS_NOT_YET[name]))
     if isinstance(function, ModelFunction) and fits(function, form, evaluator, site.scope):
         return _called(form, site)
     variable = site.scope.lookup(name, head.span)
@@ -365,6 +363,7 @@ _WORDS: Mapping[str, Callable[[Sequence, Site], Node]] = MappingProxyType(
     {
         **dict.fromkeys(CURVES, _called),
         **dict.fromkeys(SWEEP_USAGES, _sweep),
+        "mesh": _called,
         "trans": _transform,
         "rotate": _transform,
         "scale": _transform,

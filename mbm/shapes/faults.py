@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 
+from mbm.text.faults import shown
 from mbm.text.suggest import closest, did_you_mean, suggestion
 from mbm.text.types import Code, Diagnostic, Label, Span
 
@@ -31,6 +33,12 @@ BAD_PROFILE = Code(
     "bad-profile",
     "What is to be swept is no plane shape in z = 0 with one surface or with curves, or is seen from its back.",
     "Sweep a plane shape such as `(rectangular x y)`, `(disk r)`, a closed spline, or vertexes with z = 0.",
+)
+DAMAGED_MESH = Code(
+    "damaged-mesh",
+    "A file of a mesh is not built as its ending says, ends too early, is larger than meshes may be, or holds a number "
+    "or a corner that cannot be.",
+    "Write the file anew; STL, OBJ and PLY with up to 100,000 vertices and faces are read.",
 )
 BAD_CONSTRAINT = Code(
     "bad-constraint",
@@ -217,3 +225,9 @@ def already_projected(span: Span) -> Diagnostic:
         place=span,
         hint="take `perse` out of the model, and write `(perse SHAPE)` here",
     )
+
+
+def damaged_mesh(span: Span, path: Path, message: str, line: int | None) -> Diagnostic:
+    """A file that is no mesh; ``line`` is where, if lines are counted."""
+    where = "" if line is None else f", line {line}"
+    return Diagnostic(code=DAMAGED_MESH, message=f"the mesh `{shown(path.as_posix())}`{where}: {message}", place=span)

@@ -22,14 +22,7 @@ SWEEP_USAGES: Mapping[str, str] = MappingProxyType(
     }
 )
 _BODIES = ("let", "let*", "if", "cond")
-_WORDS = frozenset({*CLAUSES, *TRANSFORMS, *CURVES, *SWEEP_USAGES, "perse", "or", "for", "part", "point"})
-
-FORMS_NOT_YET: Mapping[str, str] = MappingProxyType(
-    {
-        "mesh": "meshes",
-    }
-)
-"""Shape descriptions of the language that come later."""
+_WORDS = frozenset({*CLAUSES, *TRANSFORMS, *CURVES, *SWEEP_USAGES, "perse", "or", "for", "mesh", "part", "point"})
 
 
 def is_users(function: Callable_ | None) -> bool:
@@ -72,7 +65,7 @@ def describes_shape(form: Form, evaluator: Evaluator, scope: Scope) -> bool:
     function = evaluator.vocabulary.functions.get(head.name)
     if is_users(function):
         return isinstance(function, ModelFunction)
-    if head.name in _WORDS or head.name in FORMS_NOT_YET or isinstance(function, ModelFunction):
+    if head.name in _WORDS or isinstance(function, ModelFunction):
         return True
     if head.name in _BODIES:
         last = form.items[-1]

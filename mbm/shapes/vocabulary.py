@@ -42,8 +42,9 @@ from mbm.language.vocabulary import (
 from mbm.shapes import faults, silhouettes
 from mbm.shapes.description import swept_shape
 from mbm.shapes.features import Place, enter, find_parts, frame_feature, numbered, part_names, resolve, root
-from mbm.shapes.heads import FORMS_NOT_YET, SWEEP_USAGES
+from mbm.shapes.heads import SWEEP_USAGES
 from mbm.shapes.library import library_models
+from mbm.shapes.meshes.form import MeshMaker
 from mbm.shapes.model import Model
 from mbm.shapes.opaque import opaque_argument
 from mbm.shapes.paths import Segment, element_segment, flat_segments, number_segment, segments_of
@@ -53,9 +54,6 @@ from mbm.text.build import sequence
 from mbm.text.suggest import closest
 from mbm.text.types import Bracket, Form, MbmError, Numeral, Sequence, Span, Symbol
 from mbm.values import dataclass
-
-NOT_YET = MappingProxyType(dict(FORMS_NOT_YET))
-"""Names of the language that come later, with the topic that brings them."""
 
 
 def vertex_form(call: Call) -> Value:
@@ -237,7 +235,8 @@ def _feature(call: Call) -> Value:
     return resolve(call, shape, segments_of(path, at[1].span, call)).value(call)
 
 
-FEATURE_FUNCTIONS: tuple[FeatureFunction | ShapeMaker | Builtin, ...] = (
+FEATURE_FUNCTIONS: tuple[FeatureFunction | ShapeMaker | MeshMaker | Builtin, ...] = (
+    MeshMaker(),
     *(ShapeMaker(name, usage, _SWEEPS[name]) for name, usage in SWEEP_USAGES.items()),
     FeatureFunction("vertex", "(vertex MODEL part… n)", "Vertex n of a part, as a vector.", 2, _numbered("vertex")),
     FeatureFunction("line", "(line MODEL part… n)", "Line n of a part.", 2, _numbered("line")),
@@ -287,4 +286,4 @@ def vocabulary() -> Vocabulary:
         special_forms=SPECIAL_FORMS, functions=MappingProxyType(dict(functions)), not_yet=MappingProxyType({})
     )
     functions.update(library_models(words))
-    return Vocabulary(special_forms=SPECIAL_FORMS, functions=MappingProxyType(functions), not_yet=NOT_YET)
+    return Vocabulary(special_forms=SPECIAL_FORMS, functions=MappingProxyType(functions), not_yet=MappingProxyType({}))

@@ -159,3 +159,25 @@ def test_faults(code, form, blamed, words):
     assert fault.code.name == code, fault.message
     assert fault.place.text == blamed
     assert words in f"{fault.message} | {fault.hint}"
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        "(polyline ((0m 0m) (1m l) (2m 0m) (3m 2m)))",
+        "(spline ((0m 0) (1m l) (2m 0) (3m 2m)))",
+        "(spline ((0m 0m) (1m l) (2m 2m) (0m 3m)) :closed true)",
+        "(curve (s 0m 3m) [s (* l (sin (/ s 1m)))])",
+    ],
+)
+def test_curves_have_lengths(curve):
+    """Distances and places in metres; one in seconds is refused, with the two things that do not go together."""
+    text = (
+        f"(problem p (unknowns (l :init 1.5m)) (observe (= 1m (((extrema {curve} 2) 1) 2)) :sigma 1cm)"
+        f"(observe o (= 1m (curve-distance {curve} [1m 3m])) :sigma 1cm)"
+        f"(derive (d (curve-distance {curve} [2m 1m]))))"
+    )
+    assert mbm.loads(text).solve()["d"].unit == "m"
+    with pytest.raises(MbmError) as caught:
+        mbm.loads(text.replace("[1m 3m]", "[1s 3s]")).compile()
+    assert caught.value.diagnostics[0].code.name == "unit-clash"

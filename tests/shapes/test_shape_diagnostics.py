@@ -75,7 +75,6 @@ BODY = [
     ("wrong-kind", "(revolve (rectangular 1 1) 400deg)", "400deg", "up to 360deg"),
     ("wrong-kind", "(sweep (rectangular 1 1) 2)", "2", "a curve"),
     ("not-a-shape", "(extrude 5 2)", "5", "a number"),
-    ("not-available-yet", '(mesh "part.stl")', "mesh", "meshes"),
     ("wrong-arity", "(other)", "(other)", "no arguments"),
     ("unknown-name", "(p (trans (0 0 hight) (sphere 1)))", "hight", None),
 ]
@@ -132,6 +131,7 @@ PATHS = [
     ("wrong-kind", "(get-vertex-from-model 3 '(board (vertex 1)))", "3", "quoted"),
     ("wrong-kind", "(norm (line (desk 1) board 1))", "(line (desk 1) board 1)", "a line"),
     ("unknown-name", "(get-vertex-from-model '(dsk 1) '(board (vertex 1)))", "dsk", "did you mean `desk`?"),
+    ("damaged-mesh", '(vertex (mesh "part.step") 1)', '"part.step"', ".stl .obj .ply"),
     ("wrong-arity", "(vertex (desk 1))", "(vertex (desk 1))", "usage"),
     ("not-static", "(vertex (desk 1) board u)", "u", "unknown"),
     ("unknown-feature", '(feature (desk 1) "board/curve/1")', '"board/curve/1"', "it has no curve at all"),
