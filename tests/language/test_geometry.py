@@ -15,8 +15,8 @@ from mbm.language.limits import Limits
 from mbm.language.program import read_program
 from mbm.language.session import open_session
 from mbm.language.values import Array, Call, CameraValue
-from mbm.language.vocabulary.lines import FUNCTIONS
 from mbm.shapes.model import make_model
+from mbm.shapes.silhouettes import FUNCTIONS
 from mbm.shapes.vocabulary import vocabulary
 from mbm.text.reader import read
 from mbm.text.types import Source

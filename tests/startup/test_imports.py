@@ -14,6 +14,7 @@ from mbm.cli.group import COMMANDS
 from mbm.cli.main import run
 
 HEAVY = {"numpy", "scipy", "sympy", "casadi", "matplotlib", "pandas", "polars", "lark", "rich", "pint", "IPython"}
+HEAVY.add("shapely")
 """Whatever costs more than a few hundredths of a second, or is not needed by every command."""
 
 REPORT = """

@@ -170,6 +170,21 @@ def test_a_warm_solve_loads_nothing_that_compiles(backend: str, line: Path, cach
     assert not {name for name in modules if name.startswith(front)}
 
 
+def test_a_warm_silhouette_loads_shapely_and_nothing_that_compiles(tmp_path: Path, cache: Path) -> None:
+    file = tmp_path / "seen.mbm"
+    file.write_text(
+        "(problem seen (camera cam :focal 800) (unknowns (r :init 0.1))"
+        " (observe (= 9000 (area (silhouette cam (trans [0 0 2] (sphere r))))) :sigma 1))",
+        encoding="utf-8",
+    )
+    code = "from mbm.cli.main import run; answer = run(['solve', sys.argv[1], '--backend', 'numpy']); print()"
+    _loaded(code, file, cache)
+    status, modules = _loaded(code, file, cache)
+    assert status == 0
+    assert "shapely" in modules
+    assert not {name.partition(".")[0] for name in modules} & COMPILES
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_warm_start_through_python_loads_nothing_that_compiles(backend: str, line: Path, cache: Path) -> None:
     code = (

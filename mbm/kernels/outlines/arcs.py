@@ -92,7 +92,7 @@ def _edges(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Iterator[Arc 
     for sheet, places in figure.lines:
         count = 1 if figure.sheets[sheet].straight else BENT
         at = np.stack([np.linspace(0, 1, count + 1), np.zeros(count + 1)], axis=1)
-        inputs = np.broadcast_to(numbers[list(places)], (count + 1, len(places)))
+        inputs = np.broadcast_to(numbers[np.array(places, dtype=np.int64)], (count + 1, len(places)))
         every.append((at, surveyor.table(sheet, "geometry", at, inputs)))
     weights = [0] * len(every)
     for face in figure.faces:
@@ -107,7 +107,7 @@ def _edges(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Iterator[Arc 
         order = slice(None) if weight >= 0 else slice(None, None, -1)
         yield Arc(
             sheet=sheet,
-            places=np.array(places),
+            places=np.array(places, dtype=np.int64),
             fold=False,
             straight=figure.sheets[sheet].straight,
             weight=abs(weight),
@@ -123,7 +123,7 @@ def doubled_area(points: Floats) -> float:
 
 
 def _patch(surveyor: Surveyor, sheet: int, places: tuple[int, ...], numbers: Floats) -> _Patch | None:
-    own = np.array(places)
+    own = np.array(places, dtype=np.int64)
     inputs = numbers[own]
 
     def table(at: Floats) -> Floats:

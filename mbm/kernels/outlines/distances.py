@@ -17,7 +17,7 @@ from mbm.kernels.types import Floats
 from mbm.values import dataclass
 
 CHORDS = 4
-"""Parts that a chord of a curved arc is cut into for the search."""
+"""Parts that a span of a curved arc is cut into for the search."""
 
 _STEPS = 8
 
@@ -66,19 +66,13 @@ def _smooth(outline: Outline) -> NDArray[np.bool_]:
 
 def _nearest_chords(outline: Outline, points: Floats) -> tuple[Indices, Floats]:
     """The piece and the place on it whose chord is nearest to each point."""
-    pieces, firsts, lasts = [], [], []
-    for k, (arc, first, last) in enumerate(zip(outline.arc.tolist(), outline.first, outline.last, strict=True)):
-        if outline.arcs.straight[arc]:
-            bounds = np.array([first, last])
-        else:
-            inner = np.arange(np.floor(first) + 1, np.ceil(last))
-            knots = np.concatenate([[first], inner, [last]])
-            shares = np.arange(CHORDS) / CHORDS
-            bounds = np.append((knots[:-1, None] + np.diff(knots)[:, None] * shares).ravel(), last)
-        pieces.append(np.full(len(bounds) - 1, k))
-        firsts.append(bounds[:-1])
-        lasts.append(bounds[1:])
-    piece, first, last = (np.concatenate(each) for each in (pieces, firsts, lasts))
+    spans = outline.spans
+    parts = np.where(outline.arcs.straight[outline.arc[spans.piece]], 1, CHORDS)
+    own = np.repeat(np.arange(len(parts)), parts)
+    number = np.arange(len(own)) - np.repeat(np.cumsum(parts) - parts, parts)
+    length = (spans.last - spans.first) / parts
+    piece, first = spans.piece[own], spans.first[own] + number * length[own]
+    last = first + length[own]
     starts = outline.spots(outline.arc[piece], first).x
     ways = outline.spots(outline.arc[piece], last).x - starts
     if len(piece) <= 16:

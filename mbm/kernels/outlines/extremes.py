@@ -18,6 +18,9 @@ SIDES = {"left": (0, -1.0), "right": (0, 1.0), "least v": (1, -1.0), "greatest v
 MARGIN = 1e-2
 """Of the size: Gauss points within it of the best one may lie beside the true extreme."""
 
+SLACK = 1e-6
+"""Of a chord: a stationary point no farther beyond the end of its piece is taken to be there."""
+
 _STEPS = 12
 
 
@@ -34,7 +37,7 @@ def extreme(outline: Outline, side: str) -> Measured:
     for k in _peaks(piece, reach, best - MARGIN * size):
         if not outline.arcs.straight[outline.arc[piece[k]]]:
             refined = _refined(outline, spots, k, coordinate)
-            if refined is not None:
+            if refined is not None and _is_on(outline, int(piece[k]), refined.at[0]):
                 found.append((float(sign * refined.x[0, coordinate]), int(piece[k]), refined))
     _, own, spot = max(found, key=lambda each: each[0] + (1e-13 * size if each[2] is not None else 0.0))
     if spot is None:
@@ -73,6 +76,17 @@ def _refined(outline: Outline, spots: Spots, k: int, coordinate: int) -> Spots |
         return None
     x = _row(outline, arc, "geometry", at)[None, :2]
     return Spots(arc=one, at=at, x=x, way=spots.way[k : k + 1])
+
+
+def _is_on(outline: Outline, piece: int, at: Floats) -> bool:
+    """Whether parameters lie on a piece, not beyond its ends: by the nearest chord of its arc."""
+    arc = outline.arc[piece]
+    begin = outline.arcs.begin[arc]
+    nodes = outline.arcs.nodes[begin : begin + outline.arcs.chords[arc] + 1]
+    ways = np.diff(nodes, axis=0)
+    share = np.clip(np.sum((at - nodes[:-1]) * ways, axis=1) / np.sum(ways**2, axis=1), 0, 1)
+    nearest = int(np.argmin(np.linalg.norm(nodes[:-1] + share[:, None] * ways - at, axis=1)))
+    return bool(outline.first[piece] - SLACK <= nearest + share[nearest] <= outline.last[piece] + SLACK)
 
 
 def _way(outline: Outline, arc: int) -> Floats:

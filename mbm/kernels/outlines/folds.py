@@ -54,7 +54,7 @@ def folds_of(fold: Fold, at: tuple[Floats, Floats], values: Floats) -> Folds:
         [k for (kind, _, j), k in numbers.items() if kind == 0 and j == CELLS],
         [k for (kind, i, _), k in numbers.items() if kind == 1 and i == 0],
     )
-    bottom, right, top, left = (found[k] for k in sides)
+    bottom, right, top, left = (found[np.array(k, dtype=np.int64)] for k in sides)
     return Folds(lines=lines, zeros=(bottom[:, 0], right[:, 1], 1 - top[:, 0], 1 - left[:, 1]))
 
 

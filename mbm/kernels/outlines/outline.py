@@ -23,7 +23,10 @@ Indices = NDArray[np.int64]
 PARALLEL = 1e-6
 """Sine of the angle below which two pieces go on into each other without a corner."""
 
-_FOLD_STEPS, _CROSSING_STEPS = 4, 6
+TURN = 0.5
+"""Angle in rad; six Gauss points of such a span leave some 1e-10 of its length."""
+
+_FOLD_STEPS, _CROSSING_STEPS, _HALVINGS = 4, 6, 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,6 +77,15 @@ def _table(arcs: tuple[Arc, ...]) -> ArcTable:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spans:
+    """Parts of pieces, each within one chord of the arc, along which the outline turns by no more than `TURN`."""
+
+    piece: Indices
+    first: Floats
+    last: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outline:
     """``arc``, ``first``, ``last`` (pieces,); ``following[k]`` is the piece after piece k on its ring."""
 
@@ -84,6 +96,7 @@ class Outline:
     first: Floats
     last: Floats
     following: Indices
+    spans: Spans = field(repr=False)
 
     def spots(self, arc: Indices, places: Floats) -> Spots:
         """The points at ``places`` (chord and fraction) of arcs."""
@@ -171,19 +184,19 @@ class Outline:
         return self.spots(self.arc, self.first), self.spots(self.arc, self.last)
 
     def stations(self, order: int) -> tuple[Indices, Spots, Floats]:
-        """Gauss points of all pieces, chord by chord: the pieces, the points, weights for the fraction of the chord."""
-        piece, places, weights = [], [], []
-        for k, (arc, first, last) in enumerate(zip(self.arc.tolist(), self.first, self.last, strict=True)):
-            nodes, shares = np.polynomial.legendre.leggauss(2 if self.arcs.straight[arc] else order)
-            inner = np.arange(np.floor(first) + 1, np.ceil(last))
-            bounds = np.concatenate([[first], inner, [last]])
-            half = np.diff(bounds)[:, None] / 2
-            found = (bounds[:-1, None] + half + half * nodes).ravel()
-            places.append(found)
+        """Gauss points of all spans: their pieces, the points, and weights for the fraction of the chord."""
+        pieces, places, weights = [], [], []
+        for straight, count in ((True, 2), (False, order)):
+            own = self.arcs.straight[self.arc[self.spans.piece]] == straight
+            nodes, shares = np.polynomial.legendre.leggauss(count)
+            half = (self.spans.last - self.spans.first)[own, None] / 2
+            places.append((self.spans.first[own, None] + half + half * nodes).ravel())
             weights.append((half * shares).ravel())
-            piece.append(np.full(len(found), k))
-        pieces = np.concatenate(piece)
-        return pieces, self.spots(self.arc[pieces], np.concatenate(places)), np.concatenate(weights)
+            pieces.append(np.repeat(self.spans.piece[own], count))
+        piece, place = np.concatenate(pieces), np.concatenate(places)
+        order_of = np.lexsort((place, piece))
+        piece, place = piece[order_of], place[order_of]
+        return piece, self.spots(self.arc[piece], place), np.concatenate(weights)[order_of]
 
 
 def outline_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Outline | None:
@@ -204,8 +217,35 @@ def outline_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Outline |
         first=np.array([stretch.first for stretch in pieces]),
         last=np.array([stretch.last for stretch in pieces]),
         following=following,
+        spans=Spans(piece=np.zeros(0, dtype=np.int64), first=np.zeros(0), last=np.zeros(0)),
     )
-    return _crossed(drafted)
+    crossed = _crossed(drafted)
+    return replace(crossed, spans=_spans(crossed))
+
+
+def _spans(outline: Outline) -> Spans:
+    """Chord by chord, and halved where the outline turns much: at the tips of a disk that is seen nearly edge on."""
+    pieces, bounds = [], []
+    for k, (arc, first, last) in enumerate(zip(outline.arc.tolist(), outline.first, outline.last, strict=True)):
+        inner = np.arange(np.floor(first) + 1, np.ceil(last)) if not outline.arcs.straight[arc] else np.zeros(0)
+        knots = np.concatenate([[first], inner, [last]])
+        bounds.append(np.stack([knots[:-1], knots[1:]]))
+        pieces.append(np.full(len(knots) - 1, k))
+    piece, (first, last) = np.concatenate(pieces), np.concatenate(bounds, axis=1)
+    done: list[tuple[Indices, Floats, Floats]] = []
+    for _ in range(_HALVINGS):
+        ways = [outline.spots(outline.arc[piece], place).way for place in (first, last)]
+        across = ways[0][:, 0] * ways[1][:, 1] - ways[0][:, 1] * ways[1][:, 0]
+        turning = np.abs(np.arctan2(across, np.sum(ways[0] * ways[1], axis=1))) > TURN
+        done.append((piece[~turning], first[~turning], last[~turning]))
+        middle = (first[turning] + last[turning]) / 2
+        piece = np.repeat(piece[turning], 2)
+        first, last = (np.stack(each, axis=1).ravel() for each in ((first[turning], middle), (middle, last[turning])))
+        if not len(piece):
+            break
+    piece, first, last = (np.concatenate(each) for each in zip(*done, (piece, first, last), strict=True))
+    order = np.lexsort((first, piece))
+    return Spans(piece=piece[order], first=first[order], last=last[order])
 
 
 def _following(counts: Sequence[int]) -> list[Indices]:
