@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -65,12 +65,6 @@ class _Seen:
         """Points that are to be relied on."""
         return 0 if self.found is None else int(self.found.fitted.good.sum())
 
-    def part(self) -> Part:
-        """The rows of the table that are from this photograph."""
-        numbers = row_numbers(1, self.rows)
-        source = Provenance(path=self.path, sha256=self.sha256, rows=self.rows, file_rows=numbers)
-        return Part(provenance=source, rows=numbers)
-
     @property
     def left_out(self) -> int:
         """Points that were found but could not be refined."""
@@ -83,8 +77,8 @@ def plane(columns: int, rows: int, size: float) -> Floats:
     return np.column_stack([x, y, np.zeros(len(x))])
 
 
-def read_image(path: Path) -> tuple[Grey, str]:
-    """An image and the SHA-256 digest of its file; what it takes is worked out from its header.
+def read_image(path: Path, per_pixel: int = PER_PIXEL) -> tuple[Grey, str]:
+    """An image and the SHA-256 digest of its file; what it takes is worked out from its header, in bytes for a pixel.
 
     Raises MbmError as ``read_bytes`` does, and not-an-image, damaged-image, too-much-memory, missing-extra.
     """
@@ -92,8 +86,30 @@ def read_image(path: Path) -> tuple[Grey, str]:
     shown = path.as_posix()
     place = DataPlace(file=shown)
     width, height = size_of(content, shown)
-    check_memory(PER_PIXEL * width * height, faults.pixels_of(shown, width, height), place)
+    check_memory(per_pixel * width * height, faults.pixels_of(shown, width, height), place)
     return decoded(content, place), digest
+
+
+def part_of(path: str, digest: str, rows: int) -> Part:
+    """The rows of a table that are from one image, none if it was only looked at."""
+    numbers = row_numbers(1, rows)
+    return Part(provenance=Provenance(path=path, sha256=digest, rows=rows, file_rows=numbers), rows=numbers)
+
+
+def table_of(
+    shown: str, columns: Iterable[Column], parts: Sequence[Part], remarks: tuple[Diagnostic, ...] = ()
+) -> RawTable:
+    """A table whose rows are from images, in this order; ``shown`` is the path or pattern that means them."""
+    file_rows = np.concatenate([part.rows for part in parts])
+    file_rows.setflags(write=False)
+    return RawTable(
+        path=shown,
+        sha256=None,
+        columns=tuple(columns),
+        file_rows=file_rows,
+        parts=tuple(parts),
+        remarks=remarks,
+    )
 
 
 def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable:
@@ -106,18 +122,9 @@ def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable
     without = [each.name for each in seen if each.found is None]
     if len(without) == len(seen):
         raise MbmError(faults.no_board(place, board.words, len(seen)))
-    parts = tuple(each.part() for each in seen)
-    file_rows = np.concatenate([part.rows for part in parts])
-    file_rows.setflags(write=False)
-    return RawTable(
-        path=shown,
-        sha256=None,
-        columns=tuple(_columns(seen, board)),
-        file_rows=file_rows,
-        groups={"covariance": GROUP},
-        parts=parts,
-        remarks=tuple(_remarks(seen, without, board, place)),
-    )
+    parts = [part_of(each.path, each.sha256, each.rows) for each in seen]
+    table = table_of(shown, _columns(seen, board), parts, tuple(_remarks(seen, without, board, place)))
+    return replace(table, groups={"covariance": GROUP})
 
 
 def _seen(name: str, path: Path, board: Board) -> _Seen:
