@@ -12,7 +12,7 @@ from mbm.data.readers import READERS
 from problems.reference.photographs import exposed, small_pixels
 from tests.images.rendering import noisy, save
 
-WIDTH, HEIGHT, SAMPLES, BLUR = 320, 240, 5, 0.7
+WIDTH, HEIGHT, SAMPLES, BLUR = 320, 240, 4, 0.7
 U, V = small_pixels(WIDTH, HEIGHT, SAMPLES)
 DARK, BRIGHT = 60.0, 180.0
 
@@ -186,6 +186,7 @@ def test_pixels_of_an_image_are_a_table(tmp_path):
     found = READERS["image"].read({"a": tmp_path / "a.png", "b": tmp_path / "b.pgm"}, "*", {})
     columns = {column.name: column.numbers if column.texts is None else column.texts for column in found.columns}
     assert columns["photo"] == (*"aaaaaa", "b")
+    assert columns["shot"] == (*["a.png"] * 6, "b.pgm")  # of the pattern `*`
     assert columns["u"].tolist() == [0, 1, 2, 0, 1, 2, 0]
     assert columns["v"].tolist() == [0, 0, 0, 1, 1, 1, 0]
     assert columns["grey"].tolist() == [1, 2, 3, 4, 5, 250, 9]

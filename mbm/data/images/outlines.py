@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mbm.data.cells import frozen
 from mbm.data.images import faults
-from mbm.data.images.photographs import PER_PIXEL, PHOTO, part_of, read_image, table_of
+from mbm.data.images.photographs import PER_PIXEL, named, part_of, read_image, table_of
 from mbm.data.types import RawTable
 from mbm.problem.tables import Column
 from mbm.text.types import DataPlace, MbmError
@@ -67,7 +67,7 @@ def read_outlines(paths: Mapping[str, Path], shown: str, wanted: Wanted) -> RawT
         raise MbmError(faults.no_object(place, without))
     parts = [part_of(each.path, each.sha256, each.rows) for each in seen] + parts
     remarks = (faults.object_left_out(place, without, len(seen)),) if without else ()
-    return table_of(shown, _columns(seen), parts, remarks)
+    return table_of(shown, _columns(shown, seen), parts, remarks)
 
 
 def _seen(name: str, path: Path, background: Grey | None, wanted: Wanted) -> _Seen:
@@ -100,7 +100,7 @@ def _difference(image: Grey, background: Grey, path: str, wanted: Wanted) -> NDA
     return np.subtract(image, background, dtype=np.int16)
 
 
-def _columns(seen: Sequence[_Seen]) -> Iterator[Column]:
+def _columns(shown: str, seen: Sequence[_Seen]) -> Iterator[Column]:
     """``n`` counts all points of an image, those that were left out too: so neighbours have neighbouring numbers."""
     shows = [each for each in seen if each.edges]
     kept = [np.concatenate([edge.good for edge in each.edges]) for each in shows]
@@ -110,7 +110,7 @@ def _columns(seen: Sequence[_Seen]) -> Iterator[Column]:
     points = np.concatenate([edge.points for edge in edges])[good]
     variances = np.concatenate([edge.covariances[:, 0, 0] for edge in edges])[good]
     numbers = np.concatenate([np.arange(1.0, len(each) + 1) for each in kept])[good]
-    yield Column(name=PHOTO, texts=tuple(each.name for each in shows for _ in range(each.rows)))
+    yield from named(shown, ((each.name, each.path, each.rows) for each in seen))
     yield Column(name="contour", numbers=frozen(np.array(places, dtype=np.float64)[good]))
     yield Column(name="n", numbers=frozen(numbers))
     for name, values in zip(("u", "v"), points.T, strict=True):

@@ -17,6 +17,7 @@ from mbm.data.images import faults
 from mbm.data.images.header import size_of
 from mbm.data.images.opencv import decoded
 from mbm.data.types import RawTable
+from mbm.data.union.patterns import shot_of
 from mbm.files.memory import check_memory
 from mbm.problem.tables import Column, ColumnGroup, Part, Provenance
 from mbm.text.types import DataPlace, Diagnostic, MbmError
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 
 PHOTO = "photo"
 """The column that names the photograph: the name of its file without folder and ending."""
+
+SHOT = "shot"
+"""The column that names what several cameras have in common: what ``*`` and ``?`` stand for in the file's name."""
 
 UNITS = MappingProxyType({"u": "px", "v": "px", "sigma": "px"})
 LENGTHS = ("x", "y", "z")
@@ -96,6 +100,13 @@ def part_of(path: str, digest: str, rows: int) -> Part:
     return Part(provenance=Provenance(path=path, sha256=digest, rows=rows, file_rows=numbers), rows=numbers)
 
 
+def named(shown: str, images: Iterable[tuple[str, str, int]]) -> Iterator[Column]:
+    """The columns that tell rows by their images: of each its name, its path, and how many rows it has."""
+    found = [(name, shot_of(shown, Path(path)), rows) for name, path, rows in images]
+    yield Column(name=PHOTO, texts=tuple(name for name, _, rows in found for _ in range(rows)))
+    yield Column(name=SHOT, texts=tuple(shot for _, shot, rows in found for _ in range(rows)))
+
+
 def table_of(
     shown: str, columns: Iterable[Column], parts: Sequence[Part], remarks: tuple[Diagnostic, ...] = ()
 ) -> RawTable:
@@ -123,7 +134,7 @@ def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable
     if len(without) == len(seen):
         raise MbmError(faults.no_board(place, board.words, len(seen)))
     parts = [part_of(each.path, each.sha256, each.rows) for each in seen]
-    table = table_of(shown, _columns(seen, board), parts, tuple(_remarks(seen, without, board, place)))
+    table = table_of(shown, _columns(shown, seen, board), parts, tuple(_remarks(seen, without, board, place)))
     return replace(table, groups={"covariance": GROUP})
 
 
@@ -135,14 +146,13 @@ def _seen(name: str, path: Path, board: Board) -> _Seen:
     return _Seen(name=name, path=path.as_posix(), sha256=digest, found=found)
 
 
-def _columns(seen: Sequence[_Seen], board: Board) -> Iterator[Column]:
-    shows = [(each.name, each.found) for each in seen if each.found is not None]
-    good = [found.fitted.good for _, found in shows]
-    numbers = np.concatenate([found.numbers[kept] for (_, found), kept in zip(shows, good, strict=True)])
-    points = np.concatenate([found.fitted.points[kept] for (_, found), kept in zip(shows, good, strict=True)])
-    spread = np.concatenate([found.fitted.covariances[kept] for (_, found), kept in zip(shows, good, strict=True)])
-    names = [name for (name, _), kept in zip(shows, good, strict=True) for _ in range(int(kept.sum()))]
-    yield Column(name=PHOTO, texts=tuple(names))
+def _columns(shown: str, seen: Sequence[_Seen], board: Board) -> Iterator[Column]:
+    shows = [each.found for each in seen if each.found is not None]
+    good = [found.fitted.good for found in shows]
+    numbers = np.concatenate([found.numbers[kept] for found, kept in zip(shows, good, strict=True)])
+    points = np.concatenate([found.fitted.points[kept] for found, kept in zip(shows, good, strict=True)])
+    spread = np.concatenate([found.fitted.covariances[kept] for found, kept in zip(shows, good, strict=True)])
+    yield from named(shown, ((each.name, each.path, each.rows) for each in seen))
     yield Column(name="corner", numbers=frozen(numbers))
     for name, values in board.more.items():
         yield Column(name=name, numbers=frozen(values[numbers - 1]))

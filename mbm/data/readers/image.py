@@ -9,12 +9,12 @@ import numpy as np
 
 from mbm.data.cells import frozen
 from mbm.data.images.header import EXTENSIONS
-from mbm.data.images.photographs import PHOTO, part_of, read_image, table_of
+from mbm.data.images.photographs import named, part_of, read_image, table_of
 from mbm.data.types import ImageReader, RawTable
 from mbm.problem.tables import Column, Format
 
-PER_ROW = 64
-"""Bytes for a pixel: three columns of numbers, one of texts, its row in the file, and room to make them."""
+PER_ROW = 72
+"""Bytes for a pixel: three columns of numbers, two of texts, its row in the file, and room to make them."""
 
 
 def read(paths: Mapping[str, Path], shown: str, arguments: Mapping[str, float | str]) -> RawTable:
@@ -28,8 +28,7 @@ def read(paths: Mapping[str, Path], shown: str, arguments: Mapping[str, float | 
     places = [np.mgrid[:height, :width].reshape(2, -1).astype(np.float64) for height, width in sizes]
     down, across = np.concatenate(places, axis=1)
     grey = np.concatenate([image.ravel() for image, _ in found.values()]).astype(np.float64)
-    names = tuple(name for name, (image, _) in found.items() for _ in range(image.size))
-    columns = [Column(name=PHOTO, texts=names)]
+    columns = [*named(shown, ((name, paths[name].as_posix(), image.size) for name, (image, _) in found.items()))]
     for name, values in (("u", across), ("v", down), ("grey", grey)):
         columns.append(Column(name=name, numbers=frozen(values)))
     parts = [part_of(paths[name].as_posix(), digest, image.size) for name, (image, digest) in found.items()]
