@@ -206,6 +206,24 @@ def photographs(axes: Axes) -> None:
     axes.set(xlabel="u (px)", ylabel="v (px), residuals × 1,000")
 
 
+def outline(axes: Axes) -> None:
+    """The image with the points that were measured, and how far they are from the circles, enlarged."""
+    found = solve("outline", "outline")
+    image = HERE / "outline" / "ring.png"
+    clause = {"holes": "true", "every": 4.0}
+    table = {c.name: c.numbers for c in READERS["contour"].read({"ring": image}, "ring.png", clause).columns}
+    axes.imshow(plt.imread(image), cmap="gray", vmin=0, vmax=1)
+    for number, name, colour in ((1, "outside", BLUE), (2, "inside", ORANGE)):
+        points = np.column_stack([table["u"], table["v"]])[table["contour"] == number]
+        centre = found["a" if number == 1 else "b"].value
+        ways = (points - centre) / np.linalg.norm(points - centre, axis=1)[:, None]
+        left = np.array([r.value for r in found.residuals(name) if r.value is not None])
+        axes.plot(*points.T, ".", ms=3, color=colour)
+        axes.plot(*(points - 100 * left[:, None] * ways).T, "-", lw=1, color=colour)
+        axes.plot(*centre, "+", color=colour)
+    axes.set(xlabel="u (px)", ylabel="v (px), residuals × 100")
+
+
 def walk(axes: Axes) -> None:
     """Positions on the map, and the end of each window as laid onto it."""
     seen = rows("walk", "ble.csv")
@@ -382,6 +400,7 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
         desk_as_printed,
         echoes,
         loop,
+        outline,
         photographs,
         rim,
         shoulder,

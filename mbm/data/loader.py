@@ -28,7 +28,7 @@ from mbm.files.faults import too_many_files, unreadable_file
 from mbm.files.journal import note, table_role
 from mbm.files.memory import PER_VALUE, check_memory, largest_file
 from mbm.files.reading import check_ordinary
-from mbm.problem.tables import EXTERNAL, Column, Table, TableDeclaration
+from mbm.problem.tables import EXTERNAL, ArgumentKind, Column, Table, TableDeclaration
 from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.types import Diagnostic, Label, MbmError, Span
 from mbm.values import dataclass
@@ -255,9 +255,10 @@ def _read(reader: AnyReader, base: Path, path: str, declaration: TableDeclaratio
         _check_confined(whole.parent, declaration, sources)
     files = matching(base, path, declaration.span)
     if isinstance(reader, ImageReader):
+        arguments = {**dict(declaration.arguments), **_named(reader, declaration, sources)}
         for file in files.values():
             _check_file(file, declaration, sources)
-        return reader.read(files, whole.as_posix(), dict(declaration.arguments))
+        return reader.read(files, whole.as_posix(), arguments)
     if not pattern:
         return _read_file(reader, whole, declaration, sources)
     pieces, taken = [], 0
@@ -266,6 +267,19 @@ def _read(reader: AnyReader, base: Path, path: str, declaration: TableDeclaratio
         taken += _size(pieces[-1].columns.values(), len(pieces[-1].rows))
         check_memory(taken * TABLES_SHARE, f"a table of {len(pieces)} files or more", declaration.span)
     return united(whole.as_posix(), pieces)
+
+
+def _named(reader: ImageReader, declaration: TableDeclaration, sources: _Sources) -> dict[str, str]:
+    """The files that arguments of a data clause name, as messages shall print them."""
+    kinds = {argument.name: argument.kind for argument in reader.format.arguments}
+    found = {}
+    for name, value in declaration.arguments:
+        if kinds.get(name) is ArgumentKind.FILE:
+            file = sources.base / str(value)
+            note(file, table_role(declaration.name))
+            _check_file(file, declaration, sources)
+            found[name] = file.as_posix()
+    return found
 
 
 def _read_file(reader: Reader | ManyReader, path: Path, declaration: TableDeclaration, sources: _Sources) -> RawTable:

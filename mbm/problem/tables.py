@@ -79,32 +79,29 @@ class InlineTable:
 
 
 class ArgumentKind(StrEnum):
-    """What an argument of a source is: a whole number, a positive length or number in SI, or a text."""
+    """What an argument of a source is: a whole number, a positive length in SI, a number, a word, or a path."""
 
     COUNT = "a whole number"
     LENGTH = "a length"
     NUMBER = "a number"
-    TEXT = "a text"
+    WORD = "a word"
+    FILE = "a path"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Argument:
-    """What a source takes behind its path: by position, or as ``:name value`` where there is a ``default``.
+    """What a source takes behind its path: by position, or as ``:name value`` where it is not ``required``.
 
-    Numbers lie between ``least`` and ``most``; a text is one of ``choices``, where there are any.
+    Numbers lie between ``least`` and ``most``; a word is one of ``choices``.
     """
 
     name: str
     kind: ArgumentKind
+    required: bool = True
     default: float | str | None = None
     least: float = 0.0
     most: float = float("inf")
     choices: tuple[str, ...] = ()
-
-    @property
-    def required(self) -> bool:
-        """Whether it must be given."""
-        return self.default is None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from mbm.data.union.patterns import matching
+from mbm.data.union.patterns import matching, shot_of
 from mbm.text.types import MbmError, Source, Span
 
 PLACE = Span(source=Source(name="p.mbm", text="(data d)"), start=0, end=8)
@@ -47,3 +49,19 @@ def test_many_stars_take_no_longer_than_few(tmp_path):
     with pytest.raises(MbmError) as caught:
         names(tmp_path, "*a" * 100 + "*b")
     assert caught.value.diagnostics[0].code.name == "no-match"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "shot"),
+    [
+        ("left*.jpg", "left07.jpg", "07"),
+        ("folder/right??.*", "right07.jpg", "07.jpg"),
+        ("*", "a.png", "a.png"),
+        ("a*b*.png", "a1b2.png", "1b2"),
+        ("left*.jpg", "left.jpg", "left"),
+        ("left01.jpg", "left01.jpg", "left01"),
+        ("a*" * 100, "a" * 100, "a" * 99),
+    ],
+)
+def test_a_shot_is_what_the_signs_stand_for(pattern, name, shot):
+    assert shot_of(pattern, Path("elsewhere", name)) == shot

@@ -50,7 +50,7 @@ def rendered(
     *,
     camera: np.ndarray = CAMERA,
     shape: tuple[int, int] = SHAPE,
-    samples: int = 6,
+    samples: int = 4,
     blur: float = 0.7,
 ) -> np.ndarray:
     """The image without noise: blurred by ``blur`` px, means over samples × samples small pixels in each pixel."""

@@ -54,6 +54,8 @@ def test_corners_are_found_in_order_to_a_fraction_of_a_pixel(tmp_path):
     table = read(*paths)
     photo = next(column.texts for column in table.columns if column.name == "photo")
     assert photo == tuple(path.stem for path in paths for _ in range(COLUMNS * ROWS))
+    shot = next(column.texts for column in table.columns if column.name == "shot")
+    assert shot == tuple(path.stem.removeprefix("board") for path in paths for _ in range(COLUMNS * ROWS))
     np.testing.assert_array_equal(numbers(table, "corner")[:, 0], np.tile(np.arange(1, COLUMNS * ROWS + 1), 12))
     np.testing.assert_allclose(numbers(table, "x", "y", "z"), np.tile(corners(COLUMNS, ROWS), (12, 1)), atol=1e-15)
     away = np.abs(numbers(table, "u", "v") - np.concatenate(truth))

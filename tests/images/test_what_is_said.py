@@ -16,6 +16,7 @@ from tests.images.rendering import chessboard, corners, middle_of, projected, re
 
 TURN = Rotation.from_euler("xyz", [0.3, -0.2, 0.4])
 SOURCE = '(chessboard "*.png" 7 4 25mm)'
+SOURCES = (SOURCE, '(contour "*.png")', '(contour "*.png" :background "broken.png")', '(image "*.png")')
 
 
 @pytest.fixture
@@ -48,6 +49,20 @@ def fault(folder, source=SOURCE, sandbox=None):
         ('(chessboard "*.png" 7 4 "a")', "wrong-kind", "a length for `size`"),
         ('(chessboard "*.png" 7 4 25mm :size 3)', "bad-form", ":size"),
         ('(chessboard "*.png" 7 4 25mm) :columns ((x :unit mm))', "mixed-units", "x"),
+        ("(contour)", "bad-form", '(contour "path" [:threshold number] [:object dark|bright] [:background "path"]'),
+        ('(contour "*.png" 90)', "bad-form", "takes a path or pattern of paths"),
+        ('(contour "*.png" :threshold -1)', "wrong-kind", "a number for `threshold` from 0 to 255"),
+        ('(contour "*.png" :threshold 1e9)', "wrong-kind", "from 0 to 255"),
+        ('(contour "*.png" :threshold 3mm)', "wrong-kind", "a number for `threshold`"),
+        ('(contour "*.png" :threshold "a")', "wrong-kind", "a number for `threshold`"),
+        ('(contour "*.png" :object grey)', "wrong-kind", "`dark` or `bright` for `object`"),
+        ('(contour "*.png" :holes 1)', "wrong-kind", "`true` or `false` for `holes`"),
+        ('(contour "*.png" :every 1)', "wrong-kind", "a number for `every` from 2 to 1000"),
+        ('(contour "*.png" :every 1e9)', "wrong-kind", "from 2 to 1000"),
+        ('(contour "*.png" :background empty)', "wrong-kind", "a path for `background`"),
+        ('(contour "*.png" :blur 3)', "bad-form", ":blur"),
+        ('(image "a.png" "b.png")', "bad-form", "`image` takes one path"),
+        ("(image)", "bad-form", '(image "path")'),
     ],
 )
 def test_arguments_are_checked_at_their_places(source, code, words, tmp_path):
@@ -150,14 +165,15 @@ BROKEN = {
 }
 
 
+@pytest.mark.parametrize("source", SOURCES)
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_image_is_named(name, board, tmp_path, capfd):
+def test_a_broken_image_is_named(name, source, board, tmp_path, capfd):
     made, code = BROKEN[name]
     content = made(lambda ending: encoded(board, ending, tmp_path))
     folder = tmp_path / "folder"
     folder.mkdir()
     (folder / "broken.png").write_bytes(content)
-    found = fault(folder)
+    found = fault(folder, source)
     assert found.code.name == code
     assert isinstance(found.place, DataPlace)
     assert found.place.file.endswith("broken.png")
@@ -182,10 +198,11 @@ def test_no_change_of_a_byte_ends_the_process(board, tmp_path):
                 assert image.dtype == np.uint8
 
 
-def test_memory_bounds_the_size_of_images(board, tmp_path, monkeypatch):
+@pytest.mark.parametrize("source", SOURCES[:2] + SOURCES[3:])
+def test_memory_bounds_the_size_of_images(source, board, tmp_path, monkeypatch):
     save(tmp_path / "a.png", board)
     monkeypatch.setenv("MBM_MEMORY", "400KB")
-    found = fault(tmp_path)
+    found = fault(tmp_path, source)
     assert found.code.name == "too-much-memory"
     assert "320 × 240 pixels" in found.message
 
@@ -206,6 +223,20 @@ def test_links_out_of_the_sandbox_are_refused(board, tmp_path):
     assert fault(inside, sandbox=inside).code.name == "outside-sandbox"
     assert fault(inside, '(chessboard "../*.png" 7 4 25mm)', sandbox=inside).code.name == "outside-sandbox"
     assert fault(inside, '(chessboard "../gone/*.png" 7 4 25mm)', sandbox=inside).code.name == "outside-sandbox"
+
+
+def test_a_background_is_looked_for_where_images_are(board, tmp_path):
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    save(inside / "a.png", board)
+    found = fault(inside, '(contour "a.png" :background "gone.png")')
+    assert (found.code.name, isinstance(found.place, Span)) == ("missing-file", True)
+    save(tmp_path / "b.png", board)
+    assert fault(inside, '(contour "a.png" :background "../b.png")', sandbox=inside).code.name == "outside-sandbox"
+    (inside / "b.png").symlink_to(tmp_path / "b.png")
+    assert fault(inside, '(contour "a.png" :background "b.png")', sandbox=inside).code.name == "outside-sandbox"
+    (inside / "c.png").mkdir()
+    assert fault(inside, '(contour "a.png" :background "c.png")').code.name == "not-a-file"
 
 
 def test_without_opencv_the_extra_is_named(board, tmp_path, monkeypatch):

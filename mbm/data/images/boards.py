@@ -14,9 +14,6 @@ from mbm.data.images.fitting import Fitted, Floats, Grey, Patches, Pattern, fit
 from mbm.data.images.orientation import oriented
 from mbm.values import dataclass
 
-SEARCHED = 1200
-"""Pixels of the longer side of the image in which a board is looked for: a larger one is halved until it fits."""
-
 LARGEST_PATCH, SMALLEST_PATCH = 8.0, 2.5
 """Radii of patches in px: lenses bend the edges of larger ones, smaller ones have too few pixels."""
 
@@ -30,14 +27,6 @@ class Found:
 
     numbers: NDArray[np.int64]
     fitted: Fitted
-
-
-def pyramid(image: Grey) -> list[Grey]:
-    """The image, and copies at half the size each, down to one that is no longer than `SEARCHED`."""
-    levels = [image]
-    while max(levels[-1].shape) > SEARCHED:
-        levels.append(opencv.halved(levels[-1]))
-    return levels
 
 
 def refined(levels: list[Grey], points: Floats, prepared: Callable[[Floats], Patches], pattern: Pattern) -> Fitted:
@@ -61,7 +50,7 @@ def refined(levels: list[Grey], points: Floats, prepared: Callable[[Floats], Pat
 
 def chessboard(image: Grey, columns: int, rows: int) -> Found | None:
     """The inner corners of a chessboard, or None where there is none."""
-    levels = pyramid(image)
+    levels = opencv.pyramid(image)
     points = opencv.chessboard(levels[-1], columns, rows)
     grid = None if points is None else oriented(levels[-1], points, columns, rows)
     if grid is None:

@@ -35,6 +35,23 @@ POINTS_LEFT_OUT = Code(
     "Usually they are at the border of the image, hidden in part, or blurred. Nothing is wrong with the others.",
 )
 
+NO_OBJECT = Code(
+    "no-object",
+    "No isolated object stands out in any of the images of a data clause, or not one alone.",
+    "`:threshold` says from which grey value on, `:object dark` or `bright` on which side, `:background` what the scene"
+    " looks like without the object. The object must be whole in the image, and alone.",
+)
+OBJECT_LEFT_OUT = Code(
+    "object-left-out",
+    "In some of the images no isolated object stands out, or not one alone; they give no rows.",
+    "Usually it is cut by the border, or something else is seen. Nothing is wrong with the others.",
+)
+OTHER_SIZE = Code(
+    "other-size",
+    "An image and its background have different sizes.",
+    "The background is a photograph of the same camera, from the same place, without the object.",
+)
+
 
 def not_an_image(place: DataPlace, kinds: str) -> Diagnostic:
     """The content of a file begins as that of no known kind of images does."""
@@ -76,6 +93,33 @@ def points_left_out(place: DataPlace, counts: Sequence[tuple[str, int]]) -> Diag
     names = [f"{name} ({count})" for name, count in counts]
     message = f"{total:,} points of the board could not be refined and give no rows: {_listed(names)}"
     return Diagnostic(code=POINTS_LEFT_OUT, message=message, place=place, severity=Severity.WARNING)
+
+
+def no_object(place: DataPlace, reasons: Sequence[tuple[str, str]]) -> Diagnostic:
+    """Why there is no object, by the names of all images."""
+    said = reasons[0][1] if len(reasons) == 1 else _listed([f"{name} ({reason})" for name, reason in reasons])
+    return Diagnostic(
+        code=NO_OBJECT,
+        message=f"no isolated object was found in `{shown(place.file)}`: {said}",
+        place=place,
+        hint="look at the image; `:threshold`, `:object` and `:background` say what the object is",
+    )
+
+
+def object_left_out(place: DataPlace, reasons: Sequence[tuple[str, str]], images: int) -> Diagnostic:
+    """Why some of so many images show no object."""
+    said = _listed([f"{name} ({reason})" for name, reason in reasons])
+    message = f"no isolated object was found in {len(reasons):,} of {images:,} images, which give no rows: {said}"
+    return Diagnostic(code=OBJECT_LEFT_OUT, message=message, place=place, severity=Severity.WARNING)
+
+
+def other_size(place: DataPlace, size: tuple[int, int], background: str, other: tuple[int, int]) -> Diagnostic:
+    """Sizes are (height, width)."""
+    message = (
+        f"the image `{shown(place.file)}` has {size[1]:,} × {size[0]:,} pixels,"
+        f" its background `{shown(background)}` {other[1]:,} × {other[0]:,}"
+    )
+    return Diagnostic(code=OTHER_SIZE, message=message, place=place, hint="they must be of one size")
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""What points of boards look like in an image, and the derivatives of that.
+"""What points of boards and of outlines look like in an image, and the derivatives of that.
 
 The image of an ideal pattern is blurred by a normal distribution of s px in each direction, which stands for the lens
 and for the pixels, each of which takes the mean over its square.
@@ -48,6 +48,15 @@ def crossing(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, 
     by_place = by_a[:, :, None] * a_place + by_b[:, :, None] * b_place
     by_shape = np.stack([by_a * a_turned + turned, by_b * b_turned - turned, -a * by_a - b * by_b], axis=2)
     return np.asarray(value), by_place, by_shape
+
+
+def edge(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+    """An edge along x: erf(d/√2 s). Parameters (n, 2): how far it is turned from x (rad), ln s."""
+    turn, blur = parameters.T[:, :, None]
+    distance, turned, place = _distance(turn, blur, x, y)
+    slope = _SLOPE * np.exp(-distance * distance / 2)
+    by_shape = np.stack([slope * turned, -slope * distance], axis=2)
+    return np.asarray(erf(distance / _ROOT)), slope[:, :, None] * place[:, :, 1:], by_shape
 
 
 def _distance(angle: Floats, blur: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:

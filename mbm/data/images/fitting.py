@@ -2,9 +2,10 @@
 
 The grey value of a pixel at p is b₀ + b₁x + b₂y + c·f(p − q) plus noise: the background, its slope, the contrast, and a
 pattern f about the point q that is sought. What else describes the pattern, such as the directions of its edges and
-the blur, is estimated with q by least squares (Levenberg and Marquardt), all patches of an image at once. The
-covariance of q is that of least squares, s² (JᵀJ)⁻¹ with s² = Σr²/(n − k): Σ∇I∇Iᵀ of the patch, less what the other
-parameters take of it, and the noise that this patch has.
+the blur, is estimated with q by least squares (Levenberg and Marquardt), all patches of an image at once. Of a point
+on an edge only the place across it is sought. The covariance of q is
+that of least squares, s² (JᵀJ)⁻¹ with s² = Σr²/(n − k): Σ∇I∇Iᵀ of the patch, less what the other parameters take of
+it, and the noise that this patch has.
 
 Sources: W. Förstner and E. Gülch, "A fast operator for detection and precise location of distinct points, corners and
 centres of circular features" (1987), for s² (Σ∇I∇Iᵀ)⁻¹; the pattern of an edge is a step blurred by a normal
@@ -25,9 +26,12 @@ Floats: TypeAlias = NDArray[np.float64]
 Grey: TypeAlias = NDArray[np.uint8]
 """A grey image (height, width)."""
 
+Image: TypeAlias = Grey | NDArray[np.int16]
+"""A grey image, or the difference of two."""
+
 Pattern: TypeAlias = Callable[[Floats, Floats, Floats], tuple[Floats, Floats, Floats]]
 """Values (n, pixels) of a pattern with parameters (n, k) at x, y (n, pixels) from its point; their derivatives with
-respect to x and y (n, pixels, 2), and to the parameters (n, pixels, k)."""
+respect to x and y (n, pixels, 2), or y alone (n, pixels, 1) in strips, and to the parameters (n, pixels, k)."""
 
 MOST_TRIALS = 60
 LEAST_MOVE = 1e-4
@@ -57,115 +61,142 @@ FAINTEST = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Strips:
+    """Patches about points of a curve: x runs along it, y across, from the curve itself.
+
+    ``angles`` (n,) in rad of the curve in the image, ``bends`` (n,) its curvature in 1/px, towards y; ``half`` the
+    width of the strip along the curve, in px to either side.
+    """
+
+    angles: Floats
+    bends: Floats
+    half: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Patches:
-    """What is fitted: a point (n, 2) in each patch, its radius (n,) in px, and the pattern's parameters (n, k)."""
+    """What is fitted: a point (n, 2) in each patch, its radius (n,) in px, and the pattern's parameters (n, k).
+
+    Patches are round, or strips across a curve that reach as far as the radius.
+    """
 
     points: Floats
     radii: Floats
     parameters: Floats
+    strips: Strips | None = None
+
+    def of(self, which: slice | NDArray[np.bool_]) -> Patches:
+        """Some of the patches."""
+        strips = self.strips
+        if strips is not None:
+            strips = Strips(angles=strips.angles[which], bends=strips.bends[which], half=strips.half)
+        return Patches(
+            points=self.points[which], radii=self.radii[which], parameters=self.parameters[which], strips=strips
+        )
+
+    @property
+    def axes(self) -> Floats:
+        """The directions (n, m, 2) in the image in which a point is sought: both, or that across a curve."""
+        if self.strips is None:
+            return np.broadcast_to(np.eye(2), (len(self.points), 2, 2))
+        angles = self.strips.angles
+        return np.column_stack([-np.sin(angles), np.cos(angles)])[:, None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
-    """Points (n, 2) in px, their covariances (n, 2, 2) in px², and which of them are to be relied on (n,).
+    """Points (n, 2) in px, their covariances (n, m, m) in px², and which of them are to be relied on (n,).
 
-    ``parameters`` (n, k) are those of the pattern.
+    m is 2, or 1 where points are sought across a curve. ``parameters`` (n, k) are those of the pattern, ``noise`` (n,)
+    is the variance of the grey values about it.
     """
 
     points: Floats
     covariances: Floats
     parameters: Floats
+    noise: Floats
     good: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Pixels:
-    """Pixels of patches (n, pixels): their places, grey values, and 1 where they count, else 0.
-
-    ``across``, ``down`` are their places from the middle of the patch.
-    """
+    """Pixels of patches (n, pixels): their places from the point, grey values, and 1 where they count, else 0."""
 
     x: Floats
     y: Floats
     grey: Floats
     counts: Floats
-    across: Floats
-    down: Floats
 
     def of(self, which: NDArray[np.bool_]) -> _Pixels:
         """Those of some of the patches."""
-        return _Pixels(
-            x=self.x[which],
-            y=self.y[which],
-            grey=self.grey[which],
-            counts=self.counts[which],
-            across=self.across[which],
-            down=self.down[which],
-        )
+        return _Pixels(x=self.x[which], y=self.y[which], grey=self.grey[which], counts=self.counts[which])
 
 
-def fit(image: Grey, patches: Patches, pattern: Pattern) -> Fitted:
+def fit(image: Image, patches: Patches, pattern: Pattern) -> Fitted:
     """The points of all patches; pixel centres are at whole numbers."""
     starts = range(0, len(patches.points), AT_ONCE)
-    parts = [_fit(image, _part(patches, slice(k, k + AT_ONCE)), pattern) for k in starts]
+    with np.errstate(all="ignore"):  # steps that lead nowhere are not taken
+        parts = [_fit(image, patches.of(slice(k, k + AT_ONCE)), pattern) for k in starts]
+    dimension = patches.axes.shape[1]
     return Fitted(
-        points=np.concatenate([np.zeros((0, 2)), *(part.points for part in parts)]),
-        covariances=np.concatenate([np.zeros((0, 2, 2)), *(part.covariances for part in parts)]),
+        points=np.concatenate([patches.points[:0], *(part.points for part in parts)]),
+        covariances=np.concatenate([np.zeros((0, dimension, dimension)), *(part.covariances for part in parts)]),
         parameters=np.concatenate([patches.parameters[:0], *(part.parameters for part in parts)]),
+        noise=np.concatenate([np.zeros(0), *(part.noise for part in parts)]),
         good=np.concatenate([np.zeros(0, dtype=bool), *(part.good for part in parts)]),
     )
 
 
-def _part(patches: Patches, which: slice) -> Patches:
-    return Patches(points=patches.points[which], radii=patches.radii[which], parameters=patches.parameters[which])
-
-
-def _pixels(image: Grey, patches: Patches) -> _Pixels:
-    """The pixels within each patch's radius; those outside of the image do not count."""
+def _pixels(image: Image, patches: Patches) -> _Pixels:
+    """The pixels of each patch; those outside of the image do not count."""
     height, width = image.shape
-    reach = int(np.ceil(patches.radii.max()))
+    strips = patches.strips
+    widest = float(patches.radii.max())
+    reach = int(np.ceil(widest if strips is None else np.hypot(widest, strips.half)))
     steps = np.arange(-reach, reach + 1, dtype=np.float64)
     across, down = np.tile(steps, len(steps)), np.repeat(steps, len(steps))
     round_ones = across**2 + down**2 <= (reach + 1) ** 2
-    across, down = across[round_ones], down[round_ones]
     middle = np.rint(np.clip(patches.points, 0, [width - 1, height - 1]))
-    x, y = middle[:, :1] + across, middle[:, 1:] + down
-    near = np.hypot(x - patches.points[:, :1], y - patches.points[:, 1:]) <= patches.radii[:, None]
-    inside = near & (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    rows, columns = (np.clip(p, 0, n - 1).astype(np.intp) for p, n in ((y, height), (x, width)))
-    return _Pixels(
-        x=x,
-        y=y,
-        grey=image[rows, columns].astype(np.float64),
-        counts=inside.astype(np.float64),
-        across=np.broadcast_to(across, x.shape),
-        down=np.broadcast_to(down, y.shape),
-    )
+    u, v = middle[:, :1] + across[round_ones], middle[:, 1:] + down[round_ones]
+    x, y = u - patches.points[:, :1], v - patches.points[:, 1:]
+    if strips is None:
+        near = np.hypot(x, y) <= patches.radii[:, None]
+    else:
+        c, s = np.cos(strips.angles)[:, None], np.sin(strips.angles)[:, None]
+        x, y = c * x + s * y, c * y - s * x
+        y = y - strips.bends[:, None] / 2 * x**2
+        near = (np.abs(x) <= strips.half) & (np.abs(y) <= patches.radii[:, None])
+    inside = near & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    rows, columns = (np.clip(p, 0, n - 1).astype(np.intp) for p, n in ((v, height), (u, width)))
+    return _Pixels(x=x, y=y, grey=image[rows, columns].astype(np.float64), counts=inside.astype(np.float64))
 
 
-def _fit(image: Grey, patches: Patches, pattern: Pattern) -> Fitted:
+def _fit(image: Image, patches: Patches, pattern: Pattern) -> Fitted:
     pixels = _pixels(image, patches)
+    axes = patches.axes
+    dimension = axes.shape[1]
     first = _with_background(patches, pixels, pattern)
-    found, settled = _minimised(first, pixels, pattern)
-    residuals, jacobian = _linearised(found, pixels, pattern)
+    found, settled = _minimised(first, pixels, pattern, dimension)
+    residuals, jacobian = _linearised(found, pixels, pattern, dimension)
     spare = pixels.counts.sum(axis=1) - found.shape[1]
     variance = np.maximum((residuals**2).sum(axis=1) / np.maximum(spare, 1), ROUNDING)
     inverse, regular = _inverse(jacobian.transpose(0, 2, 1) @ jacobian)
     covariances = variance[:, None, None] * inverse
-    moved = np.linalg.norm(found[:, :2] - patches.points, axis=1)
+    moved = found[:, :dimension]
     clear = np.abs(found[:, -1]) > FAINTEST * np.sqrt(np.maximum(covariances[:, -1, -1], 0.0))
-    good = settled & regular & clear & (moved <= FARTHEST * patches.radii) & (spare >= FEWEST_SPARE)
+    near = np.linalg.norm(moved, axis=1) <= FARTHEST * patches.radii
     return Fitted(
-        points=found[:, :2],
-        covariances=covariances[:, :2, :2],
-        parameters=found[:, 2:-BACKGROUND],
-        good=good,
+        points=patches.points + np.einsum("nm,nmi->ni", moved, axes),
+        covariances=covariances[:, :dimension, :dimension],
+        parameters=found[:, dimension:-BACKGROUND],
+        noise=variance,
+        good=settled & regular & clear & near & (spare >= FEWEST_SPARE),
     )
 
 
 def _with_background(patches: Patches, pixels: _Pixels, pattern: Pattern) -> Floats:
-    """All parameters (n, 2 + k + 4) at the start: background and contrast are those that go best with the pattern."""
-    value, _, _ = pattern(patches.parameters, pixels.x - patches.points[:, :1], pixels.y - patches.points[:, 1:])
+    """All parameters (n, m + k + 4) at the start: background and contrast are those that go best with the pattern."""
+    value, _, _ = pattern(patches.parameters, pixels.x, pixels.y)
     count = np.maximum(pixels.counts.sum(axis=1), 1)
 
     def mean(of: Floats) -> Floats:
@@ -175,37 +206,41 @@ def _with_background(patches: Patches, pixels: _Pixels, pattern: Pattern) -> Flo
     contrast = (mean(value * pixels.grey) - mean(value) * mean(pixels.grey)) / spread
     level = mean(pixels.grey) - contrast * mean(value)
     none = np.zeros(len(level))
-    return np.column_stack([patches.points, patches.parameters, level, none, none, contrast])
+    return np.column_stack([np.zeros(patches.axes.shape[:2]), patches.parameters, level, none, none, contrast])
 
 
-def _linearised(parameters: Floats, pixels: _Pixels, pattern: Pattern) -> tuple[Floats, Floats]:
-    """Residuals (n, pixels), model less image, and their Jacobian (n, pixels, k); zero where pixels do not count."""
-    x, y = pixels.x - parameters[:, :1], pixels.y - parameters[:, 1:2]
-    shape, (level, along, down, contrast) = parameters[:, 2:-BACKGROUND], parameters[:, -BACKGROUND:].T[:, :, None]
+def _linearised(parameters: Floats, pixels: _Pixels, pattern: Pattern, dimension: int) -> tuple[Floats, Floats]:
+    """Residuals (n, pixels), model less image, and their Jacobian (n, pixels, k); zero where pixels do not count.
+
+    The first ``dimension`` parameters are how far the point has moved: along x and y, or along y alone.
+    """
+    x = pixels.x - parameters[:, :1] if dimension == 2 else pixels.x
+    y = pixels.y - parameters[:, dimension - 1 : dimension]
+    shape = parameters[:, dimension:-BACKGROUND]
+    level, along, down, contrast = parameters[:, -BACKGROUND:].T[:, :, None]
     value, by_place, by_shape = pattern(shape, x, y)
-    model = level + along * pixels.across + down * pixels.down + contrast * value
+    model = level + along * pixels.x + down * pixels.y + contrast * value
     residuals = (model - pixels.grey) * pixels.counts
-    ones = np.ones_like(value)
     steep = contrast[:, :, None]
-    background = np.stack([ones, pixels.across, pixels.down, value], axis=2)
+    background = np.stack([np.ones_like(value), pixels.x, pixels.y, value], axis=2)
     jacobian = np.concatenate([-steep * by_place, steep * by_shape, background], axis=2)
     return residuals, jacobian * pixels.counts[:, :, None]
 
 
-def _minimised(start: Floats, pixels: _Pixels, pattern: Pattern) -> tuple[Floats, NDArray[np.bool_]]:
+def _minimised(start: Floats, pixels: _Pixels, pattern: Pattern, dimension: int) -> tuple[Floats, NDArray[np.bool_]]:
     """The parameters of least squares, and which of the fits have converged; only those that have not go on."""
     found = start.copy()
     settled = np.zeros(len(found), dtype=bool)
     going = np.arange(len(found))
     damping = np.full(len(found), DAMPED_FIRST)
     here, own = start, pixels
-    residuals, jacobian = _linearised(here, own, pattern)
+    residuals, jacobian = _linearised(here, own, pattern, dimension)
     for _ in range(MOST_TRIALS):
         step = _step(residuals, jacobian, damping)
         tried = here + step
-        r, j = _linearised(tried, own, pattern)
+        r, j = _linearised(tried, own, pattern, dimension)
         better = (r**2).sum(axis=1) <= (residuals**2).sum(axis=1)
-        done = (np.abs(step[:, :2]).max(axis=1) < LEAST_MOVE) & (better | (damping <= DAMPED_FIRST))
+        done = (np.abs(step[:, :dimension]).max(axis=1) < LEAST_MOVE) & (better | (damping <= DAMPED_FIRST))
         here = np.where(better[:, None], tried, here)
         found[going], settled[going] = here, done
         if done.all():

@@ -1,8 +1,8 @@
-"""The one door to OpenCV (``pip install "mbm[images]"``): decoding, and finding boards to a pixel or so."""
+"""The one door to OpenCV (``pip install "mbm[images]"``): decoding, finding boards and outlines to a pixel or so."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -12,7 +12,14 @@ from mbm.text.faults import missing_extra
 from mbm.text.types import DataPlace, MbmError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from mbm.data.images.fitting import Floats, Grey
+
+SEARCHED = 1200
+"""Pixels of the longer side of the image in which something is looked for: a larger one is halved until it fits."""
+
+Picture = TypeVar("Picture", "NDArray[np.uint8]", "NDArray[np.int16]")
 
 DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "libpng error")
 """How lines of decoders begin that tell of damage; the image is filled up then, and given as if nothing was wrong."""
@@ -51,7 +58,15 @@ def decoded(content: bytes, place: DataPlace) -> Grey:
     return np.asarray(image)
 
 
-def halved(image: Grey) -> Grey:
+def pyramid(image: Picture) -> list[Picture]:
+    """The image, and copies at half the size each, down to one that is no longer than `SEARCHED`."""
+    levels = [image]
+    while max(levels[-1].shape) > SEARCHED and min(levels[-1].shape) > 1:
+        levels.append(halved(levels[-1]))
+    return levels
+
+
+def halved(image: Picture) -> Picture:
     """The image at half the size: each pixel the mean of four. What is at u there is at 2u + 1/2 here."""
     import cv2
 
@@ -73,3 +88,34 @@ def chessboard(image: Grey, columns: int, rows: int) -> Floats | None:
     except cv2.error:
         return None
     return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None
+
+
+def threshold_of(image: Grey) -> float:
+    """The grey value that parts an image into dark and bright: those up to it are dark.
+
+    N. Otsu, "A threshold selection method from gray-level histograms" (1979).
+    """
+    import cv2
+
+    value, _ = cv2.threshold(image, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    return float(value)
+
+
+def outlines(mask: NDArray[np.bool_]) -> list[tuple[Floats, list[Floats]]]:
+    """The outermost pixels (n, 2) of each connected region, in their order about it, and those about its holes."""
+    import cv2
+
+    found, order = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    regions: dict[int, tuple[Floats, list[Floats]]] = {}
+    for number, points in enumerate(found):
+        if order[0, number, 3] < 0:
+            regions[number] = _places(points), []
+    for number, points in enumerate(found):
+        parent = int(order[0, number, 3])
+        if parent >= 0:
+            regions[parent][1].append(_places(points))
+    return list(regions.values())
+
+
+def _places(points: Any) -> Floats:
+    return np.asarray(points, dtype=np.float64).reshape(-1, 2)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from mbm.data.images import faults
 from mbm.data.images.header import size_of
 from mbm.data.images.opencv import decoded
 from mbm.data.types import RawTable
+from mbm.data.union.patterns import shot_of
 from mbm.files.memory import check_memory
 from mbm.problem.tables import Column, ColumnGroup, Part, Provenance
 from mbm.text.types import DataPlace, Diagnostic, MbmError
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 
 PHOTO = "photo"
 """The column that names the photograph: the name of its file without folder and ending."""
+
+SHOT = "shot"
+"""The column that names what several cameras have in common: what ``*`` and ``?`` stand for in the file's name."""
 
 UNITS = MappingProxyType({"u": "px", "v": "px", "sigma": "px"})
 LENGTHS = ("x", "y", "z")
@@ -65,12 +69,6 @@ class _Seen:
         """Points that are to be relied on."""
         return 0 if self.found is None else int(self.found.fitted.good.sum())
 
-    def part(self) -> Part:
-        """The rows of the table that are from this photograph."""
-        numbers = row_numbers(1, self.rows)
-        source = Provenance(path=self.path, sha256=self.sha256, rows=self.rows, file_rows=numbers)
-        return Part(provenance=source, rows=numbers)
-
     @property
     def left_out(self) -> int:
         """Points that were found but could not be refined."""
@@ -83,8 +81,8 @@ def plane(columns: int, rows: int, size: float) -> Floats:
     return np.column_stack([x, y, np.zeros(len(x))])
 
 
-def read_image(path: Path) -> tuple[Grey, str]:
-    """An image and the SHA-256 digest of its file; what it takes is worked out from its header.
+def read_image(path: Path, per_pixel: int = PER_PIXEL) -> tuple[Grey, str]:
+    """An image and the SHA-256 digest of its file; what it takes is worked out from its header, in bytes for a pixel.
 
     Raises MbmError as ``read_bytes`` does, and not-an-image, damaged-image, too-much-memory, missing-extra.
     """
@@ -92,8 +90,37 @@ def read_image(path: Path) -> tuple[Grey, str]:
     shown = path.as_posix()
     place = DataPlace(file=shown)
     width, height = size_of(content, shown)
-    check_memory(PER_PIXEL * width * height, faults.pixels_of(shown, width, height), place)
+    check_memory(per_pixel * width * height, faults.pixels_of(shown, width, height), place)
     return decoded(content, place), digest
+
+
+def part_of(path: str, digest: str, rows: int) -> Part:
+    """The rows of a table that are from one image, none if it was only looked at."""
+    numbers = row_numbers(1, rows)
+    return Part(provenance=Provenance(path=path, sha256=digest, rows=rows, file_rows=numbers), rows=numbers)
+
+
+def named(shown: str, images: Iterable[tuple[str, str, int]]) -> Iterator[Column]:
+    """The columns that tell rows by their images: of each its name, its path, and how many rows it has."""
+    found = [(name, shot_of(shown, Path(path)), rows) for name, path, rows in images]
+    yield Column(name=PHOTO, texts=tuple(name for name, _, rows in found for _ in range(rows)))
+    yield Column(name=SHOT, texts=tuple(shot for _, shot, rows in found for _ in range(rows)))
+
+
+def table_of(
+    shown: str, columns: Iterable[Column], parts: Sequence[Part], remarks: tuple[Diagnostic, ...] = ()
+) -> RawTable:
+    """A table whose rows are from images, in this order; ``shown`` is the path or pattern that means them."""
+    file_rows = np.concatenate([part.rows for part in parts])
+    file_rows.setflags(write=False)
+    return RawTable(
+        path=shown,
+        sha256=None,
+        columns=tuple(columns),
+        file_rows=file_rows,
+        parts=tuple(parts),
+        remarks=remarks,
+    )
 
 
 def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable:
@@ -106,18 +133,9 @@ def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable
     without = [each.name for each in seen if each.found is None]
     if len(without) == len(seen):
         raise MbmError(faults.no_board(place, board.words, len(seen)))
-    parts = tuple(each.part() for each in seen)
-    file_rows = np.concatenate([part.rows for part in parts])
-    file_rows.setflags(write=False)
-    return RawTable(
-        path=shown,
-        sha256=None,
-        columns=tuple(_columns(seen, board)),
-        file_rows=file_rows,
-        groups={"covariance": GROUP},
-        parts=parts,
-        remarks=tuple(_remarks(seen, without, board, place)),
-    )
+    parts = [part_of(each.path, each.sha256, each.rows) for each in seen]
+    table = table_of(shown, _columns(shown, seen, board), parts, tuple(_remarks(seen, without, board, place)))
+    return replace(table, groups={"covariance": GROUP})
 
 
 def _seen(name: str, path: Path, board: Board) -> _Seen:
@@ -128,14 +146,13 @@ def _seen(name: str, path: Path, board: Board) -> _Seen:
     return _Seen(name=name, path=path.as_posix(), sha256=digest, found=found)
 
 
-def _columns(seen: Sequence[_Seen], board: Board) -> Iterator[Column]:
-    shows = [(each.name, each.found) for each in seen if each.found is not None]
-    good = [found.fitted.good for _, found in shows]
-    numbers = np.concatenate([found.numbers[kept] for (_, found), kept in zip(shows, good, strict=True)])
-    points = np.concatenate([found.fitted.points[kept] for (_, found), kept in zip(shows, good, strict=True)])
-    spread = np.concatenate([found.fitted.covariances[kept] for (_, found), kept in zip(shows, good, strict=True)])
-    names = [name for (name, _), kept in zip(shows, good, strict=True) for _ in range(int(kept.sum()))]
-    yield Column(name=PHOTO, texts=tuple(names))
+def _columns(shown: str, seen: Sequence[_Seen], board: Board) -> Iterator[Column]:
+    shows = [each.found for each in seen if each.found is not None]
+    good = [found.fitted.good for found in shows]
+    numbers = np.concatenate([found.numbers[kept] for found, kept in zip(shows, good, strict=True)])
+    points = np.concatenate([found.fitted.points[kept] for found, kept in zip(shows, good, strict=True)])
+    spread = np.concatenate([found.fitted.covariances[kept] for found, kept in zip(shows, good, strict=True)])
+    yield from named(shown, ((each.name, each.path, each.rows) for each in seen))
     yield Column(name="corner", numbers=frozen(numbers))
     for name, values in board.more.items():
         yield Column(name=name, numbers=frozen(values[numbers - 1]))

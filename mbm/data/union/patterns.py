@@ -68,3 +68,15 @@ def source_of(path: Path) -> str:
     """The name of a file without folder and ending, of a packed one without the ending before it either."""
     bare = path.stem if path.suffix.lower() in COMPRESSED else path.name
     return os.fsencode(Path(bare).stem).decode("utf-8", errors="replace")
+
+
+def shot_of(pattern: str, path: Path) -> str:
+    """What ``*`` and ``?`` of a pattern stand for in the name of a file that fits; without any, as `source_of`.
+
+    So `left07.jpg` and `right07.jpg`, by the patterns `left*.jpg` and `right*.jpg`, are told by the same text `07`.
+    """
+    own = Path(pattern).name
+    first = min((own.find(sign) for sign in "*?" if sign in own), default=len(own))
+    last = max(own.rfind(sign) for sign in "*?") + 1
+    stands = path.name[first : len(path.name) - (len(own) - last)] if last else ""
+    return os.fsencode(stands).decode("utf-8", errors="replace") or source_of(path)

@@ -1,4 +1,4 @@
-"""``(chessboard "left*.jpg" 9 6 25mm :option …)``: a path, and what a format of images wants to know beside it."""
+"""``(chessboard "a*.jpg" 9 6 25mm)``, ``(contour "a.png" :threshold 90)``: a path, and what a format asks for."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from mbm.language import faults as language_faults
 from mbm.language.values import Evaluator, Scope, describe
 from mbm.problem.options import split_options
 from mbm.problem.tables import Argument, ArgumentKind, Format
-from mbm.text.suggest import closest
-from mbm.text.types import Form, MbmError, Sequence, Span, Text
+from mbm.text.types import Form, MbmError, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
 METRE = base("m")
@@ -41,7 +40,7 @@ def read_arguments(evaluator: Evaluator, scope: Scope, form: Sequence, known: Fo
     options = split_options(form.items[1:], form.span, owner=f"`{head}`", known=tuple(optional))
     if len(options.positional) != 1 + len(required) or not isinstance(options.positional[0], Text):
         wanted = ", ".join(f"`{a.name}`" for a in required)
-        message = f"`{head}` takes a path{' or pattern of paths, and ' + wanted if wanted else ''}"
+        message = f"`{head}` takes a path or pattern of paths{', and ' + wanted if wanted else ''}"
         raise MbmError(language_faults.bad_form(form.span, message, usage(head, known)))
     path = options.positional[0].value
     forms = dict(zip((a.name for a in required), options.positional[1:], strict=True))
@@ -51,7 +50,7 @@ def read_arguments(evaluator: Evaluator, scope: Scope, form: Sequence, known: Fo
         place = forms.get(argument.name, options.get(argument.name))
         if place is None:
             continue
-        if argument.kind is ArgumentKind.TEXT:
+        if argument.kind in (ArgumentKind.WORD, ArgumentKind.FILE):
             values[argument.name] = _text(place, argument)
             continue
         value, dimension = _number(evaluator, scope, place, argument)
@@ -65,18 +64,25 @@ def read_arguments(evaluator: Evaluator, scope: Scope, form: Sequence, known: Fo
 def usage(head: str, known: Format) -> str:
     """``(chessboard "path" columns rows size)``."""
     required = [a.name for a in known.arguments if a.required]
-    optional = [f"[:{a.name} {a.kind.value.split()[-1]}]" for a in known.arguments if not a.required]
+    optional = [f"[:{a.name} {_shown(a)}]" for a in known.arguments if not a.required]
     return " ".join([f'({head} "path"', *required, *optional]) + ")"
 
 
+def _shown(argument: Argument) -> str:
+    if argument.kind is ArgumentKind.WORD:
+        return "|".join(argument.choices)
+    return '"path"' if argument.kind is ArgumentKind.FILE else argument.kind.value.split()[-1]
+
+
 def _text(form: Form, argument: Argument) -> str:
-    if not isinstance(form, Text):
-        raise MbmError(language_faults.wrong_kind(form.span, f"a text for `{argument.name}`", form.span.text))
-    if argument.choices and form.value not in argument.choices:
-        near = closest(form.value, argument.choices)
-        said = f"`{argument.name}` has no `{form.value}`" + (f"; did you mean `{near}`?" if near else "")
-        raise MbmError(language_faults.bad_form(form.span, said, " | ".join(argument.choices)))
-    return form.value
+    if argument.kind is ArgumentKind.FILE:
+        if not isinstance(form, Text):
+            raise MbmError(language_faults.wrong_kind(form.span, f"a path for `{argument.name}`", form.span.text))
+        return form.value
+    if not isinstance(form, Symbol) or form.name not in argument.choices:
+        wanted = f"{' or '.join(f'`{choice}`' for choice in argument.choices)} for `{argument.name}`"
+        raise MbmError(language_faults.wrong_kind(form.span, wanted, f"`{form.span.text}`"))
+    return form.name
 
 
 def _number(evaluator: Evaluator, scope: Scope, form: Form, argument: Argument) -> tuple[float, Dimension | None]:

@@ -27,8 +27,6 @@ USAGE = (
 Formats: TypeAlias = Mapping[str, Format]
 """What a data clause may say of the formats of files, by name."""
 
-LATER = ("image", "contour")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataClause:
@@ -140,8 +138,6 @@ def _source(evaluator: Evaluator, scope: Scope, form: Form, formats: Formats) ->
     if isinstance(form, Symbol) and form.name == "external":
         return _Source(format="external")
     head = form.head if isinstance(form, Sequence) else None
-    if head in LATER:
-        raise MbmError(language_faults.not_available_yet(form.span, f"the source `{head}`", "other file formats"))
     if isinstance(form, Sequence) and head is not None and head in formats:
         known = formats[head]
         return _images(evaluator, scope, form, known) if known.arguments else _file(form, head, known)
@@ -150,7 +146,7 @@ def _source(evaluator: Evaluator, scope: Scope, form: Form, formats: Formats) ->
     if isinstance(form, Sequence) and head == UNION:
         return _Source(format=UNION, members=_members(form))
     shown = head or form.span.text
-    raise MbmError(faults.unknown_source(form.span, shown, (*formats, "table", UNION, "external", *LATER)))
+    raise MbmError(faults.unknown_source(form.span, shown, (*formats, "table", UNION, "external")))
 
 
 def _file(form: Sequence, head: str, known: Format) -> _Source:
@@ -159,7 +155,7 @@ def _file(form: Sequence, head: str, known: Format) -> _Source:
     if not (parts or known.named):
         if len(form.items) != 2 or not isinstance(form.items[1], Text):
             raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes one path", f'({head} "path")'))
-        return _Source(format=head, path=form.items[1].value)
+        return _Source(format=head, path=form.items[1].value, usual=known.units)
     if known.named:
         texts = [item.value for item in form.items[1:] if isinstance(item, Text)]
         if not 1 <= len(texts) <= 2 or len(texts) != len(form.items) - 1:

@@ -1,0 +1,118 @@
+"""Photographs of an isolated object → one table: a row for each point of its outline that was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.data.cells import frozen
+from mbm.data.images import faults
+from mbm.data.images.photographs import PER_PIXEL, named, part_of, read_image, table_of
+from mbm.data.types import RawTable
+from mbm.problem.tables import Column
+from mbm.text.types import DataPlace, MbmError
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.data.images.fitting import Fitted, Grey, Image
+    from mbm.data.images.segmentation import Choice
+
+PER_DIFFERENCE = 2 * PER_PIXEL
+"""Bytes for a pixel of an image, its background, and their difference."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wanted:
+    """How an object is told from its surroundings, and how far points on its outline are apart in px."""
+
+    choice: Choice
+    background: Path | None
+    spacing: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Seen:
+    """The closed edges of the object in one image, that of its outside first, or why there are none."""
+
+    name: str
+    path: str
+    sha256: str
+    edges: tuple[Fitted, ...]
+    reason: str | None = None
+
+    @property
+    def rows(self) -> int:
+        """Points that are to be relied on."""
+        return sum(int(edge.good.sum()) for edge in self.edges)
+
+
+def read_outlines(paths: Mapping[str, Path], shown: str, wanted: Wanted) -> RawTable:
+    """The table of all points on outlines in images by their names; ``shown`` is the pattern that means them.
+
+    Raises MbmError as `read_image` does, and no-object, other-size.
+    """
+    place = DataPlace(file=shown)
+    parts = []
+    background = None
+    if wanted.background is not None:
+        background, digest = read_image(wanted.background, PER_DIFFERENCE)
+        parts.append(part_of(wanted.background.as_posix(), digest, 0))
+    seen = [_seen(name, path, background, wanted) for name, path in paths.items()]
+    without = [(each.name, each.reason) for each in seen if each.reason is not None]
+    if len(without) == len(seen):
+        raise MbmError(faults.no_object(place, without))
+    parts = [part_of(each.path, each.sha256, each.rows) for each in seen] + parts
+    remarks = (faults.object_left_out(place, without, len(seen)),) if without else ()
+    return table_of(shown, _columns(shown, seen), parts, remarks)
+
+
+def _seen(name: str, path: Path, background: Grey | None, wanted: Wanted) -> _Seen:
+    from mbm.data.images import opencv
+    from mbm.data.images.edges import refined, smoothed  # which loads SciPy
+    from mbm.data.images.segmentation import NoObjectError, object_outlines
+
+    image, digest = read_image(path, PER_PIXEL if background is None else PER_DIFFERENCE)
+    levels: Sequence[Image]
+    if background is None:
+        levels = opencv.pyramid(image)
+    else:
+        levels = opencv.pyramid(_difference(image, background, path.as_posix(), wanted))
+    edges: tuple[Fitted, ...] = ()
+    reason = None
+    try:
+        lines = object_outlines(levels[-1], wanted.choice)
+        edges = tuple(refined(levels, smoothed(line), wanted.spacing) for line in lines)
+        if not edges[0].good.any():
+            edges, reason = (), "its edge is too blurred to be measured"
+    except NoObjectError as error:
+        reason = str(error)
+    return _Seen(name=name, path=path.as_posix(), sha256=digest, edges=edges, reason=reason)
+
+
+def _difference(image: Grey, background: Grey, path: str, wanted: Wanted) -> NDArray[np.int16]:
+    if image.shape != background.shape:
+        other = "" if wanted.background is None else wanted.background.as_posix()
+        raise MbmError(faults.other_size(DataPlace(file=path), image.shape, other, background.shape))
+    return np.subtract(image, background, dtype=np.int16)
+
+
+def _columns(shown: str, seen: Sequence[_Seen]) -> Iterator[Column]:
+    """``n`` counts all points of an image, those that were left out too: so neighbours have neighbouring numbers."""
+    shows = [each for each in seen if each.edges]
+    kept = [np.concatenate([edge.good for edge in each.edges]) for each in shows]
+    good = np.concatenate(kept)
+    edges = [edge for each in shows for edge in each.edges]
+    places = [i for each in shows for i, edge in enumerate(each.edges, 1) for _ in range(len(edge.good))]
+    points = np.concatenate([edge.points for edge in edges])[good]
+    variances = np.concatenate([edge.covariances[:, 0, 0] for edge in edges])[good]
+    numbers = np.concatenate([np.arange(1.0, len(each) + 1) for each in kept])[good]
+    yield from named(shown, ((each.name, each.path, each.rows) for each in seen))
+    yield Column(name="contour", numbers=frozen(np.array(places, dtype=np.float64)[good]))
+    yield Column(name="n", numbers=frozen(numbers))
+    for name, values in zip(("u", "v"), points.T, strict=True):
+        yield Column(name=name, numbers=frozen(values))
+    yield Column(name="sigma", numbers=frozen(np.sqrt(variances)))
