@@ -118,6 +118,7 @@ def test_one_of_many_solves(mbm: Run, tmp_path: Path) -> None:
         (("-o", "x.png", "--set", "z=1"), "unknown-override"),
         (("-o", "x.png", "--model", "(box 1 2"), "unclosed"),
         (("-o", "x.png", "--model", "(+ 1 2)"), "nothing-to-draw"),
+        (("-o", "x.png", "--model", ";"), "nothing-to-draw"),
         (("-o", "x.png", *(("--model", "(box 1 1 1)") * 13)), "too-much-to-draw"),
         ((), "bad-call"),
         (("-o", "x.png", "--show", "films"), "bad-call"),

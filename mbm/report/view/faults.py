@@ -62,10 +62,10 @@ def model_without_values(name: str, missing: Iterable[str], usage: str, place: P
 
 
 def not_finite(name: str, place: Place | None) -> Diagnostic:
-    """A model has points at infinity, or none at all."""
+    """A model has points at infinity, or nearly so."""
     return Diagnostic(
         code=MODEL_WITHOUT_VALUES,
-        message=f"the model `{name}` has a point without a finite value",
+        message=f"the model `{name}` has a point without a finite place",
         place=place,
         hint="give other values of its arguments",
     )

@@ -41,6 +41,8 @@ def solids_of_forms(program: Program, vocabulary: Vocabulary, limits: Limits, fo
     with recursion_room(limits):
         for text in forms:
             found += [_solid(session, form, text) for form in read(Source("--model", text))]
+    if not found:
+        raise MbmError(faults.nothing_to_draw("`--model` is empty", "give a call: `(box 3 2 1)`"))
     if len(found) > MOST_MODELS:
         raise MbmError(faults.too_much_to_draw(f"{MOST_MODELS} models"))
     return found

@@ -189,4 +189,4 @@ def _frame(found: Overlay, axes: Axes, image: Beneath | None) -> None:
     axes.tick_params(labelsize=8, colors=GREY)
     for side in axes.spines.values():
         side.set_color("#bbbbbb")
-    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0, ncols=2, frameon=False)
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0, ncols=3, frameon=False)

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+EDGE = 0.04
+"""Share of a panel's height that is left free below and above: texts reach a little beyond the layout of a panel."""
+
 Panel: TypeAlias = "Callable[[Axes], None]"
 
 
@@ -39,12 +42,15 @@ def page(panels: Sequence[Panel]) -> Figure:
 
     """
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     if len(panels) > MOST_PANELS:
         raise MbmError(faults.too_much_to_draw(f"{MOST_PANELS} panels"))
     columns = 1 if len(panels) < 2 else 2 if len(panels) < 5 else 3
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(INCHES[0] * columns, INCHES[1] * rows), layout="constrained")
+    edge = EDGE / rows
+    layout = ConstrainedLayoutEngine(rect=(0.0, edge, 1.0, 1.0 - 2.0 * edge))
+    figure = Figure(figsize=(INCHES[0] * columns, INCHES[1] * rows), layout=layout)
     for number, panel in enumerate(panels, start=1):
         panel(figure.add_subplot(rows, columns, number))
     show_plainly(figure)

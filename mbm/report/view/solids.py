@@ -38,6 +38,9 @@ SAMPLES = 97
 GRID, STRAIGHT = 49, 5
 """Points of a smooth patch each way, and where it goes straight: facets are long there, and narrow across."""
 
+FARTHEST = 1e100
+"""Coordinate of a model; products of three greater ones may not be finite."""
+
 MOST_NUMBERS = 2_000_000
 """Coordinates of one model; more would neither be seen nor drawn in seconds."""
 
@@ -84,7 +87,7 @@ def solid_of(shape: Shape, name: str, library: frozenset[str], lookup: Lookup = 
         unit="m" if walk.metric else "",
     )
     lo, hi = found.bounds()
-    if not bool(np.isfinite(lo).all() and np.isfinite(hi).all()):
+    if not float(np.abs([lo, hi]).max()) < FARTHEST:  # NaN neither
         raise MbmError(faults.not_finite(name, shape.span))
     return found
 

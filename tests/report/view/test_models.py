@@ -12,9 +12,11 @@ from mbm.api import loads
 from mbm.report.view.labels import HEIGHT, WIDTH, Wanted, placed
 from mbm.report.view.model_panels import seen
 from mbm.report.view.models import solids_of_definitions, solids_of_forms
+from mbm.report.view.pages import page_bytes
 from mbm.report.view.rulers import rulers
 from mbm.report.view.types import Solid
 from mbm.report.view.viewpoint import View
+from mbm.report.view.wishes import model_panels
 from mbm.text.types import MbmError
 
 TABLE = """(rod (l &optional (r 1cm) &key (:tilt a))
@@ -104,10 +106,22 @@ def test_models_without_values_are_named_with_their_arguments() -> None:
     assert code(caught) == "nothing-to-draw"
 
 
-def test_a_point_at_infinity_is_refused() -> None:
+@pytest.mark.parametrize(
+    "form", ["(scale 1e300 (scale 1e300 (box 1 1 1)))", "(box 1e200 1 1)", "(curve (s 0 1) [(/ 1 s) 0 0])"]
+)
+def test_a_point_at_infinity_is_refused(form: str) -> None:
     with pytest.raises(MbmError) as caught:
-        of_forms("(scale 1e300 (scale 1e300 (box 1 1 1)))")
+        of_forms(form)
     assert code(caught) == "model-without-values"
+
+
+@pytest.mark.parametrize(
+    "form", ["(box 0 0 0)", "(box 1e-300 1 1)", "(box 1e99 1e99 1e99)", "(scale 0 (sphere 1))", "(m)", "(torus 1 2)"]
+)
+def test_odd_sizes_are_drawn(form: str) -> None:
+    """No warning, which would be an error here."""
+    (found,) = of_forms(form, text="(m () (point a (0 0 0)))")
+    assert page_bytes(model_panels([found]).panels, ".svg").startswith(b"<?xml")
 
 
 def test_too_many_models_and_too_large_ones_are_refused() -> None:
