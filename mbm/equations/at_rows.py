@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from mbm.equations.layout import Layout
+from mbm.equations.binding import Group
+from mbm.equations.layout import Entry, Layout
 from mbm.equations.members import MemberPicker, picked_members
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.expression.evaluate import Values, evaluate
@@ -14,6 +15,7 @@ from mbm.expression.nodes import Column, Component, Expression, Leaf, externals
 from mbm.problem.rows import Positions, lookup, sampled_column
 from mbm.problem.tables import Table
 from mbm.problem.types import Equation
+from mbm.symbolic.types import Slot
 from mbm.values import dataclass
 
 DIVIDES_BY_DEPTH = "pinhole"
@@ -22,11 +24,14 @@ DIVIDES_BY_DEPTH = "pinhole"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AtRows:
-    """R rows at ``positions`` of ``table`` (one without a table); ``numbers`` gives those of the unknowns at places
-    (R,) of the ``layout``, or at one for all rows.
+    """The R rows ``lines`` of a group, at ``positions`` of ``table`` (one without a table).
+
+    ``numbers`` gives those of the unknowns at places (R,) of the ``layout``, or at one for all rows.
     """
 
     count: int
+    group: Group
+    lines: Indices | slice
     layout: Layout
     table: Table | None
     positions: Positions | None
@@ -44,26 +49,34 @@ class AtRows:
             if not isinstance(leaf, Component):
                 return data(leaf)
             entry = self.layout.entry(leaf.unknown)
-            place = entry.unknown.indices().index(leaf.index)
+            component = entry.unknown.indices().index(leaf.index)
             if instead is not None and leaf.unknown in instead:
-                return instead[leaf.unknown][place]
-            member: Indices | int = 0
-            if leaf.member is not None:
-                member = self.pick(entry, leaf.member, self.table, self.positions, self.tables)
-            return self.numbers(entry.offset + member * entry.unknown.size + place)
+                return instead[leaf.unknown][component]
+            return self.numbers(self._place(Slot(leaf.unknown, component, leaf.member), entry))
 
         found = np.empty((self.count, len(roots)))
         for place, column in enumerate(evaluate(tuple(roots), value)):
             found[:, place] = column
         return found
 
+    def _place(self, slot: Slot, entry: Entry) -> Indices | int:
+        """Where a number stands: as the kernel has it, if it takes that one."""
+        if slot in self.group.kernel.variables:
+            return np.asarray(self.group.index[self.lines, self.group.kernel.variables.index(slot)])
+        member: Indices | int = 0
+        if slot.member is not None:
+            member = self.pick(entry, slot.member, self.table, self.positions, self.tables)
+        return entry.offset + member * entry.unknown.size + slot.component
+
     def behind(self, equations: Sequence[Equation]) -> Mask | None:
-        """Which rows (R,) see a point that is behind its camera, or beside it; None where no equation can tell."""
-        depths = [
-            equation.projection.depth
-            for equation in equations
-            if equation.projection is not None and equation.projection.model == DIVIDES_BY_DEPTH
-        ]
-        if not depths or any(externals(tuple(depths))):
+        """Which rows (R,) see a point that is behind its camera, or beside it; None where no equation can tell.
+
+        A camera with negative focal lengths looks along −z.
+        """
+        seen = [e.projection for e in equations if e.projection is not None and e.projection.model == DIVIDES_BY_DEPTH]
+        wanted = [each for projection in seen for each in (projection.depth, *projection.focal)]
+        if not wanted or any(externals(tuple(wanted))):
             return None
-        return np.asarray((self.values(depths) <= 0).any(axis=1))
+        depth, *focal = np.moveaxis(self.values(wanted).reshape(self.count, -1, 3), 2, 0)
+        ahead = np.where((focal[0] < 0) & (focal[1] < 0), -depth, depth)
+        return np.asarray((ahead <= 0).any(axis=1))

@@ -94,6 +94,8 @@ def rows_of(problem: Problem, solution: Solution, group: Group) -> AtRows:
 
     return AtRows(
         count=group.rows,
+        group=group,
+        lines=slice(None),
         layout=solution.layout,
         table=None if block.table is None else solution.tables[block.table],
         positions=group.positions,

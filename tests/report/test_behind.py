@@ -43,6 +43,17 @@ def test_rows_behind_are_named(axes: str) -> None:
     assert "; behind the camera: rows 2, 4" in str(solved)
 
 
+def test_a_camera_along_minus_z_has_its_back_elsewhere() -> None:
+    """With negative focal lengths points with z < 0 are in front, as in BAL's files."""
+    data, depths = scene("opencv")
+    flipped = {**data, "z": -data["z"]}
+    text = TEXT.format(init=0.2, keys="", options="", point="[x y (- z s)]").replace(":focal 500", ":focal -500")
+    solved = mbm.loads(text).solve(data={"d": flipped})
+    assert solved["s"].value == pytest.approx(0.25)
+    (written,) = [solve["residuals"]["d"] for solve in solved.document()["solves"]]
+    assert written["behind_camera"] == (np.flatnonzero(depths <= 0) + 1).tolist()
+
+
 def test_each_of_many_solves_names_its_own() -> None:
     data, depths = scene("opencv")
     text = TEXT.format(init=0.2, keys="(for-each k)", options="", point="[x y (+ z s)]")

@@ -26,13 +26,16 @@ def raw_rows(problem: Problem, stack: Stack, which: range, columns: Columns) -> 
         if block.role is not BlockRole.OBSERVATION or not len(solve):
             continue
         table = None if block.table is None else stack.tables[block.table]
-        positions = None if group.positions is None else group.positions[stack.lines(number, which)[1]]
+        lines = stack.lines(number, which)[1]
+        positions = None if group.positions is None else group.positions[lines]
 
         def numbers(places: Indices | int, solve: Indices = solve) -> Values:
             return np.asarray(columns.points[solve, places])
 
         rows = AtRows(
             count=len(solve),
+            group=group,
+            lines=lines,
             layout=stack.equations.layout,
             table=table,
             positions=positions,

@@ -7,6 +7,9 @@ from collections.abc import Iterable, Sequence
 
 from mbm.report.scenes.types import Indices
 
+LONGEST = 60
+"""Characters of a name; each takes four bytes at most, and files may have 255."""
+
 
 def ids(names: Sequence[str]) -> list[int]:
     """Numbers for things with these names: the names themselves where all are whole numbers, else 1, 2, …"""
@@ -18,8 +21,8 @@ def ids(names: Sequence[str]) -> list[int]:
 
 
 def word(name: str) -> str:
-    """A name without blanks and characters that end a field, a line, or a path."""
-    return re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or "_"
+    """A name without blanks and characters that end a field, a line, or a path, nor longer than files may be called."""
+    return re.sub(r"[^\w.+-]+", "_", name[:LONGEST]).lstrip(".") or "_"
 
 
 def words(names: Sequence[str]) -> list[str]:

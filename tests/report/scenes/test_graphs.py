@@ -194,3 +194,26 @@ def test_points_are_read_by_plyfile(tmp_path: Path) -> None:
     mbm.loads(text).solve(data=tables).write("ply", tmp_path)
     vertices = plyfile.PlyData.read(str(tmp_path / "X.ply"))["vertex"]
     np.testing.assert_allclose(np.column_stack([vertices[axis] for axis in "xyz"]), points, rtol=0, atol=1e-12)
+
+
+def test_keys_never_lead_out_of_the_folder(tmp_path: Path) -> None:
+    """Keys are data: what they hold becomes part of a name, or of a field, and nothing else."""
+    hostile = ["../../evil", "a b\nc", "x" * 400, ".", "Ä/ß", "ä/ß"]
+    text = """
+    (problem p (data d external :key k) (data seen external :with (d k))
+      (camera cam :per d :focal (f k) :center (1 2))
+      (unknowns (f :per d :init 90) (T (pose 3) :per d :init (pose3 (identity 3) [0 0 0])))
+      (observe seen (= [u v] (project (cam k) (transform (T k) [x y z]))) :sigma 1px))"""
+    points = np.random.default_rng(3).uniform([-1, -1, 2], [1, 1, 4], size=(8, 3))
+    rows = [(key, *point, *(100 * point[:2] / point[2] + [1, 2])) for key in hostile for point in points]
+    seen = {name: [row[i] for row in rows] for i, name in enumerate(("k", "x", "y", "z", "u", "v"))}
+    result = mbm.loads(text).solve(data={"d": {"k": hostile}, "seen": seen})
+    for form in ("opencv-yaml", "colmap", "bundler"):
+        result.write(form, tmp_path / "out" / form)
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    files = [path.name for path in (tmp_path / "out" / "opencv-yaml").iterdir() if path.suffix == ".yml"]
+    assert len({name.casefold() for name in files}) == len(hostile)
+    assert all(len(name.encode()) < 255 and "/" not in name for name in files)
+    images = (tmp_path / "out" / "colmap" / "images.txt").read_text(encoding="utf-8").splitlines()[2::2]
+    assert len(images) == len(hostile)
+    assert all(len(line.split(" ")) == 10 for line in images)
