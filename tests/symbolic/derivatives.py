@@ -29,6 +29,10 @@ from mbm.symbolic.printing import named_subexpressions
 
 DIGITS = 30
 
+LONG = ("shoulder",)
+"""Problems whose equations are some thousand operations, for which SymPy takes minutes: `tests/language` compares what
+they are made of with SciPy."""
+
 
 def number(expression: sympy.Basic, point: Mapping[sympy.Symbol, Any]) -> Any:
     """The value of an expression with 30 digits; of a condition, whether it holds."""
