@@ -66,7 +66,7 @@ def test_an_image_that_is_its_background(tmp_path):
 
 def test_an_edge_that_is_too_blurred(tmp_path):
     save(tmp_path / "part.png", noisy(gaussian_filter(image(disk(160, 120, 60)), 6), np.random.default_rng(1), 3))
-    assert fault(tmp_path).message.endswith("its edge is too blurred to be measured")
+    assert fault(tmp_path).message.endswith("its edge is too blurred or too rough to be measured")
 
 
 def test_a_background_of_another_size(tmp_path):
