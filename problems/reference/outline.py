@@ -25,7 +25,10 @@ def main() -> None:
     truth = {"a": OUTSIDE[:2], "ra": OUTSIDE[2], "b": INSIDE[:2], "rb": INSIDE[2]}
     estimates = {name: {"value": value, "deviations": 4} for name, value in truth.items()}
     derived = {"eccentricity": {"value": float(np.hypot(2.8, 1.8)), "deviations": 4}}
-    write_expected("outline", {"outline": {"solves": [{"estimates": estimates, "derived": derived}]}})
+    # Points are 4 px apart along the outermost pixels of the ring, whose middles are half a pixel inside of its edges.
+    points = sum(round(2 * np.pi * radius / 4) for radius in (OUTSIDE[2] - 0.5, INSIDE[2] + 0.5))
+    solve = {"dof": points - 6, "estimates": estimates, "derived": derived}
+    write_expected("outline", {"outline": {"solves": [solve]}})
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 import mbm
 from mbm.text.types import DataPlace, MbmError, Span
@@ -61,6 +62,11 @@ def test_an_image_that_is_its_background(tmp_path):
         save(tmp_path / name, noisy(image(disk(160, 120, 60)), np.random.default_rng(seed), 3))
     found = fault(tmp_path, '(contour "part.png" :background "empty.png")')
     assert found.message.endswith(WORDS)
+
+
+def test_an_edge_that_is_too_blurred(tmp_path):
+    save(tmp_path / "part.png", noisy(gaussian_filter(image(disk(160, 120, 60)), 6), np.random.default_rng(1), 3))
+    assert fault(tmp_path).message.endswith("its edge is too blurred or too rough to be measured")
 
 
 def test_a_background_of_another_size(tmp_path):

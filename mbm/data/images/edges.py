@@ -20,6 +20,9 @@ from mbm.data.images.fitting import Fitted, Floats, Image, Patches, Strips, fit
 REACHES = 6.0, 3.0
 """How far strips reach to either side in px; the second where the first does not fit, as in thin parts."""
 
+WHOLE = 0.4
+"""Part of the reach that the blur may have: then 99 % of a step lie in the strip."""
+
 WIDEST = 2.0
 """Half the width of the widest strip in px: a wider one would see more of a bend than its curvature says."""
 
@@ -93,15 +96,21 @@ def _on_edge(image: Image, line: Floats, bends: Floats, spacing: float) -> Fitte
     strips = Strips(angles=_directions(line), bends=bends, half=min(spacing / 2, WIDEST))
     shape = np.tile([0.0, np.log(USUAL_BLUR)], (len(line), 1))
     patches = Patches(points=line, radii=np.full(len(line), REACHES[0]), parameters=shape, strips=strips)
-    found = _without_misfits(fit(image, patches, edge))
+    found = _without_misfits(_fitted(image, patches))
     for reach in REACHES[1:]:
         again = ~found.good
         if again.any():
             shorter = replace(patches, radii=np.full(len(line), reach)).of(again)
-            found = _without_misfits(_replaced(found, fit(image, shorter, edge), again))
-    blur = np.exp(2 * found.parameters[:, 1])
-    across = patches.axes[:, 0] * (blur * bends / 2)[:, None]
+            found = _without_misfits(_replaced(found, _fitted(image, shorter), again))
+    variance = np.exp(2 * np.where(found.good, found.parameters[:, 1], 0.0))
+    across = patches.axes[:, 0] * (variance * bends / 2)[:, None]
     return replace(found, points=np.where(found.good[:, None], found.points - across, line))
+
+
+def _fitted(image: Image, patches: Patches) -> Fitted:
+    """Edges in strips; those are not good whose blur is so wide that a strip does not show both sides."""
+    found = fit(image, patches, edge)
+    return replace(found, good=found.good & (found.parameters[:, 1] <= np.log(WHOLE * patches.radii)))
 
 
 def _without_misfits(found: Fitted) -> Fitted:

@@ -265,6 +265,8 @@ def _inverse(normal: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """The inverses of normal matrices (n, k, k), and which of them are regular; the others are infinite."""
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))
     scaled = normal / scale[:, :, None] / scale[:, None, :]
+    finite = np.isfinite(scaled).all(axis=(1, 2))
+    scaled = np.where(finite[:, None, None], scaled, 0.0)
     regular = np.linalg.eigvalsh(scaled)[:, 0] > SINGULAR
     safe = np.where(regular[:, None, None], scaled, np.eye(normal.shape[1]))
     inverse = np.linalg.inv(safe) / scale[:, :, None] / scale[:, None, :]

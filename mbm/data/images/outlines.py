@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 PER_DIFFERENCE = 2 * PER_PIXEL
 """Bytes for a pixel of an image, its background, and their difference."""
 
+SHARP = 0.25
+"""Part of the points on the outside that must look like an edge: of fewer, some do by chance."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wanted:
@@ -86,8 +89,8 @@ def _seen(name: str, path: Path, background: Grey | None, wanted: Wanted) -> _Se
     try:
         lines = object_outlines(levels[-1], wanted.choice)
         edges = tuple(refined(levels, smoothed(line), wanted.spacing) for line in lines)
-        if not edges[0].good.any():
-            edges, reason = (), "its edge is too blurred to be measured"
+        if edges[0].good.mean() < SHARP:
+            edges, reason = (), "its edge is too blurred or too rough to be measured"
     except NoObjectError as error:
         reason = str(error)
     return _Seen(name=name, path=path.as_posix(), sha256=digest, edges=edges, reason=reason)
