@@ -26,8 +26,8 @@ from mbm.values import dataclass
 FIRST_STEPS = 5
 """Newton's method from a chord; its error is squared in each step and begins at some hundredths."""
 
-LAST_STEPS = 3
-"""After them, by the formula of the piece that the foot is in."""
+LAST_STEPS = 4
+"""From the nearer of both, by the formula of the piece that the foot is in."""
 
 _FAR = 1e300
 """The squared distance from what is out of sight."""
@@ -74,8 +74,7 @@ def foot_of(curve: CurveValue, p: Point, span: Span) -> Foot:
     if curve.chords > 1:
         second = _second(candidates, best, span) if len(candidates) > 2 else best
         best = _nearer(span, *(_refined(curve, each, p, FIRST_STEPS, span) for each in (best, second)))
-        if not curve.corners and len(curve.pieces) > 1:
-            best = _refined(curve, best, p, LAST_STEPS, span)
+        best = _refined(curve, best, p, LAST_STEPS, span)
     at, low, high = (apply(Operation.HELD, each, span=span) for each in (best.at, best.low, best.high))
     point = curve.formula(_within(curve, at, low, high, span))
     slope = derivatives(point, curve.parameter)
