@@ -183,3 +183,29 @@ def test_what_stays_without_a_start_is_named_with_the_start_that_would_do(tmp_pa
     assert "has no start" in explain(file)
     with pytest.raises(mbm.MbmError, match="missing-start"):
         mbm.load(file).solve()
+
+
+def test_points_of_a_reconstruction_are_taken_for_no_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each point beside its camera's numbers was one; thousands of them took minutes, before any step."""
+    from mbm.estimation.starts.closed_forms import planar_calibration
+
+    asked: list[object] = []
+    monkeypatch.setattr(planar_calibration, "_seen", lambda *given: asked.append(given))
+    generator = np.random.default_rng(5)
+    points = generator.uniform(-1.0, 1.0, size=(12, 3))
+    rows, poses = [], []
+    for k in range(3):
+        R, t = turn([0.0, 0.3 * k, 0.1]), np.array([0.1 * k, 0.0, 6.0])
+        images = LEFT.seen(points @ R.T + t)
+        rows += [(float(k), float(j), *image) for j, image in enumerate(images)]
+        poses.append([float(k), *numbers((R, t)), 790.0])
+    cameras = dict(zip(("cam", "w", "i", "j", "k", "tx", "ty", "tz", "guess"), np.array(poses).T, strict=True))
+    marks = dict(zip(("mark", "px", "py", "pz"), np.column_stack([np.arange(12.0), points + 0.01]).T, strict=True))
+    seen = dict(zip(("cam", "mark", "u", "v"), np.array(rows).T, strict=True))
+    text = """(problem bundle (data cams external :key cam) (data marks external :key mark) (data seen external)
+      (camera c :per cams :focal ((f cam) (f cam)) :center (320 240))
+      (unknowns (f :per cams :init guess) (X (vector 3) :per marks :init [px py pz])
+        (T (pose 3) :per cams :init (pose3 (quaternion w i j k) [tx ty tz])))
+      (observe seen (= [u v] (project (c cam) (transform (T cam) (X mark)))) :sigma 0.2) (solve :gauge free))"""
+    mbm.loads(text).solve(data={"cams": cameras, "marks": marks, "seen": seen})
+    assert asked == []

@@ -15,6 +15,9 @@ from mbm.values import dataclass
 ONE_FOCAL, DISTORTION = 2, 5
 """Kinds of a camera's numbers: 0 and 1 are focal lengths of the axes, this is one for both; 3 and 4 the centre."""
 
+LEAST_POINTS = 4
+"""Points of a plane that tell its homography."""
+
 WIDEST, NARROWEST = 0.05, 100.0
 """Focal lengths beside the extent of what is seen, beyond which they are noise."""
 
@@ -101,11 +104,19 @@ def _kind(here: Floats, there: Floats) -> int | None:
 
 
 def cameras_of(candidate: Candidate) -> tuple[Indices, tuple[Camera, ...]]:
-    """The columns of a candidate's numbers that are of no pose, and the cameras that these are of, each once."""
+    """The columns of a candidate's numbers that are of no pose, and the cameras that these are of, each once.
+
+    What fewer rows know of than a plane needs is no camera: not each point of a reconstruction is taken for one.
+    """
     flat = [entry for entry in candidate.entries if not is_pose(entry)]
     columns = np.flatnonzero([any(_within(p, e.range) for e in flat) for p in candidate.places[0].tolist()])
     steps = np.flatnonzero([any(_within(c, e.coordinates) for e in flat) for c in candidate.coordinates[0].tolist()])
-    places, first = np.unique(candidate.places[:, columns], axis=0, return_index=True)
+    places, first, which = np.unique(candidate.places[:, columns], axis=0, return_index=True, return_inverse=True)
+    rows = np.zeros(len(places), dtype=np.int64)
+    for _, _, member in candidate.lines:
+        rows += np.bincount(which.ravel()[member], minlength=len(places))
+    enough = rows >= LEAST_POINTS
+    places, first = places[enough], first[enough]
     coordinates = candidate.coordinates[np.ix_(first, steps)]
     return columns, tuple(
         Camera(entries=tuple(flat), places=p, coordinates=c) for p, c in zip(places, coordinates, strict=True)
