@@ -48,7 +48,7 @@ RIG = """(problem rig (data photos external :key photo) (data cams external :key
 ONE_CLAUSE = """(problem rig (data photos external :key photo) (data cams external :key cam) (data d external)
   (camera c :per cams :focal ((fx cam) (fy cam)) :center ((cx cam) (cy cam)))
   (unknowns (fx :per cams) (fy :per cams) (cx :per cams) (cy :per cams)
-    (B (pose 3) :per cams :fixed (= cam 0)) (T (pose 3) :per photos))
+    (B (pose 3) :per cams :fixed (= cam 0) {at}) (T (pose 3) :per photos))
   (observe d (= [u v] (project (c cam) (transform (compose (B cam) (T photo)) [x y z]))) :sigma 0.2))"""
 
 POSE = "(pose3 (quaternion {0}w {0}i {0}j {0}k) [{0}x {0}y {0}z])"
@@ -121,16 +121,20 @@ def test_a_rig_in_which_no_photograph_sees_all_cameras() -> None:
     np.testing.assert_allclose(value(found, "B")[1:], [numbers(motion) for motion in rig[1:]], atol=EXACT)
 
 
-def test_a_rig_with_one_camera_held() -> None:
-    """One clause serves all cameras; that of camera 0 is held at the identity."""
+@pytest.mark.parametrize("place", [NONE, (turn([0.1, -0.3, 0.2]), np.array([0.4, -0.2, 0.1]))])
+def test_a_rig_with_one_camera_held(place: Motion) -> None:
+    """One clause serves all cameras; that of camera 0 is held at the identity, or where it is said to be."""
     cameras = [Camera(focal=(800.0 - 50 * k, 790.0 - 40 * k), centre=(320.0 + 5 * k, 240.0)) for k in range(3)]
     rig = [(turn([0.01 * k, 0.12 * k, 0.02 * k]), np.array([-0.1 * k, 0.01 * k, 0.02 * k])) for k in range(3)]
     generator = np.random.default_rng(3)
     tables = photographed(cameras, rig, held(generator, 6), {k: range(6) for k in range(3)}, 0.0, generator)
     data = {"photos": keyed("photo", 6), "cams": keyed("cam", 3), "d": together(tables)}
-    found = mbm.loads(ONE_CLAUSE).solve(data=data)
+    w, i, j, k, *shift = numbers(place)
+    at = "" if place is NONE else f":at (pose3 (quaternion {w} {i} {j} {k}) [{' '.join(map(str, shift))}])"
+    found = mbm.loads(ONE_CLAUSE.format(at=at)).solve(data=data)
     np.testing.assert_allclose(value(found, "fx"), [camera.focal[0] for camera in cameras], rtol=EXACT)
-    np.testing.assert_allclose(value(found, "B"), [numbers(motion) for motion in rig], atol=EXACT)
+    wanted = [numbers(composed(motion, place)) for motion in rig]
+    np.testing.assert_allclose(value(found, "B"), wanted, atol=EXACT)
 
 
 def named(prefix: str, motion: Motion) -> dict[str, float]:

@@ -28,6 +28,7 @@ from mbm.estimation.starts.closed_forms.moved_points import MovedPoints
 from mbm.estimation.starts.closed_forms.numerics.planes import homography
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
+from mbm.estimation.starts.closed_forms.standing import Eye, standing
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.rotations import nearest
 from mbm.values import dataclass
@@ -48,7 +49,8 @@ class View:
     """Points (n, 2) in coordinates of their plane, and where a camera sees them (n, 2).
 
     ``basis`` (3, 3) and ``origin`` place the plane in space. ``places`` (7,) are those of the numbers of the one
-    unknown pose through which it is seen, or none; ``inverse``: it is the inverse of that pose.
+    unknown pose through which it is seen, or none; ``inverse``: it is the inverse of that pose. ``eye`` is the camera's
+    known pose before it, if there is one.
     """
 
     camera: int
@@ -57,6 +59,7 @@ class View:
     basis: Floats
     origin: Floats
     axes: tuple[int, int, int]
+    eye: Eye | None
     places: Indices
     inverse: bool
 
@@ -130,9 +133,8 @@ def _seen(situation: Situation, camera: Camera, number: int) -> tuple[Camera, li
             return None
         camera = replace(camera, kinds=kinds)
         found = chain(camera.probed(free), lines, poses, 2)
-        axes = None if found is None else next((a for a in AXES if _is_pinhole(found.moved, a)), None)
-        if found is not None and axes is not None:
-            views += _views(found, number, axes)
+        if found is not None:
+            views += _views(found, number)
     return (camera, views) if views else None
 
 
@@ -148,10 +150,19 @@ def _lines(situation: Situation, camera: Camera) -> dict[tuple[int, ...], Lines]
     return {poses: tuple(lines) for poses, lines in found.items()}
 
 
-def _views(found: Chain, camera: int, axes: tuple[int, int, int]) -> Iterator[View]:
-    """Of each product of poses the points, if they lie in a plane, and where they are seen."""
-    sign = _sign(found.moved, axes)
-    seen = _pinhole(PROBE, axes) - sign * found.moved.values(PROBE)
+def _views(found: Chain, camera: int) -> Iterator[View]:
+    """Of each product of poses the points, if they lie in a plane, and where they are seen.
+
+    A camera that stands at a known pose before the unknown ones sees the products from there.
+    """
+    axes = next((a for a in AXES if _is_pinhole(found.moved, a)), None)
+    eye = standing(found.moved) if axes is None else None
+    if axes is not None:
+        seen = _pinhole(PROBE, axes) - _sign(found.moved, axes) * found.moved.values(PROBE)
+    elif eye is not None:
+        seen = eye.image(PROBE) - found.moved.values(PROBE)
+    else:
+        return
     order = np.argsort(found.product, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(found.product[order])) + 1):
         points = found.points[rows]
@@ -167,7 +178,8 @@ def _views(found: Chain, camera: int, axes: tuple[int, int, int]) -> Iterator[Vi
             image=seen[rows],
             basis=basis.T,
             origin=origin,
-            axes=axes,
+            axes=axes or AXES[0],
+            eye=eye,
             places=np.empty(0, dtype=np.int64) if link is None else link.places(int(link.member[rows[0]])),
             inverse=link is not None and link.inverse,
         )
@@ -224,6 +236,8 @@ def _pose(view: View, homography: Floats, focal: Floats, centre: Floats) -> Floa
     order = np.argsort(view.axes)  # from right, down, forward to x, y, z
     R = nearest(np.stack([M[:, 0], M[:, 1], np.cross(M[:, 0], M[:, 1])], axis=1))[order] @ view.basis.T
     t = M[order, 2] - R @ view.origin
+    if view.eye is not None:
+        R, t = view.eye.R.T @ R, view.eye.R.T @ (t - view.eye.t)
     return FRAME.numbers(np.ones(()), R.T, -R.T @ t) if view.inverse else FRAME.numbers(np.ones(()), R, t)
 
 
