@@ -164,12 +164,12 @@ class Outline:
             np.add.at(total, places, np.einsum("nij,ni->nj", slopes, weights[own]))
         return total
 
-    def velocities(self, spots: Spots, what: str = "motion") -> Iterator[tuple[Indices, Indices, Floats]]:
+    def velocities(self, spots: Spots) -> Iterator[tuple[Indices, Indices, Floats]]:
         """Positions of spots, the places (k, m) of their inputs and derivatives (k, 2, m) by these; sheet by sheet."""
         for sheet, own in self.by_sheet(spots.arc):
             places = self.places(sheet, spots.arc[own])
-            table = self.surveyor.table(sheet, what, spots.at[own], self.numbers[places])
-            yield own, places, table.reshape(len(own), -1, places.shape[1])
+            table = self.surveyor.table(sheet, "motion", spots.at[own], self.numbers[places])
+            yield own, places, table.reshape(len(own), 2, places.shape[1])
 
     def spread(self, spots: Spots) -> Floats:
         """Derivatives (n, 2, size) of the spots by all numbers, with the parameters held."""
