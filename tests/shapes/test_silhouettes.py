@@ -88,6 +88,19 @@ def test_surface_is_a_part_where_it_holds_shapes():
     assert found == pytest.approx(1)
 
 
+def test_a_union_in_an_expression():
+    """Two disks apart, at a depth of 2: their areas add up; in a transform, a function and a variable alike."""
+    expected = pytest.approx(np.pi * (40**2 + 20**2), rel=1e-9)
+    union = "(or (disk r) (trans [0.3 0 0] (disk (/ r 2))))"
+    assert value(f"(area (silhouette cam (trans [0 0 2] {union})))") == expected
+    assert value(f"(let ((S {union})) (area (silhouette cam (trans [0 0 2] (or S S)))))") == expected
+    assert value("(area (silhouette cam (or (trans [0 0 2] (disk r)) (trans [0.3 0 2] (disk (/ r 2))))))") == expected
+
+
+def test_or_of_conditions_is_a_condition():
+    assert value("(if (or (> r 1) (< x 1)) 3 4)") == 3
+
+
 def test_two_silhouettes_of_one_shape():
     """Two cameras, one size: each sees it with its own pose."""
     clauses = """
@@ -117,6 +130,8 @@ REFUSED = [
     ("(observe (= 1 (area (trans [1 1] (silhouette cam (sphere r))))) :sigma 1)", "bad-form", "moves no silhouette"),
     ("(observe t (= 1 r) :sigma (area (silhouette cam (sphere u))))", "external-misplaced", "measures a silhouette"),
     ("(observe (= 1 (area (silhouette cam (two two)))) :sigma 1)", "wrong-arity", "two"),
+    ("(observe (= 1 (area (silhouette cam (or (disk r) (> r 1))))) :sigma 1)", "wrong-kind", "should be a shape"),
+    ("(observe (= 1 (area (silhouette cam (or (> r 1) (disk r))))) :sigma 1)", "not-a-condition", "the shape `disk`"),
 ]
 
 
