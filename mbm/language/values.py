@@ -170,15 +170,6 @@ class Placeable(ABC):
         """How many coordinates its points have."""
         return 3
 
-    def united(self, call: Call) -> Value | None:
-        """What ``(or …)`` of it, the first argument, and the others is; None where it is no union.
-
-        Raises:
-            MbmError: one of the others does not go with it.
-
-        """
-        return None
-
     def ends(self) -> tuple[Array, ...] | None:
         """The two points of a line, the three or more of a plane; None for anything else."""
         return None

@@ -11,6 +11,7 @@ from mbm.expression.nodes import Expression, Parameter
 from mbm.language import faults
 from mbm.language.curves import CurveValue, Point
 from mbm.language.parameters import Parameters
+from mbm.language.unions import Unitable
 from mbm.language.values import Array, Call, Callable_, ListValue, Placeable, Scope, Transform, Value, describe
 from mbm.language.vocabulary.frames import move_point
 from mbm.text.types import Form, MbmError, Sequence, Span
@@ -142,7 +143,7 @@ Node: TypeAlias = Surface | CurveNode | SweptSide | SmoothFace | NamedPoint | Mo
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Shape(Placeable):
+class Shape(Unitable):
     """What a model describes, as a value: it may be moved, asked for features, and stand in another model."""
 
     content: Node

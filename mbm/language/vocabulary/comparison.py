@@ -10,7 +10,8 @@ from mbm.expression.algebra import fold_values, number, subtract, wrap
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
 from mbm.language.coerce import condition, scalar
-from mbm.language.values import Builtin, Call, Placeable, StaticColumnNeeded, TextColumn, Value, describe
+from mbm.language.unions import Unitable
+from mbm.language.values import Builtin, Call, StaticColumnNeeded, TextColumn, Value, describe
 from mbm.text.types import MbmError, Span
 
 
@@ -86,8 +87,7 @@ def _logic(operation: Operation) -> Callable[[Call], Value]:
 def _or(call: Call) -> Value:
     """The union of shapes, or whether a condition holds."""
     first = call.arguments[0] if call.arguments else None
-    union = first.united(call) if isinstance(first, Placeable) else None
-    return _either(call) if union is None else union
+    return first.united(call) if isinstance(first, Unitable) else _either(call)
 
 
 _either = _logic(Operation.OR)
