@@ -163,3 +163,40 @@ def test_without_shapely(monkeypatch):
     fault, message = code("(observe (= 1 (area (silhouette cam (trans [0 0 2] (sphere r))))) :sigma 1)")
     assert fault == "missing-extra"
     assert "a silhouette" in message
+
+
+NEAR = "a part of the shape is nearer than 0.1 m or behind the camera"
+NOTHING = "the shape covers nothing of the image: it has no size, or is a plate that is seen edge-on"
+
+
+@pytest.mark.parametrize(
+    ("silhouette", "rows", "reason"),
+    [
+        ("(trans [0 0 (- v 3)] (sphere r))", "rows 1, 3", NEAR),
+        ("(trans [0 0 (- u 1)] (box 0.3 0.3 0.3))", "row 1", NEAR),
+        ("(trans [0 0 v] (box r (- u 1) r))", "row 1", NOTHING),
+        ("(trans [0 0 v] (rotate (0 90deg 0) (rectangular 0.1 (+ r 0.1))))", "rows 1, 2, 3", NOTHING),
+        ("(trans [0 0 (/ v x)] (sphere r))", "rows 1, 2, 3", "a number that the shape or its camera is made of"),
+        ("(trans [0 0 (sqrt (- 4 v))] (sphere r))", "row 2", "a number that the shape or its camera is made of"),
+    ],
+)
+def test_the_start_without_an_outline_says_where_and_why(silhouette, rows, reason):
+    """The camera in a body, bodies before and behind it, and what covers nothing."""
+    text = f"""
+    (problem p
+      (data t (table (u v) (1 2) (3 4.5) (4 3)))
+      (camera cam :focal (800 800))
+      (unknowns (r :init 0.1) (x :init 0))
+      (observe t (contour-distance (silhouette cam {silhouette}) [u v]) :sigma 1)
+      (observe (= x 1) :sigma 1))"""
+    (warning,) = mbm.loads(text).solve().first.diagnostics
+    assert warning.code.name == "not-finite-at-start"
+    assert f"an equation of `t` has no finite value at the initial values in {rows}" in warning.message
+    assert f"{': ' if rows.startswith('row ') else '; in row 1 '}{reason}" in warning.message
+
+
+def test_of_many_rows_without_a_value_some_are_named():
+    numbers = " ".join(f"({n})" for n in range(1, 21))
+    text = f"(problem p (data t (table (n) {numbers})) (unknowns (a :init 5)) (observe t (= 1 (log (- a n))) :sigma 1))"
+    (warning,) = mbm.loads(text).solve().first.diagnostics
+    assert warning.message.endswith("at the initial values in rows 5, 6, 7, 8, 9, 10 and 10 more")
