@@ -200,3 +200,15 @@ def test_of_many_rows_without_a_value_some_are_named():
     text = f"(problem p (data t (table (n) {numbers})) (unknowns (a :init 5)) (observe t (= 1 (log (- a n))) :sigma 1))"
     (warning,) = mbm.loads(text).solve().first.diagnostics
     assert warning.message.endswith("at the initial values in rows 5, 6, 7, 8, 9, 10 and 10 more")
+
+
+def test_a_constraint_without_an_outline_says_why():
+    text = """
+    (problem p
+      (camera cam :focal (800 800))
+      (unknowns (z :init 0.05))
+      (observe (= 1 z) :sigma 1)
+      (constraints (<= (area (silhouette cam (trans [0 0 z] (sphere 0.1)))) 3000)))"""
+    (warning,) = mbm.loads(text).solve().first.diagnostics
+    assert warning.code.name == "not-finite-at-start"
+    assert warning.message.endswith(f"at the initial values: {NEAR}")

@@ -44,7 +44,7 @@ def start_faults(
 
 def _lines(group: Group, minimum: Minimum, kept: Indices | None) -> Indices:
     """The lines of a group that have no finite value, of those with residuals at ``kept`` (None: all)."""
-    values = group.whitened(group.values_at(minimum.point[None])).reshape(group.count)
+    values = group.values_at(minimum.point[None]).reshape(group.count)
     bad = np.flatnonzero(~np.isfinite(values))
     if kept is not None:
         bad = bad[np.isin(bad + group.first, kept)]
