@@ -92,7 +92,7 @@ ANOTHER_SOLUTION = Code(
     "Measure something that tells the two apart, or exclude one with `:in` or a constraint.",
 )
 MOST_NAMED = 6
-"""Numbers of one unknown that a message lists."""
+"""Numbers of one unknown, or rows of a table, that a message lists."""
 
 
 def no_equations(unknowns: int, place: Place | None = None) -> Diagnostic:
@@ -132,11 +132,17 @@ def option_not_finite(span: Span, name: str, key: str | float | None) -> Diagnos
     )
 
 
-def not_finite_at_start(span: Span, name: str, place: Place | None) -> Diagnostic:
-    """An equation without a value at the initial values."""
+def not_finite_at_start(
+    span: Span, name: str, place: Place | None, rows: Sequence[int], reason: str | None
+) -> Diagnostic:
+    """An equation without a value at the initial values, in ``rows`` of its table; why in the first of them."""
+    more = f" and {len(rows) - MOST_NAMED:,} more" if len(rows) > MOST_NAMED else ""
+    listed = ", ".join(str(row) for row in rows[:MOST_NAMED])
+    where = f" in {'row' if len(rows) == 1 else 'rows'} {listed}{more}" if rows else ""
+    why = "" if reason is None else f"; in row {rows[0]} {reason}" if len(rows) > 1 else f": {reason}"
     return Diagnostic(
         code=NOT_FINITE_AT_START,
-        message=f"an equation of `{name}` has no finite value at the initial values",
+        message=f"an equation of `{name}` has no finite value at the initial values{where}{why}",
         place=span,
         labels=(Label(place, "for this row"),) if place is not None else (),
         hint=NOT_FINITE_AT_START.mend,

@@ -82,6 +82,14 @@ class CalledFunctions:
         """
         return self._python.doubt(called, arguments, wanted) if isinstance(called, External) else None
 
+    def reason(self, called: External | Outlined, arguments: Floats) -> str | None:
+        """Why there are no values for ``arguments`` (1, m); None where there are, or nobody knows.
+
+        Raises:
+            MbmError: missing-extra.
+        """
+        return self._measuring(called).reason(called, arguments) if isinstance(called, Outlined) else None
+
     def outputs(self, called: External | Outlined, arguments: tuple[Values, ...]) -> tuple[Values, ...]:
         """As ``values``, for arguments and numbers one by one, each of shape (rows,) or one for all rows."""
         columns = np.broadcast_arrays(np.zeros(1), *arguments)[1:]

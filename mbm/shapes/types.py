@@ -8,11 +8,13 @@ from dataclasses import field
 from typing import TypeAlias
 
 from mbm.expression.nodes import Expression, Parameter
+from mbm.language import faults
 from mbm.language.curves import CurveValue, Point
 from mbm.language.parameters import Parameters
-from mbm.language.values import Array, Call, Callable_, ListValue, Placeable, Scope, Transform, Value
+from mbm.language.unions import Unitable
+from mbm.language.values import Array, Call, Callable_, ListValue, Placeable, Scope, Transform, Value, describe
 from mbm.language.vocabulary.frames import move_point
-from mbm.text.types import Form, Sequence, Span
+from mbm.text.types import Form, MbmError, Sequence, Span
 from mbm.values import dataclass
 
 
@@ -141,7 +143,7 @@ Node: TypeAlias = Surface | CurveNode | SweptSide | SmoothFace | NamedPoint | Mo
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Shape(Placeable):
+class Shape(Unitable):
     """What a model describes, as a value: it may be moved, asked for features, and stand in another model."""
 
     content: Node
@@ -158,6 +160,20 @@ class Shape(Placeable):
         return Shape(
             content=Moved(step=by, children=(self.content,), dimension=dimension, span=self.span), span=self.span
         )
+
+    def united(self, call: Call) -> Shape:
+        """The union of shapes, which is no level of a path.
+
+        Raises:
+            MbmError: an argument is no shape.
+
+        """
+        parts: list[Node] = []
+        for value, form in zip(call.arguments, call.forms, strict=True):
+            if not isinstance(value, Shape):
+                raise MbmError(faults.wrong_kind(form.span, "a shape", describe(value)))
+            parts.append(value.content)
+        return Shape(content=Group(children=tuple(parts), span=call.span), span=call.span)
 
     def as_point(self) -> Array | None:
         """A shape is no point."""

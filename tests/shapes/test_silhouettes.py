@@ -88,6 +88,19 @@ def test_surface_is_a_part_where_it_holds_shapes():
     assert found == pytest.approx(1)
 
 
+def test_a_union_in_an_expression():
+    """Two disks apart, at a depth of 2: their areas add up; in a transform, a function and a variable alike."""
+    expected = pytest.approx(np.pi * (40**2 + 20**2), rel=1e-9)
+    union = "(or (disk r) (trans [0.3 0 0] (disk (/ r 2))))"
+    assert value(f"(area (silhouette cam (trans [0 0 2] {union})))") == expected
+    assert value(f"(let ((S {union})) (area (silhouette cam (trans [0 0 2] (or S S)))))") == expected
+    assert value("(area (silhouette cam (or (trans [0 0 2] (disk r)) (trans [0.3 0 2] (disk (/ r 2))))))") == expected
+
+
+def test_or_of_conditions_is_a_condition():
+    assert value("(if (or (> r 1) (< x 1)) 3 4)") == 3
+
+
 def test_two_silhouettes_of_one_shape():
     """Two cameras, one size: each sees it with its own pose."""
     clauses = """
@@ -117,6 +130,8 @@ REFUSED = [
     ("(observe (= 1 (area (trans [1 1] (silhouette cam (sphere r))))) :sigma 1)", "bad-form", "moves no silhouette"),
     ("(observe t (= 1 r) :sigma (area (silhouette cam (sphere u))))", "external-misplaced", "measures a silhouette"),
     ("(observe (= 1 (area (silhouette cam (two two)))) :sigma 1)", "wrong-arity", "two"),
+    ("(observe (= 1 (area (silhouette cam (or (disk r) (> r 1))))) :sigma 1)", "wrong-kind", "should be a shape"),
+    ("(observe (= 1 (area (silhouette cam (or (> r 1) (disk r))))) :sigma 1)", "not-a-condition", "the shape `disk`"),
 ]
 
 
@@ -148,3 +163,52 @@ def test_without_shapely(monkeypatch):
     fault, message = code("(observe (= 1 (area (silhouette cam (trans [0 0 2] (sphere r))))) :sigma 1)")
     assert fault == "missing-extra"
     assert "a silhouette" in message
+
+
+NEAR = "a part of the shape is nearer than 0.1 m or behind the camera"
+NOTHING = "the shape covers nothing of the image: it has no size, or is a plate that is seen edge-on"
+
+
+@pytest.mark.parametrize(
+    ("silhouette", "rows", "reason"),
+    [
+        ("(trans [0 0 (- v 3)] (sphere r))", "rows 1, 3", NEAR),
+        ("(trans [0 0 (- u 1)] (box 0.3 0.3 0.3))", "row 1", NEAR),
+        ("(trans [0 0 v] (box r (- u 1) r))", "row 1", NOTHING),
+        ("(trans [0 0 v] (rotate (0 90deg 0) (rectangular 0.1 (+ r 0.1))))", "rows 1, 2, 3", NOTHING),
+        ("(trans [0 0 (/ v x)] (sphere r))", "rows 1, 2, 3", "a number that the shape or its camera is made of"),
+        ("(trans [0 0 (sqrt (- 4 v))] (sphere r))", "row 2", "a number that the shape or its camera is made of"),
+    ],
+)
+def test_the_start_without_an_outline_says_where_and_why(silhouette, rows, reason):
+    """The camera in a body, bodies before and behind it, and what covers nothing."""
+    text = f"""
+    (problem p
+      (data t (table (u v) (1 2) (3 4.5) (4 3)))
+      (camera cam :focal (800 800))
+      (unknowns (r :init 0.1) (x :init 0))
+      (observe t (contour-distance (silhouette cam {silhouette}) [u v]) :sigma 1)
+      (observe (= x 1) :sigma 1))"""
+    (warning,) = mbm.loads(text).solve().first.diagnostics
+    assert warning.code.name == "not-finite-at-start"
+    assert f"an equation of `t` has no finite value at the initial values in {rows}" in warning.message
+    assert f"{': ' if rows.startswith('row ') else '; in row 1 '}{reason}" in warning.message
+
+
+def test_of_many_rows_without_a_value_some_are_named():
+    numbers = " ".join(f"({n})" for n in range(1, 21))
+    text = f"(problem p (data t (table (n) {numbers})) (unknowns (a :init 5)) (observe t (= 1 (log (- a n))) :sigma 1))"
+    (warning,) = mbm.loads(text).solve().first.diagnostics
+    assert warning.message.endswith("at the initial values in rows 5, 6, 7, 8, 9, 10 and 10 more")
+
+
+def test_a_constraint_without_an_outline_says_why():
+    text = """
+    (problem p
+      (camera cam :focal (800 800))
+      (unknowns (z :init 0.05))
+      (observe (= 1 z) :sigma 1)
+      (constraints (<= (area (silhouette cam (trans [0 0 z] (sphere 0.1)))) 3000)))"""
+    (warning,) = mbm.loads(text).solve().first.diagnostics
+    assert warning.code.name == "not-finite-at-start"
+    assert warning.message.endswith(f"at the initial values: {NEAR}")

@@ -7,7 +7,6 @@ from time import perf_counter
 
 import numpy as np
 
-from mbm.equations import faults
 from mbm.equations.assembling import blank
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
@@ -28,6 +27,7 @@ from mbm.estimation.search.multistart import starting_points
 from mbm.estimation.search.search import Tally, search
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.settings import Settings
+from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, reached
 from mbm.estimation.trust.plausibility import doubts
 from mbm.estimation.uncertainty.derived import Propagation
@@ -38,7 +38,6 @@ from mbm.estimation.uncertainty.statistics import statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
-from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
 
@@ -165,7 +164,7 @@ def answered(
         iterations=end.iterations,
         evaluations=end.evaluations,
         seconds=seconds(),
-        diagnostics=(*_at_start(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
+        diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
     )
 
 
@@ -194,27 +193,3 @@ def _known(equations: Assembled, numbers: Floats, unused: Indices) -> Floats:
     for curved in layout.curved:
         empty[curved.numbers[moved[curved.coordinates].all(axis=1)]] = True
     return np.where(idle & empty, np.nan, numbers)
-
-
-def _at_start(
-    problem: Problem, tables: Mapping[str, Table], minimum: Minimum, equations: Assembled
-) -> tuple[Diagnostic, ...]:
-    """Where an equation has no finite value at the start: its place in the text and in the data."""
-    if minimum.bad_row is None:
-        return ()
-    groups, bad = equations.groups, minimum.bad_row
-    if bad >= equations.count:
-        groups, bad = equations.constraints, bad - equations.count
-    elif equations.rows is not None:
-        bad = int(equations.rows[bad])
-    for group in groups:
-        if group.first <= bad < group.first + group.count:
-            row = (bad - group.first) // group.kernel.outputs
-            table = problem.blocks[group.kernel.owner].table
-            place = None
-            if table is not None and group.positions is not None:
-                place = tables[table].place(int(group.positions[row]))
-            corrected = group.kernel.corrections is not None
-            fault = faults.no_corrections_at_start if corrected else faults.not_finite_at_start
-            return (fault(group.kernel.span, group.kernel.name, place),)
-    return ()

@@ -86,6 +86,12 @@ class CallingStream:
         found = (self.functions.doubt(call.external, arguments, call.wanted) for call, arguments in pairs)
         return [doubt for doubt in found if doubt is not None]
 
+    def reason(self, inputs: Floats) -> str | None:
+        """Why the first call that gives no numbers at ``inputs`` (1, variables + parameters) gives none, if known."""
+        whole = self._with_results(inputs, derivatives=False)
+        said = (self.functions.reason(call.external, _arguments(call, steps, whole)) for call, steps in self.calls)
+        return next((reason for reason in said if reason is not None), None)
+
     def _with_results(self, inputs: Floats, *, derivatives: bool) -> Floats:
         """The inputs with what the calls give behind them; zeros for derivatives that are not wanted."""
         whole = np.zeros((len(inputs), self.width))

@@ -14,7 +14,7 @@ from mbm.expression.nodes import Figure, Outlined
 from mbm.kernels.outlines.distances import Feet, feet_of, slopes_of
 from mbm.kernels.outlines.extremes import SIDES, extent, extreme
 from mbm.kernels.outlines.measures import Measured, area, centroid, perimeter
-from mbm.kernels.outlines.outline import Indices, Outline, outline_of
+from mbm.kernels.outlines.outline import Indices, NoOutline, Outline, outline_of
 from mbm.kernels.outlines.surveyor import Surveyor
 from mbm.kernels.types import Floats, SheetPrograms
 
@@ -35,8 +35,8 @@ class Outlines:
 
     def __init__(self) -> None:
         self._surveyors: dict[Figure, Surveyor] = {}
-        self._kept: OrderedDict[tuple[Figure, bytes], Outline | None] = OrderedDict()
-        self._measured: OrderedDict[tuple[str, Figure, bytes], Measured | None] = OrderedDict()
+        self._kept: OrderedDict[tuple[Figure, bytes], Outline | NoOutline] = OrderedDict()
+        self._measured: OrderedDict[tuple[str, Figure, bytes], Measured] = OrderedDict()
         self._last: tuple[Outline, Floats, Feet] | None = None
         self._lock = RLock()
 
@@ -50,7 +50,7 @@ class Outlines:
         with self._lock, np.errstate(all="ignore"):
             found = np.full((len(arguments), call.size), np.nan)
             for rows, outline, key in self._outlines(call.figure, arguments):
-                if outline is None:
+                if isinstance(outline, NoOutline):
                     continue
                 if call.function == "contour-distance":
                     found[rows] = self._feet(outline, arguments[rows, call.figure.size :]).distances[:, None]
@@ -63,7 +63,7 @@ class Outlines:
         with self._lock, np.errstate(all="ignore"):
             found = np.full((len(arguments), call.size, len(wanted)), np.nan)
             for rows, outline, key in self._outlines(call.figure, arguments):
-                if outline is None:
+                if isinstance(outline, NoOutline):
                     continue
                 if call.function == "contour-distance":
                     feet = self._feet(outline, arguments[rows, call.figure.size :])
@@ -71,6 +71,12 @@ class Outlines:
                 else:
                     found[rows] = self._whole(call, outline, key)[1][:, wanted]
             return found
+
+    def reason(self, call: Outlined, arguments: Floats) -> str | None:
+        """Why there is no outline for arguments (1, m); None if there is one."""
+        with self._lock, np.errstate(all="ignore"):
+            (found,) = (outline for _, outline, _ in self._outlines(call.figure, arguments))
+            return found.value if isinstance(found, NoOutline) else None
 
     def _feet(self, outline: Outline, points: Floats) -> Feet:
         """Those of the last call, if it was about the same points."""
@@ -88,7 +94,7 @@ class Outlines:
 
     def _outlines(
         self, figure: Figure, arguments: Floats
-    ) -> Iterator[tuple[Indices, Outline | None, tuple[Figure, bytes]]]:
+    ) -> Iterator[tuple[Indices, Outline | NoOutline, tuple[Figure, bytes]]]:
         """The rows of each outline."""
         table = np.ascontiguousarray(arguments[:, : figure.size])
         if len(table) and (table == table[0]).all():

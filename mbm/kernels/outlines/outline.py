@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import field, replace
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.expression.nodes import Figure
-from mbm.kernels.outlines.arcs import Arc, arcs_of, jacobian
+from mbm.kernels.outlines.arcs import NEAREST_DEPTH, Arc, arcs_of, jacobian
 from mbm.kernels.outlines.region import rings_of
 from mbm.kernels.outlines.surveyor import Surveyor
 from mbm.kernels.types import Floats
@@ -164,12 +165,12 @@ class Outline:
             np.add.at(total, places, np.einsum("nij,ni->nj", slopes, weights[own]))
         return total
 
-    def velocities(self, spots: Spots, what: str = "motion") -> Iterator[tuple[Indices, Indices, Floats]]:
+    def velocities(self, spots: Spots) -> Iterator[tuple[Indices, Indices, Floats]]:
         """Positions of spots, the places (k, m) of their inputs and derivatives (k, 2, m) by these; sheet by sheet."""
         for sheet, own in self.by_sheet(spots.arc):
             places = self.places(sheet, spots.arc[own])
-            table = self.surveyor.table(sheet, what, spots.at[own], self.numbers[places])
-            yield own, places, table.reshape(len(own), -1, places.shape[1])
+            table = self.surveyor.table(sheet, "motion", spots.at[own], self.numbers[places])
+            yield own, places, table.reshape(len(own), 2, places.shape[1])
 
     def spread(self, spots: Spots) -> Floats:
         """Derivatives (n, 2, size) of the spots by all numbers, with the parameters held."""
@@ -199,14 +200,24 @@ class Outline:
         return piece, self.spots(self.arc[piece], place), np.concatenate(weights)[order_of]
 
 
-def outline_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Outline | None:
-    """The outline for these numbers (size,); None where some of the figure is not in front of the camera."""
+class NoOutline(Enum):
+    """Why a figure has no outline."""
+
+    NOT_FINITE = "a number that the shape or its camera is made of is not finite"
+    TOO_NEAR = f"a part of the shape is nearer than {NEAREST_DEPTH:g} m or behind the camera"
+    NOTHING_COVERED = "the shape covers nothing of the image: it has no size, or is a plate that is seen edge-on"
+
+
+def outline_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Outline | NoOutline:
+    """The outline for these numbers (size,), or why there is none."""
     if not np.isfinite(numbers).all():
-        return None
+        return NoOutline.NOT_FINITE
     arcs = arcs_of(figure, surveyor, numbers)
+    if arcs is None:
+        return NoOutline.TOO_NEAR
     rings = rings_of(arcs) if arcs else []
-    if not arcs or not rings:
-        return None
+    if not rings:
+        return NoOutline.NOTHING_COVERED
     pieces = [stretch for ring in rings for stretch in ring]
     following = np.concatenate(_following([len(ring) for ring in rings]))
     drafted = Outline(

@@ -10,6 +10,7 @@ from mbm.expression.algebra import fold_values, number, subtract, wrap
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
 from mbm.language.coerce import condition, scalar
+from mbm.language.unions import Unitable
 from mbm.language.values import Builtin, Call, StaticColumnNeeded, TextColumn, Value, describe
 from mbm.text.types import MbmError, Span
 
@@ -83,6 +84,15 @@ def _logic(operation: Operation) -> Callable[[Call], Value]:
     return function
 
 
+def _or(call: Call) -> Value:
+    """The union of shapes, or whether a condition holds."""
+    first = call.arguments[0] if call.arguments else None
+    return first.united(call) if isinstance(first, Unitable) else _either(call)
+
+
+_either = _logic(Operation.OR)
+
+
 def _not(call: Call) -> Value:
     part = condition(call.arguments[0], call.span)
     return (not part) if isinstance(part, bool) else Apply(Operation.NOT, (part,), span=call.span)
@@ -100,7 +110,7 @@ FUNCTIONS: tuple[Builtin, ...] = (
     Builtin(">", "(> a b …)", "Whether each is greater than the next.", 2, None, _chain(Operation.LESS, swapped=True)),
     Builtin(">=", "(>= a b …)", "Whether none is less than the next.", 2, None, _chain(Operation.LESS_EQUAL, swapped=True)),
     Builtin("and", "(and a b …)", "Whether all hold.", 0, None, _logic(Operation.AND)),
-    Builtin("or", "(or a b …)", "Whether one holds.", 0, None, _logic(Operation.OR)),
+    Builtin("or", "(or a b …)", "Whether one holds; of shapes, their union.", 0, None, _or),
     Builtin("not", "(not a)", "Whether a does not hold.", 1, 1, _not),
     Builtin("finite", "(finite x)", "Whether x is a number that is there: neither missing nor infinite.", 1, 1, _finite),
 )  # fmt: skip
