@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,39 +23,40 @@ class Scenes:
     force: bool
 
 
-def scenes_of(given: Mapping[str, Any]) -> Scenes | None:
-    """What the options of ``mbm solve`` ask for; None: nothing."""
-    if given["written"] is None:
-        return None
-    form, folder = given["written"]
-    return Scenes(form=form, folder=Path(folder), force=given["force"])
+def scenes_of(given: Mapping[str, Any]) -> tuple[Scenes, ...]:
+    """What the options of ``mbm solve`` ask for."""
+    return tuple(Scenes(form=form, folder=Path(folder), force=given["force"]) for form, folder in given["written"])
 
 
-def check_scenes(scenes: Scenes | None, reads: tuple[Read, ...]) -> None:
+def check_scenes(scenes: Sequence[Scenes], reads: tuple[Read, ...]) -> None:
     """What speaks against writing, as far as can be said before there is anything to write.
 
     Raises:
-        MbmError: unknown-output, foreign-folder, not-writable.
+        MbmError: unknown-output, foreign-folder, not-writable, would-overwrite: two go to one folder.
 
     """
-    if scenes is None:
+    if not scenes:
         return
-    from mbm.files.folders import check_folder
+    from mbm.files.folders import check_folder, refuse_one_folder
     from mbm.files.manifest import WRITE
     from mbm.report.scenes.formats import check_format
 
-    check_format(scenes.form)
-    check_folder(scenes.folder, WRITE, force=scenes.force, reads=reads)
+    for each in scenes:
+        check_format(each.form)
+        check_folder(each.folder, WRITE, force=each.force, reads=reads)
+    refuse_one_folder([each.folder for each in scenes])
 
 
-def write_scenes(scenes: Scenes | None, result: Result, reads: tuple[Read, ...]) -> tuple[Diagnostic, ...]:
-    """Write the files; what went wrong."""
-    if scenes is None:
+def write_scenes(scenes: Sequence[Scenes], result: Result, reads: tuple[Read, ...]) -> tuple[Diagnostic, ...]:
+    """Write all files that can be; what went wrong with the others."""
+    if not scenes:
         return ()
     from mbm.report.scenes.formats import write
 
-    try:
-        write(result, scenes.form, scenes.folder, force=scenes.force, reads=reads)
-    except MbmError as error:
-        return error.diagnostics
-    return ()
+    wrong: list[Diagnostic] = []
+    for each in scenes:
+        try:
+            write(result, each.form, each.folder, force=each.force, reads=reads)
+        except MbmError as error:
+            wrong.extend(error.diagnostics)
+    return tuple(wrong)

@@ -270,7 +270,9 @@ def bad_array(place: DataPlace, what: str) -> Diagnostic:
 
 def not_a_number(place: DataPlace, cell: str, unit: str, declared: Place) -> Diagnostic:
     """A text ``cell`` in a column that the data clause reads in ``unit``."""
-    message = f"row {place.row}, column `{short_text(place.column)}` holds the text `{short_text(cell)}`, not a number"
+    message = (
+        f"row {place.counted}, column `{short_text(place.column)}` holds the text `{short_text(cell)}`, not a number"
+    )
     label = Label(declared, f"read in `{unit}` here")
     return Diagnostic(code=NOT_A_NUMBER, message=message, place=place, labels=(label,))
 
@@ -285,15 +287,15 @@ def empty_column(place: DataPlace) -> Diagnostic:
 
 def missing_key(place: DataPlace) -> Diagnostic:
     """A gap in the key column."""
-    message = f"row {place.row} has no key: its cell in column `{short_text(place.column)}` is empty"
+    message = f"row {place.counted} has no key: its cell in column `{short_text(place.column)}` is empty"
     return Diagnostic(code=MISSING_KEY, message=message, place=place)
 
 
 def duplicate_key(place: DataPlace, first: DataPlace, key: CellKey) -> Diagnostic:
     """The row at ``place`` has the ``key`` that the row ``first`` has."""
     same = short_text(key) if isinstance(key, str) else format(key, ".17g")
-    rows = f"rows {first.row} and {place.row}"
+    rows = f"rows {first.counted} and {place.counted}"
     if first.file != place.file:
-        rows = f"row {first.row} of `{first.file}` and row {place.row} of `{place.file}`"
+        rows = f"row {first.counted} of `{first.file}` and row {place.counted} of `{place.file}`"
     message = f"{rows} have the same key `{same}` in column `{short_text(place.column)}`"
     return Diagnostic(code=DUPLICATE_KEY, message=message, place=place, labels=(Label(first, "first here"),))

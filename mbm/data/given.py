@@ -106,4 +106,4 @@ def table_from_inline(inline: InlineTable, span: Span) -> RawTable:
     columns = tuple(mixed_column(name, [row[i] for row in inline.rows]) for i, name in enumerate(names))
     lines = np.array([place.line for place in inline.spans], dtype=np.int64)
     lines.setflags(write=False)
-    return RawTable(path=span.source.name, sha256=None, columns=columns, file_rows=lines)
+    return RawTable(path=span.source.name, sha256=None, columns=columns, file_rows=lines, inline=True)

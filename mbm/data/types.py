@@ -25,7 +25,8 @@ class RawTable:
     All columns have the length of ``file_rows``, which holds each row's number as in the origin (header = 1; formats
     without a header count their records from 1). ``key`` is the column that names the rows where the format says so,
     ``groups`` the columns that make a matrix or vector together, by its name; ``parts`` are the tables or
-    files whose rows stand end to end, if there are several, ``remarks`` warnings about what was left out.
+    files whose rows stand end to end, if there are several, ``remarks`` warnings about what was left out. ``inline``:
+    it stands in the text of the problem.
     """
 
     path: str
@@ -36,6 +37,7 @@ class RawTable:
     groups: Mapping[str, ColumnGroup] = field(default_factory=dict)
     parts: tuple[Part, ...] = field(default=(), repr=False)
     remarks: tuple[Diagnostic, ...] = field(default=(), repr=False)
+    inline: bool = False
 
     def provenance(self, source_columns: Mapping[str, str] | None = None) -> Provenance:
         """Where its rows stand; ``source_columns`` are its names of columns that have others now."""
@@ -47,6 +49,7 @@ class RawTable:
             source_columns=source_columns or {},
             parts=self.parts,
             remarks=self.remarks,
+            inline=self.inline,
         )
 
 

@@ -63,7 +63,7 @@ WOULD_OVERWRITE = Code(
 FOREIGN_FOLDER = Code(
     "foreign-folder",
     "The folder that a command is to write holds files that this command did not write. Which ones it wrote is said "
-    "by the list that it leaves there (`.mbm-compile`, `.mbm-simulate`).",
+    "by the list that it leaves there (`.mbm-compile`, `.mbm-simulate`, `.mbm-write`).",
     "Choose another folder, or write into this one with `--force`: files of the same name are replaced, others stay.",
 )
 EXISTS_ALREADY = Code(
@@ -151,9 +151,18 @@ def would_replace_source(target: str) -> Diagnostic:
 
 def written_twice(first: str, second: str) -> Diagnostic:
     """Two outputs of one call are one file."""
-    names = f"`{_named(second)}`" if first == second else f"`{_named(first)}` and `{_named(second)}`"
-    message = f"two outputs go to one file, {names}: one of them would be lost; nothing was written"
+    message = f"two outputs go to one file, {_both(first, second)}: one of them would be lost; nothing was written"
     return Diagnostic(code=WOULD_OVERWRITE, message=message, hint="give each output a file of its own")
+
+
+def one_folder(first: str, second: str) -> Diagnostic:
+    """Two outputs of one call are one folder."""
+    message = f"two outputs go to one folder, {_both(first, second)}: one of them would be lost; nothing was written"
+    return Diagnostic(code=WOULD_OVERWRITE, message=message, hint="give each output a folder of its own")
+
+
+def _both(first: str, second: str) -> str:
+    return f"`{_named(second)}`" if first == second else f"`{_named(first)}` and `{_named(second)}`"
 
 
 def not_our_document(target: str) -> Diagnostic:

@@ -51,6 +51,21 @@ def check_folder(folder: Path, maker: Maker, *, force: bool, reads: Iterable[Rea
             raise MbmError(faults.not_writable(standing, "it is read-only"))
 
 
+def refuse_one_folder(folders: Iterable[Path]) -> None:
+    """Refuse two that are one folder, whatever they are called: the second would take away the files of the first.
+
+    Raises:
+        MbmError: would-overwrite.
+
+    """
+    known: dict[str, Path] = {}
+    for folder in folders:
+        real = folded(os.path.realpath(folder))
+        if real in known:
+            raise MbmError(faults.one_folder(known[real].as_posix(), folder.as_posix()))
+        known[real] = folder
+
+
 def write_folder(folder: Path, files: Files, maker: Maker, *, force: bool, reads: Iterable[Read] = ()) -> None:
     """Write the files of a command into a folder, with a list of them.
 

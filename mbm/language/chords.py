@@ -67,12 +67,28 @@ def _parts(curve: CurveValue, piece: Piece) -> Iterator[Chord]:
     """The chords of a piece, each by itself."""
     formula = Formula.of(piece.point, curve.parameter)
     at = places(piece, curve.chords, curve.span)
-    points = [formula.at(place) for place in at]
     depth = None if piece.seen is None else Formula.of((piece.seen,), curve.parameter)
     depths = None if depth is None else [depth.at(place)[0] for place in at]
+    points = (
+        [formula.at(place) for place in at]
+        if depths is None
+        else [_shown(formula, *each) for each in zip(at, depths, strict=True)]
+    )
     for i, (a, b) in enumerate(pairwise(at)):
         whole = Chord(places=(a, b), start=points[i], end=points[i + 1], first=a, last=b, low=a, high=b)
         yield whole if depths is None else _cut(whole, (depths[i], depths[i + 1]), curve.span)
+
+
+def out_of_sight(depth: Expression) -> bool:
+    """Whether it is known before any unknown is that nothing is seen at such a depth."""
+    return isinstance(depth, Number) and depth.value < 0
+
+
+def _shown(formula: Formula, place: Expression, depth: Expression) -> Point:
+    """The point at a place. What is known to be out of sight may have none (in the plane of the camera): it is never
+    looked at, and zeros stand for it.
+    """
+    return (Number(0),) * len(formula.roots) if out_of_sight(depth) else formula.at(place)
 
 
 def _cut(chord: Chord, depths: tuple[Expression, Expression], span: Span) -> Chord:

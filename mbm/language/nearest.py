@@ -17,7 +17,7 @@ from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.expression.substitution import Formula
 from mbm.language.bracketing import Bracket, middle
-from mbm.language.chords import Chord, chords_of
+from mbm.language.chords import Chord, chords_of, out_of_sight
 from mbm.language.curves import CurveValue, Piece, Point
 from mbm.language.piecewise import both, chosen, defined, either, equal, less, negative, opposite, positive
 from mbm.text.types import Span
@@ -236,9 +236,21 @@ def _between(curve: CurveValue, foot: Foot, span: Span) -> Point:
 
 
 def _directions(curve: CurveValue, piece: Piece, span: Span) -> tuple[Point, Point]:
-    """Where a piece goes, of length 1, at its beginning and at its end."""
+    """Where a piece goes, of length 1, at its beginning and at its end.
+
+    An end that is known to be out of sight may have no direction: that of the other end, of one that is straight in
+    space the same, stands for it; zeros where neither is seen.
+    """
+    ends = piece.first, piece.last
+    if piece.seen is not None:
+        depth = Formula.of((piece.seen,), curve.parameter)
+        shown = [end for end in ends if not out_of_sight(depth.at(end)[0])]
+        if not shown:
+            nowhere = (Number(0, NONE),) * curve.dimension
+            return nowhere, nowhere
+        ends = shown[0], shown[-1]
     slope = Formula.of(derivatives(piece.point, curve.parameter), curve.parameter)
-    first, last = (slope.at(end) for end in (piece.first, piece.last))
+    first, last = (slope.at(end) for end in ends)
     return _unit(first, span), _unit(last, span)
 
 

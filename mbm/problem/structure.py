@@ -11,13 +11,13 @@ from dataclasses import field
 
 import numpy as np
 
-from mbm.expression.nodes import ColumnMember, Component, External, LiteralMember, RowChoice, externals, leaves
+from mbm.expression.nodes import Column, ColumnMember, Component, External, LiteralMember, RowChoice, externals, leaves
 from mbm.problem import faults
 from mbm.problem.checks import used_rows
 from mbm.problem.kinds import Relation
-from mbm.problem.rows import rows_of
+from mbm.problem.rows import decided, rows_of
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import EquationCase, Problem
+from mbm.problem.types import EquationCase, Problem, Unknown
 from mbm.text.faults import worth_reading
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
@@ -44,17 +44,32 @@ def called_functions(problem: Problem) -> tuple[External, ...]:
 
 
 def structural_warnings(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
-    """Unknowns that no equation mentions, and those that are left without an equation of their own."""
+    """Unknowns that no equation mentions or whose condition ``:fixed`` holds nowhere, and those that are left without
+    an equation of their own.
+    """
     mentions = list(_mentions(problem, tables))
     mentioned = {scalar for scalars in mentions for scalar in scalars}
     names = {scalar[0] for scalar in mentioned}
     found = list(worth_reading([faults.unmentioned(u.span, u.name) for u in problem.unknowns if u.name not in names]))
+    found += worth_reading([warning for u in problem.unknowns for warning in _fixed_nowhere(u, tables)])
     if len(mentions) >= MAXIMUM_EQUATIONS or any(u.fixed is not None for u in problem.unknowns):
         return found
     left = sorted({scalar[0] for scalar in _unmatched(mentions, sorted(mentioned, key=repr))})
     spans = {unknown.name: unknown.span for unknown in problem.unknowns}
     too_few = [faults.too_few_equations(spans[name], name, len(mentions), len(mentioned)) for name in left]
     return [*found, *worth_reading(too_few)]
+
+
+def _fixed_nowhere(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[Diagnostic]:
+    """That a condition which depends on the member holds for none."""
+    fixed = unknown.fixed
+    if fixed is None or fixed.table is None:
+        return
+    if not any(case.static or any(isinstance(leaf, Column) for leaf in leaves(case.values)) for case in fixed.cases):
+        return  # `false` for all
+    held = decided(fixed, tables)
+    if len(held) and not held.any():
+        yield faults.fixed_nowhere(fixed.span, unknown.name, len(held))
 
 
 def _mentions(problem: Problem, tables: Mapping[str, Table]) -> Iterator[frozenset[Scalar]]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from enum import StrEnum
+from itertools import chain
+from math import isfinite
 from typing import TypeAlias
 
 import numpy as np
@@ -170,7 +172,8 @@ class Provenance:
     """Where a table came from. ``file_rows[i]`` is the row of cell row i as in the file (header = 1).
 
     ``origins`` has the columns that came in from another table; ``parts`` are what the rows were taken from, in their
-    order, where that was not the file at ``path`` alone. ``remarks`` are warnings of the reader.
+    order, where that was not the file at ``path`` alone. ``remarks`` are warnings of the reader. ``inline``: the table
+    stands in the text of the problem.
     """
 
     path: str
@@ -181,6 +184,7 @@ class Provenance:
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
     parts: tuple[Part, ...] = field(default=(), repr=False)
     remarks: tuple[Diagnostic, ...] = field(default=(), repr=False)
+    inline: bool = False
 
     def taking(self, rows: NDArray[np.int64]) -> Provenance:
         """The provenance of a table that has these ``rows`` (n,) of this one, which count from 1."""
@@ -205,10 +209,11 @@ class Provenance:
         before = 0
         for part in self.parts:
             if before < row <= before + len(part.rows):
-                return part.provenance.place(int(part.rows[row - 1 - before]), name)
+                found = part.provenance.place(int(part.rows[row - 1 - before]), name)
+                return found if found.number is None else replace(found, number=row)
             before += len(part.rows)
         in_file = int(self.file_rows[row - 1]) if 0 < row <= len(self.file_rows) else row
-        return DataPlace(file=self.path, row=in_file, column=name)
+        return DataPlace(file=self.path, row=in_file, column=name, number=row if self.inline else None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -256,13 +261,16 @@ class Column:
     def first_text(self) -> int | None:
         """The position (from 0) of the cell that makes this a column of texts; None in a column of numbers.
 
-        It is the first cell that neither is a gap nor reads as a number. Where there is none (texts such as ``"1"`` in
-        a JSON file) it is the first cell.
+        It is the first cell that neither is a gap nor reads as a number. Where there is none it is the first that reads
+        as no finite one (the word ``nan`` in the text of a problem), else (texts such as ``"1"`` in a JSON file) the
+        first cell.
         """
         if not self.texts:
             return None
-        culprits = (i for i, t in enumerate(self.texts) if t.strip() not in GAP_WORDS and not reads_as_number(t))
-        return next(culprits, 0)
+        filled = [(i, t) for i, t in enumerate(self.texts) if t.strip() not in GAP_WORDS]
+        culprits = (i for i, t in filled if not reads_as_number(t))
+        infinite = (i for i, t in filled if reads_as_number(t) and not isfinite(float(t)))
+        return next(chain(culprits, infinite), 0)
 
     def take(self, positions: NDArray[np.int64]) -> Column:
         """The column of the rows at ``positions`` (from 0)."""

@@ -72,11 +72,20 @@ class Span:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataPlace:
-    """A place in a data file: ``row`` counts as in the file (header = 1), ``column`` by name; both may be unknown."""
+    """A place in a data file: ``row`` counts as in the file (header = 1), ``column`` by name; both may be unknown.
+
+    ``number``, of a table in the text of a problem, where several rows may stand on a line, is that of the table's row.
+    """
 
     file: str
     row: int | None = None
     column: str | None = None
+    number: int | None = None
+
+    @property
+    def counted(self) -> int | None:
+        """The row as sentences say it: as in the file, or as in the table in the text."""
+        return self.row if self.number is None else self.number
 
 
 Place: TypeAlias = Span | DataPlace

@@ -51,6 +51,41 @@ def test_other_things_are_kept(folder, capsys):
     assert (folder / "out" / "T.tum").read_text(encoding="utf-8") == "mine"
 
 
+def test_several_formats_are_written(folder, capsys):
+    assert run(["solve", "walk.mbm", "-q", "--write", "tum", "out", "--write", "kitti", "other"]) == 0
+    assert {path.name for path in (folder / "out").iterdir()} == {"T.tum", ".mbm-write"}
+    assert {path.name for path in (folder / "other").iterdir()} == {"T.txt", ".mbm-write"}
+    (folder / "other" / "T.txt").write_text("mine", encoding="utf-8")
+    capsys.readouterr()
+    assert run(["solve", "walk.mbm", "-q", "--write", "kitti", "other", "--write", "tum", "third"]) == 2
+    assert "error[would-overwrite]" in capsys.readouterr().err
+    assert (folder / "third" / "T.tum").exists()  # what can be written is
+
+
+@pytest.mark.parametrize("second", ["out", "./out", "third/../out", "link/out"])
+def test_one_folder_for_two_formats_is_refused(folder, capsys, second):
+    """The second would remove what the first wrote."""
+    (folder / "third").mkdir()
+    (folder / "link").symlink_to(".")
+    assert run(["solve", "walk.mbm", "--write", "tum", "out", "--write", "kitti", second, "--force"]) == 2
+    outcome = capsys.readouterr()
+    assert "error[would-overwrite]: two outputs go to one folder, `out`" in outcome.err
+    assert outcome.out == ""
+    assert not (folder / "out").exists()
+
+
+def test_a_folder_that_was_written_before_may_hold_notes(folder):
+    """As a folder of `mbm compile`: the list in it says that it is ours, and what is not in the list stays."""
+    assert run(["solve", "walk.mbm", "--write", "tum", "out", "-q"]) == 0
+    (folder / "out" / "notes.txt").write_text("years of work", encoding="utf-8")
+    assert run(["solve", "walk.mbm", "--write", "kitti", "out", "-q"]) == 0
+    assert {path.name for path in (folder / "out").iterdir()} == {"T.txt", ".mbm-write", "notes.txt"}
+    assert (folder / "out" / "notes.txt").read_text(encoding="utf-8") == "years of work"
+    (folder / "out" / "T.tum").write_text("mine", encoding="utf-8")  # a name that would be needed is another matter
+    assert run(["solve", "walk.mbm", "--write", "tum", "out", "-q"]) == 2
+    assert (folder / "out" / "T.tum").read_text(encoding="utf-8") == "mine"
+
+
 def test_links_and_the_folder_of_the_problem_are_refused(folder, capsys):
     (folder / "real").mkdir()
     (folder / "link").symlink_to("real")

@@ -139,6 +139,53 @@ def test_a_model_that_there_is_not_is_named() -> None:
         mbm.loads(text.replace(":model kind", ":model fx")).solve(data=data)
 
 
+@pytest.mark.parametrize(
+    "model",
+    [
+        '(if (= name "a") pinhole orthographic)',
+        '(if (= name "a") "pinhole" "orthographic")',
+        '(cond ((= name "b") orthographic) (else pinhole))',
+        "kind",
+    ],
+)
+def test_a_member_is_given_its_model_by_a_form(model: str) -> None:
+    """By a pinhole camera u = f x/z, by an orthographic one u = f x; words mean models beside columns and unknowns."""
+    text = f"""
+    (problem models
+      (data cams (table (name kind) (a pinhole) (b orthographic)) :key name)
+      (data d (table (camera x y u v) (a 1 0 50 0) (a 0 1 0 50) (b 1 0 100 0) (b 0 1 0 100)))
+      (camera cam :per cams :model {model} :focal f)
+      (unknowns (f :init 90))
+      (observe d (= [u v] (project (cam camera) [x y 2])) :sigma 1))"""
+    solved = mbm.loads(text).solve()
+    assert solved["f"].value == pytest.approx(100.0)
+    assert solved.first.cost < 1e-12
+
+
+@pytest.mark.parametrize("model", ["orthographic", '"orthographic"'])
+@pytest.mark.parametrize("per", ["", ":per cams"])
+def test_the_word_for_a_model_may_be_a_text(model: str, per: str) -> None:
+    text = f"""
+    (problem models (data cams (table (name) (a)) :key name) (data d (table (x y u v) (1 0 100 0) (0 1 0 100)))
+      (camera cam {per} :model {model} :focal f MORE) (unknowns (f :init 90))
+      (observe d (= [u v] (project {'(cam "a")' if per else "cam"} [x y 2])) :sigma 1))"""
+    assert mbm.loads(text.replace("MORE", "")).solve()["f"].value == pytest.approx(100.0)
+    with pytest.raises(MbmError, match="orthographic camera has no distortion"):
+        mbm.loads(text.replace("MORE", ":distortion (0.1)")).solve()
+    with pytest.raises(MbmError, match="`ortographic` is no camera model"):
+        mbm.loads(text.replace("MORE", "").replace(model, '"ortographic"')).solve()
+
+
+def test_a_misspelt_model_in_a_form_is_named() -> None:
+    text = """
+    (problem models (data cams (table (name) (a)) :key name) (data d (table (camera x u) (a 1 2)))
+      (camera cam :per cams :model (if (= name "a") pinhoel fisheye) :focal f) (unknowns (f :init 90))
+      (observe d (= [u u] (project (cam camera) [x x 2])) :sigma 1))"""
+    with pytest.raises(MbmError, match="`pinhoel` is not a variable") as caught:
+        mbm.loads(text).solve()
+    assert "`pinhole`" in caught.value.diagnostics[0].hint
+
+
 def test_other_models_in_the_same_columns_are_compiled_anew(tmp_path, monkeypatch) -> None:
     """What is kept of a problem holds for the models that it was compiled for."""
     monkeypatch.setenv("MBM_CACHE", str(tmp_path / "cache"))

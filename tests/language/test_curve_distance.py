@@ -235,6 +235,38 @@ def test_what_is_nearer_than_near_is_not_seen():
         np.testing.assert_allclose(np.abs(found), np.hypot(places[:, 0] - 320, places[:, 1] - v), **ROUNDING)
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "(polyline ((0 1 0) (0 1 10)))",
+        "(polyline ((0 1 -10) (0 1 10)))",
+        "(polyline ((0 1 -10) (0 1 0) (0 1 10)))",
+        "(curve (s 0 10) [0 1 s])",
+        "(curve (s -10 10) [0 1 s])",
+        "(spline ((0 1 0) (0 1 4) (0 1 10)))",
+    ],
+)
+@pytest.mark.parametrize(("near", "given"), [(0.1, ""), (1.0, ":near 1")])
+def test_a_curve_may_pass_through_the_plane_of_the_camera(line, near, given):
+    """Where a curve is sampled, a point of it has no image: the division by its depth is one by zero."""
+    places = np.array([(400.0, 250), (320, 400), (330, 6000), (310, 300)])
+    camera = f"(camera cam :focal 500 :center (320 240) {given})"
+    found = compiled(f"(curve-distance (project cam {line}) [x y])", places, extra=camera).residuals([0.0])
+    v = np.clip(places[:, 1], 240 + 500 / 10, 240 + 500 / near)
+    lengths = np.hypot(places[:, 0] - 320, places[:, 1] - v)
+    wanted = np.where(places[:, 0] < 320, -lengths, lengths)  # v falls along it: what is right in the image is left
+    np.testing.assert_allclose(found, wanted, **ROUNDING)
+
+
+def test_an_extremum_of_a_curve_that_begins_in_the_plane_of_the_camera():
+    """The image of (s² (4 - s), 1, s) is u = s (4 - s), v = 1/s; u is largest, 4, at s = 2."""
+    text = (
+        "(problem p (camera cam :focal 1) (data t (table (u v) (1 1))) (unknowns (k :init 4))"
+        "(observe t (= [u v] ((extrema (project cam (curve (s 0 4) [(* s s (- k s)) 1 s])) 1) 1)) :sigma 1))"
+    )
+    np.testing.assert_allclose(mbm.loads(text).compile().residuals([0.0]), [4 - 1, 0.5 - 1], rtol=1e-12)
+
+
 def test_a_curve_out_of_sight_has_no_distance_and_that_is_said():
     text = (
         "(problem p (camera cam :focal 500 :center (320 240)) (data t (table (u v) (300 200) (350 260)))"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import mbm
 from mbm.problem.structure import _unmatched
 
 
@@ -29,3 +30,25 @@ def test_as_many_are_left_as_the_structural_rank_lacks(seed):
     left = _unmatched(mentions, scalars)
     assert len(left) == count - structural_rank(mentions, scalars, generator)
     assert set(left) <= set(scalars)
+
+
+@pytest.mark.parametrize(
+    ("fixed", "codes"),
+    [
+        ('(= id "nort")', ["fixed-nowhere"]),
+        ("(< z 0)", ["fixed-nowhere"]),
+        ("[false (= z 7)]", ["fixed-nowhere"]),
+        ('(= id "north")', []),
+        ("(< z 2)", []),
+        ("[false (= z 1)]", []),
+        ("false", []),
+        ("true", []),
+    ],
+)
+def test_a_condition_that_fixes_no_member_is_said(fixed, codes):
+    text = f"""(problem p
+      (data stations (table (id z) (north 1) (south 2)) :key id)
+      (data t (table (at x y) (north 1 5) (south 2 6)))
+      (unknowns (h (vector 2) :per stations :init [1 1] :fixed {fixed}))
+      (observe t (= [x y] (h at)) :sigma 1))"""
+    assert [d.code.name for d in mbm.loads(text).check()] == codes

@@ -143,3 +143,31 @@ def test_a_text_where_a_number_is_wanted_names_the_cell(faults):
     diagnostic = faults(text)[0]
     assert diagnostic.code.name == "text-in-number-column"
     assert "`one`" in diagnostic.message
+
+
+def test_the_word_nan_is_blamed_and_not_the_number_beside_it(faults):
+    for cells, blamed in (("(0 1) (1 nan)", "`nan`"), ("(0 inf) (1 2)", "`inf`"), ("(0 nan) (1 off)", "`off`")):
+        diagnostic = faults(f"(problem p (data d (table (x y) {cells})) (unknowns (a)) (observe d (= y a)))")[0]
+        assert diagnostic.code.name == "text-in-number-column"
+        assert diagnostic.message.endswith(f"but a cell is {blamed}")
+
+
+def test_rows_of_a_table_on_one_line_are_told_apart(faults):
+    keyed = "(problem p (data s (table (k x) (a 1) (b 2) (a 3)) :key k) (unknowns (o :per s)) (observe s (= x (o k))))"
+    diagnostic = faults(keyed)[0]
+    assert diagnostic.message == "rows 1 and 3 have the same key `a` in column `k`"
+    assert diagnostic.place.row == 1  # the line
+    united = (
+        "(problem p (data s (table (k x) (a 1) (b 2))) (data t (table (k x) (c 1) (b 2))) (data u (union s t) :key k)"
+        "(unknowns (o :per u)) (observe u (= x (o k))))"
+    )
+    assert faults(united)[0].message == "rows 2 and 4 have the same key `b` in column `k`"
+
+
+def test_a_union_of_numbers_and_texts_names_the_tables(faults):
+    text = (
+        "(problem p (data a (table (x y) (0 1) (1 2))) (data b (table (x y) (0 3) (1 off))) (data d (union a b))"
+        "(unknowns (c)) (observe d (= y c)))"
+    )
+    message = "row 2 of `b` holds the text `off` in column `y`, which holds numbers in `a`"
+    assert faults(text)[0].message == message

@@ -51,10 +51,11 @@ BACKENDS = ("auto", "native", "casadi", "numpy")
     "--write",
     "written",
     nargs=2,
+    multiple=True,
     metavar="FORMAT DIR",
-    help="Write the estimates for other programs: colmap, bundler, opencv-yaml, ply, g2o, tum, kitti.",
+    help="Write estimates for other programs (may be repeated): colmap, bundler, opencv-yaml, ply, g2o, tum, kitti.",
 )
-@click.option("--force", is_flag=True, help="--write into a folder that holds other files.")
+@click.option("--force", is_flag=True, help="--write into a folder that it did not write before and that holds files.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @allow_external_option
 @click.option("--covariance", type=click.Choice(("full",)), help="Write covariance matrices of any size.")

@@ -62,11 +62,15 @@ def different_columns(place: DataPlace, columns: Iterable[str], other: DataPlace
     )
 
 
-def mixed_column(place: DataPlace, cell: str, number: DataPlace) -> Diagnostic:
-    """The text ``cell`` stands in a column that holds a number at ``number``."""
+def mixed_column(place: DataPlace, cell: str, number: DataPlace, tables: tuple[str, str]) -> Diagnostic:
+    """The text ``cell`` stands in a column that holds a number at ``number``; ``tables`` hold the one and the other.
+
+    Files are called by their paths, tables in the text of a problem by their names.
+    """
+    first, other = (name if at.number else at.file for at, name in zip((place, number), tables, strict=True))
     message = (
-        f"row {place.row} of `{place.file}` holds the text `{short_text(cell)}` in column `{place.column}`,"
-        f" which holds numbers in `{number.file}`"
+        f"row {place.counted} of `{short_text(first)}` holds the text `{short_text(cell)}` in column `{place.column}`,"
+        f" which holds numbers in `{short_text(other)}`"
     )
     return Diagnostic(
         code=DIFFERENT_COLUMNS, message=message, place=place, labels=(Label(number, "a number here"),),

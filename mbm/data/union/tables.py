@@ -110,4 +110,4 @@ def _mixed(name: str, piece: Piece, position: int, pieces: Sequence[Piece]) -> D
     at = column.first_text() or 0
     number = piece.provenance.place(int(piece.rows[position]), name)
     text = other.provenance.place(int(other.rows[at]), name)
-    return faults.mixed_column(text, str(column.cell(at)), number)
+    return faults.mixed_column(text, str(column.cell(at)), number, (other.name, piece.name))

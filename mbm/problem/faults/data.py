@@ -57,6 +57,11 @@ TOO_FEW_EQUATIONS = Code(
     "The structure of the equations cannot determine all unknowns, whatever the numbers are (a warning).",
     "Add observations or priors, or fix an unknown.",
 )
+FIXED_NOWHERE = Code(
+    "fixed-nowhere",
+    "The condition `:fixed` holds for no member of a family, so that all of them are estimated (a warning).",
+    "Correct the condition, perhaps the spelling of a key, or leave `:fixed` out.",
+)
 TABLE_WITHOUT_KEY = Code(
     "table-without-key",
     "Rows of a table are to be found by their key (by `:with`, or as members of a family), but the table has none.",
@@ -80,6 +85,15 @@ def unmentioned(span: Span, name: str) -> Diagnostic:
     return Diagnostic(
         code=UNMENTIONED, message=f"no equation mentions the unknown `{name}`", place=span, severity=Severity.WARNING,
         hint="use it in an equation, give it a prior with `:sigma`, or remove it",
+    )  # fmt: skip
+
+
+def fixed_nowhere(span: Span, name: str, members: int) -> Diagnostic:
+    """A condition that holds for none of the ``members`` of a family."""
+    return Diagnostic(
+        code=FIXED_NOWHERE,
+        message=f"`:fixed` of `{name}` holds for none of its {_counted(members, 'member')}: all are estimated",
+        place=span, severity=Severity.WARNING, hint="correct the condition, or leave `:fixed` out",
     )  # fmt: skip
 
 

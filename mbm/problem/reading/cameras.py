@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from mbm.expression.algebra import ZERO
 from mbm.expression.dimension import NONE
@@ -17,7 +17,7 @@ from mbm.problem.reading.declarations import family_of, keys_of
 from mbm.problem.scopes import Entry, MemberScope
 from mbm.problem.types import Family
 from mbm.text.suggest import closest
-from mbm.text.types import Form, MbmError, Sequence, Symbol
+from mbm.text.types import Form, MbmError, Sequence, Span, Symbol, Text
 
 USAGE = (
     "(camera name [:model pinhole] [:focal (fx fy)] [:center (cx cy)] "
@@ -101,7 +101,7 @@ def _family(
 
 def _is_word(work: Workspace, form: Form, family: Family | None) -> bool:
     """Whether ``:model`` names a model for all members: else it is a form that gives a text for each."""
-    if family is None or (isinstance(form, Symbol) and form.name in _MODELS):
+    if family is None or isinstance(form, Text) or (isinstance(form, Symbol) and form.name in _MODELS):
         return True
     return isinstance(form, Symbol) and form.name not in work.tables[family.rows].columns
 
@@ -110,16 +110,32 @@ def _model(work: Workspace, form: Form | None, scope: Scope) -> str:
     """The model of a member, from a form in the scope of its row."""
     if form is None:
         return _MODELS[0]
-    name = text(work.evaluator.wanted(form, scope), form.span, "the model of a camera")
+    name = text(work.evaluator.wanted(form, _ModelWords(scope)), form.span, "the model of a camera")
     if name not in _MODELS:
         raise MbmError(language_faults.bad_form(form.span, f"`{name}` is no camera model", " or ".join(_MODELS)))
     return name
 
 
+class _ModelWords:
+    """The names of the models, which mean themselves as texts, over another scope."""
+
+    def __init__(self, scope: Scope) -> None:
+        self._scope = scope
+
+    def lookup(self, name: str, span: Span) -> Value | None:
+        """A model, or what the name means else."""
+        return name if name in _MODELS else self._scope.lookup(name, span)
+
+    def names(self) -> Iterator[str]:
+        """The models, then the names of the other scope."""
+        yield from _MODELS
+        yield from self._scope.names()
+
+
 def _choice(form: Form | None, known: tuple[str, ...], option: str) -> str | None:
     if form is None:
         return None
-    name = form.name if isinstance(form, Symbol) else form.span.text
+    name = form.name if isinstance(form, Symbol) else form.value if isinstance(form, Text) else form.span.text
     if name not in known:
         near = closest(name, known)
         hint = f":{option} {near}" if near else " or ".join(f":{option} {k}" for k in known)

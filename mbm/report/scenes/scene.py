@@ -46,7 +46,7 @@ def scene_of(problem: Problem, solution: Solution, form: str) -> Scene:
     measured = np.concatenate([v.residual if v.measured is None else v.measured for v in found])
     return Scene(
         cameras=tuple(_camera(found, row, name) for row, name in zip(rows.tolist(), cameras, strict=True)),
-        names=_image_names(names, [key for _, key in cameras]),
+        names=_image_names(names, cameras),
         camera_of=camera[image_rows],
         rotations=rotations[image_rows],
         translations=translations[image_rows],
@@ -71,10 +71,14 @@ def _first(numbers: Indices) -> Indices:
     return np.unique(numbers, return_index=True)[1]
 
 
-def _image_names(images: Sequence[tuple[str, int]], cameras: Sequence[str]) -> tuple[str, ...]:
-    """The keys of the poses, with those of the cameras where one pose has several images; else numbers."""
-    shared = Counter(photo for photo, _ in images)
-    names = [photo if shared[photo] == 1 else "-".join(filter(None, (photo, cameras[c]))) for photo, c in images]
+def _image_names(images: Sequence[tuple[str, int]], cameras: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """The keys of the poses, behind the camera where one pose has several images: its key, and its name where cameras
+    have several. What has no key, or is not unique, is numbered.
+    """
+    shared = len({photo for photo, _ in images}) < len(images)
+    labels = {label for label, _ in cameras}
+    front = [(label if len(labels) > 1 else "", key) if shared else () for label, key in cameras]
+    names = ["-".join(filter(None, (*front[c], photo))) for photo, c in images]
     alone = Counter(names)
     return tuple(n if n and alone[n] == 1 else f"{n or 'image'}{i}" for i, n in enumerate(names, 1))
 

@@ -39,7 +39,7 @@ def scene(request):
 
 def wanted_image(said, made, name):
     """The camera and the pose of an image by its name."""
-    photo, _, camera = name.partition("-")
+    camera, _, photo = name.rpartition("-")
     camera = camera or ("left", "right")[(int(photo[-1]) - 1) % 2]
     return camera, camera_pose(camera, made.poses[photo], said == "rig")
 
@@ -206,6 +206,42 @@ def test_a_board_is_written_though_its_points_are_data(tmp_path: Path) -> None:
     lines = [line.split() for line in (tmp_path / "points3D.txt").read_text().splitlines()[1:]]
     np.testing.assert_allclose(np.array([line[1:4] for line in lines], dtype=float), made.points, **NEAR)
     assert (tmp_path / "cameras.txt").read_text().splitlines()[1].startswith("1 FULL_OPENCV ")
+
+
+STEREO = """
+(problem stereo
+  (data marks (table (mark x y z) (a 0 0 0) (b 1 0 0) (c 1 1 0.2) (d 0 1 0.1)) :key mark)
+  (data seen (table (photo mark u v)
+      (p0 a 320 240) (p0 b 420 240) (p0 c 416 336) (p0 d 320 338)
+      (p1 a 325 245) (p1 b 425 245) (p1 c 421 341) (p1 d 325 343)) :with (marks mark))
+  (camera l :focal 500 :center (320 240)) {camera}
+  (unknowns (T (pose 3) :per seen.photo :init (pose3 (identity 3) [0 0 5])))
+  (observe seen (= [u v] (project l (transform (T photo) [marks.x marks.y marks.z]))) :sigma 0.3px)
+  {right})
+"""
+RIGHT = """(observe seen
+    (= [(- u 10) v] (project r (transform (pose3 (identity 3) [-0.1 0 0])
+      (transform (T photo) [marks.x marks.y marks.z])))) :sigma 0.3px WHEN)"""
+
+
+@pytest.mark.parametrize(
+    ("camera", "right", "wanted"),
+    [
+        ("", "", ["p0", "p1"]),
+        ("(camera r :focal 500 :center (320 240))", RIGHT.replace("WHEN", ""), ["l-p0", "l-p1", "r-p0", "r-p1"]),
+        (
+            "(camera r :focal 500 :center (320 240))",
+            RIGHT.replace("WHEN", ':when (= photo "p1")'),
+            ["l-p0", "l-p1", "r-p1"],
+        ),
+    ],
+    ids=["one camera", "two cameras", "one of two cameras saw less"],
+)
+def test_images_are_called_by_the_photo_and_the_camera_where_there_are_two(camera, right, wanted, tmp_path: Path):
+    """COLMAP looks for a file of this name."""
+    mbm.loads(STEREO.format(camera=camera, right=right)).solve().write("colmap", tmp_path)
+    lines = (tmp_path / "images.txt").read_text().splitlines()[2::2]
+    assert sorted(line.split()[-1] for line in lines) == wanted
 
 
 def test_rejected_rows_are_in_no_track(tmp_path: Path) -> None:
