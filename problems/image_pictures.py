@@ -128,7 +128,7 @@ def can(axes: Axes) -> None:
     most = np.abs(left).max()
     drawn = axes.scatter(table["u"], table["v"], c=left, s=12, cmap="coolwarm", vmin=-most, vmax=most)
     axes.figure.colorbar(drawn, ax=axes, label="distance from the silhouette (px)")
-    axes.set(xlabel="u (px)", ylabel="v (px)", xlim=(100, 300), ylim=(270, 90))
+    axes.set(xlabel="u (px)", ylabel="v (px)", xlim=(120, 320), ylim=(235, 35))
 
 
 def shoulder(axes: Axes) -> None:

@@ -21,7 +21,7 @@ def rims() -> Array:
     """Image points (n, 2) of both rims in px."""
     angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)  # 0.001 px within the circle
     circle = RADIUS * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    points = np.concatenate([circle, circle + [0, 0, TALL]])
+    points = np.concatenate([circle, circle + np.array([0, 0, TALL])])
     turn = turned(0.0, SIDE, 0.0) @ turned(LEAN, 0.0, 0.0)
     x, y, z = (points @ turn.T + PLACE).T
     return np.column_stack([CENTRE[0] + FOCAL * x / z, CENTRE[1] + FOCAL * y / z])
