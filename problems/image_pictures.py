@@ -117,6 +117,20 @@ def outline(axes: Axes) -> None:
     axes.set(xlabel="u (px)", ylabel="v (px), residuals × 100")
 
 
+def can(axes: Axes) -> None:
+    """The image with the points that were measured, by how far they are from the silhouette."""
+    found = solve("can", "can")
+    image = HERE / "can" / "can.png"
+    clause = {"holes": "true", "every": 4.0}
+    table = {c.name: c.numbers for c in READERS["contour"].read({"can": image}, "can.png", clause).columns}
+    left = np.array([r.value for r in found.residuals("edge")])
+    axes.imshow(plt.imread(image), cmap="gray", vmin=0, vmax=1)
+    most = np.abs(left).max()
+    drawn = axes.scatter(table["u"], table["v"], c=left, s=12, cmap="coolwarm", vmin=-most, vmax=most)
+    axes.figure.colorbar(drawn, ax=axes, label="distance from the silhouette (px)")
+    axes.set(xlabel="u (px)", ylabel="v (px)", xlim=(120, 320), ylim=(235, 35))
+
+
 def shoulder(axes: Axes) -> None:
     """The image of the shoulder as estimated, over the marked points and turns. X grows to the left of the viewer."""
     found, seen, turns = solve("shoulder", "shoulder"), rows("shoulder", "points.csv"), rows("shoulder", "turns.csv")

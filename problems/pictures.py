@@ -164,6 +164,7 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
     for f in (
         image_pictures.calibration,
         decay,
+        image_pictures.can,
         image_pictures.desk,
         image_pictures.desk_as_printed,
         echoes,
