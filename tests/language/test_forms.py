@@ -179,7 +179,7 @@ def test_special_forms_cannot_be_defined(lisp, name):
         ("(- [1 2] [1 2 3])", "length-clash"), ("(* [[1]] [[1]])", "length-clash"), ("[[1 2] [3]]", "length-clash"),
         ("[1 [2]]", "wrong-kind"), ("(+ true 1)", "wrong-kind"), ("(and 1)", "not-a-condition"),
         ('(= "a" 1)', "wrong-kind"), ("(if (< a 1) [1 2] [1])", "length-clash"), ("(if (< a 1) true 1)", "wrong-kind"),
-        ("(sample t x 1)", "unknown-name"), ("(silhouette 1 2)", "wrong-kind"), ("(extrema 1 2)", "not-available-yet"),
+        ("(sample t x 1)", "unknown-name"), ("(silhouette 1 2)", "wrong-kind"), ("(extrema 1 2)", "wrong-kind"),
     ],
 )  # fmt: skip
 def test_what_is_not_built_right(lisp, text, code):

@@ -230,7 +230,6 @@ def test_qualified_names_and_let_settle_ambiguity(estimate):
     [
         "(states :over frame (w))", "(dynamics (random-walk a))",
         "(constraints (<= a 1 :at first))", "(solve :constraints truncate)",
-        '(data u (chessboard "x*.png" 9 6 25))',
         "(observe t (= y a) :bound 1)",
     ],
 )  # fmt: skip
