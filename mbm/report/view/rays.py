@@ -25,7 +25,7 @@ from mbm.values import dataclass
 STEP = 1e-5
 """Of central differences, as a share of the spread of the points: errors of 1e-10 beside rounding of 1e-11."""
 
-FEWEST = 3
+FEWEST_RAYS = 3
 """Rays that place a camera."""
 
 
@@ -78,7 +78,7 @@ def placed_by_rays(row: ImageRows, which: Mask, solution: Solution) -> Placed | 
     """The camera of some rows (a mask); None where they are too few, or their rays do not meet."""
     positions = None if row.positions is None else row.positions[which]
     points = row.points[which]
-    if len(points) < FEWEST:
+    if len(points) < FEWEST_RAYS:
         return None
     known = answer_lookup(solution, row.table, positions)
     step = STEP * float(np.ptp(points, axis=0).max())
@@ -90,7 +90,7 @@ def placed_by_rays(row: ImageRows, which: Mask, solution: Solution) -> Placed | 
     rays = np.cross(slopes[:, 0], slopes[:, 1])
     lengths = np.linalg.norm(rays, axis=1)
     good = np.isfinite(rays).all(axis=1) & (lengths > 0)
-    if int(good.sum()) < FEWEST:
+    if int(good.sum()) < FEWEST_RAYS:
         return None
     rays, points, slopes = rays[good] / lengths[good, None], points[good], slopes[good]
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
