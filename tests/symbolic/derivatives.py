@@ -29,9 +29,9 @@ from mbm.symbolic.printing import named_subexpressions
 
 DIGITS = 30
 
-LONG = ("shoulder",)
-"""Problems whose equations are some thousand operations, for which SymPy takes minutes: `tests/language` compares what
-they are made of with SciPy."""
+LONG = ("shoulder", "can")
+"""Problems that SymPy cannot follow: equations of some thousand operations take it minutes (`tests/language` compares
+what they are made of with SciPy), and outlines are called (`tests/kernels/outlines`)."""
 
 
 def number(expression: sympy.Basic, point: Mapping[sympy.Symbol, Any]) -> Any:

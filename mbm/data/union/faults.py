@@ -44,30 +44,30 @@ def source_column(place: Place, name: str) -> Diagnostic:
     )
 
 
-def different_columns(place: DataPlace, columns: Iterable[str], other: DataPlace, others: Iterable[str]) -> Diagnostic:
-    """The columns at ``place`` are not those at ``other``."""
+def different_columns(
+    places: tuple[DataPlace, DataPlace], tables: tuple[str, str], columns: Iterable[str], others: Iterable[str]
+) -> Diagnostic:
+    """The ``columns`` of the first of two ``tables`` are not those of the other."""
     here, there = set(columns), set(others)
+    name, other = _called(places, tables)
     lacks, more = sorted(there - here), sorted(here - there)
     if lacks:
-        said = f"has no column `{short_text(lacks[0])}`, which `{other.file}` has"
+        said = f"has no column `{short_text(lacks[0])}`, which `{other}` has"
     elif more:
-        said = f"has a column `{short_text(more[0])}`, which `{other.file}` has not"
+        said = f"has a column `{short_text(more[0])}`, which `{other}` has not"
     else:
-        said = f"has other matrices in its rows than `{other.file}`"
+        said = f"has other matrices in its rows than `{other}`"
     return Diagnostic(
         code=DIFFERENT_COLUMNS,
-        message=f"`{place.file}` {said}",
-        place=place,
+        message=f"`{name}` {said}",
+        place=places[0],
         hint="tables of a union have the same columns",
     )
 
 
 def mixed_column(place: DataPlace, cell: str, number: DataPlace, tables: tuple[str, str]) -> Diagnostic:
-    """The text ``cell`` stands in a column that holds a number at ``number``; ``tables`` hold the one and the other.
-
-    Files are called by their paths, tables in the text of a problem by their names.
-    """
-    first, other = (name if at.number else at.file for at, name in zip((place, number), tables, strict=True))
+    """The text ``cell`` stands in a column that holds a number at ``number``; ``tables`` hold the one and the other."""
+    first, other = _called((place, number), tables)
     message = (
         f"row {place.counted} of `{short_text(first)}` holds the text `{short_text(cell)}` in column `{place.column}`,"
         f" which holds numbers in `{short_text(other)}`"
@@ -76,6 +76,12 @@ def mixed_column(place: DataPlace, cell: str, number: DataPlace, tables: tuple[s
         code=DIFFERENT_COLUMNS, message=message, place=place, labels=(Label(number, "a number here"),),
         hint="a column is numeric in all tables of a union, or in none",
     )  # fmt: skip
+
+
+def _called(places: tuple[DataPlace, DataPlace], tables: tuple[str, str]) -> tuple[str, str]:
+    """Two tables in words: files by their paths, tables in the text of a problem by their names."""
+    first, second = (name if at.number else at.file for at, name in zip(places, tables, strict=True))
+    return first, second
 
 
 def no_match(place: Place, pattern: str, *, folder: bool) -> Diagnostic:

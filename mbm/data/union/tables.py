@@ -31,8 +31,9 @@ class Piece:
 
     @property
     def beginning(self) -> DataPlace:
-        """The place of the table as a whole."""
-        return DataPlace(file=self.provenance.path)
+        """The place of the table as a whole: of one in the text of a problem, its first row."""
+        first = self.provenance.place(int(self.rows[0])) if len(self.rows) else None
+        return first if first is not None and first.number else DataPlace(file=self.provenance.path)
 
 
 def piece_of_file(name: str, raw: RawTable) -> Piece:
@@ -68,7 +69,9 @@ def united(path: str, pieces: Sequence[Piece]) -> RawTable:
         if SOURCE in piece.columns:
             raise MbmError(faults.source_column(piece.beginning, piece.name))
         if piece.columns.keys() != first.columns.keys() or piece.groups != first.groups:
-            raise MbmError(faults.different_columns(piece.beginning, piece.columns, first.beginning, first.columns))
+            names = (piece.name, first.name)
+            places = (piece.beginning, first.beginning)
+            raise MbmError(faults.different_columns(places, names, piece.columns, first.columns))
     lengths = [len(piece.rows) for piece in pieces]
     columns = [_joined(name, pieces) for name in first.columns]
     sources = tuple(piece.name for piece, length in zip(pieces, lengths, strict=True) for _ in range(length))

@@ -17,7 +17,9 @@ from mbm.kernels.types import KernelSet
 from mbm.machine.kinds import LANES
 
 PROBLEMS = sorted((Path(__file__).parents[3] / "problems").glob("*/*.mbm"))
-CASES = [(path, name) for path in PROBLEMS for name in mbm.load(path).names]
+CALLED = ("can",)
+"""Problems whose kernels call functions: what these give goes into the kernels behind the inputs of a row."""
+CASES = [(path, name) for path in PROBLEMS if path.stem not in CALLED for name in mbm.load(path).names]
 ROWS = 11
 
 ROUNDING = 1e-11
