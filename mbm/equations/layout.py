@@ -278,8 +278,9 @@ def _start(entry: Entry, tables: Mapping[str, Table], starts: Mapping[str, Float
     values = stated_values(entry.unknown)
     if values is None or not bool(np.isnan(given).any()):
         return given
-    _checked(entry, row_values(values, tables), values)
-    return np.where(np.isnan(given), stated_start(entry.unknown, tables).reshape(-1), given)
+    numbers, known = stated_start(entry.unknown, values, tables)
+    _checked(entry, np.where(known.any(axis=1, keepdims=True), row_values(values, tables), 0.0), values)
+    return np.where(np.isnan(given), np.where(known, numbers, np.nan).reshape(-1), given)
 
 
 def stated_values(unknown: Unknown) -> RowValues | None:
@@ -287,15 +288,12 @@ def stated_values(unknown: Unknown) -> RowValues | None:
     return unknown.at if unknown.start is None else unknown.start
 
 
-def stated_start(unknown: Unknown, tables: Mapping[str, Table]) -> Floats:
-    """The numbers (members, size) that the problem states, NaN where it states none."""
-    values = stated_values(unknown)
-    if values is None:
-        return np.full((1, unknown.size), np.nan)
+def stated_start(unknown: Unknown, values: RowValues, tables: Mapping[str, Table]) -> tuple[Floats, Mask]:
+    """The numbers (members, size) that ``values`` state, and which of them count: ``:at`` is for what is fixed."""
     numbers = numbers_of_stated(unknown.kind, unknown.dimension, row_values(values, tables))
-    if unknown.start is not None or unknown.fixed is None:
-        return numbers
-    return np.where(held_numbers(unknown.manifold, decided(unknown.fixed, tables)), numbers, np.nan)
+    if values is unknown.start or unknown.fixed is None:
+        return numbers, np.ones(numbers.shape, dtype=bool)
+    return numbers, held_numbers(unknown.manifold, decided(unknown.fixed, tables))
 
 
 def given_numbers(entry: Entry, given: Floats | None) -> Floats:

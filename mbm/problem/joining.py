@@ -116,8 +116,7 @@ def distinct(table: Table, family: Family, name: str) -> Table:
     for i, key in enumerate(table.keys(column)):
         first.setdefault(key, i)
     positions = np.fromiter(first.values(), dtype=np.int64, count=len(first))
-    names = dict.fromkeys((column, *(other for _, other in family.sources)))
-    taken = {each: table.columns[each].take(positions) for each in names}
+    taken = {each: table.columns[each].take(positions) for each in family.names}
     rows = np.arange(1, len(positions) + 1)
     provenance = table.provenance.taking(table.rows[positions])
     return Table(name=name, columns=taken, rows=rows, provenance=provenance, key=column)

@@ -50,6 +50,11 @@ class Family:
     key: str | None
     sources: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The columns that hold a member's value, of a family over columns: a stacked one has several names."""
+        return tuple(dict.fromkeys((str(self.column), *(column for _, column in self.sources))))
+
 
 Static = tuple[tuple[str, CellKey], ...]
 """Columns whose values are known while compiling, with those values; in the order in which they were needed."""

@@ -65,6 +65,35 @@ def test_without_a_place_it_is_the_identity(said):
         np.testing.assert_allclose(got, np.linalg.inv(first) @ planar(*place), atol=1e-9)
 
 
+@pytest.mark.parametrize("sets", [1, 12])
+def test_what_is_not_fixed_needs_no_place(sets):
+    """`:at` may have gaps in the rows of members that are not fixed, in one solve and in many."""
+    points = [(k, i, i if i == 1 else float("nan")) for k in range(1, sets + 1) for i in (1, 2, 3)]
+    steps = [(k, i, i + 1, 0.5 * k) for k in range(1, sets + 1) for i in (1, 2)]
+    columns = {
+        name: np.array(column)
+        for name, column in zip(("set", "point", "known"), zip(*points, strict=True), strict=True)
+    }
+    text = """(problem levels
+      (data points external :key point)
+      (data steps external)
+      (unknowns (h :per points :fixed (finite known) :at known))
+      (observe steps (= rise (- (h to) (h from))) :sigma 0.01){each})"""
+    rises = {
+        name: np.array(column)
+        for name, column in zip(("set", "from", "to", "rise"), zip(*steps, strict=True), strict=True)
+    }
+    if sets == 1:
+        del columns["set"], rises["set"]
+    else:
+        columns["point"] += 100 * columns["set"]
+        rises["from"], rises["to"] = rises["from"] + 100 * rises["set"], rises["to"] + 100 * rises["set"]
+    each = "" if sets == 1 else " (for-each set)"
+    found = mbm.loads(text.format(each=each)).solve(data={"points": columns, "steps": rises})
+    for k, solve in enumerate(found.solves, 1):
+        np.testing.assert_allclose(solve.estimates[0].value, [1, 1 + 0.5 * k, 1 + k], rtol=1e-12)
+
+
 def test_a_start_is_for_what_is_not_fixed():
     """A start far away leads to the same answer, and does not move what is fixed."""
     found = frames(":init (pose2 7 7 2) :fixed (= frame 1) :at (pose2 1 2 90deg)", images(BASE)).solve()

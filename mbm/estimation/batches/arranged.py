@@ -142,11 +142,10 @@ def _distinct(family: Family, table: Table, owners: Mapping[str, Indices], solve
     solve = owners[family.table][positions]
     last = np.cumsum(np.bincount(solve, minlength=solves))
     first = np.concatenate([np.zeros(1, dtype=np.int64), last[:-1]])
-    names = dict.fromkeys((column, *(other for _, other in family.sources)))
     made = replace(
         table.take(positions),
         name=family.rows,
-        columns={each: table.columns[each].take(positions) for each in names},
+        columns={each: table.columns[each].take(positions) for each in family.names},
         rows=np.arange(len(positions)) - first[solve] + 1,
         key=column,
         groups={},

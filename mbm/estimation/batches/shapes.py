@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbm.equations.layout import stated_values
+from mbm.equations.layout import stated_start, stated_values
 from mbm.equations.layouts import columns_of, limits
 from mbm.equations.types import Indices, Mask
 from mbm.estimation.batches.arranged import Arranged
@@ -32,11 +32,11 @@ def shapes(problem: Problem, tables: Arranged, solves: int) -> tuple[list[Indice
             marks = np.column_stack([marks, _together(cells, owner, solves)])
         stated = stated_values(unknown)
         if stated is not None and columns_of(stated):
-            values = row_values(stated, tables.tables)
-            wrong = np.isnan(values).any(axis=1)
+            values, known = stated_start(unknown, stated, tables.tables)
+            wrong = np.isnan(values) & known
             if unknown.kind is UnknownKind.POSITIVE:
-                wrong |= (values <= 0).any(axis=1)
-            good[owner[wrong]] = False
+                wrong |= (values <= 0) & known
+            good[owner[wrong.any(axis=1)]] = False
     return [part[good[part]] for part in _alike(marks)], np.flatnonzero(~good)
 
 

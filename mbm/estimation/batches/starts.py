@@ -43,7 +43,8 @@ def starting_points(
         varies = unknown.family is not None and unknown.family.rows in tables.families
         values = stated_values(unknown)
         if varies and values is not None and columns_of(values):
-            points[:, entry.range] = stated_start(unknown, tables.tables).reshape(sets.count, entry.count)
+            numbers, known = stated_start(unknown, values, tables.tables)
+            points[:, entry.range] = np.where(known, numbers, np.nan).reshape(sets.count, entry.count)
     return within_turns(points, layout.number, layout.angle, layout.lower, layout.upper)
 
 
