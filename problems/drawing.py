@@ -28,15 +28,3 @@ def rows(folder: str, file: str) -> list[dict[str, str]]:
 def column(table: list[dict[str, str]], name: str) -> Any:
     """A column as numbers."""
     return np.array([float(r[name]) for r in table])
-
-
-def turned(quaternion: Any) -> Any:
-    """The rotation (3, 3) of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

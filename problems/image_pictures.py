@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from scipy.interpolate import CubicSpline
 
 from mbm.data.readers import READERS
-from problems.drawing import BLUE, GREY, HERE, ORANGE, column, rows, solve, turned
+from problems.drawing import BLUE, GREY, HERE, ORANGE, column, rows, solve
+from problems.reference.cameras import rotation_of
 
 FOCAL, EYE = 800.0, 1.5
 SKELETON = (
@@ -169,16 +170,16 @@ def hand_eye(axes: Axes) -> None:
     """The robot's base from above: places of the hand, the camera there, and the board."""
     found, hands = solve("hand-eye", "hand-eye"), rows("hand-eye", "hand.csv")
     mount, board = found["X"].value, found["W"].value
-    sits = -turned(mount[:4]).T @ mount[4:]
+    sits = -rotation_of(mount[:4]).T @ mount[4:]
     for number, r in enumerate(hands):
-        turn = turned([float(r[c]) for c in ("qw", "qx", "qy", "qz")])[:2]
+        turn = rotation_of([float(r[c]) for c in ("qw", "qx", "qy", "qz")])[:2]
         place = np.array([float(r["x"]), float(r["y"])])
         lens = place + turn @ sits
         axes.plot(*place, "s", color=GREY, label="" if number else "hand, as the robot says")
         axes.plot(*np.array([place, lens]).T, color=GREY, linewidth=0.8)
         axes.plot(*lens, "o", color=ORANGE, label="" if number else "camera, as estimated")
     corners = np.array([(0.05 * i, 0.05 * j, 0) for j in range(4) for i in range(5)])
-    seen = corners @ turned(board[:4]).T + board[4:]
+    seen = corners @ rotation_of(board[:4]).T + board[4:]
     axes.plot(*seen.T[:2], ".", color=BLUE, label="board, as estimated")
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
@@ -192,7 +193,7 @@ def bundle(axes: Axes) -> None:
     points = np.array(found["X"].value)
     axes.plot(rough[:, 0], rough[:, 2], "x", color=GREY, label="points of the model")
     axes.plot(points[:, 0], points[:, 2], ".", color=BLUE, label="points, adjusted")
-    eyes = np.array([-turned(p[:4]).T @ p[4:] for p in found["T"].value])
+    eyes = np.array([-rotation_of(p[:4]).T @ p[4:] for p in found["T"].value])
     axes.plot(eyes[:, 0], eyes[:, 2], "^", color=ORANGE, label="cameras, adjusted")
     axes.set(xlabel="x", ylabel="z (unit unknown)", aspect="equal")
     axes.legend()

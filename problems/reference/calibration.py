@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from problems.reference.cameras import exponential, pinhole
 from problems.reference.least_squares import Array, estimate, fit, table, write_expected, write_table
 
 BOARD = np.array([(0.03 * i, 0.03 * j) for j in range(5) for i in range(7)])
@@ -24,24 +25,10 @@ START = (600.0, 600.0, 320.0, 240.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
-def turned(vector: Array, points: Array) -> Array:
-    """Points (n, 3) turned about ``vector`` by its length (Rodrigues)."""
-    angle = np.sqrt(np.sum(vector * vector))
-    axis = vector / angle
-    along = (points @ axis)[:, None] * axis
-    return points * np.cos(angle) + np.cross(axis, points) * np.sin(angle) + along * (1 - np.cos(angle))
-
-
 def image(camera: Array, pose: Array) -> Array:
-    """The corners in px, (n, 2): pinhole and Brown's distortion."""
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = camera
-    points = turned(pose[:3], np.column_stack([BOARD, np.zeros(len(BOARD))])) + pose[3:]
-    x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
-    r2 = x * x + y * y
-    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    return np.column_stack([cx + fx * u, cy + fy * v])
+    """The corners in px, (n, 2)."""
+    points = np.column_stack([BOARD, np.zeros(len(BOARD))]) @ exponential(pose[:3]).T + pose[3:]
+    return pinhole(camera, points)
 
 
 def measure() -> None:

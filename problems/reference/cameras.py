@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,9 +58,27 @@ class Poses:
         return [{"matrix": r.tolist(), "translation": np.asarray(t).tolist()} for r, t in pairs]
 
 
+def rotation_of(quaternion: Sequence[float]) -> Array:
+    """The rotation (3, 3) of a quaternion (w, x, y, z) of any length."""
+    w, x, y, z = np.asarray(quaternion) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
 def pinhole(camera: Array, points: Array) -> Array:
-    """Image points (n, 2) in px of points (n, 3) in the camera's frame: fx fy cx cy, then k1 k2 (Brown) if given."""
+    """Image points (n, 2) in px of points (n, 3) in the camera's frame.
+
+    ``camera`` is fx fy cx cy and, as far as given, k1 k2 p1 p2 k3: Brown's distortion in OpenCV's order.
+    """
+    k1, k2, p1, p2, k3 = (*camera[4:], *[0.0] * (9 - len(camera)))
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
     square = x * x + y * y
-    radial = 1 + sum(k * square ** (i + 1) for i, k in enumerate(camera[4:]))
-    return np.column_stack([camera[2] + camera[0] * x * radial, camera[3] + camera[1] * y * radial])
+    radial = 1 + k1 * square + k2 * square**2 + k3 * square**3
+    u = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
+    v = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
+    return np.column_stack([camera[2] + camera[0] * u, camera[3] + camera[1] * v])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.reference.cameras import Poses, exponential, pinhole
+from problems.reference.cameras import Poses, exponential, pinhole, rotation_of
 from problems.reference.least_squares import Array, fit, table, write_expected, write_table
 
 FOLDER = "hand-eye"
@@ -67,14 +67,8 @@ def stated() -> list[tuple[Array, Array]]:
     """The poses of the hand from their quaternions in the file."""
     found = []
     for r in table(FOLDER, "hand.csv"):
-        q = np.array([float(r[c]) for c in ("qw", "qx", "qy", "qz")])
-        w, x, y, z = q / np.linalg.norm(q)
-        matrix = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-        found.append((np.array(matrix), np.array([float(r[c]) for c in "xyz"])))
+        turn = rotation_of([float(r[c]) for c in ("qw", "qx", "qy", "qz")])
+        found.append((turn, np.array([float(r[c]) for c in "xyz"])))
     return found
 
 
