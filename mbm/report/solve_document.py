@@ -198,13 +198,15 @@ def _residuals(solve: SolveReport) -> dict[str, Any]:
 
 
 def raw_document(raw: RawResiduals) -> dict[str, Any]:
-    """What documents say of raw residuals."""
+    """What documents say of raw residuals: of numbers one mean, a list where vectors have several."""
     means = [
         {"value": each.value, "unit": each.unit, "per": each.per}
         | ({} if each.equation is None else {"equation": each.equation})
         for each in raw.means
     ]
-    return {"rms_unit": means} | ({"behind_camera": list(raw.behind)} if raw.behind else {})
+    return {"rms_unit": means[0] if len(means) == 1 else means} | (
+        {"behind_camera": list(raw.behind)} if raw.behind else {}
+    )
 
 
 def _summary(summary: ResidualSummary, raw: RawResiduals) -> dict[str, Any]:
