@@ -120,7 +120,12 @@ class RobustStream:
             system,
             agreement.code,
             agreement.rules,
-            Begun(starts=np.tile(agreement.base, (len(parameters), 1, 1)), forms=known, startless=agreement.startless),
+            Begun(
+                starts=np.repeat(agreement.base[None, None], len(parameters), axis=0),
+                forms=known,
+                startless=agreement.startless,
+                units_at=len(agreement.sizes) * np.arange(len(parameters) + 1),
+            ),
             workers=workers,
             rooms=self._rooms,
         )

@@ -127,8 +127,16 @@ def consistency(components: Indices, limit: Floats) -> Floats:
     of good units kept and this κ: the information of the kept rows has to be multiplied by it.
     """
     result = np.ones(len(components))
-    for size in np.unique(components).tolist():
+    for size in _distinct(components):
         of_size = components == size
-        for value in np.unique(limit[of_size]).tolist():
+        for value in _distinct(limit[of_size]):
             result[of_size & (limit == value)] = chi_square.consistency(value, int(size))
     return result
+
+
+def _distinct(values: Floats | Indices) -> list[float]:
+    """The values that occur; mostly all are equal, which takes less than to sort them."""
+    if values.size and bool((values == values[0]).all()):
+        return [values[0].item()]
+    found: list[float] = np.unique(values).tolist()
+    return found
