@@ -18,7 +18,7 @@ from mbm.data.images.photographs import PER_PIXEL
 from mbm.data.union.patterns import MOST_MATCHES
 from mbm.equations.selection import MAXIMUM_SOLVES, MAXIMUM_WINDOWS
 from mbm.estimation.minimise.minimise import DENSE_LIMIT
-from mbm.expression.units import REFUSED, UNITS
+from mbm.expression.units import PLAIN, PREFIXES, REFUSED, TAKE_PREFIXES
 from mbm.files import memory
 from mbm.language import limits as language_limits
 from mbm.language.vocabulary import (
@@ -84,8 +84,9 @@ SPECIAL = {
 
 UNITS_INTRODUCTION = """Quantities are kept in SI: a unit is a factor and a dimension. A unit is stuck to its number
 (`5mm`, `40deg/s^2`), or stated by `:unit`. Factors are joined by `*` or `/`, and may have whole powers: `N*m`, `m/s^2`,
-`1/s`, `s^-1`. These and no others are known; a symbol stands alone, so prefixes other than those listed are errors. `G`
-is the standard acceleration of gravity.
+`1/s`, `s^-1`. These and no others are known. A prefix stands before a unit that takes prefixes: `mA`, `kohm`, `ueV`
+(`µ` is `u`). `G` is the standard acceleration of gravity. A result without a stated unit is in SI, in the unit with the
+shortest name: `ohm`, `W/m/K`, `m/s^2`.
 
 """
 VOCABULARY_INTRODUCTION = """All functions that problems may use; a definition in the file shadows one of the same name.
@@ -133,12 +134,20 @@ def code(text: str) -> str:
 
 def units() -> str:
     """The closed list of units."""
-    rows = [(code(u.symbol), f"{u.factor:.12g}", u.dimension.symbol() or "—") for u in UNITS.values()]
+    known = {"prefixes": TAKE_PREFIXES, "none": PLAIN}
+    rows = [
+        (code(u.symbol), f"{u.factor:.12g}", u.dimension.symbol() or "—", beside)
+        for beside, units in known.items()
+        for u in units.values()
+    ]
+    prefixes = [(code(prefix), f"10^{power}") for prefix, power in PREFIXES.items() if prefix]
     refused = [(code(symbol), reason) for symbol, reason in REFUSED.items()]
     return (
         f"# Units\n\n{NOTE}"
         f"{UNITS_INTRODUCTION}"
-        + table(("unit", "in SI", "dimension"), rows)
+        + table(("unit", "in SI", "SI unit", "takes"), rows)
+        + "\n## Prefixes\n\n"
+        + table(("prefix", "factor"), prefixes)
         + "\n## Refused\n\nWhat people write although it is no factor times SI:\n\n"
         + table(("unit", "instead"), refused)
     )

@@ -22,12 +22,29 @@ _NAMES: dict[tuple[tuple[str, int | Fraction], ...], str] = {
     (("A", 1),): "a current (A)",
     (("m", 1), ("kg", 1), ("s", -2)): "a force (N)",
     (("m", -1), ("kg", 1), ("s", -2)): "a pressure (Pa)",
-    (("m", 2), ("kg", 1), ("s", -2)): "an energy or torque (N*m)",
+    (("m", 2), ("kg", 1), ("s", -2)): "an energy or torque (J)",
     (("m", 2), ("kg", 1), ("s", -3)): "a power (W)",
+    (("s", 1), ("A", 1)): "a charge (C)",
     (("m", 2), ("kg", 1), ("s", -3), ("A", -1)): "a voltage (V)",
     (("m", 2), ("kg", 1), ("s", -3), ("A", -2)): "a resistance (ohm)",
 }
 
+
+_DERIVED: tuple[tuple[str, tuple[int, ...]], ...] = (
+    ("N", (1, 1, -2, 0, 0, 0, 0)),
+    ("Pa", (-1, 1, -2, 0, 0, 0, 0)),
+    ("J", (2, 1, -2, 0, 0, 0, 0)),
+    ("W", (2, 1, -3, 0, 0, 0, 0)),
+    ("C", (0, 0, 1, 1, 0, 0, 0)),
+    ("V", (2, 1, -3, -1, 0, 0, 0)),
+    ("ohm", (2, 1, -3, -2, 0, 0, 0)),
+    ("S", (-2, -1, 3, 2, 0, 0, 0)),
+    ("F", (-2, -1, 4, 2, 0, 0, 0)),
+    ("H", (2, 1, -2, -2, 0, 0, 0)),
+    ("Wb", (2, 1, -2, -1, 0, 0, 0)),
+    ("T", (0, 1, -2, -1, 0, 0, 0)),
+)
+"""Units with names of their own (SI brochure, table 4), those that people prefer first."""
 
 LARGEST_SHOWN = 10**9
 """Exponents beyond are not spelt out: powers of powers have thousands of digits."""
@@ -68,9 +85,33 @@ class Dimension:
         return not any(self.exponents)
 
     def symbol(self) -> str:
-        """The SI unit as text, such as ``m/s^2``; empty for a pure number."""
+        """The SI unit as text, such as ``m/s^2`` or ``W/m/K``; empty for a pure number.
+
+        A unit with a name of its own stands for what would be longer without it.
+        """
+        shortest, length = self._of_bases(), self._length()
+        if not any(self.exponents[i] for i in range(len(_BASES)) if _BASES[i] not in ("m", "s")):
+            return shortest  # speeds and accelerations are said in lengths and times
+        for above in (True, False):
+            for name, exponents in _DERIVED:
+                beside = Dimension(exponents if above else tuple(-e for e in exponents))
+                rest = self / beside
+                known = rest._length(1)
+                if known < length and rest.exponents[_BASES.index("kg")] in (-1, 0, 1):
+                    shortest, length = rest._of_bases(name, above), known
+        return shortest
+
+    def _length(self, named: int = 0) -> tuple[Exponent, int]:
+        """How many factors the unit has beside ``named`` ones: written without powers, and with them."""
+        powers: list[Exponent] = [e if e > 0 else -e for e in self.exponents if e]
+        return sum(powers, start=named), named + len(powers)
+
+    def _of_bases(self, name: str = "", name_above: bool = True) -> str:
+        """The base units as text, beside a unit with a name."""
         above = [_power(base, e) for base, e in zip(_BASES, self.exponents, strict=True) if e > 0]
         below = [_power(base, -e) for base, e in zip(_BASES, self.exponents, strict=True) if e < 0]
+        if name:
+            (above if name_above else below).insert(0, name)
         if not above and not below:
             return ""
         return "/".join(["*".join(above) or "1", *below])

@@ -1,6 +1,7 @@
 """The units that mbm knows: a closed list. Quantities are kept in SI, so a unit is a factor and a dimension.
 
-Factors: SI brochure, 9th edition (2019), tables 2, 4 and 8; inch, foot and mile by the international yard agreement.
+Factors: SI brochure, 9th edition (2019), tables 2, 4, 7 and 8; inch, foot, mile and pound by the international yard and
+pound agreement; torr and psi follow from the standard atmosphere and the standard acceleration of gravity.
 """
 
 from __future__ import annotations
@@ -29,31 +30,28 @@ _J = _N * _M
 _W = _J / _S
 _V = _W / _A
 
-_PLAIN: tuple[tuple[str, float, Dimension], ...] = (
-    ("m", 1.0, _M), ("km", 1e3, _M), ("dm", 1e-1, _M), ("cm", 1e-2, _M), ("mm", 1e-3, _M), ("um", 1e-6, _M),
-    ("µm", 1e-6, _M), ("nm", 1e-9, _M), ("in", 0.0254, _M), ("ft", 0.3048, _M), ("mi", 1609.344, _M),
-    ("s", 1.0, _S), ("ms", 1e-3, _S), ("us", 1e-6, _S), ("µs", 1e-6, _S), ("ns", 1e-9, _S), ("min", 60.0, _S),
-    ("h", 3600.0, _S), ("d", 86400.0, _S),
-    ("kg", 1.0, _KG), ("g", 1e-3, _KG), ("mg", 1e-6, _KG), ("t", 1e3, _KG),
-    ("A", 1.0, _A), ("mA", 1e-3, _A), ("K", 1.0, _K), ("mK", 1e-3, _K), ("mol", 1.0, _MOL), ("mmol", 1e-3, _MOL),
-    ("cd", 1.0, _CD),
-    ("rad", 1.0, NONE), ("mrad", 1e-3, NONE), ("urad", 1e-6, NONE), ("deg", pi / 180, NONE),
-    ("arcmin", pi / 10800, NONE), ("arcsec", pi / 648000, NONE), ("rev", 2 * pi, NONE), ("px", 1.0, NONE),
-    ("%", 1e-2, NONE), ("ppm", 1e-6, NONE),
-    ("Hz", 1.0, _S**-1), ("kHz", 1e3, _S**-1), ("MHz", 1e6, _S**-1), ("GHz", 1e9, _S**-1),
-    ("rpm", 2 * pi / 60, _S**-1),
-    ("N", 1.0, _N), ("mN", 1e-3, _N), ("kN", 1e3, _N), ("Pa", 1.0, _N / _M**2), ("hPa", 1e2, _N / _M**2),
-    ("kPa", 1e3, _N / _M**2), ("MPa", 1e6, _N / _M**2), ("bar", 1e5, _N / _M**2), ("mbar", 1e2, _N / _M**2),
-    ("J", 1.0, _J), ("kJ", 1e3, _J), ("W", 1.0, _W), ("mW", 1e-3, _W), ("kW", 1e3, _W),
-    ("C", 1.0, _A * _S), ("V", 1.0, _V), ("mV", 1e-3, _V), ("uV", 1e-6, _V), ("kV", 1e3, _V),
-    ("ohm", 1.0, _V / _A), ("kohm", 1e3, _V / _A), ("F", 1.0, _A * _S / _V), ("uF", 1e-6, _A * _S / _V),
-    ("nF", 1e-9, _A * _S / _V), ("pF", 1e-12, _A * _S / _V), ("H", 1.0, _V * _S / _A), ("mH", 1e-3, _V * _S / _A),
-    ("T", 1.0, _V * _S / _M**2), ("mT", 1e-3, _V * _S / _M**2), ("uT", 1e-6, _V * _S / _M**2),
-    ("L", 1e-3, _M**3), ("mL", 1e-6, _M**3), ("G", 9.80665, _M / _S**2),
+_PREFIXES: tuple[tuple[str, int], ...] = (
+    ("q", -30), ("r", -27), ("y", -24), ("z", -21), ("a", -18), ("f", -15), ("p", -12), ("n", -9), ("u", -6), ("µ", -6),
+    ("m", -3), ("c", -2), ("d", -1), ("", 0), ("da", 1), ("h", 2), ("k", 3), ("M", 6), ("G", 9), ("T", 12), ("P", 15),
+    ("E", 18), ("Z", 21), ("Y", 24), ("R", 27), ("Q", 30),
 )  # fmt: skip
-
-UNITS: Mapping[str, Unit] = MappingProxyType({s: Unit(s, f, d) for s, f, d in _PLAIN})
-"""Every unit symbol that may stand alone or in a compound such as ``m/s^2``."""
+_PREFIXED: dict[str, tuple[str, int, Dimension]] = {
+    "m": ("1", 0, _M), "s": ("1", 0, _S), "g": ("1", -3, _KG), "A": ("1", 0, _A), "K": ("1", 0, _K),
+    "mol": ("1", 0, _MOL), "cd": ("1", 0, _CD), "rad": ("1", 0, NONE), "Hz": ("1", 0, _S**-1), "N": ("1", 0, _N),
+    "Pa": ("1", 0, _N / _M**2), "bar": ("1", 5, _N / _M**2), "J": ("1", 0, _J), "eV": ("1.602176634", -19, _J),
+    "W": ("1", 0, _W), "C": ("1", 0, _A * _S), "V": ("1", 0, _V), "ohm": ("1", 0, _V / _A), "S": ("1", 0, _A / _V),
+    "F": ("1", 0, _A * _S / _V), "Wb": ("1", 0, _V * _S), "T": ("1", 0, _V * _S / _M**2), "H": ("1", 0, _V * _S / _A),
+    "lm": ("1", 0, _CD), "lx": ("1", 0, _CD / _M**2), "kat": ("1", 0, _MOL / _S), "Bq": ("1", 0, _S**-1),
+    "Gy": ("1", 0, _J / _KG), "Sv": ("1", 0, _J / _KG), "L": ("1", -3, _M**3),
+}  # fmt: skip
+"""Units that take the prefixes, and what one is in SI: digits and power of ten."""
+_PLAIN: tuple[tuple[str, float, Dimension], ...] = (
+    ("in", 0.0254, _M), ("ft", 0.3048, _M), ("mi", 1609.344, _M), ("min", 60.0, _S), ("h", 3600.0, _S),
+    ("d", 86400.0, _S), ("t", 1e3, _KG), ("lb", 0.45359237, _KG), ("deg", pi / 180, NONE), ("arcmin", pi / 10800, NONE),
+    ("arcsec", pi / 648000, NONE), ("rev", 2 * pi, NONE), ("px", 1.0, NONE), ("%", 1e-2, NONE), ("ppm", 1e-6, NONE),
+    ("ppb", 1e-9, NONE), ("rpm", 2 * pi / 60, _S**-1), ("Torr", 101325 / 760, _N / _M**2),
+    ("psi", 0.45359237 * 9.80665 / 0.0254**2, _N / _M**2), ("G", 9.80665, _M / _S**2),
+)  # fmt: skip
 
 REFUSED: Mapping[str, str] = MappingProxyType(
     {
@@ -68,13 +66,39 @@ REFUSED: Mapping[str, str] = MappingProxyType(
 )
 """Units that people write and that are no factor times SI, with what to do instead."""
 
+
+PREFIXES: Mapping[str, int] = MappingProxyType(dict(_PREFIXES))
+"""The power of ten that each prefix stands for; µ and u are the same."""
+
+TAKE_PREFIXES: Mapping[str, Unit] = MappingProxyType(
+    {symbol: Unit(symbol, float(f"{one}e{power}"), dimension) for symbol, (one, power, dimension) in _PREFIXED.items()}
+)
+"""Units that may have a prefix, or none."""
+
+PLAIN: Mapping[str, Unit] = MappingProxyType({s: Unit(s, f, d) for s, f, d in _PLAIN})
+"""Units that take no prefix."""
+
+
+def unit_called(symbol: str) -> Unit | None:
+    """The unit with a symbol that may stand alone or in a compound such as ``m/s^2``, or None."""
+    if symbol in PLAIN:
+        return PLAIN[symbol]
+    for width in range(3):
+        prefix, rest = symbol[:width], symbol[width:]
+        if rest in _PREFIXED and prefix in PREFIXES and symbol not in REFUSED:
+            one, power, dimension = _PREFIXED[rest]
+            return Unit(symbol, float(f"{one}e{power + PREFIXES[prefix]}"), dimension)
+    return None
+
+
 _FACTOR = r"(?P<name>1|[^\W\d_]+|%)(?:\^(?P<power>-?\d{1,2}))?"
 
 
 def parse_unit(text: str) -> Unit | None:
     """The unit that ``text`` names (``m``, ``m/s^2``, ``1/s``, ``N*m``), or None if it is not on the list."""
-    if text in UNITS:
-        return UNITS[text]
+    alone = unit_called(text)
+    if alone is not None:
+        return alone
     factor, dimension = 1.0, NONE
     position, sign = 0, 1
     pattern = re.compile(_FACTOR)
@@ -84,7 +108,7 @@ def parse_unit(text: str) -> Unit | None:
             return None
         power = sign * int(match["power"] or 1)
         if match["name"] != "1":
-            unit = UNITS.get(match["name"])
+            unit = unit_called(match["name"])
             if unit is None or abs(power) > 12:
                 return None
             factor *= unit.factor**power

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from mbm.expression.dimension import NONE, Dimension
 from mbm.expression.inference import Inference
 from mbm.expression.nodes import Column, Expression, Number, leaves
-from mbm.expression.units import UNITS, Unit, parse_unit
+from mbm.expression.units import TAKE_PREFIXES, Unit, parse_unit, unit_called
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, NoiseKind
 
-_RADIAN = UNITS["rad"]
-_PURE = {name: unit for name, unit in UNITS.items() if unit.dimension == NONE}
-_TURNS = frozenset(_PURE) - {"px", "%", "ppm"}
-"""Units of angles."""
+_RADIAN = TAKE_PREFIXES["rad"]
+_NO_TURNS = frozenset({"px", "%", "ppm", "ppb"})
+"""Pure numbers that are no angles."""
+_WRITTEN = re.compile(r"[\d.](?P<unit>[^\W\d]+|%)$")
 
 
 def with_units(blocks: Iterable[Block], inference: Inference, tables: Mapping[str, Table]) -> tuple[Block, ...]:
@@ -50,7 +51,7 @@ def _unit(equation: Equation, place: int, dimension: Dimension | None, tables: M
     dimension = NONE if turns else dimension
 
     def suits(unit: Unit) -> bool:
-        return dimension in (None, unit.dimension) and (not turns or unit.symbol in _TURNS)
+        return dimension in (None, unit.dimension) and not (turns and unit.symbol in _NO_TURNS)
 
     stated = {unit.symbol: unit for unit in _measured(equation, place, tables) if suits(unit)}
     if len(stated) == 1:
@@ -84,12 +85,8 @@ def _written(noise: Expression, tables: Mapping[str, Table]) -> Unit | None:
         return _of_column(noise, tables)
     if not isinstance(noise, Number) or noise.span is None:
         return None
-    text = noise.span.text
-    return next((unit for name, unit in UNITS.items() if text.endswith(name) and _is_number(text[: -len(name)])), None)
-
-
-def _is_number(text: str) -> bool:
-    return text[-1:].isdigit() or text[-1:] == "."
+    written = _WRITTEN.search(noise.span.text)
+    return None if written is None else unit_called(written["unit"])
 
 
 def _of_column(column: Column, tables: Mapping[str, Table]) -> Unit | None:

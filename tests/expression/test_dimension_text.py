@@ -31,8 +31,8 @@ def test_the_suffix_of_a_number_reads_back(dimension, suffix, symbol):
 
 @pytest.mark.parametrize(
     ("unit", "described"),
-    [("V", "a voltage (V)"), ("kN", "a force (N)"), ("hPa", "a pressure (Pa)"), ("kJ", "an energy or torque (N*m)"),
-     ("mW", "a power (W)"), ("kohm", "a resistance (ohm)"), ("C", "of dimension s*A")],
+    [("V", "a voltage (V)"), ("kN", "a force (N)"), ("hPa", "a pressure (Pa)"), ("kJ", "an energy or torque (J)"),
+     ("mW", "a power (W)"), ("kohm", "a resistance (ohm)"), ("C", "a charge (C)")],
 )  # fmt: skip
 def test_common_dimensions_have_names(unit, described):
     assert parse_unit(unit).dimension.describe() == described

@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pint
 import pytest
 
 from mbm.expression.dimension import NONE, Dimension
-from mbm.expression.units import REFUSED, UNITS, parse_unit, refused_unit
+from mbm.expression.units import PLAIN, PREFIXES, REFUSED, TAKE_PREFIXES, parse_unit, refused_unit
 
 OURS_ALONE = {
     "px": "a pixel is a number here; Pint counts pixels as a dimension of their own",
+    "ppb": "1e-9, which Pint does not know",
     "G": "the standard acceleration of gravity; Pint's G is the gauss",
 }
 """Symbols that mean something else there."""
-OTHER_NAMES = {"%": "percent", "rev": "revolution"}
+OTHER_NAMES = {"%": "percent", "rev": "revolution", "Torr": "torr"}
+LONG = {
+    "m": "meter", "s": "second", "g": "gram", "A": "ampere", "K": "kelvin", "mol": "mole", "cd": "candela",
+    "rad": "radian", "Hz": "hertz", "N": "newton", "Pa": "pascal", "bar": "bar", "J": "joule", "eV": "electron_volt",
+    "W": "watt", "C": "coulomb", "V": "volt", "ohm": "ohm", "S": "siemens", "F": "farad", "Wb": "weber", "T": "tesla",
+    "H": "henry", "lm": "lumen", "lx": "lux", "kat": "katal", "Bq": "becquerel", "Gy": "gray", "Sv": "sievert",
+    "L": "liter",
+}  # fmt: skip
+"""What Pint calls units that take prefixes; short names with prefixes mean other things there (``hbar``, ``mcd``)."""
+BEFORE = {
+    "q": "quecto", "r": "ronto", "y": "yocto", "z": "zepto", "a": "atto", "f": "femto", "p": "pico", "n": "nano",
+    "u": "micro", "µ": "micro", "m": "milli", "c": "centi", "d": "deci", "": "", "da": "deca", "h": "hecto",
+    "k": "kilo", "M": "mega", "G": "giga", "T": "tera", "P": "peta", "E": "exa", "Z": "zetta", "Y": "yotta",
+    "R": "ronna", "Q": "quetta",
+}  # fmt: skip
 BASES = ("[length]", "[mass]", "[time]", "[current]", "[temperature]", "[substance]", "[luminosity]")
 
 
@@ -33,19 +49,44 @@ def dimension_of(quantity):
     return Dimension(tuple(int(quantity.dimensionality.get(base, 0)) for base in BASES))
 
 
-@pytest.mark.parametrize("symbol", sorted(set(UNITS) - set(OURS_ALONE)))
+@pytest.mark.parametrize("symbol", sorted(set(PLAIN) - set(OURS_ALONE)))
 def test_unit_is_the_one_of_pint(symbol, registry):
     theirs = quantity(registry, symbol)
-    assert UNITS[symbol].symbol == symbol
+    assert PLAIN[symbol].symbol == symbol
     # A factor is a product of a few doubles on either side.
-    assert UNITS[symbol].factor == pytest.approx(theirs.magnitude, rel=1e-15)
-    assert UNITS[symbol].dimension == dimension_of(theirs)
+    assert PLAIN[symbol].factor == pytest.approx(theirs.magnitude, rel=1e-15)
+    assert PLAIN[symbol].dimension == dimension_of(theirs)
+
+
+@pytest.mark.parametrize("unit", LONG)
+def test_unit_with_prefixes_is_the_one_of_pint(unit, registry):
+    for prefix, name in BEFORE.items():
+        symbol = prefix + unit
+        if symbol in REFUSED:
+            continue
+        ours, theirs = parse_unit(symbol), registry.Quantity(1.0, name + LONG[unit]).to_base_units()
+        assert ours.symbol == symbol
+        assert ours.factor == pytest.approx(theirs.magnitude, rel=1e-14)
+        assert ours.dimension == dimension_of(theirs)
+
+
+def test_prefixes_and_their_units_are_all_looked_at():
+    assert set(PREFIXES) == set(BEFORE)
+    assert set(TAKE_PREFIXES) == set(LONG)
+
+
+def test_no_symbol_means_two_units():
+    """With and without prefix; what is listed by itself comes first."""
+    read = [prefix + unit for prefix in PREFIXES for unit in TAKE_PREFIXES]
+    assert len(read) == len(set(read))
+    assert set(read) & set(PLAIN) == set()
 
 
 def test_units_of_our_own(registry):
-    assert (UNITS["px"].factor, UNITS["px"].dimension) == (1.0, NONE)
+    assert (PLAIN["px"].factor, PLAIN["px"].dimension) == (1.0, NONE)
+    assert (PLAIN["ppb"].factor, PLAIN["ppb"].dimension) == (1e-9, NONE)
     gravity = registry.Quantity(1.0, "standard_gravity").to_base_units()
-    assert (UNITS["G"].factor, UNITS["G"].dimension) == (gravity.magnitude, dimension_of(gravity))
+    assert (PLAIN["G"].factor, PLAIN["G"].dimension) == (gravity.magnitude, dimension_of(gravity))
 
 
 @pytest.mark.parametrize(
@@ -77,7 +118,7 @@ def test_offset_and_logarithmic_units_are_refused_with_a_hint(text):
 
 
 def test_refusals_and_units_are_apart():
-    assert not set(REFUSED) & set(UNITS)
+    assert all(parse_unit(symbol) is None for symbol in REFUSED)
     assert refused_unit("m/s") is None
 
 
@@ -93,3 +134,25 @@ def test_dimensions_are_a_group(unit):
 def test_factor_of_a_full_turn():
     assert parse_unit("rev/s").factor == 2 * math.pi
     assert parse_unit("rpm").factor == pytest.approx(parse_unit("rev/min").factor, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("unit", "shown"),
+    [("V/A", "ohm"), ("N*m", "J"), ("W/m^2/K", "W/m^2/K"), ("kg/m^3", "kg/m^3"), ("m/s^2", "m/s^2"),
+     ("J/kg/K", "J/kg/K"), ("kg/s^2", "N/m"), ("kg/m/s", "Pa*s"), ("A/V", "S"), ("m^2/s^2", "m^2/s^2"),
+     ("m^3/kg/s^2", "m^3/kg/s^2"), ("V*s", "Wb"), ("1/V", "1/V"), ("A*s", "C"), ("F/m", "F/m"),
+     ("kg", "kg"), ("1/s", "1/s")],
+)  # fmt: skip
+def test_dimensions_are_said_in_the_unit_that_a_person_would_write(unit, shown):
+    dimension = parse_unit(unit).dimension
+    assert dimension.symbol() == shown
+    assert parse_unit(shown).factor == 1.0
+    assert parse_unit(shown).dimension == dimension
+
+
+def test_every_symbol_is_read_back():
+    for exponents in itertools.product(range(-2, 3), repeat=4):
+        dimension = Dimension((*exponents, 0, 0, 0))
+        if not dimension.is_none:
+            back = parse_unit(dimension.symbol())
+            assert (back.factor, back.dimension) == (1.0, dimension)

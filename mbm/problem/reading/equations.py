@@ -5,7 +5,7 @@ from __future__ import annotations
 from mbm.expression.algebra import apply, wrap
 from mbm.expression.nodes import Apply, Column, Component, Expression, Operation, RowChoice, externals, leaves
 from mbm.expression.projection import Projection
-from mbm.expression.units import UNITS, Unit
+from mbm.expression.units import PLAIN, TAKE_PREFIXES, Unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, difference, is_form, scalar, vector
 from mbm.language.functions import UserMacro
@@ -31,7 +31,7 @@ from mbm.problem import faults
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span
 from mbm.values import dataclass
 
-_RADIAN, _PIXEL = UNITS["rad"], UNITS["px"]
+_RADIAN, _PIXEL = TAKE_PREFIXES["rad"], PLAIN["px"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from mbm.expression.nodes import Number
-from mbm.expression.units import UNITS, parse_unit
+from mbm.expression.units import TAKE_PREFIXES, parse_unit
 from mbm.files.faults import unreadable_file
 from mbm.files.memory import check_memory, largest_file, text_memory
 from mbm.files.reading import read_bytes
@@ -27,7 +27,7 @@ from mbm.values import dataclass
 
 USAGE = '(mesh "part.stl" [:unit mm])'
 
-LENGTH = UNITS["m"].dimension
+LENGTH = TAKE_PREFIXES["m"].dimension
 
 LARGEST = 50_000_000
 """Bytes of a file: a hundred thousand triangles take some 30 MB as text."""
