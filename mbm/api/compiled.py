@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mbm.api.estimator import Estimator
+    from mbm.api.pickled import Handed, Written
     from mbm.equations.assembly import Assembled
     from mbm.equations.binding import EvaluationCache
     from mbm.kernels.types import KernelSet
@@ -36,11 +37,13 @@ if TYPE_CHECKING:
 class Kept:
     """The compilation that later data sets start from: None until the tables are there that the equations need.
 
-    Local to one compiled problem in one thread.
+    ``data`` are those of the last solve, which it was made for where it was compiled without some. Local to one
+    compiled problem in one thread.
     """
 
     def __init__(self, compilation: Compilation | None) -> None:
         self.compilation = compilation
+        self.data: Mapping[str, object] = {}
         self._mentioned: tuple[Problem, tuple[Mentioned, ...]] | None = None
 
     def mentioned(self, problem: Problem) -> tuple[Mentioned, ...]:
@@ -64,6 +67,12 @@ class CompiledProblem:
     backend: str
     complete: bool
     kept: Kept = field(repr=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """It pickles as text and data, and is compiled again from them."""
+        from mbm.api.pickled import Handed, Written
+
+        return compiled_again, (Written.of(self.origin), Handed.of(self.inputs), self.backend)
 
     def solve(
         self,
@@ -133,7 +142,8 @@ class CompiledProblem:
         """
         from mbm.api.estimator import estimator
 
-        return estimator(self._latest(), self.origin, self.inputs, columns)
+        given = {**self.inputs.tables, **self.kept.data}
+        return estimator(self._latest(), self.origin, replace(self.inputs, tables=given), self.backend, columns)
 
     def residuals(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
         """Whitened residuals (m,) at tangent coordinates ``x`` (n,) about the start, in covariance order.
@@ -212,7 +222,7 @@ class CompiledProblem:
         if found is None:
             found = compilation_of(self.origin, inputs, self.backend)
         if not self.complete:
-            self.kept.compilation = found
+            self.kept.compilation, self.kept.data = found, data
         return found
 
     def _tables(self, before: Elaborated, inputs: Inputs, data: Mapping[str, object]) -> dict[str, Table]:
@@ -256,6 +266,11 @@ def compiled(origin: Origin, inputs: Inputs, backend: str) -> CompiledProblem:
         if others:
             raise MbmError(*others) from None
     return CompiledProblem(origin=origin, inputs=inputs, backend=backend, complete=made is not None, kept=Kept(made))
+
+
+def compiled_again(written: Written, handed: Handed, backend: str) -> CompiledProblem:
+    """The compiled problem that was pickled."""
+    return compiled(written.origin(), handed.inputs(), backend)
 
 
 def _values(init: object) -> dict[str, object] | None:

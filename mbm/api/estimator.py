@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.api.compilation import Compilation, Origin
+    from mbm.api.pickled import Handed, Written
     from mbm.estimation.batches.robust_stream import RobustStream
 
 CONVERGED = SolveStatus.CONVERGED.value
@@ -90,6 +91,14 @@ class Estimator:
     _outer: Floats = field(repr=False)
     _plain: bool = field(repr=False)
     _places: Mapping[str, tuple[slice, tuple[int, ...]]] = field(repr=False)
+    _made_of: tuple[Origin, Inputs, str] = field(repr=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """It pickles as text and data, and is compiled again from them."""
+        from mbm.api.pickled import Handed, Written
+
+        origin, inputs, backend = self._made_of
+        return estimator_again, (Written.of(origin), Handed.of(inputs), backend, self.inputs)
 
     def __call__(self, *columns: ArrayLike) -> Estimates:
         """Solve for one data set: for each input an array (rows,).
@@ -221,7 +230,9 @@ def _quickly(
     return stream.solved_one()
 
 
-def estimator(compilation: Compilation, origin: Origin, inputs: Inputs, columns: tuple[str, ...]) -> Estimator:
+def estimator(
+    compilation: Compilation, origin: Origin, inputs: Inputs, backend: str, columns: tuple[str, ...]
+) -> Estimator:
     """The estimator of a compiled problem that takes the ``columns``; without any, all measured ones.
 
     Raises:
@@ -252,7 +263,16 @@ def estimator(compilation: Compilation, origin: Origin, inputs: Inputs, columns:
         _outer=np.outer(factors, factors),
         _plain=all(bool((each == 1.0).all()) for each in (factors, *scales)),
         _places=MappingProxyType(places),
+        _made_of=(origin, inputs, backend),
     )
+
+
+def estimator_again(written: Written, handed: Handed, backend: str, columns: tuple[str, ...]) -> Estimator:
+    """The estimator that was pickled."""
+    from mbm.api.compilation import compilation_of
+
+    origin, inputs = written.origin(), handed.inputs()
+    return estimator(compilation_of(origin, inputs, backend), origin, inputs, backend, columns)
 
 
 def _one_descent(problem: Problem) -> None:

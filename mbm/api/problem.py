@@ -24,6 +24,7 @@ from mbm.text.types import Diagnostic, MbmError, Severity, Source
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.api.pickled import Written
     from mbm.estimation.starts.closed_forms.types import ClosedForm
     from mbm.language.program import Program
     from mbm.problem.elaborated import Elaborated
@@ -99,6 +100,12 @@ class Problem:
     sandbox: Path | None = None
     name: str | None = None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """It pickles as its text."""
+        from mbm.api.pickled import Written
+
+        return problem_again, (Written.of(self._origin()),)
+
     @property
     def program(self) -> Program:
         """The definitions of the text."""
@@ -149,8 +156,10 @@ class Problem:
 
     def compiled(self, inputs: Inputs, backend: str) -> CompiledProblem:
         """As ``compile``, for everything that may come from outside."""
-        origin = Origin(reading=self.reading, registry=self.registry, file=self.file, name=self.name)
-        return compiled(origin, inputs, backend)
+        return compiled(self._origin(), inputs, backend)
+
+    def _origin(self) -> Origin:
+        return Origin(reading=self.reading, registry=self.registry, file=self.file, name=self.name)
 
     def solve(
         self,
@@ -325,6 +334,14 @@ class Problem:
         except MbmError as error:
             return error.diagnostics
         return ()
+
+
+def problem_again(written: Written) -> Problem:
+    """The problem that was pickled."""
+    origin, sandbox = written.origin(), written.text.sandbox
+    return Problem(
+        reading=origin.reading, registry=origin.registry, file=origin.file, sandbox=sandbox, name=origin.name
+    )
 
 
 def build(name: str, *clauses: object) -> Problem:

@@ -119,7 +119,8 @@ class Registry:
     """Vocabulary, readers by name, what makes a backend by the name that ``--backend`` gives it, and the closed forms.
 
     Each is called where it is needed: a warm start does without most of them. ``store`` is what keeps equations,
-    kernels and object code from one process to the next, if anything does.
+    kernels and object code from one process to the next, if anything does. ``given`` are the closed forms that the
+    caller has brought.
     """
 
     vocabulary: Callable[[], Vocabulary] = _vocabulary
@@ -127,6 +128,7 @@ class Registry:
     backends: Mapping[str, Callable[[Store | None], Backend]] = field(default_factory=lambda: _BACKENDS)
     store: Callable[[], Store | None] = _store
     closed_forms: Callable[[], tuple[ClosedForm, ...]] = _closed_forms
+    given: tuple[ClosedForm, ...] = ()
     limits: Limits = field(default_factory=Limits)
 
     def backend(self, name: str) -> Backend:
@@ -149,7 +151,7 @@ def standard_registry(closed_forms: tuple[ClosedForm, ...] = ()) -> Registry:
     """What mbm itself brings, and what packages add; ``closed_forms`` of the caller are tried before all others."""
     # packages are asked once, not for each solve
     forms = cache(lambda: (*closed_forms, *_installed(), *_closed_forms()))
-    return Registry(vocabulary=cache(_vocabulary), readers=cache(_readers), closed_forms=forms)
+    return Registry(vocabulary=cache(_vocabulary), readers=cache(_readers), closed_forms=forms, given=closed_forms)
 
 
 def _installed() -> tuple[ClosedForm, ...]:
