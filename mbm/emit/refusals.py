@@ -188,6 +188,15 @@ def _constraints(problem: Problem) -> Iterator[Diagnostic]:
 
 
 def _derived(problem: Problem, target: Target) -> Iterator[Diagnostic]:
+    for aggregate in problem.aggregates:
+        what, todo = (
+            f"`{aggregate.kind}` over the rows of a table",
+            "derive the form `:over` the table, and average outside",
+        )
+        yield faults.not_emitted(aggregate.span, what, "generated solvers derive from one row at a time", todo)
+    for span in problem.written_out:
+        why = "it is written out for the rows at hand, and a generated solver gets others"
+        yield faults.not_emitted(span, "an aggregate in a constraint", why, "leave it out")
     families = {u.family.rows for u in problem.unknowns if u.family is not None and u.family.column is not None}
     for derived in problem.derived:
         what = f"the derived quantity `{derived.name}`"

@@ -27,6 +27,7 @@ from mbm.language.values import (
     Macro,
     Scope,
     SpecialForm,
+    TableName,
     Value,
     Vocabulary,
     describe,
@@ -154,6 +155,8 @@ class FormEvaluator:
             if special is not None:
                 return self._special(special, form, scope)
             function = self.vocabulary.functions.get(head.name)
+            if head.name in self.vocabulary.over_rows and self._is_over_rows(function, form, scope):
+                return self._special(self.vocabulary.over_rows[head.name], form, scope)
             if function is not None:
                 return self.apply(function, form, scope)
             value = scope.lookup(head.name, head.span)
@@ -168,6 +171,15 @@ class FormEvaluator:
         else:
             raise MbmError(faults.bad_head(head.span, None, "a text" if isinstance(head, Text) else "a keyword"))
         return self._headed(value, form, scope)
+
+    def _is_over_rows(self, function: Callable_ | None, form: Sequence, scope: Scope) -> bool:
+        """Whether a head that no definition or variable of the user has stands before the name of a table."""
+        head, first = form.items[0], form.items[1] if len(form.items) > 1 else None
+        if not (isinstance(head, Symbol) and isinstance(first, Symbol) and isinstance(function, Builtin | None)):
+            return False
+        if not isinstance(scope.lookup(first.name, first.span), TableName):
+            return False
+        return scope.lookup(head.name, head.span) is None
 
     def _special(self, special: SpecialForm, form: Sequence, scope: Scope) -> Value:
         try:

@@ -13,6 +13,7 @@ from mbm.language.program import ProblemDefinition, Program
 from mbm.language.session import Session, open_session
 from mbm.language.values import Vocabulary
 from mbm.problem import faults
+from mbm.problem.aggregates import Aggregate
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
 from mbm.problem.dimensions import infer
@@ -22,6 +23,7 @@ from mbm.problem.joining import filtered, joined
 from mbm.problem.naming import TakenNames
 from mbm.problem.overrides import Overrides
 from mbm.problem.pairing import paired
+from mbm.problem.reading.aggregates import OVER_ROWS, Gatherer, Writer
 from mbm.problem.reading.cameras import read_camera
 from mbm.problem.reading.constants import constant_values, read_constants
 from mbm.problem.reading.constraints import model_constraints, read_constraints
@@ -90,9 +92,10 @@ def elaborate(
     starts = _starts(work, declarations, constants, overrides)
     taken = TakenNames()
     taken.places.update((prior.name, prior.span) for prior in priors)
-    observed, concerns = _observed(work, clauses, taken, plans)
+    written = Writer(work, not any(_all(clauses, head) for head in ("for-each", "window")))
+    observed, concerns = _observed(work, clauses, taken, plans, written)
     blocks = (*observed, *priors)
-    derived = _derived(work, clauses)
+    derived, aggregates = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = _request(work, clauses, declarations)
     if not declarations:
@@ -101,7 +104,7 @@ def elaborate(
     elif not blocks and not work.diagnostics:
         work.diagnostics.append(faults.no_equations(definition.span))
     work.finish()
-    dimensions, blocks, clashes = infer(unknowns, blocks, derived, plans, pairs, tables, starts)
+    dimensions, blocks, clashes = infer(unknowns, blocks, (derived, aggregates), plans, pairs, tables, starts)
     work.diagnostics.extend(clashes)
     work.finish()
     if request is None:
@@ -115,6 +118,8 @@ def elaborate(
         unknowns=unknowns,
         blocks=blocks,
         derived=derived,
+        aggregates=aggregates,
+        written_out=tuple(written.spans),
         request=request,
         dimensions=dimensions,
         warnings=(*work.evaluator.warnings.values(), *concerns),
@@ -150,6 +155,7 @@ def _session(program: Program, front: Front, tables: Mapping[str, Table], log: M
         special_forms={**front.vocabulary.special_forms, **SPECIAL_FORMS},
         functions=front.vocabulary.functions,
         not_yet={**front.vocabulary.not_yet, **NOT_YET},
+        over_rows=OVER_ROWS,
     )
     return open_session(
         program, vocabulary, model_maker(log), front.limits, make_world=lambda scope: ProblemScope(scope, tables)
@@ -272,23 +278,29 @@ def _starts(
     return found
 
 
-def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames) -> tuple[Block, ...]:
+def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames, written: Writer) -> tuple[Block, ...]:
     blocks = []
     for clause in _all(clauses, "observe"):
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
             work.extent.add(blocks[-1])
+    work.scope.gather = written
     for clause in _all(clauses, "constraints"):
         work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))
+    work.scope.gather = None
     return tuple(blocks)
 
 
 def _observed(
-    work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames, plans: tuple[TablePlan, ...]
+    work: Workspace,
+    clauses: tuple[Sequence, ...],
+    taken: TakenNames,
+    plans: tuple[TablePlan, ...],
+    written: Writer,
 ) -> tuple[tuple[Block, ...], tuple[Diagnostic, ...]]:
     """Observations and constraints with the errors that their columns share, and the warnings about those."""
-    observed: tuple[tuple[Block, ...], tuple[Diagnostic, ...]] = _blocks(work, clauses, taken), ()
+    observed: tuple[tuple[Block, ...], tuple[Diagnostic, ...]] = _blocks(work, clauses, taken, written), ()
     with work.collecting():
         observed = with_shared_errors(observed[0], plans, work.tables)
         refuse_corrected(observed[0])
@@ -303,5 +315,9 @@ def _request(work: Workspace, clauses: tuple[Sequence, ...], declarations: list[
     return found[0] if found else None
 
 
-def _derived(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[Derived, ...]:
-    return tuple(d for c in _all(clauses, "derive") for d in read_derived(work, c))
+def _derived(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[tuple[Derived, ...], tuple[Aggregate, ...]]:
+    """The derived quantities, and the aggregates in them."""
+    gatherer = work.scope.gather = Gatherer(work)
+    found = tuple(d for c in _all(clauses, "derive") for d in read_derived(work, c))
+    work.scope.gather = None
+    return found, tuple(gatherer.found)

@@ -60,6 +60,8 @@ def mentioned(problem: Problem) -> tuple[Mentioned, ...]:
     ]
     for derived in problem.derived:
         found += [_mentioned(derived.table, case.static, None, [case.values]) for case in derived.cases]
+    for each in problem.aggregates:
+        found += [_mentioned(each.table, static, None, [(value,)]) for static, value in each.cases]
     for number, block in enumerate(problem.blocks):
         for sigma in (column.sigma for column in block.errors if column.sigma is not None):
             found += [_mentioned(block.table, case.static, number, [case.values]) for case in sigma.cases]

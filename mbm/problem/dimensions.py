@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from mbm.expression.algebra import ONE
+from mbm.expression.algebra import ONE, number
 from mbm.expression.dimension import NONE, Dimension
 from mbm.expression.inference import Clash, Declared, Inference, origin
 from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, leaves
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
+from mbm.problem.aggregates import Aggregate
+from mbm.problem.kinds import AggregateKind
 from mbm.problem.residual_units import with_units
 from mbm.problem.tables import PairDeclaration, Table
 from mbm.problem.types import Block, BlockRole, Derived, NoiseKind, TablePlan, Unknown, UnknownKind
@@ -19,7 +21,7 @@ from mbm.text.types import Diagnostic, Label, Place, Span
 def infer(
     unknowns: tuple[Unknown, ...],
     blocks: tuple[Block, ...],
-    derived: tuple[Derived, ...],
+    wanted: tuple[tuple[Derived, ...], tuple[Aggregate, ...]],
     plans: tuple[TablePlan, ...],
     pairs: tuple[PairDeclaration, ...],
     tables: Mapping[str, Table],
@@ -27,8 +29,9 @@ def infer(
 ) -> tuple[dict[tuple[str, int], Dimension | None], tuple[Block, ...], list[Diagnostic]]:
     """Dimensions of the components of unknowns and derived quantities, the blocks with their units, and the clashes.
 
-    ``starts`` are those given from outside.
+    ``wanted`` are the derived quantities and the aggregates in them; ``starts`` are those given from outside.
     """
+    derived, aggregates = wanted
     inference = Inference(_declared(unknowns, plans, pairs, tables))
     for plan in plans:
         for kept in plan.where.cases if plan.where is not None else ():
@@ -40,15 +43,20 @@ def infer(
         angle = unknown.kind is UnknownKind.ANGLE
         for index, given in zip(unknown.indices(), starts.get(unknown.name, ()), strict=False):
             inference.equate(Component(unknown.name, index, None, angle, unknown.span), given, given.span)
+    for aggregate in aggregates:
+        for _, value in aggregate.cases:
+            result = number(1) if aggregate.kind is AggregateKind.COUNT else value
+            inference.visit((value,))
+            inference.equate(Component(aggregate.name, (), None, aggregate.angle), result, aggregate.span)
     for each in derived:
         for case in each.cases:
             inference.visit(case.values)
             if each.unit is not None:
-                wanted = Number(0.0, each.unit.dimension, each.span)
+                unit = Number(0.0, each.unit.dimension, each.span)
                 square = each.dimension**2
                 lengths = case.values if not each.dimension else case.values[square : square + each.dimension]
                 for value in lengths:
-                    inference.equate(value, wanted, each.span)
+                    inference.equate(value, unit, each.span)
     inference.settle()
     diagnostics = [_diagnostic(clash, inference, unknowns) for clash in inference.clashes]
     united = blocks if diagnostics else with_units(blocks, inference, tables)

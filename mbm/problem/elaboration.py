@@ -117,11 +117,17 @@ class Workspace:
         return self.tables[form.name]
 
     def cases(
-        self, table: Table | None, evaluate: Callable[[Scope], T], span: Span, when: RowValues | None = None
+        self,
+        table: Table | None,
+        evaluate: Callable[[Scope], T],
+        span: Span,
+        when: RowValues | None = None,
+        around: Scope | None = None,
     ) -> list[tuple[Static, T]]:
         """``evaluate`` once for each group of rows that need a compilation: one, unless columns are static.
 
-        The values of rows that ``when`` does not keep decide nothing.
+        The values of rows that ``when`` does not keep decide nothing. ``around`` is where the form stands, if that is
+        inside another: its variables are seen.
         """
         if table is None:
             self.evaluator.budget.reset(span)
@@ -137,7 +143,7 @@ class Workspace:
         while pending:
             static, rows = pending.pop()
             self.evaluator.budget.reset(span)
-            scope = RowScope(self.scope, table, dict(static))
+            scope = RowScope(self.scope, table, dict(static), around=around)
             try:
                 found.append((static, evaluate(scope)))
             except StaticColumnNeeded as need:

@@ -11,9 +11,10 @@ from mbm.language.coerce import scalar
 from mbm.language.scope import LocalScope
 from mbm.language.values import Array, Evaluator, Scope, StaticColumnNeeded, TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
+from mbm.problem.kinds import AggregateKind
 from mbm.problem.tables import ROW, CellKey, Table
 from mbm.problem.tables import Column as TableColumn
-from mbm.text.types import Form, MbmError, Span
+from mbm.text.types import Form, MbmError, Sequence, Span
 from mbm.values import dataclass
 
 
@@ -27,7 +28,10 @@ class Entry:
 
 
 class ProblemScope:
-    """The problem's own names over those of the file. Entries are added while the clauses are read, in order."""
+    """The problem's own names over those of the file. Entries are added while the clauses are read, in order.
+
+    ``gather`` makes aggregates over the rows of a table, in the clauses that may have them.
+    """
 
     def __init__(self, parent: Scope, tables: Mapping[str, Table]) -> None:
         self._parent = parent
@@ -36,6 +40,7 @@ class ProblemScope:
         self.definitions: dict[str, Form] = {}
         self.derived_over: dict[str, tuple[str, Form]] = {}
         self.evaluator: Evaluator | None = None
+        self.gather: Callable[[AggregateKind, Sequence, Scope], Value] | None = None
         self._values: dict[str, Value] = {}
         self._open: list[str] = []
 

@@ -14,6 +14,7 @@ from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import Expression
 from mbm.expression.projection import Projection
 from mbm.expression.units import Unit
+from mbm.problem.aggregates import Aggregate
 from mbm.problem.kinds import ConstraintKind, Gauge, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration
@@ -368,7 +369,10 @@ class ConstantValue:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """A whole problem. ``dimensions`` holds what unit inference found for components of unknowns and derived values."""
+    """A whole problem. ``dimensions`` holds what unit inference found for components of unknowns and derived values.
+
+    ``aggregates`` are those of derived quantities; ``written_out`` are the places of those in constraints.
+    """
 
     name: str
     doc: str
@@ -378,6 +382,8 @@ class Problem:
     unknowns: tuple[Unknown, ...]
     blocks: tuple[Block, ...]
     derived: tuple[Derived, ...]
+    aggregates: tuple[Aggregate, ...] = ()
+    written_out: tuple[Span, ...] = ()
     request: Request
     dimensions: Mapping[tuple[str, int], Dimension | None]
     warnings: tuple[Diagnostic, ...] = ()
