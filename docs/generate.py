@@ -84,6 +84,10 @@ SPECIAL = {
     "median": ("(median TABLE form)", "The median, in the same way; not in constraints."),
     "quantile": ("(quantile TABLE q form)", "The quantile q, from 0 to 1, linear between rows; not in constraints."),
     "count": ("(count TABLE [condition])", "How many rows there are, or fulfil the condition, in the same way."),
+    "previous": (
+        "(previous form)",
+        "The form with the columns of the row before, in the order of the unfiltered table; in problems.",
+    ),
     "sample": (
         "(sample TABLE form at [:by column])",
         "The form between the two rows of the table around a time, on the straight line; in problems.",
@@ -156,7 +160,7 @@ def units() -> str:
 def vocabulary() -> str:
     """Special forms and functions with their usage."""
     words = standard_registry().vocabulary()
-    known = {*words.special_forms, *PROBLEM_FORMS, *(OVER_ROWS.keys() - words.functions.keys())}
+    known = {*words.special_forms, *PROBLEM_FORMS, *(OVER_ROWS.keys() - words.functions.keys()), "previous"}
     if known != set(SPECIAL):
         message = f"docs/generate.py should describe these special forms: {sorted(known ^ set(SPECIAL))}"
         raise SystemExit(message)

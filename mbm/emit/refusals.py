@@ -105,6 +105,10 @@ def _data(problem: Problem) -> Iterator[Diagnostic]:
         why = "generated solvers do not match the times of tables"
         todo = "make one table of both before, with a column for what is measured in each, and compile for that"
         yield faults.not_emitted(pair.span, "`pair`", why, todo)
+    for name in problem.earlier:
+        place = next((p.declaration.span for p in problem.plans if p.name == name), problem.span)
+        todo = "write what is wanted of the row before into columns of the row"
+        yield faults.not_emitted(place, f"`previous` of `{name}`", "generated solvers see one row at a time", todo)
     for plan in problem.plans:
         if plan.declaration.skip_missing:
             why = "generated solvers want a number in every cell"

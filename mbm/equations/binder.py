@@ -20,6 +20,7 @@ from mbm.expression.nodes import ColumnMember, Component, Member, RowChoice, lea
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.aggregates import is_aggregate
 from mbm.problem.checks import used_rows
+from mbm.problem.previous import has_before, mentions_before
 from mbm.problem.rows import Positions, chosen_number, column_numbers, keyed_rows, rows_of
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, EquationCase, Loss, Problem, Static
@@ -113,7 +114,8 @@ class Binder:
         groups = []
         for number, kernel in enumerate(kernels.kernels):
             if kernel.purpose is purpose and kernel.owner == owner:
-                table, positions = self._rows(name, statics[kernel.case], None)
+                mask = has_before(self.tables[name]) if name is not None and _looks_back(kernel) else None
+                table, positions = self._rows(name, statics[kernel.case], mask)
                 group = self.bind(number, kernel, table, positions, extended=False)
                 groups.append(replace(group, gathered=self._gathered(kernels, kernel)))
         return tuple(groups)
@@ -293,6 +295,13 @@ def _losses(asked: Loss, whiteners: Iterable[Whitener]) -> tuple[LossFunction, .
     from mbm.equations.losses import loss_function
 
     return tuple(loss_function(asked, each.last - each.first) for each in whiteners)
+
+
+def _looks_back(kernel: Kernel) -> bool:
+    """Whether a kernel takes something of the row before."""
+    names = [parameter.name for parameter in kernel.parameters]
+    members = [slot.member.column for slot in kernel.variables if isinstance(slot.member, ColumnMember)]
+    return mentions_before((*names, *members))
 
 
 def _differs(slot: Slot) -> bool:

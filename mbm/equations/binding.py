@@ -16,8 +16,9 @@ from mbm.equations.scatter import Scatter, scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
 from mbm.kernels.types import Backend, Evaluation, Kernel, Stream
+from mbm.problem.overrides import ConstantValue
 from mbm.problem.rows import Positions
-from mbm.problem.types import BlockRole, ConstantValue, Equation
+from mbm.problem.types import BlockRole, Equation
 from mbm.values import dataclass
 
 if TYPE_CHECKING:

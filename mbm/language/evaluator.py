@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from typing import TypeVar
 
 from mbm.expression.algebra import UndefinedValueError
 from mbm.expression.dimension import NONE
@@ -26,8 +28,6 @@ from mbm.language.values import (
     ListValue,
     Macro,
     Scope,
-    SpecialForm,
-    TableName,
     Value,
     Vocabulary,
     describe,
@@ -49,6 +49,8 @@ from mbm.text.types import (
     Symbol,
     Text,
 )
+
+T = TypeVar("T")
 
 MAXIMUM_LABELS = 4
 """How many calls an error names on its way out: enough to find the cause, few enough to read."""
@@ -155,8 +157,11 @@ class FormEvaluator:
             if special is not None:
                 return self._special(special, form, scope)
             function = self.vocabulary.functions.get(head.name)
-            if head.name in self.vocabulary.over_rows and self._is_over_rows(function, form, scope):
-                return self._special(self.vocabulary.over_rows[head.name], form, scope)
+            late = self.vocabulary.late.get(head.name)
+            if late is not None and isinstance(function, Builtin | None) and scope.lookup(head.name, head.span) is None:
+                made = self._special(late, form, scope)
+                if made is not None:
+                    return made
             if function is not None:
                 return self.apply(function, form, scope)
             value = scope.lookup(head.name, head.span)
@@ -172,16 +177,7 @@ class FormEvaluator:
             raise MbmError(faults.bad_head(head.span, None, "a text" if isinstance(head, Text) else "a keyword"))
         return self._headed(value, form, scope)
 
-    def _is_over_rows(self, function: Callable_ | None, form: Sequence, scope: Scope) -> bool:
-        """Whether a head that no definition or variable of the user has stands before the name of a table."""
-        head, first = form.items[0], form.items[1] if len(form.items) > 1 else None
-        if not (isinstance(head, Symbol) and isinstance(first, Symbol) and isinstance(function, Builtin | None)):
-            return False
-        if not isinstance(scope.lookup(first.name, first.span), TableName):
-            return False
-        return scope.lookup(head.name, head.span) is None
-
-    def _special(self, special: SpecialForm, form: Sequence, scope: Scope) -> Value:
+    def _special(self, special: Callable[..., T], form: Sequence, scope: Scope) -> T:
         try:
             return special(self, form, scope)
         except UndefinedValueError as error:

@@ -108,7 +108,7 @@ def open_session(
             special_forms=vocabulary.special_forms,
             functions=MappingProxyType(functions),
             not_yet=vocabulary.not_yet,
-            over_rows=vocabulary.over_rows,
+            late=vocabulary.late,
         ),
         limits,
     )

@@ -392,9 +392,9 @@ FunctionTable: TypeAlias = Mapping[str, Callable_]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vocabulary:
-    """What heads mean: special forms, functions, names that come later, and ``over_rows``: before a table's name."""
+    """What heads mean; ``not_yet`` come with later versions, ``late`` are forms where no name of the user is meant."""
 
     special_forms: Mapping[str, SpecialForm]
     functions: FunctionTable
     not_yet: Mapping[str, str]
-    over_rows: Mapping[str, SpecialForm] = MappingProxyType({})
+    late: Mapping[str, Callable[[Evaluator, Sequence, Scope], Value | None]] = MappingProxyType({})

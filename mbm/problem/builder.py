@@ -32,6 +32,7 @@ from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
+from mbm.problem.reading.previous import Earlier, looking_back, previous
 from mbm.problem.reading.request import read_request
 from mbm.problem.reading.sources import DataClause, Formats, in_join_order, read_source, refuse_overwriting
 from mbm.problem.reading.unions import check_members, check_units
@@ -80,7 +81,8 @@ def elaborate(
     _functions(work, session, clauses)
     constants = [name for c in _all(clauses, "constants") for name in read_constants(work, c, overrides)]
     numbers = constant_values(work, constants, definition.span)
-    plans, raw = _tables(work, clauses, load)
+    earlier = work.scope.earlier = Earlier(work.tables, {}, _names_of(clauses, "for-each"))
+    plans, raw = _tables(work, clauses, load, earlier)
     pairs = _pairs(work, clauses)
     work.finish()
     declarations = [d for c in _all(clauses, "unknowns") for d in declare_unknowns(work, c)]
@@ -92,18 +94,13 @@ def elaborate(
     starts = _starts(work, declarations, constants, overrides)
     taken = TakenNames()
     taken.places.update((prior.name, prior.span) for prior in priors)
-    written = Writer(work, not any(_all(clauses, head) for head in ("for-each", "window")))
-    observed, concerns = _observed(work, clauses, taken, plans, written)
+    observed, concerns = _observed(work, clauses, taken, plans)
     blocks = (*observed, *priors)
     derived, aggregates = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = _request(work, clauses, declarations)
-    if not declarations:
-        if not work.undeclared:
-            work.diagnostics.append(faults.no_unknowns(definition.span))
-    elif not blocks and not work.diagnostics:
-        work.diagnostics.append(faults.no_equations(definition.span))
-    work.finish()
+    _check_content(work, declarations, blocks, definition)
+    blocks = tuple(map(looking_back, blocks)) if earlier.asked else blocks
     dimensions, blocks, clashes = infer(unknowns, blocks, (derived, aggregates), plans, pairs, tables, starts)
     work.diagnostics.extend(clashes)
     work.finish()
@@ -119,7 +116,8 @@ def elaborate(
         blocks=blocks,
         derived=derived,
         aggregates=aggregates,
-        written_out=tuple(written.spans),
+        written_out=tuple(work.written_out),
+        earlier=tuple(earlier.asked),
         request=request,
         dimensions=dimensions,
         warnings=(*work.evaluator.warnings.values(), *concerns),
@@ -127,6 +125,18 @@ def elaborate(
     )
     numbers_of = {name: tuple(float(n.value) for n in given) for name, given in starts.items()}
     return replace(_checked(problem, raw, tables, numbers_of, work.reads.consulted()), read=tuple(session.read))
+
+
+def _check_content(
+    work: Workspace, declarations: list[Declaration], blocks: tuple[Block, ...], definition: ProblemDefinition
+) -> None:
+    """Raise what was collected, and that there is nothing to estimate, or nothing to estimate it from."""
+    if not declarations:
+        if not work.undeclared:
+            work.diagnostics.append(faults.no_unknowns(definition.span))
+    elif not blocks and not work.diagnostics:
+        work.diagnostics.append(faults.no_equations(definition.span))
+    work.finish()
 
 
 def _checked(
@@ -155,7 +165,7 @@ def _session(program: Program, front: Front, tables: Mapping[str, Table], log: M
         special_forms={**front.vocabulary.special_forms, **SPECIAL_FORMS},
         functions=front.vocabulary.functions,
         not_yet={**front.vocabulary.not_yet, **NOT_YET},
-        over_rows=OVER_ROWS,
+        late={**OVER_ROWS, "previous": previous},
     )
     return open_session(
         program, vocabulary, model_maker(log), front.limits, make_world=lambda scope: ProblemScope(scope, tables)
@@ -183,7 +193,7 @@ def _functions(work: Workspace, session: Session, clauses: tuple[Sequence, ...])
 
 
 def _tables(
-    work: Workspace, clauses: tuple[Sequence, ...], load: Loader
+    work: Workspace, clauses: tuple[Sequence, ...], load: Loader, earlier: Earlier
 ) -> tuple[tuple[TablePlan, ...], dict[str, Table]]:
     found: dict[str, DataClause] = {}
     for clause in _all(clauses, "data"):
@@ -206,6 +216,7 @@ def _tables(
             refuse_overwriting(raw[name], data, raw)
             tables[name] = joined(raw[name], data.joins, {**raw, **tables})
     work.finish()
+    earlier.unfiltered.update(tables)
     plans = []
     for data in ordered:
         with work.collecting():
@@ -220,12 +231,18 @@ def _tables(
 def _pairs(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[PairDeclaration, ...]:
     """The tables that are laid on one another, each pair after those written before it."""
     found = []
+    keys, shown = (_names_of(clauses, head) for head in ("for-each", "window"))
     for clause in _all(clauses, "pair"):
         with work.collecting():
-            pair = read_pair(work, clause)
+            pair = read_pair(work, clause, keys, shown)
             work.tables[pair.name] = paired(pair, work.tables)
             found.append(pair)
     return tuple(found)
+
+
+def _names_of(clauses: tuple[Sequence, ...], head: str) -> tuple[str, ...]:
+    """The columns that clauses name."""
+    return tuple(item.name for c in _all(clauses, head) for item in c.items[1:] if isinstance(item, Symbol))
 
 
 def _plan(work: Workspace, data: DataClause) -> TablePlan:
@@ -278,13 +295,13 @@ def _starts(
     return found
 
 
-def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames, written: Writer) -> tuple[Block, ...]:
+def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames) -> tuple[Block, ...]:
     blocks = []
     for clause in _all(clauses, "observe"):
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
             work.extent.add(blocks[-1])
-    work.scope.gather = written
+    work.scope.gather = Writer(work, not any(_all(clauses, head) for head in ("for-each", "window")))
     for clause in _all(clauses, "constraints"):
         work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))
@@ -293,14 +310,10 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames, w
 
 
 def _observed(
-    work: Workspace,
-    clauses: tuple[Sequence, ...],
-    taken: TakenNames,
-    plans: tuple[TablePlan, ...],
-    written: Writer,
+    work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames, plans: tuple[TablePlan, ...]
 ) -> tuple[tuple[Block, ...], tuple[Diagnostic, ...]]:
     """Observations and constraints with the errors that their columns share, and the warnings about those."""
-    observed: tuple[tuple[Block, ...], tuple[Diagnostic, ...]] = _blocks(work, clauses, taken, written), ()
+    observed: tuple[tuple[Block, ...], tuple[Diagnostic, ...]] = _blocks(work, clauses, taken), ()
     with work.collecting():
         observed = with_shared_errors(observed[0], plans, work.tables)
         refuse_corrected(observed[0])

@@ -12,6 +12,7 @@ from mbm.expression.units import parse_unit
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
 from mbm.problem.kinds import AggregateKind
+from mbm.problem.previous import column_before
 from mbm.problem.residual_units import with_units
 from mbm.problem.tables import PairDeclaration, Table
 from mbm.problem.types import Block, BlockRole, Derived, NoiseKind, TablePlan, Unknown, UnknownKind
@@ -103,6 +104,11 @@ def _declared(
                 same[plan.name, f"{join.alias}.{name}"] = (join.table, name)
     for pair in pairs:
         same |= _paired_columns(pair, tables, columns, same)
+    for table in tables.values():
+        for name in table.columns:
+            before = column_before(name)
+            if before:
+                same[table.name, name] = same.get((table.name, before), (table.name, before))
     for unknown in unknowns:
         family = unknown.family
         if family is not None and family.column is not None:
@@ -118,17 +124,19 @@ def _paired_columns(
 ) -> dict[tuple[str, str], tuple[str, str]]:
     """The columns of a pair are those of its tables, and its two times are of one dimension."""
     found: dict[tuple[str, str], tuple[str, str]] = {}
-    times = [(name, pair.by) for name in (pair.first, pair.second)]
-    first, second = (same.get(time, time) for time in times)
-    if second not in columns:
-        found[second] = first
-    elif first not in columns:
-        found[first] = second
-    for name in (pair.first, pair.second):
+    if pair.steps is None:
+        times = [(name, pair.by) for name in (pair.first, pair.second)]
+        first, second = (same.get(time, time) for time in times)
+        if second not in columns:
+            found[second] = first
+        elif first not in columns:
+            found[first] = second
+    for alias, name in pair.sides:
         for column in tables[name].columns:
             place = same.get((name, column), (name, column))
-            found[pair.name, f"{name}.{column}"] = found.get(place, place)
-    found[pair.name, pair.by] = found[pair.name, f"{pair.first}.{pair.by}"]
+            found[pair.name, f"{alias}.{column}"] = found.get(place, place)
+    for plain in (pair.by,) if pair.steps is None else pair.steps.plain:
+        found[pair.name, plain] = found[pair.name, f"{pair.aliases[0]}.{plain}"]
     return found
 
 

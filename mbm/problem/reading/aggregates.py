@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import field
 from functools import reduce
 from types import MappingProxyType
+from typing import TypeAlias
 
 from mbm.expression import algebra
 from mbm.expression.algebra import number
@@ -17,7 +18,7 @@ from mbm.expression.nodes import Apply, Column, Component, Expression, Number, O
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, scalar, static_number
 from mbm.language.scope import LocalScope
-from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, SpecialForm, Value
+from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, TableName, Value
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
 from mbm.problem.elaboration import Workspace
@@ -25,10 +26,11 @@ from mbm.problem.kinds import AggregateKind
 from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.tables import Table
 from mbm.problem.types import Static
-from mbm.text.types import Form, MbmError, Sequence, Span
+from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
-Elements = tuple[tuple[int, ...] | None, tuple[Expression, ...]]
+LateForm: TypeAlias = Callable[[Evaluator, Sequence, Scope], Value | None]
+Elements: TypeAlias = tuple[tuple[int, ...] | None, tuple[Expression, ...]]
 """The shape of a vector or matrix (None: a number) and its elements."""
 
 
@@ -39,9 +41,11 @@ def usage(kind: AggregateKind) -> str:
     return "(count TABLE [condition])" if kind is AggregateKind.COUNT else f"({kind.value} TABLE form)"
 
 
-def _over_rows(kind: AggregateKind) -> SpecialForm:
-    def special(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
-        world = evaluator.world
+def _over_rows(kind: AggregateKind) -> LateForm:
+    def special(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value | None:
+        world, first = evaluator.world, form.items[1] if len(form.items) > 1 else None
+        if not isinstance(first, Symbol) or not isinstance(scope.lookup(first.name, first.span), TableName):
+            return None
         if not isinstance(world, ProblemScope) or world.gather is None:
             raise MbmError(faults.aggregate_misplaced(form.span, kind.value))
         return world.gather(kind, form, scope)
@@ -49,7 +53,7 @@ def _over_rows(kind: AggregateKind) -> SpecialForm:
     return special
 
 
-OVER_ROWS: Mapping[str, SpecialForm] = MappingProxyType({kind.value: _over_rows(kind) for kind in AggregateKind})
+OVER_ROWS: Mapping[str, LateForm] = MappingProxyType({kind.value: _over_rows(kind) for kind in AggregateKind})
 """Heads that make an aggregate where their first argument names a table."""
 
 
@@ -162,14 +166,10 @@ def _of_the_row(scope: Scope) -> set[int]:
 
 @dataclass(slots=True)
 class Writer:
-    """Writes aggregates out, row by row; ``single``: the problem is one solve, so that its rows are known.
-
-    ``spans`` are where they stand so far.
-    """
+    """Writes aggregates out, row by row; ``single``: the problem is one solve, so that its rows are known."""
 
     work: Workspace
     single: bool
-    spans: list[Span] = field(default_factory=list)
 
     def __call__(self, kind: AggregateKind, form: Sequence, scope: Scope) -> Value:
         """The formula of an aggregate in the columns' values."""
@@ -186,13 +186,16 @@ class Writer:
         if count > most:
             raise MbmError(faults.too_many_operations(form.span, most))
         work.reads.everything = True  # the cells decide what the formula is
-        self.spans.append(form.span)
+        work.written_out.append(form.span)
         world = work.scope
         rows = [
             _elements(work, asked, RowScope(world, table, _cells(table, i), RowChoice.EACH, scope))
             for i in range(count)
         ]
         shape = rows[0][0] if rows else None
+        if any(isinstance(leaf, Column) and leaf.row is RowChoice.EACH for _, each in rows for leaf in leaves(each)):
+            message = "`previous` cannot stand in an aggregate that a constraint writes out"
+            raise MbmError(language_faults.bad_form(form.span, message, usage(kind)))
         if any(each[0] != shape for each in rows):
             raise MbmError(faults.unequal_branches(form.span))
         columns = zip(*(elements for _, elements in rows), strict=True) if rows else [()]
