@@ -34,6 +34,7 @@ from mbm.language.vocabulary import (
     rotations,
     vectors,
 )
+from mbm.problem.reading.aggregates import OVER_ROWS
 from mbm.problem.vocabulary import NOT_YET as PROBLEM_NOT_YET
 from mbm.problem.vocabulary import SPECIAL_FORMS as PROBLEM_FORMS
 from mbm.registry.standard import standard_registry
@@ -75,6 +76,18 @@ SPECIAL = {
     "sum": ("(sum (i first last) form)", "The sum of the form for i = first … last."),
     "first": ("(first TABLE form)", "The form with the columns of the table's first row; in problems."),
     "last": ("(last TABLE form)", "The form with the columns of the table's last row; in problems."),
+    "mean": (
+        "(mean TABLE form)",
+        "The mean over the rows of the table; in `derive` and `constraints`, where its first argument names a table.",
+    ),
+    "rms": ("(rms TABLE form)", "The root mean square, in the same way."),
+    "median": ("(median TABLE form)", "The median, in the same way; not in constraints."),
+    "quantile": ("(quantile TABLE q form)", "The quantile q, from 0 to 1, linear between rows; not in constraints."),
+    "count": ("(count TABLE [condition])", "How many rows there are, or fulfil the condition, in the same way."),
+    "previous": (
+        "(previous form)",
+        "The form with the columns of the row before, in the order of the unfiltered table; in problems.",
+    ),
     "sample": (
         "(sample TABLE form at [:by column])",
         "The form between the two rows of the table around a time, on the straight line; in problems.",
@@ -156,7 +169,7 @@ def units() -> str:
 def vocabulary() -> str:
     """Special forms and functions with their usage."""
     words = standard_registry().vocabulary()
-    known = {*words.special_forms, *PROBLEM_FORMS}
+    known = {*words.special_forms, *PROBLEM_FORMS, *(OVER_ROWS.keys() - words.functions.keys()), "previous"}
     if known != set(SPECIAL):
         message = f"docs/generate.py should describe these special forms: {sorted(known ^ set(SPECIAL))}"
         raise SystemExit(message)

@@ -10,6 +10,7 @@ from mbm.api import faults
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
+from mbm.problem.previous import column_before
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, Problem, RowValues
 from mbm.symbolic.types import ColumnInput
@@ -168,8 +169,8 @@ def _factor(problem: Problem, table: str, column: str) -> float:
     """SI per unit in which the data clause wants the column; columns of pairs and joins follow those they came from."""
     for pair in problem.pairs:
         if pair.name == table:
-            source, _, column = column.partition(".")
-            return _factor(problem, source, column)
+            alias, _, column = column.partition(".")
+            return _factor(problem, dict(pair.sides)[alias], column)
     plan = next((p for p in problem.plans if p.name == table), None)
     if plan is None:
         return 1.0
@@ -199,9 +200,10 @@ def _of_tables(problem: Problem) -> Iterator[tuple[Name, str]]:
             yield (plan.name, join.column), _JOINS
         yield from _columns(plan.where, "which rows there are")
     for pair in problem.pairs:
-        for table in (pair.first, pair.second):
-            yield (table, pair.by), "which rows are paired"
-            yield (pair.name, f"{table}.{pair.by}"), "which rows are paired"
+        for alias, table in pair.sides:
+            for deciding in pair.deciding:
+                yield (table, deciding), "which rows are paired"
+                yield (pair.name, f"{alias}.{deciding}"), "which rows are paired"
     for unknown in problem.unknowns:
         family = unknown.family
         if family is not None:
@@ -248,8 +250,9 @@ def _of_inputs(groups: tuple[Group, ...]) -> Iterator[tuple[Name, str]]:
         for parameter in kernel.parameters:
             if not isinstance(parameter, ColumnInput):
                 continue
-            if parameter.row is not RowChoice.EACH or group.positions is None:
-                yield (parameter.table, parameter.name), "equations of other rows"
+            earlier = column_before(parameter.name)
+            if parameter.row is not RowChoice.EACH or group.positions is None or earlier is not None:
+                yield (parameter.table, earlier or parameter.name), "equations of other rows"
             if isinstance(parameter.member, ColumnMember):
                 yield (parameter.member.table, parameter.member.column), "which row is looked up"
             if parameter.sampling is not None:

@@ -105,6 +105,10 @@ def _data(problem: Problem) -> Iterator[Diagnostic]:
         why = "generated solvers do not match the times of tables"
         todo = "make one table of both before, with a column for what is measured in each, and compile for that"
         yield faults.not_emitted(pair.span, "`pair`", why, todo)
+    for name in problem.earlier:
+        place = next((p.declaration.span for p in problem.plans if p.name == name), problem.span)
+        todo = "write what is wanted of the row before into columns of the row"
+        yield faults.not_emitted(place, f"`previous` of `{name}`", "generated solvers see one row at a time", todo)
     for plan in problem.plans:
         if plan.declaration.skip_missing:
             why = "generated solvers want a number in every cell"
@@ -188,6 +192,15 @@ def _constraints(problem: Problem) -> Iterator[Diagnostic]:
 
 
 def _derived(problem: Problem, target: Target) -> Iterator[Diagnostic]:
+    for aggregate in problem.aggregates:
+        what, todo = (
+            f"`{aggregate.kind}` over the rows of a table",
+            "derive the form `:over` the table, and average outside",
+        )
+        yield faults.not_emitted(aggregate.span, what, "generated solvers derive from one row at a time", todo)
+    for span in problem.written_out:
+        why = "it is written out for the rows at hand, and a generated solver gets others"
+        yield faults.not_emitted(span, "an aggregate in a constraint", why, "leave it out")
     families = {u.family.rows for u in problem.unknowns if u.family is not None and u.family.column is not None}
     for derived in problem.derived:
         what = f"the derived quantity `{derived.name}`"

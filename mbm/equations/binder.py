@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.equations.binding import EvaluationCache, Group, Slots, StatedNoise
-from mbm.equations.layout import Layout
+from mbm.equations.gathering import Gathered, aggregate_entry
+from mbm.equations.layout import Entry, Layout
 from mbm.equations.members import MemberPicker, picked_members
 from mbm.equations.sampling import Sampled, sampled_inputs, samplings
 from mbm.equations.types import Indices, Mask
@@ -17,7 +18,9 @@ from mbm.equations.whitening import Whitener, whitener
 from mbm.expression.nodes import Column as ColumnNode
 from mbm.expression.nodes import ColumnMember, Component, Member, RowChoice, leaves
 from mbm.kernels.types import Kernel, KernelSet
+from mbm.problem.aggregates import is_aggregate
 from mbm.problem.checks import used_rows
+from mbm.problem.previous import has_before, mentions_before
 from mbm.problem.rows import Positions, chosen_number, column_numbers, keyed_rows, rows_of
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, EquationCase, Loss, Problem, Static
@@ -100,13 +103,37 @@ class Binder:
 
     def derived(self, kernels: KernelSet, owner: int) -> tuple[Group, ...]:
         """The kernels of one derived quantity, for all rows of its table."""
+        derived = self.problem.derived[owner]
+        statics = [case.static for case in derived.cases]
+        return self._of_purpose(kernels, Purpose.DERIVED, owner, derived.table, statics)
+
+    def _of_purpose(
+        self, kernels: KernelSet, purpose: Purpose, owner: int, name: str | None, statics: Sequence[Static]
+    ) -> tuple[Group, ...]:
+        """The kernels of a derived quantity, or of the rows of an aggregate."""
         groups = []
         for number, kernel in enumerate(kernels.kernels):
-            if kernel.purpose is Purpose.DERIVED and kernel.owner == owner:
-                derived = self.problem.derived[owner]
-                table, positions = self._rows(derived.table, derived.cases[kernel.case].static, None)
-                groups.append(self.bind(number, kernel, table, positions, extended=False))
+            if kernel.purpose is purpose and kernel.owner == owner:
+                mask = has_before(self.tables[name]) if name is not None and _looks_back(kernel) else None
+                table, positions = self._rows(name, statics[kernel.case], mask)
+                group = self.bind(number, kernel, table, positions, extended=False)
+                groups.append(replace(group, gathered=self._gathered(kernels, kernel)))
         return tuple(groups)
+
+    def _gathered(self, kernels: KernelSet, kernel: Kernel) -> Gathered | None:
+        """The aggregates that a kernel takes, with their rows."""
+        names = {slot.unknown for slot in kernel.variables}
+        taken = [i for i, each in enumerate(self.problem.aggregates) if each.name in names]
+        if not taken:
+            return None
+        found = [self.problem.aggregates[i] for i in taken]
+        groups = [
+            self._of_purpose(kernels, Purpose.AGGREGATE, i, each.table, [static for static, _ in each.cases])
+            for i, each in zip(taken, found, strict=True)
+        ]
+        return Gathered(
+            count=len(self.problem.aggregates), places=tuple(taken), aggregates=tuple(found), groups=tuple(groups)
+        )
 
     def _rows(self, name: str | None, static: Static, mask: Mask | None) -> tuple[Table | None, Positions | None]:
         if name is None:
@@ -170,11 +197,11 @@ class Binder:
         index = np.empty((rows, len(kernel.variables)), dtype=np.int64)
         columns = np.empty((rows, len(kernel.tangents)), dtype=np.int64)
         for j, slot in enumerate(kernel.variables):
-            entry = self.layout.entry(slot.unknown)
+            entry = self._entry(slot)
             member = self._member(slot, table, positions, members)
             index[:, j] = member * entry.unknown.size + (entry.offset + slot.component)
         for j, slot in enumerate(kernel.tangents):
-            entry = self.layout.entry(slot.unknown)
+            entry = self._entry(slot)
             member = self._member(slot, table, positions, members)
             columns[:, j] = member * entry.unknown.freedom + (entry.first + slot.component)
         found = Slots(
@@ -188,6 +215,12 @@ class Binder:
         if plain:
             self.cache.slots[number] = found
         return found
+
+    def _entry(self, slot: Slot) -> Entry:
+        """The place of an unknown, or of an aggregate."""
+        if is_aggregate(slot.unknown):
+            return aggregate_entry(self.problem, self.layout, slot.unknown)
+        return self.layout.entry(slot.unknown)
 
     def _sampled(
         self,
@@ -262,6 +295,13 @@ def _losses(asked: Loss, whiteners: Iterable[Whitener]) -> tuple[LossFunction, .
     from mbm.equations.losses import loss_function
 
     return tuple(loss_function(asked, each.last - each.first) for each in whiteners)
+
+
+def _looks_back(kernel: Kernel) -> bool:
+    """Whether a kernel takes something of the row before."""
+    names = [parameter.name for parameter in kernel.parameters]
+    members = [slot.member.column for slot in kernel.variables if isinstance(slot.member, ColumnMember)]
+    return mentions_before((*names, *members))
 
 
 def _differs(slot: Slot) -> bool:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from mbm.equations.gathering import Gathered
 from mbm.equations.layout import Layout
 from mbm.equations.layouts import Layouts
 from mbm.equations.sampling import Sampled
@@ -14,8 +16,9 @@ from mbm.equations.scatter import Scatter, scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
 from mbm.kernels.types import Backend, Evaluation, Kernel, Stream
+from mbm.problem.overrides import ConstantValue
 from mbm.problem.rows import Positions
-from mbm.problem.types import BlockRole, ConstantValue, Equation
+from mbm.problem.types import BlockRole, Equation
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -114,7 +117,8 @@ class Group:
     unknowns its place in the vector of all numbers, ``columns`` (rows, tangents) for each tangent its place in that of
     all coordinates; ``shared[j]`` and ``shared_columns[j]`` say that variable or tangent j is the same in all rows.
     Residuals stand at ``first …`` in the vector of all, units (one equation in one row) at ``first_unit …``. ``number``
-    is the kernel's in the set of all, ``cache`` keeps what was made of it.
+    is the kernel's in the set of all, ``cache`` keeps what was made of it. ``gathered`` are the aggregates that a
+    derived quantity takes.
     """
 
     kernel: Kernel
@@ -133,6 +137,7 @@ class Group:
     number: int
     cache: EvaluationCache
     sampled: tuple[Sampled, ...] = ()
+    gathered: Gathered | None = None
 
     @property
     def places(self) -> Indices:
@@ -143,6 +148,12 @@ class Group:
     def touched(self) -> Indices:
         """``columns`` with one row in place of equal ones."""
         return self.columns[:1] if all(self.shared_columns) else self.columns
+
+    @property
+    def reached(self) -> Indices:
+        """The coordinates that the rows depend on, also by what they gather; those of aggregates lie behind all."""
+        own = self.touched.ravel()
+        return own if self.gathered is None else np.concatenate([own, self.gathered.touched])
 
     @property
     def units(self) -> Indices:
@@ -172,6 +183,7 @@ class Group:
     def fill(self, numbers: Floats) -> None:
         """Put the vector of all numbers (N,) and the data into the inputs."""
         variables = self.index.shape[1]
+        numbers = numbers if self.gathered is None else self.gathered.extended(numbers)
         self.evaluation.inputs[:, :variables] = numbers[self.places]
         self.evaluation.inputs[:, variables:] = self.parameters
         for each in self.sampled:
@@ -205,6 +217,8 @@ class Group:
     def inputs_at(self, points: Floats, rows: slice) -> Floats:
         """What the kernel is called with for some rows (P·some, variables + parameters), those of a point together."""
         parameters, variables = self.parameters[rows], self.index.shape[1]
+        if self.gathered is not None:
+            points = np.stack([self.gathered.extended(point) for point in points])
         inputs = np.empty((len(points), len(parameters), variables + parameters.shape[1]))
         inputs[:, :, :variables] = points[:, self.places if all(self.shared) else self.index[rows]]
         inputs[:, :, variables:] = parameters
@@ -226,12 +240,19 @@ class Group:
 
     def dense_jacobian(self, numbers: Floats, columns: Indices, width: int) -> Floats:
         """Jacobian, not whitened, shape (rows, outputs, width); ``columns`` (M,) places each coordinate, or -1."""
+        if self.gathered is not None:
+            inner, inputs, chain = self._by_aggregates(self.gathered, numbers, columns, width)
+            return chain(inner.dense_jacobian(*inputs))
         result = np.zeros((self.rows, self.kernel.outputs, width))
         self.add_jacobian(numbers, self.scatter(columns), result)
         return result
 
     def dense_slopes(self, numbers: Floats, columns: Indices, width: int) -> Iterator[tuple[slice, Floats]]:
         """``dense_jacobian`` a part of the rows at a time: which ones, and theirs."""
+        if self.gathered is not None:
+            inner, whole, chain = self._by_aggregates(self.gathered, numbers, columns, width)
+            yield from ((lines, chain(dense)) for lines, dense in inner.dense_slopes(*whole))
+            return
         step = max(DENSE_PART // max(self.kernel.outputs * width, 1), 1)
         if step >= self.rows:
             yield slice(0, self.rows), self.dense_jacobian(numbers, columns, width)
@@ -245,6 +266,14 @@ class Group:
             scatter(outputs, inputs, self.columns[rows], self.shared_columns, columns).add(nonzeros[rows], part)
             yield rows, part
 
+    def _by_aggregates(
+        self, gathered: Gathered, numbers: Floats, columns: Indices, width: int
+    ) -> tuple[Group, tuple[Floats, Indices, int], Callable[[Floats], Floats]]:
+        """The group that takes aggregates as it takes unknowns, what it is called with, and the rest of the chain."""
+        whole = np.concatenate([columns, width + np.arange(gathered.count)])
+        inputs = (gathered.extended(numbers), whole, width + gathered.count)
+        return replace(self, gathered=None), inputs, gathered.chained(numbers, columns, width)
+
     def add_jacobian(self, numbers: Floats, places: Scatter, target: Floats) -> None:
         """Add the Jacobian, not whitened, to ``target`` (rows, outputs, width)."""
         self.fill(numbers)
@@ -253,7 +282,7 @@ class Group:
 
 def affine(group: Group, mask: Mask) -> bool:
     """Whether the outputs of a group are affine in the coordinates that ``mask`` (M,) picks."""
-    if any(bool(mask[sampled.coordinates].any()) for sampled in group.sampled):
+    if group.gathered is not None or any(bool(mask[sampled.coordinates].any()) for sampled in group.sampled):
         return False
     touched = np.asarray(mask[group.touched].any(axis=0), dtype=bool)
     return group.kernel.affine_in(touched)

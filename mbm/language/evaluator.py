@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from typing import TypeVar
 
 from mbm.expression.algebra import UndefinedValueError
 from mbm.expression.dimension import NONE
@@ -26,7 +28,6 @@ from mbm.language.values import (
     ListValue,
     Macro,
     Scope,
-    SpecialForm,
     Value,
     Vocabulary,
     describe,
@@ -48,6 +49,8 @@ from mbm.text.types import (
     Symbol,
     Text,
 )
+
+T = TypeVar("T")
 
 MAXIMUM_LABELS = 4
 """How many calls an error names on its way out: enough to find the cause, few enough to read."""
@@ -154,6 +157,11 @@ class FormEvaluator:
             if special is not None:
                 return self._special(special, form, scope)
             function = self.vocabulary.functions.get(head.name)
+            late = self.vocabulary.late.get(head.name)
+            if late is not None and isinstance(function, Builtin | None) and scope.lookup(head.name, head.span) is None:
+                made = self._special(late, form, scope)
+                if made is not None:
+                    return made
             if function is not None:
                 return self.apply(function, form, scope)
             value = scope.lookup(head.name, head.span)
@@ -169,7 +177,7 @@ class FormEvaluator:
             raise MbmError(faults.bad_head(head.span, None, "a text" if isinstance(head, Text) else "a keyword"))
         return self._headed(value, form, scope)
 
-    def _special(self, special: SpecialForm, form: Sequence, scope: Scope) -> Value:
+    def _special(self, special: Callable[..., T], form: Sequence, scope: Scope) -> T:
         try:
             return special(self, form, scope)
         except UndefinedValueError as error:

@@ -108,6 +108,7 @@ def open_session(
             special_forms=vocabulary.special_forms,
             functions=MappingProxyType(functions),
             not_yet=vocabulary.not_yet,
+            late=vocabulary.late,
         ),
         limits,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from mbm.expression.nodes import (
@@ -391,8 +392,9 @@ FunctionTable: TypeAlias = Mapping[str, Callable_]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vocabulary:
-    """What heads may mean: special forms, functions (built-in, models, the user's), and names that come later."""
+    """What heads mean; ``not_yet`` come with later versions, ``late`` are forms where no name of the user is meant."""
 
     special_forms: Mapping[str, SpecialForm]
     functions: FunctionTable
     not_yet: Mapping[str, str]
+    late: Mapping[str, Callable[[Evaluator, Sequence, Scope], Value | None]] = MappingProxyType({})

@@ -13,6 +13,7 @@ from mbm.language.program import ProblemDefinition, Program
 from mbm.language.session import Session, open_session
 from mbm.language.values import Vocabulary
 from mbm.problem import faults
+from mbm.problem.aggregates import Aggregate
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
 from mbm.problem.dimensions import infer
@@ -22,6 +23,7 @@ from mbm.problem.joining import filtered, joined
 from mbm.problem.naming import TakenNames
 from mbm.problem.overrides import Overrides
 from mbm.problem.pairing import paired
+from mbm.problem.reading.aggregates import OVER_ROWS, Gatherer, Writer
 from mbm.problem.reading.cameras import read_camera
 from mbm.problem.reading.constants import constant_values, read_constants
 from mbm.problem.reading.constraints import model_constraints, read_constraints
@@ -30,6 +32,7 @@ from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
+from mbm.problem.reading.previous import Earlier, looking_back, previous
 from mbm.problem.reading.request import read_request
 from mbm.problem.reading.sources import DataClause, Formats, in_join_order, read_source, refuse_overwriting
 from mbm.problem.reading.unions import check_members, check_units
@@ -78,7 +81,8 @@ def elaborate(
     _functions(work, session, clauses)
     constants = [name for c in _all(clauses, "constants") for name in read_constants(work, c, overrides)]
     numbers = constant_values(work, constants, definition.span)
-    plans, raw = _tables(work, clauses, load)
+    earlier = work.scope.earlier = Earlier(work.tables, {}, _names_of(clauses, "for-each"))
+    plans, raw = _tables(work, clauses, load, earlier)
     pairs = _pairs(work, clauses)
     work.finish()
     declarations = [d for c in _all(clauses, "unknowns") for d in declare_unknowns(work, c)]
@@ -92,16 +96,12 @@ def elaborate(
     taken.places.update((prior.name, prior.span) for prior in priors)
     observed, concerns = _observed(work, clauses, taken, plans)
     blocks = (*observed, *priors)
-    derived = _derived(work, clauses)
+    derived, aggregates = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = _request(work, clauses, declarations)
-    if not declarations:
-        if not work.undeclared:
-            work.diagnostics.append(faults.no_unknowns(definition.span))
-    elif not blocks and not work.diagnostics:
-        work.diagnostics.append(faults.no_equations(definition.span))
-    work.finish()
-    dimensions, blocks, clashes = infer(unknowns, blocks, derived, plans, pairs, tables, starts)
+    _check_content(work, declarations, blocks, definition)
+    blocks = tuple(map(looking_back, blocks)) if earlier.asked else blocks
+    dimensions, blocks, clashes = infer(unknowns, blocks, (derived, aggregates), plans, pairs, tables, starts)
     work.diagnostics.extend(clashes)
     work.finish()
     if request is None:
@@ -115,6 +115,9 @@ def elaborate(
         unknowns=unknowns,
         blocks=blocks,
         derived=derived,
+        aggregates=aggregates,
+        written_out=tuple(work.written_out),
+        earlier=tuple(earlier.asked),
         request=request,
         dimensions=dimensions,
         warnings=(*work.evaluator.warnings.values(), *concerns),
@@ -122,6 +125,18 @@ def elaborate(
     )
     numbers_of = {name: tuple(float(n.value) for n in given) for name, given in starts.items()}
     return replace(_checked(problem, raw, tables, numbers_of, work.reads.consulted()), read=tuple(session.read))
+
+
+def _check_content(
+    work: Workspace, declarations: list[Declaration], blocks: tuple[Block, ...], definition: ProblemDefinition
+) -> None:
+    """Raise what was collected, and that there is nothing to estimate, or nothing to estimate it from."""
+    if not declarations:
+        if not work.undeclared:
+            work.diagnostics.append(faults.no_unknowns(definition.span))
+    elif not blocks and not work.diagnostics:
+        work.diagnostics.append(faults.no_equations(definition.span))
+    work.finish()
 
 
 def _checked(
@@ -150,6 +165,7 @@ def _session(program: Program, front: Front, tables: Mapping[str, Table], log: M
         special_forms={**front.vocabulary.special_forms, **SPECIAL_FORMS},
         functions=front.vocabulary.functions,
         not_yet={**front.vocabulary.not_yet, **NOT_YET},
+        late={**OVER_ROWS, "previous": previous},
     )
     return open_session(
         program, vocabulary, model_maker(log), front.limits, make_world=lambda scope: ProblemScope(scope, tables)
@@ -177,7 +193,7 @@ def _functions(work: Workspace, session: Session, clauses: tuple[Sequence, ...])
 
 
 def _tables(
-    work: Workspace, clauses: tuple[Sequence, ...], load: Loader
+    work: Workspace, clauses: tuple[Sequence, ...], load: Loader, earlier: Earlier
 ) -> tuple[tuple[TablePlan, ...], dict[str, Table]]:
     found: dict[str, DataClause] = {}
     for clause in _all(clauses, "data"):
@@ -200,6 +216,7 @@ def _tables(
             refuse_overwriting(raw[name], data, raw)
             tables[name] = joined(raw[name], data.joins, {**raw, **tables})
     work.finish()
+    earlier.unfiltered.update(tables)
     plans = []
     for data in ordered:
         with work.collecting():
@@ -214,12 +231,18 @@ def _tables(
 def _pairs(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[PairDeclaration, ...]:
     """The tables that are laid on one another, each pair after those written before it."""
     found = []
+    keys, shown = (_names_of(clauses, head) for head in ("for-each", "window"))
     for clause in _all(clauses, "pair"):
         with work.collecting():
-            pair = read_pair(work, clause)
+            pair = read_pair(work, clause, keys, shown)
             work.tables[pair.name] = paired(pair, work.tables)
             found.append(pair)
     return tuple(found)
+
+
+def _names_of(clauses: tuple[Sequence, ...], head: str) -> tuple[str, ...]:
+    """The columns that clauses name."""
+    return tuple(item.name for c in _all(clauses, head) for item in c.items[1:] if isinstance(item, Symbol))
 
 
 def _plan(work: Workspace, data: DataClause) -> TablePlan:
@@ -278,9 +301,11 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames) -
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
             work.extent.add(blocks[-1])
+    work.scope.gather = Writer(work, not any(_all(clauses, head) for head in ("for-each", "window")))
     for clause in _all(clauses, "constraints"):
         work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))
+    work.scope.gather = None
     return tuple(blocks)
 
 
@@ -303,5 +328,9 @@ def _request(work: Workspace, clauses: tuple[Sequence, ...], declarations: list[
     return found[0] if found else None
 
 
-def _derived(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[Derived, ...]:
-    return tuple(d for c in _all(clauses, "derive") for d in read_derived(work, c))
+def _derived(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[tuple[Derived, ...], tuple[Aggregate, ...]]:
+    """The derived quantities, and the aggregates in them."""
+    gatherer = work.scope.gather = Gatherer(work)
+    found = tuple(d for c in _all(clauses, "derive") for d in read_derived(work, c))
+    work.scope.gather = None
+    return found, tuple(gatherer.found)

@@ -8,6 +8,7 @@ import numpy as np
 
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, RowChoice, leaves
 from mbm.problem import faults
+from mbm.problem.previous import column_before, has_before
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.times import time_nodes
@@ -23,6 +24,7 @@ def used_rows(block: Block, tables: Mapping[str, Table]) -> np.ndarray | None:
         return None
     table = tables[block.table]
     kept = np.ones(len(table), dtype=bool) if block.when is None else decided(block.when, tables)[:, 0]
+    kept = kept & has_before(table) if block.earlier else kept
     return kept & _first_of_kind(table, block.distinct) if block.distinct else kept
 
 
@@ -60,6 +62,8 @@ def mentioned(problem: Problem) -> tuple[Mentioned, ...]:
     ]
     for derived in problem.derived:
         found += [_mentioned(derived.table, case.static, None, [case.values]) for case in derived.cases]
+    for each in problem.aggregates:
+        found += [_mentioned(each.table, static, None, [(value,)]) for static, value in each.cases]
     for number, block in enumerate(problem.blocks):
         for sigma in (column.sigma for column in block.errors if column.sigma is not None):
             found += [_mentioned(block.table, case.static, number, [case.values]) for case in sigma.cases]
@@ -135,6 +139,7 @@ def _finite(
             return list(error.diagnostics)
     owner, rows = _rows(leaf, leaf.row, table, positions, tables)
     numbers = column_numbers(owner, leaf.name)
+    rows = rows[has_before(owner)[rows]] if column_before(leaf.name) is not None else rows
     wrong = rows[~np.isfinite(numbers[rows])][:MAXIMUM_REPORTED]
     return [
         faults.not_finite_cell(owner.place(int(i), leaf.name), leaf.name, float(numbers[i]), leaf.span) for i in wrong
@@ -172,6 +177,8 @@ def _members(
     if member.column not in table.columns:
         return []
     cells = table.keys(member.column)
+    if column_before(member.column) is not None:
+        positions = positions[has_before(table)[positions]]
     found = []
     for i in positions:
         if cells[i] not in keys:

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from mbm.problem.elaborated import Consulted, Grouping
-from mbm.problem.joining import joined
+from mbm.problem.joining import unfiltered
 from mbm.problem.rows import decided, static_cells
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
@@ -45,9 +45,9 @@ def decisive(problem: Problem, consulted: Consulted, raw: Mapping[str, Table], t
     found: list[object] = []
     if consulted.everything:
         found.extend((name, _content(table)) for name, table in raw.items())
-    unfiltered = _unfiltered(problem, consulted, raw)
+    whole = _unfiltered(problem, consulted, raw)
     for grouping in consulted.groupings:
-        table = (tables if grouping.filtered else unfiltered)[grouping.table]
+        table = (tables if grouping.filtered else whole)[grouping.table]
         found.append((grouping.table, grouping.columns, _combinations(grouping, table, tables)))
     found.extend((name, _keys(tables[name])) for name in consulted.keyed)
     return tuple(found)
@@ -68,12 +68,9 @@ def _keys(table: Table) -> Facts:
 
 def _unfiltered(problem: Problem, consulted: Consulted, raw: Mapping[str, Table]) -> dict[str, Table]:
     """The tables joined to one another, with the rows that ``:where`` will take away; none if nobody asked for them."""
-    tables: dict[str, Table] = {}
     if all(grouping.filtered for grouping in consulted.groupings):
-        return tables
-    for plan in problem.plans:
-        tables[plan.name] = joined(raw[plan.name], plan.joins, {**raw, **tables})
-    return tables
+        return {}
+    return unfiltered(problem, raw)
 
 
 def _content(table: Table) -> Facts:

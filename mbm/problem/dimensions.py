@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from mbm.expression.algebra import ONE
+from mbm.expression.algebra import ONE, number
 from mbm.expression.dimension import NONE, Dimension
 from mbm.expression.inference import Clash, Declared, Inference, origin
 from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, leaves
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
+from mbm.problem.aggregates import Aggregate
+from mbm.problem.kinds import AggregateKind
+from mbm.problem.previous import column_before
 from mbm.problem.residual_units import with_units
 from mbm.problem.tables import PairDeclaration, Table
 from mbm.problem.types import Block, BlockRole, Derived, NoiseKind, TablePlan, Unknown, UnknownKind
@@ -19,7 +22,7 @@ from mbm.text.types import Diagnostic, Label, Place, Span
 def infer(
     unknowns: tuple[Unknown, ...],
     blocks: tuple[Block, ...],
-    derived: tuple[Derived, ...],
+    wanted: tuple[tuple[Derived, ...], tuple[Aggregate, ...]],
     plans: tuple[TablePlan, ...],
     pairs: tuple[PairDeclaration, ...],
     tables: Mapping[str, Table],
@@ -27,8 +30,9 @@ def infer(
 ) -> tuple[dict[tuple[str, int], Dimension | None], tuple[Block, ...], list[Diagnostic]]:
     """Dimensions of the components of unknowns and derived quantities, the blocks with their units, and the clashes.
 
-    ``starts`` are those given from outside.
+    ``wanted`` are the derived quantities and the aggregates in them; ``starts`` are those given from outside.
     """
+    derived, aggregates = wanted
     inference = Inference(_declared(unknowns, plans, pairs, tables))
     for plan in plans:
         for kept in plan.where.cases if plan.where is not None else ():
@@ -40,15 +44,20 @@ def infer(
         angle = unknown.kind is UnknownKind.ANGLE
         for index, given in zip(unknown.indices(), starts.get(unknown.name, ()), strict=False):
             inference.equate(Component(unknown.name, index, None, angle, unknown.span), given, given.span)
+    for aggregate in aggregates:
+        for _, value in aggregate.cases:
+            result = number(1) if aggregate.kind is AggregateKind.COUNT else value
+            inference.visit((value,))
+            inference.equate(Component(aggregate.name, (), None, aggregate.angle), result, aggregate.span)
     for each in derived:
         for case in each.cases:
             inference.visit(case.values)
             if each.unit is not None:
-                wanted = Number(0.0, each.unit.dimension, each.span)
+                unit = Number(0.0, each.unit.dimension, each.span)
                 square = each.dimension**2
                 lengths = case.values if not each.dimension else case.values[square : square + each.dimension]
                 for value in lengths:
-                    inference.equate(value, wanted, each.span)
+                    inference.equate(value, unit, each.span)
     inference.settle()
     diagnostics = [_diagnostic(clash, inference, unknowns) for clash in inference.clashes]
     united = blocks if diagnostics else with_units(blocks, inference, tables)
@@ -95,6 +104,11 @@ def _declared(
                 same[plan.name, f"{join.alias}.{name}"] = (join.table, name)
     for pair in pairs:
         same |= _paired_columns(pair, tables, columns, same)
+    for table in tables.values():
+        for name in table.columns:
+            before = column_before(name)
+            if before:
+                same[table.name, name] = same.get((table.name, before), (table.name, before))
     for unknown in unknowns:
         family = unknown.family
         if family is not None and family.column is not None:
@@ -110,17 +124,19 @@ def _paired_columns(
 ) -> dict[tuple[str, str], tuple[str, str]]:
     """The columns of a pair are those of its tables, and its two times are of one dimension."""
     found: dict[tuple[str, str], tuple[str, str]] = {}
-    times = [(name, pair.by) for name in (pair.first, pair.second)]
-    first, second = (same.get(time, time) for time in times)
-    if second not in columns:
-        found[second] = first
-    elif first not in columns:
-        found[first] = second
-    for name in (pair.first, pair.second):
+    if pair.steps is None:
+        times = [(name, pair.by) for name in (pair.first, pair.second)]
+        first, second = (same.get(time, time) for time in times)
+        if second not in columns:
+            found[second] = first
+        elif first not in columns:
+            found[first] = second
+    for alias, name in pair.sides:
         for column in tables[name].columns:
             place = same.get((name, column), (name, column))
-            found[pair.name, f"{name}.{column}"] = found.get(place, place)
-    found[pair.name, pair.by] = found[pair.name, f"{pair.first}.{pair.by}"]
+            found[pair.name, f"{alias}.{column}"] = found.get(place, place)
+    for plain in (pair.by,) if pair.steps is None else pair.steps.plain:
+        found[pair.name, plain] = found[pair.name, f"{pair.aliases[0]}.{plain}"]
     return found
 
 

@@ -17,6 +17,7 @@ from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, Sta
 from mbm.problem import faults
 from mbm.problem.elaborated import Consulted, Grouping
 from mbm.problem.extent import Extent
+from mbm.problem.previous import column_before, has_before
 from mbm.problem.rows import MAXIMUM_REPORTED, decided, static_cells
 from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.tables import CellKey, Format, Table
@@ -58,7 +59,7 @@ class Workspace:
 
     ``formats`` has what a data clause may say of each format; ``routines`` gives the names of the registered closed
     forms, which may be asked for as methods; ``reads`` keeps account of the values that decided something, ``extent``
-    of what there is to compile.
+    of what there is to compile; ``written_out`` is where constraints hold aggregates.
     """
 
     evaluator: Evaluator
@@ -68,6 +69,7 @@ class Workspace:
     routines: Routines = tuple
     diagnostics: list[Diagnostic] = field(default_factory=list)
     undeclared: set[str] = field(default_factory=set)
+    written_out: list[Span] = field(default_factory=list)
     reads: Reads = field(default_factory=Reads)
     extent: Extent = field(init=False)
 
@@ -117,11 +119,17 @@ class Workspace:
         return self.tables[form.name]
 
     def cases(
-        self, table: Table | None, evaluate: Callable[[Scope], T], span: Span, when: RowValues | None = None
+        self,
+        table: Table | None,
+        evaluate: Callable[[Scope], T],
+        span: Span,
+        when: RowValues | None = None,
+        around: Scope | None = None,
     ) -> list[tuple[Static, T]]:
         """``evaluate`` once for each group of rows that need a compilation: one, unless columns are static.
 
-        The values of rows that ``when`` does not keep decide nothing.
+        The values of rows that ``when`` does not keep decide nothing. ``around`` is where the form stands, if that is
+        inside another: its variables are seen.
         """
         if table is None:
             self.evaluator.budget.reset(span)
@@ -137,12 +145,12 @@ class Workspace:
         while pending:
             static, rows = pending.pop()
             self.evaluator.budget.reset(span)
-            scope = RowScope(self.scope, table, dict(static))
+            scope = RowScope(self.scope, table, dict(static), around=around)
             try:
                 found.append((static, evaluate(scope)))
             except StaticColumnNeeded as need:
                 columns[need.column.name] = None
-                pending.extend(reversed(self._split(table, static, rows, need)))
+                pending.extend(reversed(self._split(self.tables.get(table.name, table), static, rows, need)))
             if len(found) + len(pending) > most:
                 raise MbmError(faults.too_many_static_values(span, table.name, most))
         if columns:
@@ -157,6 +165,7 @@ class Workspace:
         if need.column.table != table.name or need.column.row is not RowChoice.EACH or name in dict(static):
             raise MbmError(language_faults.not_static(need.span, f"column `{name}` of `{need.column.table}`"))
         cells = static_cells(table, name)
+        rows = rows[has_before(table)[rows]] if column_before(name) is not None else rows
         gaps = [int(r) for r in rows if isinstance(cells[r], float) and not math.isfinite(cells[r])]
         if gaps:
             found = [(table.place(row, name), float(cells[row])) for row in gaps[:MAXIMUM_REPORTED]]

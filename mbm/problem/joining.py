@@ -9,6 +9,7 @@ from itertools import repeat
 import numpy as np
 
 from mbm.problem import faults
+from mbm.problem.previous import with_rows_before
 from mbm.problem.rows import MAXIMUM_REPORTED, decided
 from mbm.problem.tables import CellKey, Column, Table
 from mbm.problem.types import Family, Join, Problem, RowValues, TablePlan
@@ -23,9 +24,7 @@ def prepare(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
         MbmError: a key that is in no row of the joined table.
 
     """
-    tables: dict[str, Table] = {}
-    for plan in problem.plans:
-        tables[plan.name] = joined(raw[plan.name], plan.joins, {**raw, **tables})
+    tables = unfiltered(problem, raw)
     for plan in problem.plans:
         tables[plan.name] = filtered(plan, tables, plan.where)
     if problem.pairs:
@@ -33,7 +32,20 @@ def prepare(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
         from mbm.problem.pairing import with_pairs
 
         tables = with_pairs(tables, problem.pairs)
+        for name in {pair.name for pair in problem.pairs} & set(problem.earlier):
+            tables[name] = with_rows_before(tables[name], problem.request.for_each)
     return with_families(tables, tuple(u.family for u in problem.unknowns if u.family is not None))
+
+
+def unfiltered(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
+    """The tables that were read, joined to one another, with the rows that ``:where`` will take away."""
+    tables: dict[str, Table] = {}
+    for plan in problem.plans:
+        tables[plan.name] = joined(raw[plan.name], plan.joins, {**raw, **tables})
+    for name in problem.earlier:
+        if name in tables:
+            tables[name] = with_rows_before(tables[name], problem.request.for_each)
+    return tables
 
 
 def joined(table: Table, joins: tuple[Join, ...], tables: Mapping[str, Table]) -> Table:

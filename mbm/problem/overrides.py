@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from mbm.text.types import Span
 from mbm.values import dataclass
 
 
@@ -18,3 +19,13 @@ class Override:
 
 Overrides = Mapping[str, Override]
 """What the caller gives instead of what the file says, by name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConstantValue:
+    """A constant of the problem with its elements (one for a number) and their names in expressions."""
+
+    name: str
+    values: tuple[float, ...]
+    elements: tuple[str, ...]
+    span: Span

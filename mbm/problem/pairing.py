@@ -13,7 +13,8 @@ from mbm.expression.dimension import NONE
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
 from mbm.problem.rows import MAXIMUM_REPORTED
-from mbm.problem.tables import Column, Numbers, Origin, PairDeclaration, Table
+from mbm.problem.self_pairing import later_rows
+from mbm.problem.tables import Column, Numbers, Origin, PairDeclaration, StepKind, Table
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -33,13 +34,18 @@ def with_pairs(tables: Mapping[str, Table], pairs: tuple[PairDeclaration, ...]) 
 
 
 def paired(pair: PairDeclaration, tables: Mapping[str, Table]) -> Table:
-    """The table that a pair makes: columns ``A.x``, ``B.x`` and the time under its plain name, in A's order.
+    """The table that a pair makes: columns ``A.x``, ``B.x`` and what has a plain name, in A's order.
 
     Raises:
         MbmError: a time that is missing, text or (of B, when interpolating) there twice.
 
     """
     first, second = tables[pair.first], tables[pair.second]
+    if pair.steps is not None:
+        scale = _times(first, pair) if pair.steps.kind is StepKind.TIME else None
+        rows, others = later_rows(_finite(first, pair), pair.steps, scale, pair.tolerance)
+        taken = {name: column.take(others) for name, column in second.columns.items()}
+        return _together(pair, (first, second), (rows, others), taken, pair.steps.plain)
     a, b = _times(first, pair), _times(second, pair)
     if pair.interpolate:
         _refuse_repeated(second, b, pair)
@@ -53,40 +59,61 @@ def paired(pair: PairDeclaration, tables: Mapping[str, Table]) -> Table:
         tolerance = usual_tolerance(a, b) if pair.tolerance is None else pair.tolerance
         rows, others = associated(a, b, tolerance)
         taken = {name: column.take(others) for name, column in second.columns.items()}
-    columns = {pair.by: first.columns[pair.by].take(rows)}
+    return _together(pair, (first, second), (rows, others), taken, (pair.by,))
+
+
+def _together(
+    pair: PairDeclaration,
+    tables: tuple[Table, Table],
+    positions: tuple[Positions, Positions],
+    taken: Mapping[str, Column],
+    plain: tuple[str, ...],
+) -> Table:
+    """The rows at ``positions`` side by side; the columns of the second are ``taken``, ``plain`` are the first's."""
+    first, second = tables
+    rows = positions[0]
+    mine = {name: column.take(rows) for name, column in first.columns.items()}
+    columns = {name: mine[name] for name in plain}
     origins: dict[str, Origin] = {}
-    for table, found, positions in (
-        (first, {name: column.take(rows) for name, column in first.columns.items()}, rows),
-        (second, taken, others),
-    ):
+    for alias, table, found, place in zip(pair.aliases, tables, (mine, taken), positions, strict=True):
         for name, column in found.items():
-            columns[f"{table.name}.{name}"] = replace(column, name=f"{table.name}.{name}")
-            origins[f"{table.name}.{name}"] = Origin(
-                provenance=table.provenance, rows=table.rows[positions], column=name
-            )
-    origins[pair.by] = origins[f"{first.name}.{pair.by}"]
+            columns[f"{alias}.{name}"] = replace(column, name=f"{alias}.{name}")
+            origins[f"{alias}.{name}"] = Origin(provenance=table.provenance, rows=table.rows[place], column=name)
+    origins.update({name: origins[f"{pair.aliases[0]}.{name}"] for name in plain})
     return Table(
         name=pair.name,
         columns=columns,
         rows=np.arange(1, len(rows) + 1, dtype=np.int64),
         provenance=replace(first.provenance.taking(first.rows[rows]), origins=origins),
-        groups={**first.groups_called(first.name), **second.groups_called(second.name)},
+        groups={**first.groups_called(pair.aliases[0]), **second.groups_called(pair.aliases[1])},
     )
+
+
+def _finite(table: Table, pair: PairDeclaration) -> Table:
+    """The table, whose path has a length."""
+    for name in pair.steps.along if pair.steps is not None else ():
+        _numbers(table, name, pair)
+    return table
 
 
 def _times(table: Table, pair: PairDeclaration) -> Numbers:
     """The times of a table, all finite."""
-    column = table.columns.get(pair.by)
+    return _numbers(table, pair.by, pair)
+
+
+def _numbers(table: Table, name: str, pair: PairDeclaration) -> Numbers:
+    """A column of finite numbers."""
+    column = table.columns.get(name)
     if column is None:
-        raise MbmError(faults.unknown_column(pair.span, pair.by, table.name, tuple(table.columns)))
+        raise MbmError(faults.unknown_column(pair.span, name, table.name, tuple(table.columns)))
     if column.numbers is None:
         position = column.first_text() or 0
-        place = table.place(position, pair.by)
-        raise MbmError(faults.bad_time(place, pair.by, str(column.cell(position)), pair.span))
+        place = table.place(position, name)
+        raise MbmError(faults.bad_time(place, name, str(column.cell(position)), pair.span))
     wrong = np.flatnonzero(~np.isfinite(column.numbers))[:MAXIMUM_REPORTED]
     if wrong.size:
-        cells = [(table.place(int(i), pair.by), float(column.numbers[i])) for i in wrong]
-        raise MbmError(*(faults.not_finite_cell(place, pair.by, value, pair.span) for place, value in cells))
+        cells = [(table.place(int(i), name), float(column.numbers[i])) for i in wrong]
+        raise MbmError(*(faults.not_finite_cell(place, name, value, pair.span) for place, value in cells))
     return column.numbers
 
 

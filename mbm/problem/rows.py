@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mbm.expression.evaluate import Lookup, Values, evaluate
 from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, RowChoice, Sampling, leaves
 from mbm.problem import faults
+from mbm.problem.previous import has_before, looks_back
 from mbm.problem.tables import ROW, CellKey, Numbers, Table
 from mbm.problem.times import time_nodes
 from mbm.problem.types import RowValues, Static
@@ -146,10 +147,14 @@ def decided(values: RowValues, tables: Mapping[str, Table]) -> NDArray[np.bool_]
     """Conditions per row, shape (rows, components).
 
     Raises:
-        MbmError: a row whose condition depends on a cell that is missing; `(finite column)` is the way to ask.
+        MbmError: a row whose condition depends on a cell that is missing; `(finite column)` is the way to ask. Where
+            it asks for the row before and there is none, it does not hold.
     """
     found = row_values(values, tables)
     undecided = np.flatnonzero(np.isnan(found).any(axis=1))
+    nodes = tuple(node for case in values.cases for node in case.values)
+    if undecided.size and values.table is not None and looks_back(nodes):
+        undecided = undecided[has_before(tables[values.table])[undecided]]
     if undecided.size:
         raise MbmError(*(_gap(values, tables, int(row)) for row in undecided[:MAXIMUM_REPORTED]))
     return np.asarray(found == 1)

@@ -21,6 +21,7 @@ from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, list_items, scalar
 from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, Value, describe
 from mbm.problem import faults
+from mbm.problem.aggregates import is_aggregate
 from mbm.problem.options import split_options
 from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.tables import Table
@@ -46,6 +47,8 @@ def sample(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     table = tables[name.name]
     at = scalar(evaluator.wanted(at_form, scope), at_form.span)
     _refuse_nested((at,), at_form.span)
+    if any(isinstance(leaf, Component) and is_aggregate(leaf.unknown) for leaf in leaves((at,))):
+        raise MbmError(faults.aggregate_as_time(at_form.span))
     external = next(externals((at,)), None)
     if external is not None:
         raise MbmError(faults.external_misplaced(external, "the time of `sample`"))

@@ -11,9 +11,10 @@ from mbm.language.coerce import scalar
 from mbm.language.scope import LocalScope
 from mbm.language.values import Array, Evaluator, Scope, StaticColumnNeeded, TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
+from mbm.problem.kinds import AggregateKind
 from mbm.problem.tables import ROW, CellKey, Table
 from mbm.problem.tables import Column as TableColumn
-from mbm.text.types import Form, MbmError, Span
+from mbm.text.types import Form, MbmError, Sequence, Span
 from mbm.values import dataclass
 
 
@@ -27,7 +28,11 @@ class Entry:
 
 
 class ProblemScope:
-    """The problem's own names over those of the file. Entries are added while the clauses are read, in order."""
+    """The problem's own names over those of the file. Entries are added while the clauses are read, in order.
+
+    ``gather`` makes aggregates over the rows of a table, in the clauses that may have them; ``earlier`` gives a table
+    the columns of the row before.
+    """
 
     def __init__(self, parent: Scope, tables: Mapping[str, Table]) -> None:
         self._parent = parent
@@ -36,6 +41,8 @@ class ProblemScope:
         self.definitions: dict[str, Form] = {}
         self.derived_over: dict[str, tuple[str, Form]] = {}
         self.evaluator: Evaluator | None = None
+        self.earlier: Callable[[Table], Table] | None = None
+        self.gather: Callable[[AggregateKind, Sequence, Scope], Value] | None = None
         self._values: dict[str, Value] = {}
         self._open: list[str] = []
 
@@ -128,7 +135,7 @@ class RowScope:
         self._problem = problem
         self._sampling = sampling
         self.table = table
-        self._static = static
+        self.static = static
         self._row = row
         self._around = around
         self._defined: dict[str, Value] = {}
@@ -157,6 +164,11 @@ class RowScope:
             return self._row_number(span)
         return value if value is not None else self._problem.outer(name, span)
 
+    @property
+    def at_hand(self) -> bool:
+        """Whether this is the row that equations speak of, not one that was chosen or is sampled."""
+        return self._row is RowChoice.EACH and self._sampling is None
+
     def local(self, name: str) -> Value | None:
         """The variable of this name of a ``let`` or a function around the form that chose this row."""
         scope = self._around
@@ -184,13 +196,13 @@ class RowScope:
         return None
 
     def _row_number(self, span: Span) -> Value:
-        if ROW in self._static:
-            return Number(int(self._static[ROW]), None, span)
+        if ROW in self.static:
+            return Number(int(self.static[ROW]), None, span)
         return Column(self.table.name, ROW, self._row, span, sampling=self._sampling)
 
     def _reference(self, column: TableColumn, span: Span) -> Value:
-        if column.name in self._static:
-            known = self._static[column.name]
+        if column.name in self.static:
+            known = self.static[column.name]
             return known if isinstance(known, str) else Number(_exact(known), None, span)
         if column.is_text and self._sampling is not None:
             raise MbmError(faults.wrong_kind(span, "a number", f"the text column `{column.name}`"))

@@ -154,17 +154,56 @@ class TableDeclaration:
 class PairDeclaration:
     """A ``pair`` clause: rows of ``first`` and ``second`` at the same time of their columns ``by``.
 
-    ``tolerance`` in SI, None where the clause states none; ``interpolate``: the second table is taken at the first
-    one's times.
+    ``aliases`` begin the names of the columns of the two. ``tolerance`` in SI, None where the clause states none;
+    ``interpolate``: the second table is taken at the first one's times. With ``steps`` both are one table, and rows are
+    paired with later ones.
     """
 
     name: str
     first: str
     second: str
+    aliases: tuple[str, str]
     by: str
     tolerance: float | None
     interpolate: bool
+    steps: Steps | None = None
     span: Span
+
+    @property
+    def sides(self) -> tuple[tuple[str, str], tuple[str, str]]:
+        """The two aliases with their tables."""
+        return (self.aliases[0], self.first), (self.aliases[1], self.second)
+
+    @property
+    def deciding(self) -> tuple[str, ...]:
+        """The columns of the tables that decide which rows are paired."""
+        if self.steps is None:
+            return (self.by,)
+        timed = (self.by,) if self.steps.kind is StepKind.TIME else ()
+        return (*timed, *self.steps.along, *self.steps.keys)
+
+
+class StepKind(StrEnum):
+    """What the step of a pair of a table with itself counts; the value is the word, for times any column's name."""
+
+    ROWS = "row"
+    TIME = "t"
+    DISTANCE = "distance"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Steps:
+    """How far a row stands behind the one it is paired with: ``step`` rows, or that much time or path, in SI.
+
+    The path is that of the columns ``along``. No pair crosses a value of ``keys``; these and ``plain`` are columns that
+    the pair has under their own names too.
+    """
+
+    kind: StepKind
+    step: float
+    along: tuple[str, ...] = ()
+    keys: tuple[str, ...] = ()
+    plain: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

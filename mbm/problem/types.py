@@ -14,8 +14,10 @@ from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import Expression
 from mbm.expression.projection import Projection
 from mbm.expression.units import Unit
+from mbm.problem.aggregates import Aggregate
 from mbm.problem.kinds import ConstraintKind, Gauge, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
+from mbm.problem.overrides import ConstantValue
 from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration
 from mbm.text.types import Diagnostic, Span
 from mbm.values import dataclass
@@ -214,6 +216,7 @@ class Block:
     ``unknown_factor``: the stated noise is known up to one factor, which is estimated. Of rows with the same values in
     the columns ``distinct`` one counts. ``loss`` acts on each equation and row. ``errors``: which measured columns are
     corrected; the equations' own noise adds to theirs (0 if not stated). ``constraint``: how one is written.
+    ``earlier``: the row before is mentioned, so that the first of a key is unused.
     """
 
     name: str
@@ -226,6 +229,7 @@ class Block:
     loss: Loss | None = None
     errors: tuple[UncertainColumn, ...] = ()
     constraint: ConstraintKind | None = None
+    earlier: bool = False
     span: Span
 
 
@@ -357,18 +361,12 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ConstantValue:
-    """A constant of the problem with its elements (one for a number) and their names in expressions."""
-
-    name: str
-    values: tuple[float, ...]
-    elements: tuple[str, ...]
-    span: Span
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """A whole problem. ``dimensions`` holds what unit inference found for components of unknowns and derived values."""
+    """A whole problem. ``dimensions`` holds what unit inference found for components of unknowns and derived values.
+
+    ``aggregates`` are those of derived quantities; ``written_out`` are the places of those in constraints. ``earlier``
+    are the tables of which a row sees the one before.
+    """
 
     name: str
     doc: str
@@ -378,6 +376,9 @@ class Problem:
     unknowns: tuple[Unknown, ...]
     blocks: tuple[Block, ...]
     derived: tuple[Derived, ...]
+    aggregates: tuple[Aggregate, ...] = ()
+    written_out: tuple[Span, ...] = ()
+    earlier: tuple[str, ...] = ()
     request: Request
     dimensions: Mapping[tuple[str, int], Dimension | None]
     warnings: tuple[Diagnostic, ...] = ()

@@ -75,6 +75,10 @@ def explanation(
         blocks = [b for b in model.blocks if b.purpose is Purpose.DERIVED and b.owner == i]
         over = f" for each row of {derived.table}" if derived.table else ""
         lines += [f"derived {derived.name}{over}", *_equations(blocks[:1], derived.name, latex=latex), ""]
+    for i, aggregate in enumerate(problem.aggregates):
+        blocks = [b for b in model.blocks if b.purpose is Purpose.AGGREGATE and b.owner == i]
+        title = f"{aggregate.name}: {aggregate.kind.value} over the rows of {aggregate.table} of"
+        lines += [title, *_equations(blocks[:1], "value", latex=latex), ""]
     lines += ["solver", *(f"  {line}" for line in _solver(found, kernels, cache, closed_forms))]
     return joined(lines) + "\n"
 

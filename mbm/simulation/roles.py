@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import TypeAlias
 
 from mbm.expression.nodes import Column, ColumnMember, Component, RowChoice, leaves
+from mbm.problem.previous import column_before
 from mbm.problem.types import Block, Problem
 from mbm.simulation import faults
 from mbm.simulation.measured import Measured
@@ -39,9 +40,12 @@ def _names(problem: Problem) -> Iterator[Use]:
         for join in plan.joins:
             yield plan.name, join.column, f"a key of the table `{join.table}`"
     for pair in problem.pairs:
-        sides = (pair.first, pair.second)
-        names = ((pair.name, pair.by), *((pair.name, f"{s}.{pair.by}") for s in sides), *((s, pair.by) for s in sides))
-        yield from ((table, column, "the time of a pair") for table, column in names)
+        what = "the time of a pair" if pair.steps is None else "what rows are paired by"
+        for column in pair.deciding:
+            yield pair.name, column, what
+            for alias, table in pair.sides:
+                yield pair.name, f"{alias}.{column}", what
+                yield table, column, what
     for unknown in problem.unknowns:
         if unknown.family is not None and unknown.family.column is not None:
             yield unknown.family.table, unknown.family.column, f"the key of the family `{unknown.name}`"
@@ -72,8 +76,9 @@ def _old_values(problem: Problem) -> Iterator[Use]:
             for leaf in leaves(tuple(c for e in case.equations for c in (*e.components, *e.noise))):
                 if not isinstance(leaf, Column):
                     continue
-                if leaf.row is not RowChoice.EACH:
-                    yield leaf.table, leaf.name, "read from one row of its table"
+                before = column_before(leaf.name)
+                if leaf.row is not RowChoice.EACH or before is not None:
+                    yield leaf.table, before or leaf.name, "read from one row of its table"
                 alias, _, name = leaf.name.partition(".")
                 if (leaf.table, alias) in aliases:
                     yield aliases[leaf.table, alias], name, "joined to another table"

@@ -272,8 +272,9 @@ def _at_origin(cells: Cells, found: Elaborated) -> Cells:
     while cells.table in pairs:
         pair = pairs[cells.table]
         origin = found.tables[cells.table].provenance.origins[cells.column]
-        owner = pair.second if cells.column.startswith(f"{pair.second}.") else pair.first
-        if pair.interpolate and owner == pair.second:
+        second = cells.column.startswith(f"{pair.aliases[1]}.")
+        owner = pair.second if second else pair.first
+        if pair.interpolate and second:
             raise MbmError(faults.measured_elsewhere(pair.span, cells.column, "interpolated between rows of its table"))
         cells = Cells(table=owner, column=origin.column, rows=origin.rows[cells.rows - 1], numbers=cells.numbers)
     return cells

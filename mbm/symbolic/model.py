@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mbm.expression.nodes import Column, Component, Expression
 from mbm.problem.manifold import Piece
+from mbm.problem.stand_ins import stand_in
 from mbm.problem.types import Block, Derived, Problem, Unknown
 from mbm.symbolic.conversion import Converter, as_written
 from mbm.symbolic.types import Chart, ColumnInput, ConstantInput, Purpose, ResidualBlock, Slot, SymbolicModel
@@ -18,12 +19,17 @@ if TYPE_CHECKING:
 
 
 def symbolic_model(problem: Problem) -> SymbolicModel:
-    """The residual blocks of all observations and priors, and the derived quantities, of ``problem``."""
-    unknowns = {u.name: u for u in problem.unknowns}
+    """The residual blocks of all observations and priors, the derived quantities, and the rows of aggregates."""
+    unknowns = {u.name: u for u in (*problem.unknowns, *map(stand_in, problem.aggregates))}
     with as_written():
         blocks = [b for i, block in enumerate(problem.blocks) for b in _equations(i, block, unknowns)]
         derived = [b for i, each in enumerate(problem.derived) for b in _derived(i, each, unknowns)]
-    return SymbolicModel(name=problem.name, blocks=(*blocks, *derived))
+        gathered = [
+            _block(each.name, Purpose.AGGREGATE, i, number, (value,), unknowns, each.span)
+            for i, each in enumerate(problem.aggregates)
+            for number, (_, value) in enumerate(each.cases)
+        ]
+    return SymbolicModel(name=problem.name, blocks=(*blocks, *derived, *gathered))
 
 
 _Unknowns = Mapping[str, Unknown]

@@ -49,10 +49,11 @@ Parameter = ColumnInput | ConstantInput
 
 
 class Purpose(StrEnum):
-    """What a block is for."""
+    """What a block is for; an aggregate is made of the rows of one."""
 
     EQUATION = "equation"
     DERIVED = "derived"
+    AGGREGATE = "aggregate"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +72,10 @@ class ResidualBlock:
     Derivatives are wanted with respect to ``tangents``, coordinates of the tangent spaces; ``charts`` says how the
     variables vary with them. For plain numbers the two are the same.
 
-    ``owner`` and ``case`` index the problem's blocks (or derived quantities) and their cases. ``expressions`` are in
-    SymPy's unevaluated form; ``variable_symbols`` and ``parameter_symbols`` are its real symbols, in the order of
-    ``variables`` and ``parameters``. ``corrected`` are the positions of the parameters that are uncertain themselves:
-    derivatives by them are wanted too.
+    ``owner`` and ``case`` index the problem's blocks (or derived quantities, or aggregates) and their cases.
+    ``expressions`` are in SymPy's unevaluated form; ``variable_symbols`` and ``parameter_symbols`` are its real
+    symbols, in the order of ``variables`` and ``parameters``. ``corrected`` are the positions of the parameters that
+    are uncertain themselves: derivatives by them are wanted too.
     """
 
     name: str

@@ -150,7 +150,7 @@ def test_a_fault_in_a_column_of_the_second_table_names_its_own_row(faults):
     [
         ("(pair c (a b))", "bad-form", "names the column of times"),
         ("(pair c a :by t)", "bad-form", "a name and two tables"),
-        ("(pair c (a a) :by t)", "bad-form", "two different tables"),
+        ("(pair c (a a) :by t)", "bad-form", "paired with itself by a `:step`"),
         ("(pair c (a d) :by t)", "unknown-table", "`d`"),
         ("(pair c (a b) :by s)", "unknown-column", "`s`"),
         ("(pair a (a b) :by t)", "duplicate-definition", "`a`"),

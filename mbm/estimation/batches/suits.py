@@ -24,7 +24,7 @@ def suits(problem: Problem, kernels: KernelSet, split: frozenset[str]) -> bool:
     for block in problem.blocks:
         if block.distinct or not all(_stated(error, block.table, split) for error in block.errors):
             return False
-    if any(derived.table is not None for derived in problem.derived):
+    if problem.aggregates or any(derived.table is not None for derived in problem.derived):
         return False
     if any(samplings(kernel) for kernel in kernels.kernels):
         return False

@@ -21,6 +21,7 @@ from mbm.estimation.trust.nonlinearity import (
 )
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.problem.naming import scalar_name
+from mbm.problem.previous import has_before, looks_back
 from mbm.problem.types import BlockRole, Problem
 from mbm.solver.decisions import FARTHEST
 from mbm.text.types import Diagnostic
@@ -63,7 +64,10 @@ def _without_value(propagation: Propagation, derived: tuple[DerivedSolution, ...
         return
     for one in derived:
         stated = propagation.problem.derived[one.owner]
-        wrong = int((~np.isfinite(one.values)).any(axis=1).sum())
+        bad = (~np.isfinite(one.values)).any(axis=1)
+        if stated.table is not None and looks_back(tuple(n for case in stated.cases for n in case.values)):
+            bad &= has_before(propagation.binder.tables[stated.table])
+        wrong = int(bad.sum())
         if wrong:
             yield faults.derived_not_finite(stated.span, stated.name, wrong if stated.table is not None else 0)
 

@@ -114,7 +114,7 @@ class Propagation:
         free = np.zeros(len(layout.number), dtype=bool)
         free[self.equations.free] = True
         loose = np.flatnonzero(~free & ~layout.fixed)
-        if not loose.size or not np.isin(group.columns, loose).any():
+        if not loose.size or not np.isin(group.reached, loose).any():
             return np.zeros((group.rows, group.kernel.outputs), dtype=bool)
         slopes = group.dense_jacobian(self.numbers, self._columns(loose), len(loose))
         return np.asarray((slopes != 0).any(axis=2))

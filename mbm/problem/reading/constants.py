@@ -14,9 +14,8 @@ from mbm.language.coerce import vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
-from mbm.problem.overrides import Override, Overrides
+from mbm.problem.overrides import ConstantValue, Override, Overrides
 from mbm.problem.scopes import Entry
-from mbm.problem.types import ConstantValue
 from mbm.text.reader import read
 from mbm.text.types import Form, MbmError, Sequence, Source, Span, Symbol
 

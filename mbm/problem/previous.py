@@ -1,0 +1,88 @@
+"""``(previous FORM)``: the row before, in the order of the unfiltered table, as columns of the row at hand.
+
+Column ``previous(x)`` of a table holds the ``x`` of the row before; the first row of a key has none. ``previous()``
+holds that row's number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, leaves
+from mbm.problem.tables import SOURCE, CellKey, Origin, Table
+from mbm.problem.tables import Column as TableColumn
+
+_BEFORE = "previous("
+_ROW = f"{_BEFORE})"
+
+
+def name_before(column: str) -> str:
+    """What the column is called that holds ``column`` of the row before; no user's column is, for its bracket."""
+    return f"{_BEFORE}{column})"
+
+
+def row_before() -> str:
+    """What the column of the row's number is called."""
+    return _ROW
+
+
+def column_before(name: str) -> str | None:
+    """The column of which ``name`` holds the row before; None if it is none of these."""
+    return name.removeprefix(_BEFORE).removesuffix(")") if name.startswith(_BEFORE) else None
+
+
+def mentions_before(names: Iterable[str]) -> bool:
+    """Whether one of some columns is of the row before."""
+    return any(name.startswith(_BEFORE) for name in names)
+
+
+def looks_back(nodes: tuple[Expression, ...]) -> bool:
+    """Whether expressions take something of the row before, or a member of a family that it names."""
+    names = []
+    for leaf in leaves(nodes):
+        names += [leaf.name] if isinstance(leaf, Column) else []
+        if isinstance(leaf, Column | Component) and isinstance(leaf.member, ColumnMember):
+            names.append(leaf.member.column)
+    return mentions_before(names)
+
+
+def has_before(table: Table) -> np.ndarray:
+    """Mask of the rows (n,) that have one before them; all, where nobody asked for it."""
+    column = table.columns.get(_ROW)
+    return np.isfinite(table.numbers(_ROW)) if column is not None else np.ones(len(table), dtype=bool)
+
+
+def with_rows_before(table: Table, keys: tuple[str, ...]) -> Table:
+    """A table as it is before any row is left out, with the columns of the row before; ``keys`` divide it."""
+    if _ROW in table.columns:
+        return table
+    before = _positions(table, tuple(key for key in (*keys, SOURCE) if key in table.columns))
+    there = before >= 0
+    columns, origins = dict(table.columns), dict(table.provenance.origins)
+    columns[_ROW] = TableColumn(name=_ROW, numbers=np.where(there, table.rows[before], np.nan))
+    for name, column in table.columns.items():
+        taken, called = column.take(before), name_before(name)
+        if taken.numbers is not None:
+            taken = replace(taken, numbers=np.where(there, taken.numbers, np.nan))
+        elif taken.texts is not None:
+            texts = (text if known else "" for text, known in zip(taken.texts, there.tolist(), strict=True))
+            taken = replace(taken, texts=tuple(texts))
+        columns[called] = replace(taken, name=called)
+        origins[called] = Origin(provenance=table.provenance, rows=table.rows[before], column=name)
+    return replace(table, columns=columns, provenance=replace(table.provenance, origins=origins))
+
+
+def _positions(table: Table, keys: tuple[str, ...]) -> np.ndarray:
+    """The position (n,) of the row before each, -1 for the first of its key."""
+    count = len(table)
+    if not keys:
+        return np.arange(-1, count - 1)
+    found = np.full(count, -1, dtype=np.int64)
+    last: dict[tuple[CellKey, ...], int] = {}
+    for position, cells in enumerate(zip(*(table.keys(key) for key in keys), strict=True)):
+        found[position] = last.get(cells, -1)
+        last[cells] = position
+    return found

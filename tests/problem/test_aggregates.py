@@ -1,0 +1,221 @@
+"""Aggregates over the rows of a table: values as NumPy has them, sigmas by differences, rows as the solve has them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbm
+from mbm.api.emitting import emit_file
+from mbm.report.options import SolveOptions
+
+T = np.array([0.0, 0.5, 1.1, 1.7, 2.4, 3.0, 3.3])
+Y = np.array([2.0, 1.61, 1.19, 0.93, 0.65, 0.47, 0.45])
+GROUP = np.array([1, 1, 2, 1, 2, 2, 2])
+HEAD = """
+(problem p
+  (data d external {options})
+  (unknowns (a :init 2) (b :init -0.4))
+  (observe d (= y (* a (exp (* b t)))) :sigma 0.02)
+  {more})
+"""
+AGGREGATES = {
+    "(mean d (* a (exp (* b t))))": lambda v: np.mean(v),
+    "(rms d (* a (exp (* b t))))": lambda v: np.sqrt(np.mean(v**2)),
+    "(median d (* a (exp (* b t))))": np.median,
+    "(min d (* a (exp (* b t))))": np.min,
+    "(max d (* a (exp (* b t))))": np.max,
+    "(quantile d 0.3 (* a (exp (* b t))))": lambda v: np.quantile(v, 0.3),
+    "(quantile d 1 (* a (exp (* b t))))": np.max,
+    "(count d (> (* a (exp (* b t))) 0.8))": lambda v: np.sum(v > 0.8),
+    "(sqrt (mean d (^ (- (* a (exp (* b t))) (mean d (* a (exp (* b t))))) 2)))": np.std,
+}
+
+
+def given(rows=slice(None)):
+    return {"d": {"t": T[rows], "y": Y[rows], "g": GROUP[rows]}}
+
+
+def text(more, options=""):
+    return HEAD.format(more=more, options=options)
+
+
+def of(found, name):
+    """The estimate or derived quantity of one solve."""
+    return next(each for each in (*found.estimates, *found.derived) if each.quantity.name == name)
+
+
+def propagated(function, solved, times):
+    """Value and sigma of ``function`` of the modelled values, by central differences."""
+    point = np.array([float(of(solved, name).value) for name in ("a", "b")])
+
+    def value(p):
+        return float(function(p[0] * np.exp(p[1] * times)))
+
+    step = 1e-6
+    gradient = np.array([(value(point + step * e) - value(point - step * e)) / (2 * step) for e in np.eye(2)])
+    return value(point), np.sqrt(gradient @ np.asarray(solved.covariance.matrix) @ gradient)
+
+
+@pytest.mark.parametrize("form", AGGREGATES)
+def test_a_value_and_its_sigma_are_those_of_the_rows(form):
+    solved = mbm.loads(text(f"(derive (f {form}))")).solve(data=given())
+    value, sigma = propagated(AGGREGATES[form], solved.first, T)
+    assert float(solved["f"].value) == pytest.approx(value, rel=1e-13)
+    # central differences with steps of 1e-6 keep nine digits of the gradient
+    assert float(solved["f"].sigma) == pytest.approx(sigma, rel=1e-8, abs=1e-12)
+
+
+def test_each_key_has_its_own_rows():
+    solved = mbm.loads(text("(for-each g) (derive (f (max d (* a (exp (* b t))))))")).solve(data=given())
+    for one, group in zip(solved.solves, (1, 2), strict=True):
+        value, sigma = propagated(np.max, one, T[group == GROUP])
+        assert float(of(one, "f").value) == pytest.approx(value, rel=1e-13)
+        assert float(of(one, "f").sigma) == pytest.approx(sigma, rel=1e-8)
+
+
+def test_each_window_has_its_own_rows():
+    more = "(window t :length 2 :step 1 :min-rows 3) (derive (f (mean d t)) (n (count d)))"
+    solved = mbm.loads(text(more)).solve(data=given())
+    for one in solved.solves:
+        if one.status == "skipped":
+            continue
+        end = next(iter(one.key.values()))
+        inside = T[np.searchsorted(T, end - 2 + 1e-9) : np.searchsorted(T, end + 1e-9)]
+        assert float(of(one, "f").value) == pytest.approx(inside.mean(), rel=1e-14)
+        assert float(of(one, "n").value) == len(inside)
+
+
+def test_rows_left_out_by_where_do_not_count_and_outliers_do():
+    more = "(derive (n (count d)) (m (mean d y))) (solve :robust msac)"
+    wild = given()
+    wild["d"]["y"] = Y.copy()
+    wild["d"]["y"][3] = 5.0
+    solved = mbm.loads(text(more, options=":where (< t 3.2)")).solve(data=wild)
+    assert solved.first.residual_summaries["d"].outliers == (4,)
+    assert float(solved["n"].value) == 6
+    assert float(solved["m"].value) == pytest.approx(wild["d"]["y"][:6].mean(), rel=1e-14)
+
+
+def test_an_aggregate_over_rows_of_text_columns_and_members():
+    problem = mbm.loads("""
+        (problem p
+          (data d (table (who t y) ("u" 0 1.0) ("u" 1 1.2) ("v" 2 3.0) ("v" 3 3.4)))
+          (unknowns (level :per d.who :init 0))
+          (observe d (= y (level who)) :sigma 0.1)
+          (derive (f (mean d (level who))) (g (max d (if (= who "u") (* 10 (level who)) (level who))))))""")
+    solved = problem.solve()
+    # the levels are means of two rows each: 1.1 and 3.2, with sigma 0.1/√2; all are independent
+    assert float(solved["f"].value) == pytest.approx((1.1 + 3.2) / 2)
+    assert float(solved["f"].sigma) == pytest.approx(0.05)
+    assert float(solved["g"].value) == pytest.approx(11.0)
+    assert float(solved["g"].sigma) == pytest.approx(1 / np.sqrt(2))
+
+
+def test_a_vector_is_taken_element_by_element_and_a_row_may_see_the_aggregate():
+    solved = mbm.loads(text("(derive (v (mean d [t y])) (dev (- y (mean d y)) :over d))")).solve(data=given())
+    np.testing.assert_allclose(solved["v"].value, [T.mean(), Y.mean()], rtol=1e-14)
+    np.testing.assert_allclose(solved["dev"].value, Y - Y.mean(), atol=1e-14)
+
+
+def test_the_unit_is_that_of_the_form():
+    problem = mbm.loads("""
+        (problem p
+          (data d (table (x y) (1m 2s) (3m 5s)))
+          (unknowns (v))
+          (observe d (= x (* v y)) :sigma 1cm)
+          (derive (f (rms d (* v y)) :unit mm) (n (count d (> x 2m)))))""")
+    solved = problem.solve()
+    assert solved["f"].unit == "mm"
+    assert solved["n"].unit is None
+    clash = mbm.loads("""
+        (problem p
+          (data d (table (x y) (1m 2s) (3m 5s)))
+          (unknowns (v))
+          (observe d (= x (* v y)) :sigma 1cm)
+          (derive (f (+ (mean d x) (mean d y)))))""").check()
+    assert [d.code.name for d in clash] == ["unit-clash"]
+
+
+def test_an_empty_table_has_no_mean_and_a_count_of_nothing():
+    more = "(derive (n (count d (> t 100))) (f (mean e x)))"
+    problem = mbm.loads(text(more).replace("(unknowns", "(data e external :where (> x 10)) (unknowns"))
+    solved = problem.solve(data={**given(), "e": {"x": [1.0, 2.0]}})
+    assert float(solved["n"].value) == 0
+    assert np.isnan(float(solved["f"].value))
+
+
+def test_a_constraint_holds_for_the_aggregate():
+    more = "(constraints (= (mean d (* a (exp (* b t)))) 1.2)) (derive (f (mean d (* a (exp (* b t))))))"
+    solved = mbm.loads(text(more + "(solve :constraints exact)")).solve(data=given())
+    assert float(solved["f"].value) == pytest.approx(1.2, abs=1e-9)
+    limited = mbm.loads(text("(constraints (<= (max d (* a (exp (* b t)))) 1.8)) (solve :constraints exact)"))
+    solved = limited.solve(data=given())
+    assert float(solved["a"].value) * np.exp(float(solved["b"].value) * T).max() == pytest.approx(1.8, abs=1e-9)
+
+
+def test_other_data_make_the_constraint_anew():
+    compiled = mbm.loads(
+        text("(constraints (= (mean d (* a t)) 3)) (solve :constraints exact)").replace(
+            "(exp (* b t))", "(+ 1 (* b t))"
+        )
+    ).compile()
+    for rows in (slice(None), slice(1, 6), slice(None)):
+        solved = compiled.solve(data=given(rows))
+        assert float(solved["a"].value) == pytest.approx(3 / T[rows].mean(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("more", "code"),
+    [
+        ("(constraints (<= (median d (* a t)) 3))", "aggregate-misplaced"),
+        ("(for-each g) (constraints (<= (mean d (* a t)) 3))", "aggregate-misplaced"),
+        ("(observe more d (= t (mean d t)))", "aggregate-misplaced"),
+        ("(derive (f (sample d y (mean d t) :by t)))", "aggregate-misplaced"),
+        ("(derive (f (mean d)))", "bad-form"),
+        ("(derive (f (quantile d 1.5 t)))", "bad-form"),
+        ("(derive (f (quantile d a t)))", "not-static"),
+        ("(derive (f (mean nobody t)))", "unknown-name"),
+        ("(derive (f (let ((u t)) (mean d (* u t))) :over d))", "bad-form"),
+    ],
+)
+def test_what_is_refused(more, code):
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads(text(more)).solve(data=given())
+    assert code in {d.code.name for d in caught.value.diagnostics}
+
+
+def test_names_of_the_user_come_first():
+    solved = mbm.loads("""
+        (problem p
+          (data d (table (t y) (1 1.0) (2 3.0)))
+          (unknowns (mean (array 2) :init 0))
+          (defun median (x y) (+ x y))
+          (observe d (= y (mean t)) :sigma 0.1)
+          (derive (f (median (mean 1) (mean 2))) (g (min (mean 1) (mean 2)))))""").solve()
+    assert float(solved["f"].value) == pytest.approx(4.0)
+    assert float(solved["g"].value) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "casadi"])
+def test_other_backends_say_the_same(backend):
+    more = "(derive (f (quantile d 0.3 (* a (exp (* b t))))) (g (rms d (- y (* a (exp (* b t)) 1.1)))))"
+    wanted = mbm.loads(text(more)).solve(data=given())
+    found = mbm.loads(text(more)).compile(backend=backend).solve(data=given())
+    for name in ("f", "g"):
+        assert float(found[name].value) == pytest.approx(float(wanted[name].value), rel=1e-9)
+        assert float(found[name].sigma) == pytest.approx(float(wanted[name].sigma), rel=1e-7)
+
+
+@pytest.mark.parametrize("target", ["c", "python", "casadi"])
+def test_generated_solvers_refuse_it(target, tmp_path):
+    file = tmp_path / "p.mbm"
+    file.write_text("""
+        (problem p
+          (data d (table (t y) (1 1.0) (2 3.0)))
+          (unknowns (a :init 0))
+          (observe d (= y (* a t)) :sigma 0.1)
+          (derive (f (mean d (* a t)))))""")
+    with pytest.raises(mbm.MbmError) as caught:
+        emit_file(file, SolveOptions(), target)
+    assert {d.code.name for d in caught.value.diagnostics} == {"not-emitted"}
