@@ -293,7 +293,7 @@ def _read_file(reader: Reader | ManyReader, path: Path, declaration: TableDeclar
         found = sources.parts[reader.name, path] = reader.read(path)
     if declaration.part is None or declaration.part not in found:
         raise ValueError(f"the reader `{reader.name}` has no part {declaration.part!r}")
-    return asked(found[declaration.part])
+    return reader.told(asked(found[declaration.part]), dict(declaration.arguments))
 
 
 def _check_members(reader: ManyReader, path: Path, declaration: TableDeclaration, sources: _Sources) -> None:

@@ -10,7 +10,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.tables import Column, ColumnGroup, Format, Part, Provenance
+from mbm.problem.tables import Argument, Column, ColumnGroup, Format, Part, Provenance
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
@@ -74,6 +74,11 @@ class Reader:
     read: Callable[[Path], RawTable]
 
 
+def untold(table: RawTable, _arguments: Mapping[str, float | str]) -> RawTable:
+    """The table as it was read: the format takes no arguments."""
+    return table
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManyReader:
     """A format whose files hold several tables: ``(g2o "path" :edges)`` asks for the one called ``edges``.
@@ -82,6 +87,7 @@ class ManyReader:
     ``parts``; an MbmError in the place of a table is raised when it is asked for. ``members`` are the files
     that it may open where the path is that of a folder, by their names; none where the path is that of a file.
     ``named``: a table is asked for by a text that the file decides, or none: ``(opencv "path" "node")``.
+    ``of_part`` are the arguments that a data clause for a table takes, ``told`` what they make of it.
     """
 
     name: str
@@ -90,6 +96,8 @@ class ManyReader:
     read: Callable[[Path], Mapping[str, RawTable | MbmError]]
     members: tuple[str, ...] = ()
     named: bool = False
+    of_part: Mapping[str, tuple[Argument, ...]] = field(default_factory=dict)
+    told: Callable[[RawTable, Mapping[str, float | str]], RawTable] = untold
 
     def part(self, name: str) -> Reader:
         """The reader of one of the tables alone."""
@@ -137,7 +145,7 @@ class Formats(Mapping[str, Format]):
         if isinstance(reader, ImageReader):
             return reader.format
         if isinstance(reader, ManyReader):
-            return Format(parts=reader.parts, named=reader.named)
+            return Format(parts=reader.parts, named=reader.named, of_part=reader.of_part)
         return Format()
 
     def __contains__(self, name: object) -> bool:

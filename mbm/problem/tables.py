@@ -110,11 +110,13 @@ class Argument:
 class Format:
     """What a data clause may say of a format: the tables in a file of it, its arguments, the units of its columns.
 
-    ``named``: the files of it call their tables as they like. Columns of ``lengths`` have the unit of the first
-    argument that is a length, if it states one.
+    ``named``: the files of it call their tables as they like. ``of_part`` are the arguments that a data clause for one
+    of the ``parts`` takes behind its name. Columns of ``lengths`` have the unit of the first argument that is a
+    length, if it states one.
     """
 
     parts: tuple[str, ...] = ()
+    of_part: Mapping[str, tuple[Argument, ...]] = field(default_factory=dict)
     named: bool = False
     arguments: tuple[Argument, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)

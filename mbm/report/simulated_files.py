@@ -118,7 +118,7 @@ class _Tables:
             if text is not None:
                 path = path or self._names.own(origin.path)
                 self._graphs[origin] = path, text
-                self._read_there(declaration, table, f"({GRAPH} {print_text(path)} :{declaration.part})", path, GRAPH)
+                self._read_there(declaration, table, _graph_form(path, declaration), path, GRAPH)
                 return
             origin = None
         sheet = self._sheet(origin, declaration, table)
@@ -162,6 +162,11 @@ class _Tables:
             return
         key = table.origin.key if declaration.key is None and kind != GRAPH else None  # what the format says of it
         self.edits.append(_Edit(written.span, form if key is None else f"{form} :key {print_text(key)}"))
+
+
+def _graph_form(path: str, declaration: TableDeclaration) -> str:
+    said = "".join(f" :{name} {value}" for name, value in declaration.arguments)
+    return f"({GRAPH} {print_text(path)} :{declaration.part}{said})"
 
 
 def _source_forms(program: Program, name: str | None) -> Mapping[str, Symbol | Sequence]:

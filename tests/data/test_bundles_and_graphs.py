@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+import mbm
 from mbm.data.loader import load_all
 from mbm.data.readers import READERS, g2o
-from mbm.data.readers.spanning import placed
+from mbm.text.types import MbmError
 
 BUNDLE = """2 1 2
 0 0 1.5 -2.5
@@ -81,11 +83,13 @@ def test_information_of_the_plane_has_the_rotation_first(tmp_path):
     assert vertices.file_rows.tolist() == [2, 3]
     cells = columns(edges)
     assert [cells[n] for n in ("from", "to", "dx", "dy", "dtheta")] == [[0], [7], [1.1], [2.1], [0.4]]
-    np.testing.assert_allclose(matrix(edges), turned(PLANE_INFORMATION, plane_turn(0.4)), rtol=1e-14)
+    np.testing.assert_array_equal(matrix(edges), PLANE_INFORMATION)
+    told = READERS["g2o"].told(edges, {"information": "from"})
+    np.testing.assert_allclose(matrix(told), turned(PLANE_INFORMATION, plane_turn(0.4)), rtol=1e-14)
 
 
 def turned(information, rotation):
-    """Files weigh t − t_m, mbm R_mᵀ(t − t_m): the same χ² where the information is that along the turned axes."""
+    """Some weigh t − t_m, mbm R_mᵀ(t − t_m): the same χ² where the information is that along the turned axes."""
     size, first = len(information), len(information) - len(rotation)
     whole = np.eye(size)
     whole[first:, first:] = rotation
@@ -103,7 +107,9 @@ PLANE_INFORMATION = np.array([[33.0, 13, 23], [13, 11, 12], [23, 12, 22]])
 def test_toro_orders_the_information_otherwise(tmp_path):
     text = "EDGE2 1 0 1.1 2.1 0.4 11 12 22 33 13 23\n"  # forward, sideward, rotation: ff fs ss rr fr sr
     edges = READERS["g2o"].read(written(tmp_path, "d.graph", text))["edges"]
-    np.testing.assert_allclose(matrix(edges), turned(PLANE_INFORMATION, plane_turn(0.4)), rtol=1e-14)
+    np.testing.assert_array_equal(matrix(edges), PLANE_INFORMATION)
+    told = READERS["g2o"].told(edges, {"information": "from"})
+    np.testing.assert_allclose(matrix(told), turned(PLANE_INFORMATION, plane_turn(0.4)), rtol=1e-14)
 
 
 def test_information_of_space_has_the_rotation_first(tmp_path):
@@ -113,7 +119,9 @@ def test_information_of_space_has_the_rotation_first(tmp_path):
     whole = np.array([[10 * min(i, j) + max(i, j) for j in range(1, 7)] for i in range(1, 7)])
     order = [3, 4, 5, 0, 1, 2]
     rotation = Rotation.from_quat([0, 0, 0.6, 0.8]).as_matrix()
-    np.testing.assert_allclose(matrix(edges), turned(whole[np.ix_(order, order)], rotation), rtol=1e-13)
+    np.testing.assert_array_equal(matrix(edges), whole[np.ix_(order, order)])
+    told = READERS["g2o"].told(edges, {"information": "from"})
+    np.testing.assert_allclose(matrix(told), turned(whole[np.ix_(order, order)], rotation), rtol=1e-13)
     cells = columns(edges)
     assert [cells[n][0] for n in ("dx", "dy", "dz", "dqx", "dqy", "dqz", "dqw")] == [1, 2, 3, 0, 0, 0.6, 0.8]
 
@@ -129,48 +137,73 @@ def test_eulers_angles_become_quaternions(tmp_path):
     np.testing.assert_allclose([edges[n][0] for n in ("dqx", "dqy", "dqz", "dqw")], expected, atol=1e-15)
 
 
-def composed(poses, edges):
-    """Relative poses of edges in the plane, from the poses."""
-    result = []
-    for a, b in edges:
-        (x, y, t), (u, v, s) = poses[a], poses[b]
-        cos, sin = np.cos(t), np.sin(t)
-        result.append((cos * (u - x) + sin * (v - y), -sin * (u - x) + cos * (v - y), s - t))
-    return np.array(result)
+def test_vertices_of_a_file_of_edges_are_their_ids(tmp_path):
+    """In ascending order, with what `FIX` says, and without numbers: no pose is known, and `:init` of these is none."""
+    text = "EDGE_SE2 7 3 1 0 0 1 0 0 1 0 1\nEDGE_SE2 3 5 1 0 0 1 0 0 1 0 1\nFIX 5\n"
+    vertices = READERS["g2o"].read(written(tmp_path, "d.g2o", text))["vertices"]
+    found = columns(vertices)
+    assert (found["id"], found["fixed"], vertices.key) == ([3, 5, 7], [0, 1, 0], "id")
+    assert np.isnan([found[name] for name in ("x", "y", "theta")]).all()
+    init = ":init (pose2 x y theta)"
+    for stated, fixed in ((init, "(= fixed 1)"), ("", "(= fixed 1)"), (init, "(= fixed 1) :at (pose2)")):
+        change = f"(T (pose 2) :per nodes {stated} :fixed {fixed})"
+        text = GRAPH.format(option="").replace("(T (pose 2) :per nodes :fixed (= row 1))", change)
+        solve = mbm.loads(text, base=tmp_path).solve()
+        np.testing.assert_allclose(solve["T"].value[:, 1:], [[-1, 0], [0, 0], [-2, 0]], atol=1e-12)
 
 
-def test_vertices_are_placed_along_the_edges_of_a_plane_graph():
-    random = np.random.default_rng(5)
-    poses = np.column_stack([random.normal(0, 5, (12, 2)), random.uniform(-3, 3, 12)])
-    poses[0] = 0
-    ends = [(0, 1), (2, 1), (2, 3), (1, 4), *((i, i + 1) for i in range(4, 11))]
-    ids, found = placed(np.array(ends, dtype=float), composed(poses, ends))
-    wanted = poses[ids.astype(int)]
-    np.testing.assert_allclose(found[:, :2], wanted[:, :2], atol=1e-12)  # a dozen products of numbers near 10
-    np.testing.assert_allclose(np.exp(1j * found[:, 2]), np.exp(1j * wanted[:, 2]), atol=1e-13)
+GRAPH = """
+(problem graph
+  (data nodes (g2o "d.g2o" :vertices))
+  (data edges (g2o "d.g2o" :edges{option}))
+  (unknowns (T (pose 2) :per nodes :fixed (= row 1)))
+  (observe edges (= (pose2 dx dy dtheta) (between (T from) (T to))) :information information))
+"""
+LOOP = """EDGE_SE2 0 1 1.02 0.01 1.57 100 3 0 900 5 400
+EDGE_SE2 1 2 0.99 -0.02 1.58 100 3 0 900 5 400
+EDGE_SE2 2 0 1.01 1.03 3.0 100 3 0 900 5 400
+"""
 
 
-def test_vertices_are_placed_along_the_edges_of_a_graph_in_space():
-    turns = Rotation.random(8, random_state=1)
-    places = np.random.default_rng(2).normal(0, 5, (8, 3))
-    ends = [(0, 1), (2, 1), (1, 3), (4, 3), (4, 5), (6, 5), (6, 7)]
-    measured = []
-    for a, b in ends:
-        back = turns[a].inv()
-        measured.append([*back.apply(places[b] - places[a]), *(back * turns[b]).as_quat()])
-    ids, found = placed(np.array(ends, dtype=float), np.array(measured))
-    order = ids.astype(int)
-    back = turns[0].inv()
-    np.testing.assert_allclose(found[:, :3], back.apply(places[order] - places[0]), atol=1e-12)
-    differences = (back * turns[order]).inv() * Rotation.from_quat(found[:, 3:])
-    assert differences.magnitude().max() < 1e-12  # a few products of quaternions
+def test_information_is_that_of_the_measured_frame(tmp_path):
+    """χ² as g2o's ``EdgeSE2::computeError`` has it, ``(Z⁻¹ X_i⁻¹ X_j)`` as x, y, θ, minimised by SciPy."""
+    written(tmp_path, "d.g2o", LOOP)
+    found = mbm.loads(GRAPH.format(option=""), base=tmp_path).solve().first
+    assert found.cost == mbm.loads(GRAPH.format(option=" :information measured"), base=tmp_path).solve().first.cost
+    root = np.linalg.cholesky(np.array([[100.0, 3, 0], [3, 900, 5], [0, 5, 400]])).T
+    edges = [[float(word) for word in line.split()[1:6]] for line in LOOP.splitlines()]
+
+    def placed(x, y, angle):
+        return np.block([[plane_turn(angle), np.array([[x], [y]])], [np.zeros((1, 2)), 1]])
+
+    def residuals(numbers):
+        poses = [np.eye(3), placed(*numbers[:3]), placed(*numbers[3:])]
+        found = []
+        for first, second, *measured in edges:
+            left = np.linalg.inv(poses[int(first)] @ placed(*measured)) @ poses[int(second)]
+            found.append(root @ [left[0, 2], left[1, 2], np.arctan2(left[1, 0], left[0, 0])])
+        return np.concatenate(found)
+
+    best = least_squares(residuals, [1, 0, 1.57, 1, 1, 3.1], xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    assert found.cost == pytest.approx(2 * best.cost, rel=1e-9)  # a minimum is flat: derivatives to 1e-8 by SciPy
+    turned_one = mbm.loads(GRAPH.format(option=" :information from"), base=tmp_path).solve().first.cost
+    assert abs(turned_one - found.cost) > 1e-3 * found.cost
 
 
-def test_parts_without_an_edge_between_them_have_an_origin_each():
-    ends = np.array([[0, 1], [5, 6]], dtype=float)
-    ids, found = placed(ends, np.array([[1.0, 0, 0], [0, 2.0, 0]]))
-    assert ids.tolist() == [0, 1, 5, 6]
-    np.testing.assert_array_equal(found, [[0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 2, 0]])
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        (":vertices :information from", "`:information` is not an option"),
+        (":edges :information to", "this should be `measured` or `from`"),
+        (":edges :information", "has no value behind it"),
+        (":edges :edges", "`:edges` is not an option"),
+        (":edges :information from 1", "takes a path"),
+    ],
+)
+def test_what_a_graph_may_be_told_is_checked(tmp_path, source, said):
+    written(tmp_path, "d.g2o", LOOP)
+    with pytest.raises(MbmError, match=said):
+        mbm.loads(f'(problem p (data d (g2o "d.g2o" {source})))', base=tmp_path).solve()
 
 
 def test_what_a_graph_does_not_hold_is_said_when_it_is_asked_for(tmp_path):

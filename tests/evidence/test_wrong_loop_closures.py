@@ -11,7 +11,7 @@ from tests.evidence.material import measured
 TEXT = """
 (problem graph
   (data nodes (g2o "graph.g2o" :vertices) :key id)
-  (data edges (g2o "graph.g2o" :edges))
+  (data edges (g2o "graph.g2o" :edges :information from))
   (unknowns (T (pose 2) :per nodes :init (pose2 x y theta) :fixed (= row 1)))
   (observe edges (= (pose2 dx dy dtheta) (between (T from) (T to))) :information information {loss})
   {solve})

@@ -7,14 +7,16 @@ quaternions. ``PARAMS_…`` and ``EQUIV`` lines are passed over, and what stands
 Vertices have the columns ``id x y theta`` or ``id x y z qx qy qz qw``, and ``fixed`` (1 where a ``FIX`` line names
 them, else 0); edges ``from to dx dy dtheta`` or ``from to dx dy dz dqx dqy dqz dqw`` and the matrix ``information``,
 **rotation first** as everywhere in mbm: for the differences ``(θ, x, y)`` or ``(ω, x, y, z)``, where files have the
-rotation last. It is taken to belong to ``t − t_m`` along the axes of the frame ``from``, as Ceres reads these files and
-as their published χ² are meant, and turned to mbm's ``R_mᵀ (t − t_m)``. A file that has edges only gets its vertices by
-going along the edges. Rows are the lines of the file.
+rotation last. It belongs to ``R_mᵀ (t − t_m)``, the difference along the axes of the measured pose, as in g2o, GTSAM
+and mbm; with ``:information from`` to ``t − t_m`` along the axes of the frame ``from``, as Ceres' example reads such
+files, and is turned to mbm's. Vertices of a file that has edges only are the ids of these, in ascending order, without
+numbers. Rows are the lines of the file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,14 +25,15 @@ from mbm.data.columns import row_numbers
 from mbm.data.content import BLANKS, read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import LARGEST_DEVIATION, Line, line_numbers, lines_of, number_columns, number_table
-from mbm.data.readers.spanning import SPACE, euler_quaternions, placed
 from mbm.data.types import ManyReader, RawTable
-from mbm.problem.tables import ColumnGroup, Numbers
-from mbm.rotations import matrix_of_quaternion, unit
+from mbm.problem.tables import Argument, ArgumentKind, ColumnGroup, Numbers
+from mbm.rotations import matrix_of_quaternion, planar, unit
 from mbm.text.types import DataPlace, MbmError
 from mbm.values import dataclass
 
 VERTICES, EDGES = "vertices", "edges"
+INFORMATION, MEASURED, FROM = "information", "measured", "from"
+SPACE = 3
 PLANE_POSE = ("x", "y", "theta")
 SPACE_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 EULER_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -96,9 +99,9 @@ def _read(path: Path) -> Mapping[str, RawTable | MbmError]:
     if len(vertices.rows):
         found[VERTICES] = _vertices(vertices, dimension, fixed, shown, digest)
     elif len(edges.rows):
-        ids, poses = placed(edges.numbers[:, :2], edges.numbers[:, 2 : 2 + len(_pose(dimension))])
-        rows = row_numbers(1, len(ids))
-        made = _Records(rows=rows, numbers=np.column_stack([ids, poses]))
+        ids = np.unique(edges.numbers[:, :2])
+        unknown = np.full((len(ids), len(_pose(dimension))), np.nan)
+        made = _Records(rows=row_numbers(1, len(ids)), numbers=np.column_stack([ids, unknown]))
         found[VERTICES] = _vertices(made, dimension, fixed, shown, digest)
     else:
         found[VERTICES] = MbmError(format_faults.no_records(DataPlace(file=shown), "vertices"))
@@ -152,7 +155,7 @@ def _table(by_tag: Mapping[str, list[Line]], table: str, path: str) -> _Records:
         _check_ids(found[:, :count], lines, ids, path)
         pose = found[:, count : count + len(record.pose)]
         if record.pose is EULER_POSE:
-            pose = np.column_stack([pose[:, :3], euler_quaternions(pose[:, 3:])])
+            pose = np.column_stack([pose[:, :3], _euler_quaternions(pose[:, 3:])])
         if record.dimension == SPACE:
             _check_quaternions(pose[:, 3:], lines, path)
         entries_found = found[:, count + len(record.pose) :]
@@ -209,35 +212,69 @@ def _edges(records: _Records, dimension: int, path: str, digest: str) -> RawTabl
     places = _upper(size)
     entries = tuple(f"information{i + 1}{j + 1}" for i, j in places)
     names = ("from", "to", *(f"d{name}" for name in _pose(dimension)), *entries)
-    turned = _along_the_measured(records.numbers, dimension)
     square = tuple(entries[places.index((min(i, j), max(i, j)))] for i in range(size) for j in range(size))
     return RawTable(
         path=path,
         sha256=digest,
-        columns=number_columns(names, turned),
+        columns=number_columns(names, records.numbers),
         file_rows=line_numbers(records.rows),
-        groups={"information": ColumnGroup(shape=(size, size), columns=square)},
+        groups={INFORMATION: ColumnGroup(shape=(size, size), columns=square)},
     )
 
 
-def _along_the_measured(numbers: Numbers, dimension: int) -> Numbers:
+def told(table: RawTable, arguments: Mapping[str, float | str]) -> RawTable:
+    """The edges with the information as the data clause says that the file has it."""
+    return _along_the_measured(table) if arguments.get(INFORMATION) == FROM else table
+
+
+def _along_the_measured(edges: RawTable) -> RawTable:
     """Edges with the translation's information turned to the axes of the measured frame: ``TᵀΩT``, T = (1, R_m)."""
-    first = 2 + len(_pose(dimension))
-    pose = numbers[:, 2:first]
-    size = 6 if dimension == SPACE else 3
-    turn = np.zeros((len(numbers), size, size))
-    turn[:, np.arange(size), np.arange(size)] = 1.0
-    if dimension == SPACE:
-        turn[:, SPACE:, SPACE:] = matrix_of_quaternion(unit(np.roll(pose[:, 3:], 1, axis=1)))
+    cells = {column.name: column.numbers for column in edges.columns}
+    group = edges.groups[INFORMATION]
+    size = group.shape[0]
+    given = np.stack([np.asarray(cells[name]) for name in group.columns], axis=-1).reshape(-1, size, size)
+    turn = np.tile(np.eye(size), (len(given), 1, 1))
+    first = size // 2
+    if first == SPACE:
+        pose = np.stack([np.asarray(cells[name]) for name in ("dqw", "dqx", "dqy", "dqz")], axis=-1)
+        turn[:, first:, first:] = matrix_of_quaternion(unit(pose))
     else:
-        c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-        turn[:, 1, 1], turn[:, 1, 2], turn[:, 2, 1], turn[:, 2, 2] = c, -s, s, c
-    upper = np.triu_indices(size)
-    information = np.zeros_like(turn)
-    information[:, upper[0], upper[1]] = numbers[:, first:]
-    information[:, upper[1], upper[0]] = numbers[:, first:]
-    found = np.einsum("nji,njk,nkl->nil", turn, information, turn)
-    return np.column_stack([numbers[:, :first], found[:, upper[0], upper[1]]])
+        turn[:, first:, first:] = planar(np.asarray(cells["dtheta"]))
+    found = np.einsum("nji,njk,nkl->nil", turn, given, turn).reshape(len(given), -1)
+    turned = dict(zip(group.columns, found.T, strict=True))
+    columns = tuple(replace(c, numbers=turned[c.name]) if c.name in turned else c for c in edges.columns)
+    return replace(edges, columns=columns)
 
 
-READER = ManyReader(name="g2o", extensions=(".g2o", ".graph"), parts=(VERTICES, EDGES), read=read)
+def _euler_quaternions(angles: Numbers) -> Numbers:
+    """Quaternions (n, 4), real part last, of roll, pitch and yaw (n, 3): Rz(yaw) Ry(pitch) Rx(roll)."""
+    cr, cp, cy = np.cos(angles / 2).T
+    sr, sp, sy = np.sin(angles / 2).T
+    return np.column_stack(
+        [
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy,
+        ]
+    )
+
+
+READER = ManyReader(
+    name="g2o",
+    extensions=(".g2o", ".graph"),
+    parts=(VERTICES, EDGES),
+    read=read,
+    of_part={
+        EDGES: (
+            Argument(
+                name=INFORMATION,
+                kind=ArgumentKind.WORD,
+                required=False,
+                default=MEASURED,
+                choices=(MEASURED, FROM),
+            ),
+        )
+    },
+    told=told,
+)

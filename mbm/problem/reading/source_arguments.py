@@ -62,10 +62,10 @@ def read_arguments(evaluator: Evaluator, scope: Scope, form: Sequence, known: Fo
 
 
 def usage(head: str, known: Format) -> str:
-    """``(chessboard "path" columns rows size)``."""
+    """``(chessboard "path" columns rows size)``; of a file of several tables with the one that is meant."""
     required = [a.name for a in known.arguments if a.required]
     optional = [f"[:{a.name} {_shown(a)}]" for a in known.arguments if not a.required]
-    return " ".join([f'({head} "path"', *required, *optional]) + ")"
+    return " ".join([f'({head} "path"', *(f":{part}" for part in known.parts), *required, *optional]) + ")"
 
 
 def _shown(argument: Argument) -> str:

@@ -140,7 +140,9 @@ def _source(evaluator: Evaluator, scope: Scope, form: Form, formats: Formats) ->
     head = form.head if isinstance(form, Sequence) else None
     if isinstance(form, Sequence) and head is not None and head in formats:
         known = formats[head]
-        return _images(evaluator, scope, form, known) if known.arguments else _file(form, head, known)
+        if known.arguments:
+            return _images(evaluator, scope, form, known)
+        return _file(evaluator, scope, form, known)
     if isinstance(form, Sequence) and head == "table":
         return _inline(evaluator, scope, form)
     if isinstance(form, Sequence) and head == UNION:
@@ -149,9 +151,9 @@ def _source(evaluator: Evaluator, scope: Scope, form: Form, formats: Formats) ->
     raise MbmError(faults.unknown_source(form.span, shown, (*formats, "table", UNION, "external")))
 
 
-def _file(form: Sequence, head: str, known: Format) -> _Source:
+def _file(evaluator: Evaluator, scope: Scope, form: Sequence, known: Format) -> _Source:
     """``(csv "path")``; ``(g2o "path" :edges)``: one of the tables of a file."""
-    parts = known.parts
+    head, parts = form.head or "", known.parts
     if not (parts or known.named):
         if len(form.items) != 2 or not isinstance(form.items[1], Text):
             raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes one path", f'({head} "path")'))
@@ -163,13 +165,15 @@ def _file(form: Sequence, head: str, known: Format) -> _Source:
             raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes a path and the name of a node", usage))
         return _Source(format=head, path=texts[0], part=texts[1] if len(texts) > 1 else "")
     usage = f'({head} "path" {" | ".join(f":{part}" for part in parts)})'
-    if len(form.items) != 3 or not isinstance(form.items[1], Text) or not isinstance(form.items[2], Keyword):
+    if len(form.items) < 3 or not isinstance(form.items[1], Text) or not isinstance(form.items[2], Keyword):
         raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes a path and the table that is meant", usage))
     part = form.items[2]
     if part.name not in parts:
         near = closest(part.name, parts)
         raise MbmError(language_faults.unknown_keyword(part.span, part.name, f"`{head}`", (near,) if near else parts))
-    return _Source(format=head, path=form.items[1].value, part=part.name)
+    meant = Format(parts=(part.name,), arguments=known.of_part.get(part.name, ()))
+    given = read_arguments(evaluator, scope, replace(form, items=(*form.items[:2], *form.items[3:])), meant)
+    return _Source(format=head, path=given.path, part=part.name, arguments=given.values)
 
 
 def _members(form: Sequence) -> tuple[Member, ...]:

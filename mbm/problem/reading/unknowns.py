@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import isfinite, prod
 
-from mbm.expression.nodes import Apply, Constant, Expression, Number, Operation, nearest
+import numpy as np
+
+from mbm.expression.nodes import Apply, Column, Constant, Expression, Number, Operation, leaves, nearest
 from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, static_number, vector
@@ -86,7 +89,8 @@ def _held(
 ) -> tuple[RowValues | None, RowValues | None, RowValues | None]:
     """The start, what is fixed, and where that is held if there is no start: ``:init``, ``:fixed``, ``:at``.
 
-    What is fixed stays at ``:at``, without one at ``:init``, without that at the identity or 0.
+    What is fixed stays at ``:at``, without one at ``:init``, without that at the identity or 0. An ``:init`` of a
+    column without a single number is none.
     """
     options, name, size = declaration.options, declaration.name.name, declaration.manifold.tangent
     init_form, fixed_form, at_form = options.get("init"), options.get("fixed"), options.get("at")
@@ -104,15 +108,18 @@ def _held(
     def fixed_here(form: Form, scope: Scope) -> tuple[Expression, ...]:
         return work.conditions_here(form, scope, size, wanted=f"`:fixed` of `{name}`")
 
+    init = rows(init_form, "init")
+    if init is not None and _numberless(init, work.tables):
+        init_form = init = None
     if fixed_form is None:
-        return rows(init_form, "init"), None, None
+        return init, None, None
     fixed = work.row_values(fixed_form, table, lambda scope: fixed_here(fixed_form, scope))
     if init_form is None:
         at = rows(at_form, "at") if at_form is not None else _neutral(declaration, fixed_form.span)
         always = all(isinstance(v, Number) and v.value == 1 for case in fixed.cases for v in case.values)
         return (at, fixed, None) if always else (None, fixed, at)
     if at_form is None:
-        return rows(init_form, "init"), fixed, None
+        return init, fixed, None
 
     def both(scope: Scope) -> tuple[Expression, ...]:
         held = _of_stated(declaration, fixed_here(fixed_form, scope))
@@ -123,6 +130,15 @@ def _held(
         )
 
     return work.row_values(at_form, table, both), fixed, None
+
+
+def _numberless(values: RowValues, tables: Mapping[str, Table]) -> bool:
+    """Whether a column that they use has gaps only: a pose graph of edges, for one, knows no pose of its vertices."""
+    used = {
+        (leaf.table, leaf.name) for case in values.cases for leaf in leaves(case.values) if isinstance(leaf, Column)
+    }
+    numbers = [tables[table].columns[name].numbers for table, name in used if name in tables[table].columns]
+    return any(each is not None and len(each) > 0 and bool(np.isnan(each).all()) for each in numbers)
 
 
 def _neutral(declaration: Declaration, span: Span) -> RowValues | None:

@@ -108,15 +108,11 @@ def _pose(rotation: Floats, translation: Floats) -> str:
 
 
 def _translation_first(edges: _Edges) -> Floats:
-    """The information as files have it: of ``t − t_m`` along the axes of the first pose, then of the rotation."""
+    """The information as files have it: that of the translation first, along the axes of the measured pose."""
     dimension = edges.translations.shape[1]
     turned = edges.information.shape[1] - dimension
-    turn = np.zeros_like(edges.information)
-    turn[:, range(turned), range(turned)] = 1.0
-    turn[:, turned:, turned:] = edges.rotations
-    found = turn @ edges.information @ turn.transpose(0, 2, 1)
     order = [*range(turned, turned + dimension), *range(turned)]
-    return np.asarray(found[:, order][:, :, order])
+    return np.asarray(edges.information[:, order][:, :, order])
 
 
 def _edges(problem: Problem, solution: Solution, entry: Entry) -> Iterator[_Edges]:

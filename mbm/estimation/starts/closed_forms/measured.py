@@ -8,6 +8,7 @@ from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.motions import origin, stepped
 from mbm.estimation.starts.closed_forms.numerics.finite import finite
+from mbm.estimation.starts.closed_forms.relative_poses import relates
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
@@ -29,12 +30,19 @@ class Measured:
     joint: bool = False
 
     def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
-        """Rows with as many components as one curved unknown has coordinates, each with a value that it vanishes at."""
+        """Rows with as many components as one curved unknown has coordinates, each with a value that it vanishes at.
+
+        Not those that measure a motion from another member of its family: what is known of all of them together is
+        better than what one neighbour says (`relative_poses`).
+        """
         del situation
         entry = candidate.entries[0]
         if len(candidate.entries) != 1 or entry.unknown.manifold.flat:
             return None
         rows = candidate.rows(entry.unknown.freedom)
+        if not len(rows):
+            return None
+        rows = rows.picked(np.concatenate([np.full(len(p.lines), not relates(p.group, entry)) for p in rows.pieces]))
         if not len(rows):
             return None
         values = vanishing(rows, entry)

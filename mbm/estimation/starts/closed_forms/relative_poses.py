@@ -1,22 +1,31 @@
-"""Motions measured between members of one family of poses: all of them, along a tree of measurements."""
+"""Motions measured between members of one family of poses: all of them, by the best of several ways.
+
+Along the shortest ways from a known member; along a tree that takes edges between neighbours of an ordered key before
+all others (loop closures); and by the chordal relaxation, rotations first, which uses every edge.
+"""
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import field
 
 import numpy as np
 
 from mbm.equations.binding import Group
 from mbm.equations.layout import Entry
-from mbm.equations.types import Floats, Indices
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.starts.closed_forms.motions import inverse, origin, product, stepped
+from mbm.estimation.starts.closed_forms.numerics.chordal import Frames, Motions, chordal
 from mbm.estimation.starts.closed_forms.numerics.finite import finite
 from mbm.estimation.starts.closed_forms.rows import Rows
-from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
+from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, precision
+from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, shortest_ways
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.problem.types import UnknownKind
+from mbm.rotations import matrix_of_quaternion, planar, quaternion_of_matrix
 from mbm.values import dataclass
+
+KINDS = (UnknownKind.POSE, UnknownKind.ROTATION)
+"""Of unknowns that it places."""
 
 NEWTON = 20
 FOUND_MOTION = 1e-9
@@ -59,16 +68,30 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Edge:
-    """From one member to another, with the motion (s,) that takes the first one's frame to the second's."""
+    """From members to others (m,), with the motions (m, s) that take the first ones' frames to the second ones'.
+
+    ``stiffness`` (m, 2): the information of a coordinate of the turn, and of the shift, on the average. ``pairs`` are
+    the rows that say so, group by group.
+    """
 
     first: Indices
     second: Indices
     motion: Floats
+    stiffness: Floats
+    pairs: tuple[Pairs, ...] = field(repr=False)
+
+    def cost(self, numbers: Floats) -> float:
+        """The weighted squares of all residuals at the members' numbers (K, s); infinite where one has no value."""
+        total = 0.0
+        for pairs in self.pairs:
+            values, _ = pairs.linearised(numbers[pairs.first], numbers[pairs.second], pairs.group.kernel.outputs)
+            total += float((np.square(values) * precision(pairs.group, pairs.lines)).sum())
+        return total if np.isfinite(total) else np.inf
 
 
 @dataclass(frozen=True, slots=True)
 class RelativePoses:
-    """Poses or rotations composed along a tree that spans the measurements, from those known, else from the first."""
+    """Poses or rotations as the measured motions have them, from those known, else from the first."""
 
     name: str = "relative-poses"
     joint: bool = True
@@ -76,8 +99,7 @@ class RelativePoses:
     def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
         """Rows that two members meet in, with as many components as a member has coordinates, and nothing else."""
         entry = candidate.entries[0]
-        kinds = (UnknownKind.POSE, UnknownKind.ROTATION)
-        if len(candidate.entries) != 1 or entry.unknown.kind not in kinds or not candidate.paired:
+        if len(candidate.entries) != 1 or entry.unknown.kind not in KINDS or not candidate.paired:
             return None
         edges = [e for pairs in _pairs(situation, entry) if (e := _edge(pairs, entry)) is not None]
         if not edges:
@@ -86,6 +108,8 @@ class RelativePoses:
             first=np.concatenate([e.first for e in edges]),
             second=np.concatenate([e.second for e in edges]),
             motion=np.vstack([e.motion for e in edges]),
+            stiffness=np.vstack([e.stiffness for e in edges]),
+            pairs=tuple(pairs for e in edges for pairs in e.pairs),
         )
         count = len(whole.first)
         rows = Rows(
@@ -99,8 +123,21 @@ class RelativePoses:
         return Plan(form=self, candidate=candidate, rows=rows, minimal=1, data=whole)
 
     def solve(self, plan: Plan, subsets: Indices) -> Floats:
-        """One solution (T, 1, K·s) for each subset of the measured motions; NaN for members that they do not reach."""
-        return np.stack([_composed(plan, subset) for subset in subsets])[:, None, :]
+        """One solution (T, 1, K·s) for each subset of the measured motions; NaN for members that they do not reach.
+
+        Of all motions the way that fits best; of fewer the shortest ways.
+        """
+        ways = [_best if len(subset) == len(plan.rows) else _composed for subset in subsets]
+        found = np.stack([way(plan, subset) for way, subset in zip(ways, subsets, strict=True)])
+        member = _members(plan)
+        return found[:, member].reshape(len(subsets), 1, -1)
+
+
+def relates(group: Group, entry: Entry) -> bool:
+    """Whether rows of a group may measure the motion from one member of a family of poses or rotations to another."""
+    kernel = group.kernel
+    members = {slot.member for slot in kernel.variables if slot.unknown == entry.unknown.name}
+    return entry.unknown.kind in KINDS and len(members) == 2 and kernel.outputs == entry.unknown.freedom
 
 
 def _pairs(situation: Situation, entry: Entry) -> list[Pairs]:
@@ -113,7 +150,7 @@ def _pairs(situation: Situation, entry: Entry) -> list[Pairs]:
         owned = [s.unknown == entry.unknown.name for s in kernel.variables]
         members = list(dict.fromkeys(s.member for s, mine in zip(kernel.variables, owned, strict=True) if mine))
         others = [j for j, mine in enumerate(owned) if not mine]
-        if len(members) != 2 or kernel.outputs != freedom or bool(missing[group.index[:, others]].any()):
+        if not relates(group, entry) or bool(missing[group.index[:, others]].any()):
             continue
         roles = np.array(
             [members.index(s.member) * size + s.component if s.unknown == entry.unknown.name else -1
@@ -165,22 +202,99 @@ def _edge(pairs: Pairs, entry: Entry) -> Edge | None:
     apart = np.abs(pairs.linearised(other, motion, freedom)[0]).max(axis=1)
     if not bool((left <= 1e-6 * (1.0 + apart)).all()):
         return None
-    return Edge(first=pairs.first, second=pairs.second, motion=motion)
+    weights = precision(pairs.group, pairs.lines)
+    information = np.einsum("mij,mi->mj", np.square(slopes), weights)
+    turn = 1 if entry.unknown.dimension == 2 else 3
+    stiffness = np.stack([information[:, :turn].mean(axis=1), information[:, turn:].sum(axis=1)], axis=1)
+    stiffness[:, 1] /= max(freedom - turn, 1)
+    return Edge(first=pairs.first, second=pairs.second, motion=motion, stiffness=stiffness, pairs=(pairs,))
+
+
+def _members(plan: Plan) -> Indices:
+    """The members (K,) of the family that the candidate is of."""
+    entry = plan.candidate.entries[0]
+    return np.asarray((plan.candidate.places[:, 0] - entry.offset) // entry.unknown.size)
+
+
+def _known(plan: Plan) -> tuple[Floats, Indices]:
+    """The numbers (members, s) of the family, NaN where they are not known, and which members are; one at least."""
+    entry = plan.candidate.entries[0]
+    numbers = plan.candidate.situation.numbers[entry.range].reshape(entry.members, entry.unknown.size).copy()
+    known = np.flatnonzero(finite(numbers, 1))
+    if not len(known):
+        known = _members(plan)[:1]
+        numbers[known] = origin(entry)
+    return numbers, known
+
+
+def _best(plan: Plan, subset: Indices) -> Floats:
+    """The numbers (members, s) by the way that fits best."""
+    edges: Edge = plan.data
+    found = [_composed(plan, subset)]
+    early = behind_one_another(plan.candidate.entries[0], edges.first, edges.second)
+    if early.any() and not early.all():
+        foremost = foremost_edges(len(found[0]), edges.first, edges.second, np.where(early, 0.0, 1.0))
+        found.append(_composed(plan, foremost))
+    reached = finite(found[0], 1)
+    relaxed = _relaxed(plan, reached)
+    if relaxed is not None:
+        found.append(relaxed)
+    costs = [edges.cost(np.where(reached[:, None], each, 0.0)) for each in found]
+    return found[int(np.argmin(costs))]
+
+
+def _relaxed(plan: Plan, reached: Mask) -> Floats | None:
+    """The numbers (members, s) by the chordal relaxation, of the members that are ``reached``; None where it fails."""
+    edges: Edge = plan.data
+    entry = plan.candidate.entries[0]
+    numbers, known = _known(plan)
+    inside = reached[edges.first] & reached[edges.second] & (edges.stiffness > 0.0).all(axis=1)
+    held = ~reached
+    held[known] = True
+    numbers[~reached] = origin(entry)
+    turns, shifts = _frames(entry, np.where(held[:, None], numbers, origin(entry)))
+    moves = entry.unknown.kind is UnknownKind.POSE
+    R, t = _frames(entry, edges.motion[inside])
+    motions = Motions(
+        first=edges.first[inside],
+        second=edges.second[inside],
+        turns=R,
+        shifts=t if moves else None,
+        stiffness=edges.stiffness[inside],
+    )
+    found = chordal(motions, Frames(known=held, rotations=turns, translations=shifts))
+    if found is None:
+        return None
+    result = _numbers(entry, found.rotations, found.translations)
+    result[known] = numbers[known]
+    result[~reached] = np.nan
+    return result
+
+
+def _frames(entry: Entry, numbers: Floats) -> tuple[Floats, Floats]:
+    """Rotations (n, d, d) and translations (n, d), zero of rotations alone."""
+    dimension = entry.unknown.dimension
+    turns = planar(numbers[:, 0]) if dimension == 2 else matrix_of_quaternion(numbers[:, :4])
+    shifts = numbers[:, -dimension:] if entry.unknown.kind is UnknownKind.POSE else np.zeros((len(numbers), dimension))
+    return turns, shifts
+
+
+def _numbers(entry: Entry, turns: Floats, shifts: Floats) -> Floats:
+    """The numbers (n, s) of frames."""
+    if entry.unknown.dimension == 2:
+        turned = np.arctan2(turns[:, 1, 0], turns[:, 0, 0])[:, None]
+    else:
+        turned = quaternion_of_matrix(turns)
+    return np.hstack([turned, shifts]) if entry.unknown.kind is UnknownKind.POSE else turned
 
 
 def _composed(plan: Plan, subset: Indices) -> Floats:
+    """The numbers (members, s) along the shortest ways that the motions ``subset`` make; NaN where none leads."""
     edges: Edge = plan.data
     entry = plan.candidate.entries[0]
-    size = entry.unknown.size
-    places = plan.candidate.places
-    member = (places[:, 0] - entry.offset) // size
-    result = plan.candidate.situation.numbers[entry.range].reshape(entry.members, size).copy()
-    known = np.flatnonzero(finite(result, 1))
-    if not len(known):
-        known = member[:1]
-        result[known] = origin(entry)
+    result, known = _known(plan)
     along = np.vstack([edges.motion[subset], inverse(entry, edges.motion[subset])])
-    parent, edge = _tree(entry.members, edges.first[subset], edges.second[subset], known)
+    parent, edge = shortest_ways(entry.members, edges.first[subset], edges.second[subset], known)
     reached = np.flatnonzero(parent >= 0)
     result[reached] = along[edge[reached]]
     # Each member's motion becomes that from its parent's parent, until all begin at one that is known.
@@ -189,31 +303,7 @@ def _composed(plan: Plan, subset: Indices) -> Floats:
         result[reached] = product(entry, result[above], result[reached])
         parent[reached] = parent[above]
         reached = reached[parent[reached] >= 0]
-    return result[member].ravel()
-
-
-def _tree(members: int, first: Indices, second: Indices, known: Indices) -> tuple[Indices, Indices]:
-    """Along edges, k from ``first`` to ``second`` and n + k back, to all members that are reached from those known.
-
-    For each member the one before it (-1: it is known, or not reached) and the edge from there, the shortest ways.
-    """
-    neighbours: list[list[tuple[int, int]]] = [[] for _ in range(members)]
-    for k, (a, b) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
-        neighbours[a].append((b, k))
-        neighbours[b].append((a, len(first) + k))
-    parent = [-1] * members
-    edge = [-1] * members
-    met = [False] * members
-    waiting = deque(known.tolist())
-    for here in waiting:
-        met[here] = True
-    while waiting:
-        here = waiting.popleft()
-        for there, k in neighbours[here]:
-            if not met[there]:
-                met[there], parent[there], edge[there] = True, here, k
-                waiting.append(there)
-    return np.array(parent, dtype=np.int64), np.array(edge, dtype=np.int64)
+    return result
 
 
 RELATIVE_POSES = RelativePoses()

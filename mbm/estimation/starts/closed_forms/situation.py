@@ -111,7 +111,7 @@ class Candidate:
         columns = np.full(len(self.situation.layout.number), -1, dtype=np.int64)
         columns[self.coordinates] = np.arange(self.coordinates.shape[1])
         for group, lines, member in self.lines:
-            scale = _precision(group, lines)
+            scale = precision(group, lines)
             index = group.index[lines]
             for first, last in ranges(group):
                 piece = Piece(
@@ -137,7 +137,7 @@ class Candidate:
         )
 
 
-def _precision(group: Group, lines: Indices) -> Floats:
+def precision(group: Group, lines: Indices) -> Floats:
     """1/σ² of each output (lines, outputs) of some rows, for weighting among these; correlations are left out."""
     weights = [each.weights[lines] for each in group.whiteners]
     return np.hstack([w**2 if w.ndim == 2 else np.square(w).sum(axis=1) for w in weights])
