@@ -349,7 +349,7 @@ def system_of(
     if not groups:
         return None
     code = native_code(groups[0].cache)
-    kernels = _kernels(code, groups, compiled=equations.machine_code is not None)
+    kernels = kernels_of(code, groups, compiled=equations.machine_code is not None)
     guard = getattr(kernels, "guard", None)
     iteration = iteration_of(equations, settings, direct=direct, strict=strict)
     rows = [g.rows for g in groups] if most_rows is None else list(most_rows)
@@ -392,7 +392,7 @@ def system_of(
     )
 
 
-def _kernels(code: NativeCode, groups: Sequence[Group], *, compiled: bool) -> NativeKernels | CallbackKernels:
+def kernels_of(code: NativeCode, groups: Sequence[Group], *, compiled: bool) -> NativeKernels | CallbackKernels:
     """The kernels of groups, as machine code where that is wanted."""
     numbers, kernels = [g.number for g in groups], [g.kernel for g in groups]
     if compiled:
