@@ -16,6 +16,14 @@ from mbm.problem.types import Equation, NoiseKind
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
+FLOOR = 1e-4
+"""Standard deviation of what has no noise, beside what the noise gives the same components: estimates and standard
+deviations differ from those of the exact equations by 1e-8 of a standard deviation, as much as the rounding of normal
+equations, which grows as the inverse square."""
+
+NEGATIVE = 1e-9
+"""Eigenvalue of a correlation matrix below zero that is rounding."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whitener:
@@ -73,8 +81,11 @@ def whitener(
     tables: Mapping[str, Table],
     *,
     may_be_exact: bool = False,
+    may_be_singular: bool = False,
 ) -> Whitener:
     """The whitener of one equation for the rows at ``positions``; with ``may_be_exact`` sigmas may be zero.
+
+    With ``may_be_singular`` covariances may be: combinations without noise have `FLOOR` instead.
 
     Raises:
         MbmError: a sigma that is not above zero, or a matrix that is not symmetric and positive definite.
@@ -95,7 +106,25 @@ def whitener(
             return Whitener(first, first + size, 1.0 / np.where(exact, 1.0, noise), exact)
         return Whitener(first, first + size, 1.0 / noise)
     matrices = noise.reshape(rows, size, size)
+    if may_be_singular and equation.noise_kind is NoiseKind.COVARIANCE:
+        matrices = _floored(matrices)
     return Whitener(first, first + size, _roots(equation, matrices, table, positions))
+
+
+def _floored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariances (rows, k, k) whose eigenvalues, each variance being 1, are `FLOOR`² at least.
+
+    What is no covariance, or has a variance of zero, stays as it is.
+    """
+    deviations = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
+    fine = np.asarray((deviations > 0).all(axis=1) & np.isfinite(matrices).all(axis=(1, 2)))
+    scales = np.where(fine[:, None], deviations, 1.0)
+    scales = scales[:, :, None] * scales[:, None, :]
+    values, vectors = np.linalg.eigh(np.where(fine[:, None, None], matrices / scales, np.eye(matrices.shape[1])))
+    fine &= values[:, 0] > -NEGATIVE
+    raised = np.maximum(values, FLOOR**2)
+    found = np.einsum("rij,rj,rkj->rik", vectors, raised, vectors) * scales
+    return np.where((fine & (values[:, 0] < FLOOR**2))[:, None, None], found, matrices)
 
 
 def _roots(
