@@ -16,10 +16,10 @@ from mbm.problem.types import Equation, NoiseKind
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
-FLOOR = 1e-4
+FLOOR = 3e-4
 """Standard deviation of what has no noise, beside what the noise gives the same components: estimates and standard
-deviations differ from those of the exact equations by 1e-8 of a standard deviation, as much as the rounding of normal
-equations, which grows as the inverse square."""
+deviations differ from those of exact equations by its square, 1e-7 of a standard deviation. The rounding of normal
+equations grows as the inverse square."""
 
 NEGATIVE = 1e-9
 """Eigenvalue of a correlation matrix below zero that is rounding."""
@@ -30,13 +30,14 @@ class Whitener:
     """What makes the components ``first … last`` of a row's outputs independent with variance 1.
 
     ``weights`` has shape (rows, k) (factors), or (rows, k, k) (matrices). ``exact`` (rows, k) are components without
-    noise of their own (None: there are none); their factor is 1.
+    noise of their own (None: there are none); their factor is 1. ``floored``: some combination has `FLOOR`.
     """
 
     first: int
     last: int
     weights: Floats
     exact: Mask | None = None
+    floored: bool = False
 
     @property
     def noisy(self) -> Mask:
@@ -48,14 +49,14 @@ class Whitener:
     def some(self, rows: Indices) -> Whitener:
         """The whitener of some rows."""
         exact = None if self.exact is None else self.exact[rows]
-        return Whitener(self.first, self.last, self.weights[rows], exact)
+        return Whitener(self.first, self.last, self.weights[rows], exact, self.floored)
 
     def without(self, rows: Mask) -> Whitener:
         """The whitener with the equation left out in some ``rows``: its residuals and derivatives are zero there."""
         weights = self.weights.copy()
         weights[rows] = 0.0
         exact = None if self.exact is None else self.exact & ~rows[:, None]
-        return Whitener(self.first, self.last, weights, exact)
+        return Whitener(self.first, self.last, weights, exact, self.floored)
 
     def apply(self, values: Floats) -> Floats:
         """Whitened values, shape (…, rows, k), from outputs of shape (…, rows, outputs)."""
@@ -105,10 +106,11 @@ def whitener(
         if bool(exact.any()):
             return Whitener(first, first + size, 1.0 / np.where(exact, 1.0, noise), exact)
         return Whitener(first, first + size, 1.0 / noise)
-    matrices = noise.reshape(rows, size, size)
+    matrices, floored = noise.reshape(rows, size, size), False
     if may_be_singular and equation.noise_kind is NoiseKind.COVARIANCE:
-        matrices = _floored(matrices)
-    return Whitener(first, first + size, _roots(equation, matrices, table, positions))
+        stated, matrices = matrices, _floored(matrices)
+        floored = stated is not matrices
+    return Whitener(first, first + size, _roots(equation, matrices, table, positions), floored=floored)
 
 
 def _floored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -122,9 +124,11 @@ def _floored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     scales = scales[:, :, None] * scales[:, None, :]
     values, vectors = np.linalg.eigh(np.where(fine[:, None, None], matrices / scales, np.eye(matrices.shape[1])))
     fine &= values[:, 0] > -NEGATIVE
-    raised = np.maximum(values, FLOOR**2)
-    found = np.einsum("rij,rj,rkj->rik", vectors, raised, vectors) * scales
-    return np.where((fine & (values[:, 0] < FLOOR**2))[:, None, None], found, matrices)
+    low = fine & (values[:, 0] < FLOOR**2)
+    if not low.any():
+        return matrices
+    found = np.einsum("rij,rj,rkj->rik", vectors, np.maximum(values, FLOOR**2), vectors) * scales
+    return np.where(low[:, None, None], found, matrices)
 
 
 def _roots(
