@@ -19,7 +19,7 @@ from mbm.problem.dimensions import infer
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.joining import filtered, joined
-from mbm.problem.naming import PRIOR, TakenNames
+from mbm.problem.naming import TakenNames
 from mbm.problem.overrides import Overrides
 from mbm.problem.pairing import paired
 from mbm.problem.reading.cameras import read_camera
@@ -34,7 +34,7 @@ from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.request import read_request
 from mbm.problem.reading.sources import DataClause, Formats, in_join_order, read_source, refuse_overwriting
-from mbm.problem.reading.states import Declared, declare_states
+from mbm.problem.reading.states import Declared, declare_states, first_states
 from mbm.problem.reading.unions import check_members, check_units
 from mbm.problem.reading.unknowns import given_start, read_unknown
 from mbm.problem.reading.windows import read_window
@@ -98,9 +98,8 @@ def elaborate(
     taken = TakenNames()
     taken.places.update((prior.name, prior.span) for prior in priors)
     observed, concerns = _observed(work, clauses, taken, plans)
-    sequence, carried = _sequence(work, clauses, states, priors, taken)
-    sequence, unknowns, priors = open_rates(sequence, unknowns, priors)
-    blocks = (*observed, *priors, *carried)
+    sequence, unknowns, known = _sequence(work, clauses, states, (unknowns, priors), taken)
+    blocks = (*observed, *known)
     derived = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = _request(work, clauses, declarations)
@@ -280,19 +279,21 @@ def _states(work: Workspace, clauses: tuple[Sequence, ...]) -> Declared | None:
 def _sequence(
     work: Workspace,
     clauses: tuple[Sequence, ...],
-    states: Declared | None,
-    priors: tuple[Block, ...],
+    declared: Declared | None,
+    known: tuple[tuple[Unknown, ...], tuple[Block, ...]],
     taken: TakenNames,
-) -> tuple[Steps | None, tuple[Block, ...]]:
-    """The sequence that the states make, and the equations of its transitions."""
-    found: tuple[Steps | None, tuple[Block, ...]] = None, ()
+) -> tuple[Steps | None, tuple[Unknown, ...], tuple[Block, ...]]:
+    """The sequence that the states make, the unknowns and their priors in it, and the equations of its transitions."""
+    unknowns, priors = known
+    sequence: Steps | None = None
+    carried: tuple[Block, ...] = ()
     with work.collecting():
         estimator = read_estimator(work, _all(clauses, "solve"))
-        if states is not None:
-            known = {prior.name.removeprefix(PRIOR): prior.name for prior in priors}
-            sequence, blocks = read_dynamics(work, _all(clauses, "dynamics"), states, known, taken)
-            found = replace(sequence, estimator=estimator), blocks
-    return found
+        if declared is not None:
+            states, unknowns, priors = first_states(declared, unknowns, priors)
+            sequence, carried = read_dynamics(work, _all(clauses, "dynamics"), declared, states, taken)
+            sequence, unknowns, priors = open_rates(replace(sequence, estimator=estimator), unknowns, priors)
+    return sequence, unknowns, (*priors, *carried)
 
 
 def _starts(

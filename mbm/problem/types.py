@@ -14,7 +14,7 @@ from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import Expression
 from mbm.expression.projection import Projection
 from mbm.expression.units import Unit
-from mbm.problem.kinds import ConstraintKind, Gauge, LossKind, Relation
+from mbm.problem.kinds import ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration
@@ -108,6 +108,11 @@ class Unknown:
     unit: Unit | None
     doc: str
     span: Span
+
+    @property
+    def is_state(self) -> bool:
+        """It has a value at every step of a sequence."""
+        return self.family is not None and self.family.ordered
 
     @property
     def size(self) -> int:
@@ -325,13 +330,6 @@ class GivenStarts:
     """``:starts (given ((name value)…)…)``: each start names some unknowns, with one number per component in SI."""
 
     starts: tuple[Mapping[str, tuple[float, ...]], ...]
-
-
-class ConstraintMethod(StrEnum):
-    """How constraints are met; the value is the name in ``:constraints``."""
-
-    PENALTY = "penalty"
-    EXACT = "exact"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,13 +6,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from mbm.expression.algebra import add, apply, multiply, number, subtract
-from mbm.expression.nodes import Column, ColumnMember, Expression, Operation, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Expression, Number, Operation, RowChoice, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, vector
 from mbm.language.values import Array, Scope, Value
 from mbm.language.vocabulary.rigid import direction_difference, geometric_difference
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
+from mbm.problem.kinds import ConstraintKind, Relation
 from mbm.problem.naming import TakenNames
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.declarations import Declaration, components
@@ -52,9 +53,9 @@ class _Reading:
 
 
 def read_dynamics(
-    work: Workspace, clauses: list[Sequence], declared: Declared, priors: Mapping[str, str], taken: TakenNames
+    work: Workspace, clauses: list[Sequence], declared: Declared, first: tuple[State, ...], taken: TakenNames
 ) -> tuple[Steps, tuple[Block, ...]]:
-    """The sequence with its transitions, and their blocks; ``priors`` has the block of each state that has one."""
+    """The sequence of states, as they are at ``first``, with its transitions, and their blocks."""
     steps = work.scope.steps
     if steps is None:
         raise TypeError(declared)
@@ -64,21 +65,13 @@ def read_dynamics(
         steps=steps.table,
         reached=steps.reached,
         sources=family.sources or ((family.table, steps.column),),
-        states=tuple(
-            State(
-                name=d.name.name,
-                rate_of=declared.rate_of.get(d.name.name),
-                prior=priors.get(d.name.name),
-                span=d.name.span,
-            )
-            for d in declared.declarations
-        ),
+        states=first,
         span=declared.clause.items[0].span,
     )
     states = dict(zip(names, declared.declarations, strict=True))
     reading = _Reading(work=work, states=states, steps=known, taken=taken)
     work.tables[known.reached] = transitions_table(known, work.tables)
-    found: list[tuple[Transition, Block | None, frozenset[tuple[str, str]]]] = []
+    found: list[tuple[Transition, tuple[Block, ...], frozenset[tuple[str, str]]]] = []
     places: dict[str, Span] = {}
     for form in (form for clause in clauses for form in clause.items[1:]):
         with work.collecting():
@@ -92,13 +85,13 @@ def read_dynamics(
     sequence = replace(known, transitions=tuple(transition for transition, _, _ in found), joined=joined)
     with work.collecting():
         work.tables[known.reached] = transitions_table(sequence, work.tables)
-    return sequence, tuple(block for _, block, _ in found if block is not None)
+    return sequence, tuple(block for _, blocks, _ in found for block in blocks)
 
 
 def _transition(
     reading: _Reading, form: Form, places: dict[str, Span]
-) -> tuple[Transition, Block | None, frozenset[tuple[str, str]]]:
-    """A transition, its block, and the columns of other tables in it; ``places`` gains the states that it moves."""
+) -> tuple[Transition, tuple[Block, ...], frozenset[tuple[str, str]]]:
+    """A transition, its blocks, and the columns of other tables in it; ``places`` gains the states that it moves."""
     kind = _KINDS.get(form.head or "") if isinstance(form, Sequence) else None
     if kind is None or not isinstance(form, Sequence):
         raise MbmError(language_faults.bad_form(form.span, "this is no transition", USAGE))
@@ -113,13 +106,60 @@ def _transition(
             raise MbmError(language_faults.duplicate_definition(form.span, f"dynamics of {each}", places[each]))
         places[each] = form.span
     if kind is TransitionKind.STATIC:
-        return Transition(kind=kind, states=moved, block=None, span=form.span), None, frozenset()
+        return Transition(kind=kind, states=moved, block=None, span=form.span), (), frozenset()
     columns, table = _table_for(reading, options)
     equations = _equation if kind is TransitionKind.EQUATION else _scaled
     block, scale = equations(reading, declaration, kind, form, options, table)
-    reading.work.extent.add(block)
-    used = frozenset(_other_columns(block, columns))
-    return Transition(kind=kind, states=moved, block=block.name, scale=scale, span=form.span), block, used
+    noisy, exact = _parted(reading, block)
+    blocks = tuple(each for each in (noisy, exact) if each is not None)
+    for made in blocks:
+        reading.work.extent.add(made)
+    transition = Transition(
+        kind=kind,
+        states=moved,
+        block=noisy.name if noisy is not None else None,
+        exact=exact.name if exact is not None else None,
+        scale=scale,
+        span=form.span,
+    )
+    return transition, blocks, frozenset(_other_columns(block, columns))
+
+
+def _parted(reading: _Reading, block: Block) -> tuple[Block | None, Block | None]:
+    """The components that have noise, and those whose standard deviation is 0."""
+    noisy, exact = (tuple(_part(case, exact=exact) for case in block.cases) for exact in (False, True))
+    if not any(case.equations for case in exact):
+        return block, None
+    demanded = replace(
+        block,
+        name=reading.taken.free(f"{block.name} exactly", block.span),
+        role=BlockRole.CONSTRAINT,
+        cases=exact,
+        unknown_factor=False,
+        singular=False,
+        constraint=ConstraintKind.EQUAL,
+    )
+    return (replace(block, cases=noisy) if any(case.equations for case in noisy) else None), demanded
+
+
+def _part(case: EquationCase, *, exact: bool) -> EquationCase:
+    """The equations with those components that have no noise, or with the others."""
+    found = []
+    for equation in case.equations:
+        zero = [isinstance(n, Number) and n.value == 0 for n in equation.noise]
+        if equation.noise_kind is not NoiseKind.SIGMA:
+            zero = [False] * len(equation.components)
+        kept = [i for i, each in enumerate(zero) if each is exact]
+        if kept:
+            found.append(
+                replace(
+                    equation,
+                    components=tuple(equation.components[i] for i in kept),
+                    noise=() if exact else tuple(equation.noise[i] for i in kept) if any(zero) else equation.noise,
+                    relation=Relation.ZERO if exact else equation.relation,
+                )
+            )
+    return replace(case, equations=tuple(found))
 
 
 def _equation(

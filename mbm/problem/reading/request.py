@@ -12,13 +12,13 @@ from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
 from mbm.problem.elaboration import Routines, Workspace
-from mbm.problem.kinds import Gauge
+from mbm.problem.kinds import ConstraintMethod, Gauge
 from mbm.problem.options import split_options
 from mbm.problem.reading.declarations import Declaration
 from mbm.problem.reading.estimators import METHODS, is_of_sequences, named_estimator
 from mbm.problem.reading.robust import read_consensus
 from mbm.problem.reading.unknowns import stated_numbers
-from mbm.problem.types import ConstraintMethod, GivenStarts, Method, Problem, RandomStarts, Request
+from mbm.problem.types import GivenStarts, Method, Problem, RandomStarts, Request
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
 USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1])"

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
-from mbm.expression.nodes import Member
+from mbm.expression.nodes import Apply, Column, Member, Number, Operation
 from mbm.language import faults as language_faults
 from mbm.language.values import Value
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.joining import with_families
+from mbm.problem.naming import PRIOR
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.declarations import Declaration, components, read_declaration
 from mbm.problem.scopes import Entry, Steps
-from mbm.problem.sequence.types import INTERVAL, PREVIOUS, RATE
-from mbm.problem.types import Family, UnknownKind
+from mbm.problem.sequence.types import INTERVAL, PREVIOUS, RATE, State
+from mbm.problem.tables import ROW
+from mbm.problem.types import Block, Family, NoiseKind, RowValues, Unknown, UnknownKind, ValueCase
 from mbm.text.types import Form, MbmError, Numeral, Sequence, Symbol
 from mbm.values import dataclass
 
@@ -72,6 +75,90 @@ def declare_states(work: Workspace, clauses: list[Sequence], dynamics: list[Sequ
                 _enter(work, rate)
                 rate_of[rate.name.name] = declaration.name.name
     return Declared(declarations=tuple(found), rate_of=rate_of, family=family, clause=clause)
+
+
+def first_states(
+    declared: Declared, unknowns: tuple[Unknown, ...], priors: tuple[Block, ...]
+) -> tuple[tuple[State, ...], tuple[Unknown, ...], tuple[Block, ...]]:
+    """The states, with unknowns that are held at the first step where they are certain, and priors of the others.
+
+    Raises:
+        MbmError: of a rotation or translation, some coordinates are certain and others are not.
+
+    """
+    states: list[State] = []
+    held, left = {each.name: each for each in unknowns}, {each.name: each for each in priors}
+    for declaration in declared.declarations:
+        name = declaration.name.name
+        prior = left.get(PRIOR + name)
+        certain = _certain(declaration, prior) if prior is not None else ()
+        if prior is not None and any(certain):
+            held[name] = _held_at_first(held[name], certain)
+            if all(certain):
+                prior = None
+                del left[PRIOR + name]
+            else:
+                prior = left[PRIOR + name] = _without(prior, certain)
+        states.append(
+            State(
+                name=name,
+                rate_of=declared.rate_of.get(name),
+                prior=prior.name if prior is not None else None,
+                certain=certain if any(certain) else (),
+                span=declaration.name.span,
+            )
+        )
+    return tuple(states), tuple(held.values()), tuple(left.values())
+
+
+def _certain(declaration: Declaration, prior: Block) -> tuple[bool, ...]:
+    """Which coordinates have a standard deviation of 0 at the first step."""
+    (equation,) = prior.cases[0].equations
+    if equation.noise_kind is not NoiseKind.SIGMA:
+        return ()
+    found = tuple(isinstance(each, Number) and each.value == 0 for each in equation.noise)
+    turns = {2: 1, 3: 3}.get(declaration.dimension, len(found))
+    parts = (found[:turns], found[turns : turns + declaration.dimension]) if declaration.dimension else ()
+    if any(any(part) and not all(part) for part in parts):
+        message = "a rotation or a translation is certain as a whole, or not at all"
+        raise MbmError(language_faults.bad_form(equation.span, message, ":sigma [0 0.1 0.1]"))
+    return found
+
+
+def _held_at_first(unknown: Unknown, certain: tuple[bool, ...]) -> Unknown:
+    """The state with what is certain fixed at the first step."""
+    family = unknown.family
+    if family is None:
+        return unknown
+    first = Apply(Operation.EQUAL, (Column(family.rows, ROW), Number(1)))
+    stated = unknown.fixed
+    cases = stated.cases if stated is not None else (ValueCase(static=(), values=(Number(0),) * len(certain)),)
+    fixed = tuple(
+        replace(
+            case,
+            values=tuple(
+                Apply(Operation.IF, (first, Number(1), value)) if sure else value
+                for value, sure in zip(case.values, certain, strict=True)
+            ),
+        )
+        for case in cases
+    )
+    return replace(unknown, fixed=RowValues(table=family.rows, cases=fixed, span=unknown.span))
+
+
+def _without(prior: Block, certain: tuple[bool, ...]) -> Block:
+    """The prior of what is not certain."""
+    (case,) = prior.cases
+    (equation,) = case.equations
+    kept = [i for i, sure in enumerate(certain) if not sure]
+    mean = equation.measured
+    left = replace(
+        equation,
+        components=tuple(equation.components[i] for i in kept),
+        noise=tuple(equation.noise[i] for i in kept),
+        measured=None if mean is None else tuple(mean[i] for i in kept),
+    )
+    return replace(prior, cases=(replace(case, equations=(left,)),))
 
 
 def _steps(work: Workspace, form: Form) -> Family:

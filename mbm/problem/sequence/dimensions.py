@@ -100,11 +100,9 @@ def _faults(
 
 
 def open_rates(
-    sequence: Sequence | None, unknowns: tuple[Unknown, ...], priors: tuple[Block, ...]
-) -> tuple[Sequence | None, tuple[Unknown, ...], tuple[Block, ...]]:
+    sequence: Sequence, unknowns: tuple[Unknown, ...], priors: tuple[Block, ...]
+) -> tuple[Sequence, tuple[Unknown, ...], tuple[Block, ...]]:
     """The rates with starts and priors that take any dimension; the transitions keep them as they were stated."""
-    if sequence is None:
-        return sequence, unknowns, priors
     of_prior = {state.prior: state for state in sequence.states if state.rate_of is not None and state.prior}
     rates = {state.name for state in sequence.states if state.rate_of is not None}
     stated: dict[str, tuple[Expression, ...]] = {}

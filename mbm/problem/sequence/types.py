@@ -58,12 +58,15 @@ class State:
 
     ``rate_of`` is the state whose rate it is. ``prior`` is the name of the block (role PRIOR, without a table) with
     what is known of it at the first step: its rows mention the members of the first step alone, its mean is the
-    unknown's ``start`` there, its noise may be singular; None where nothing is known.
+    unknown's ``start`` there, its covariance may be singular; None where nothing is known. ``certain`` has a truth for
+    each tangent coordinate (empty: none is true): those with ``:sigma 0``, which the prior leaves out and the unknown's
+    ``fixed`` holds at the first step.
     """
 
     name: str
     rate_of: str | None = None
     prior: str | None = None
+    certain: tuple[bool, ...] = ()
     span: Span
 
 
@@ -73,8 +76,9 @@ class Transition:
 
     ``block`` names the block (role TRANSITION, over the table of transitions) whose rows are MODEL ⊖ NEXT: members
     picked by the column `PREVIOUS` belong to the step before, those picked by the key to the step reached. Its noise is
-    a standard deviation or a covariance, which may be singular and may be zero: what has no noise is exact. It has as
-    many rows for each step as the states have tangent coordinates. None: the states do not change (``static``).
+    a standard deviation, or a covariance that may be singular. ``exact`` names the block (role CONSTRAINT, over the
+    same table) of those components whose ``:sigma`` is 0. Together they have as many rows for each step as the states
+    have tangent coordinates. Neither: the states do not change (``static``).
     ``scale`` is the form behind ``:sigma`` or ``:acceleration``, one number for each tangent coordinate; ``velocity``
     has those behind ``:velocity`` and ``:velocity-sigma``.
     """
@@ -82,6 +86,7 @@ class Transition:
     kind: TransitionKind
     states: tuple[str, ...]
     block: str | None
+    exact: str | None = None
     scale: tuple[Expression, ...] = ()
     velocity: tuple[Expression, ...] = ()
     span: Span
