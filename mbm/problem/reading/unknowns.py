@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import isfinite, prod
 
-from mbm.expression.nodes import Apply, Constant, Expression, Number, Operation, nearest
+from mbm.expression.nodes import Apply, Constant, Expression, Number, Operation, RowChoice, nearest
 from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, static_number, vector
@@ -198,7 +198,7 @@ def _doc(form: Form | None) -> str:
 
 
 def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Block | None:
-    """The prior ``(normal NAME init sigma)``."""
+    """The prior ``(normal NAME init sigma)``; of a state at the first step."""
     options = declaration.options
     form = options.get("sigma") or options.get("covariance")
     if form is None:
@@ -210,9 +210,12 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
     if options.get("sigma") is not None and options.get("covariance") is not None:
         raise MbmError(faults.two_noises(options.places["covariance"]))
 
+    first = declaration.family is not None and declaration.family.ordered
+
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
         evaluator = work.evaluator
-        value = components(declaration, own_member(declaration.family), declaration.name.span)
+        row = RowChoice.FIRST if first else RowChoice.EACH
+        value = components(declaration, own_member(declaration.family, row), declaration.name.span)
         given = evaluator.wanted(init_form, scope)
         found = geometric_difference(given, value, init_form.span)
         mean: tuple[Expression, ...] | None = None
@@ -231,7 +234,10 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
         work.refuse_unknowns(stated, init_form.span, f"`:init` of `{name}`")
         return (Equation(components=found, noise_kind=kind, noise=noise, measured=mean, span=form.span),)
 
-    cases = work.cases(table, evaluate, form.span)
+    if first and table is not None:
+        cases, table = work.case_of_first(table, evaluate, form.span), None
+    else:
+        cases = work.cases(table, evaluate, form.span)
     return Block(
         name=PRIOR + name,
         role=BlockRole.PRIOR,
@@ -239,6 +245,7 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
         cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
         when=None,
         unknown_factor=False,
+        singular=first,
         span=form.span,
     )
 

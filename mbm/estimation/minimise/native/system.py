@@ -27,7 +27,8 @@ from mbm.estimation.minimise.native.summing import sum_addresses, summable
 from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code
 from mbm.estimation.settings import Settings
 from mbm.machine.records import address, inside, put, slot, view
-from mbm.problem.types import ConstraintMethod, Method
+from mbm.problem.kinds import ConstraintMethod
+from mbm.problem.types import Method
 from mbm.solver import description as of
 from mbm.solver import workspace as workspace
 from mbm.solver.batch import Solves
