@@ -35,7 +35,7 @@ from mbm.language.vocabulary import (
     vectors,
 )
 from mbm.problem.reading.aggregates import OVER_ROWS
-from mbm.problem.vocabulary import NOT_YET as PROBLEM_NOT_YET
+from mbm.problem.vocabulary import FUNCTIONS as PROBLEM_FUNCTIONS
 from mbm.problem.vocabulary import SPECIAL_FORMS as PROBLEM_FORMS
 from mbm.registry.standard import standard_registry
 from mbm.shapes.library import LibraryModel
@@ -109,12 +109,6 @@ models of the shape library have [a page of their own](library.md).
 ## Special forms
 
 """
-LATER_INTRODUCTION = """
-## Not available yet
-
-These names are reserved and answer [`not-available-yet`](diagnostics.md#not-available-yet):
-
-"""
 LIBRARY_INTRODUCTION = """Models that every file may call. They are written in the language itself, in
 `mbm/shapes/library/`. Features are named by number: `(vertex (box 1m 2m 3m) 7)`, or from a column of data
 `(feature (box 1m 2m 3m) path)` with `vertex/7`.
@@ -180,15 +174,9 @@ def vocabulary() -> str:
     ]
     for title, room in ROOMS:
         parts += [f"\n## {title}\n\n", table(("usage", "value"), [(code(f.usage), f.doc) for f in room.FUNCTIONS])]
-    rows = [(code(f.usage), f.doc) for f in FEATURE_FUNCTIONS]
-    parts += ["\n## Features of shapes\n\n", table(("usage", "value"), rows)]
-    later: dict[str, list[str]] = {}
-    for name, topic in {**words.not_yet, **PROBLEM_NOT_YET}.items():
-        later.setdefault(topic, []).append(code(name))
-    parts += [
-        LATER_INTRODUCTION,
-        table(("for", "names"), [(topic, " ".join(names)) for topic, names in later.items()]),
-    ]
+    for title, functions in (("Features of shapes", FEATURE_FUNCTIONS), ("Sequences", PROBLEM_FUNCTIONS.values())):
+        rows = [(code(f.usage), f.doc) for f in functions]
+        parts += [f"\n## {title}\n\n", table(("usage", "value"), rows)]
     return "".join(parts)
 
 

@@ -10,7 +10,8 @@ from mbm.emit.foreign import Foreign
 from mbm.emit.routines.description import UNKNOWN
 from mbm.emit.types import BlockCase, BlockShape, Blueprint, EquationShape
 from mbm.machine.records import slot
-from mbm.problem.types import BlockRole, ConstraintMethod, NoiseKind
+from mbm.problem.kinds import ConstraintMethod
+from mbm.problem.types import BlockRole, NoiseKind
 from mbm.solver import description as at
 from mbm.solver.losses import LOSSES
 from mbm.values import dataclass

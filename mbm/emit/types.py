@@ -14,7 +14,8 @@ from mbm.emit.answers import Agreement, Floats, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.kernels.types import Kernel
 from mbm.machine.program import Program
-from mbm.problem.types import BlockRole, ConstraintMethod, Loss, Method, NoiseKind, UnknownKind
+from mbm.problem.kinds import ConstraintMethod
+from mbm.problem.types import BlockRole, Loss, Method, NoiseKind, UnknownKind
 from mbm.solver.range_maps import RangeMaps
 from mbm.values import dataclass
 

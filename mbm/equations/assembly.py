@@ -108,6 +108,11 @@ class Assembled:
         return any(group.losses for group in self.groups)
 
     @property
+    def floored(self) -> bool:
+        """Some combination of residuals has hardly any noise beside others (`mbm.equations.whitening.FLOOR`)."""
+        return any(each.floored for group in self.groups for each in group.whiteners)
+
+    @property
     def units(self) -> Indices:
         """The unit (one equation in one row) of each residual (m,); losses and outlier rules act on units."""
         return self.every_unit if self.rows is None else self.every_unit[self.rows]

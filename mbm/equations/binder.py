@@ -93,7 +93,10 @@ class Binder:
             known = self.cache.stated.get((number, place))
             if known is None or known.equation is not equation or len(known.whitener.weights) != rows:
                 exact = kernel.corrections is not None
-                made = whitener(equation, offset, table, positions, self.tables, may_be_exact=exact)
+                singular = self.problem.blocks[kernel.owner].singular
+                made = whitener(
+                    equation, offset, table, positions, self.tables, may_be_exact=exact, may_be_singular=singular
+                )
                 known = StatedNoise(equation, made)
                 if not any(isinstance(leaf, ColumnNode) for leaf in leaves(equation.noise)):
                     self.cache.stated[number, place] = known

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -27,7 +27,8 @@ from mbm.values import dataclass
 class Entry:
     """An unknown's place, member by member, components row by row.
 
-    Its numbers are ``offset … offset + members·size``, its coordinates ``first … first + members·freedom``.
+    Its numbers are ``offset … offset + members·size``, its coordinates ``first … first + members·freedom``. A state
+    that does not change has one member, which is that of all ``steps``.
     """
 
     unknown: Unknown
@@ -35,6 +36,7 @@ class Entry:
     first: int
     keys: tuple[CellKey, ...] | None
     index: Mapping[CellKey, int]
+    steps: tuple[CellKey, ...] | None = None
 
     @property
     def members(self) -> int:
@@ -101,10 +103,10 @@ class Layout:
         entry = self.owner(coordinate)
         member, component = divmod(coordinate - entry.first, entry.unknown.freedom)
         key = None if entry.keys is None else entry.keys[member]
-        labels = entry.unknown.manifold.labels
+        labels, at_step = entry.unknown.manifold.labels, entry.unknown.is_state
         if labels:
-            return member_name(entry.unknown.name, key) + labels[component]
-        return scalar_name(entry.unknown.name, key, entry.unknown.indices()[component])
+            return member_name(entry.unknown.name, key, at_step=at_step) + labels[component]
+        return scalar_name(entry.unknown.name, key, entry.unknown.indices()[component], at_step=at_step)
 
     def missing(self) -> Mask:
         """Coordinates (M,) of pieces without a start."""
@@ -141,12 +143,15 @@ def layout(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, F
     """
     entries: list[Entry] = []
     offset = first = 0
+    still = problem.sequence.static if problem.sequence is not None else frozenset()
     for unknown in problem.unknowns:
         keys: tuple[CellKey, ...] | None = None
         if unknown.family is not None:
             keys = tuple(tables[unknown.family.rows].keys(unknown.family.key))
         index = {key: i for i, key in enumerate(keys or ())}
         entry = Entry(unknown=unknown, offset=offset, first=first, keys=keys, index=index)
+        if unknown.name in still:
+            entry = replace(entry, keys=None, index=dict.fromkeys(index, 0), steps=keys)
         entries.append(entry)
         offset += entry.count
         first += entry.members * unknown.freedom
@@ -172,7 +177,7 @@ def layout(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, F
         ]
         angle[place] = np.tile(angles, entry.members)
         if entry.unknown.fixed is not None:
-            fixed[place] = decided(entry.unknown.fixed, tables).reshape(-1)
+            fixed[place] = decided(entry.unknown.fixed, tables)[: entry.members].reshape(-1)
     guessed = np.isnan(start)
     _middles(start, number, (lower, upper), (start_lower, start_upper))
     guessed &= ~np.isnan(start)
@@ -259,7 +264,7 @@ def _fill(entry: Entry, values: RowValues | None, tables: Mapping[str, Table], t
         numbers = _checked(entry, row_values(values, tables), values)
         places = bounded_coordinates(entry.unknown.manifold)
         part = target[entry.coordinates].reshape(entry.members, entry.unknown.freedom)
-        part[:, places] = numbers.reshape(-1, len(places))
+        part[:, places] = numbers.reshape(-1, len(places))[: entry.members]
         target[entry.coordinates] = part.ravel()
 
 
@@ -274,13 +279,13 @@ def _checked(entry: Entry, found: Floats, values: RowValues) -> Floats:
 
 def _start(entry: Entry, tables: Mapping[str, Table], starts: Mapping[str, Floats]) -> Floats:
     """The starts of an unknown: those given from outside (NaN: not given), else what the problem says."""
-    given = given_numbers(entry, starts.get(entry.unknown.name))
+    given = given_numbers(entry, starts.get(entry.unknown.name))  # of a state that does not change, at the first step
     values = stated_values(entry.unknown)
     if values is None or not bool(np.isnan(given).any()):
         return given
     numbers, known = stated_start(entry.unknown, values, tables)
     _checked(entry, np.where(known.any(axis=1, keepdims=True), row_values(values, tables), 0.0), values)
-    return np.where(np.isnan(given), np.where(known, numbers, np.nan).reshape(-1), given)
+    return np.where(np.isnan(given), np.where(known, numbers, np.nan)[: entry.members].reshape(-1), given)
 
 
 def stated_values(unknown: Unknown) -> RowValues | None:
@@ -309,6 +314,8 @@ def given_numbers(entry: Entry, given: Floats | None) -> Floats:
     if given is None:
         return np.full(entry.count, np.nan)
     numbers = np.asarray(given, dtype=np.float64).reshape(-1)
+    if entry.steps is not None and numbers.size % len(entry.steps) == 0:
+        numbers = numbers[: numbers.size // len(entry.steps)]
     width = stated_width(unknown.kind, unknown.dimension, unknown.size)
     if unknown.dimension and numbers.size in (width, width * entry.members) and width != unknown.size:
         numbers = numbers_of_stated(unknown.kind, unknown.dimension, numbers.reshape(-1, width)).reshape(-1)

@@ -11,10 +11,8 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem.manifold import Manifold, Piece
 from mbm.problem.types import UnknownKind
 from mbm.rotations import cross_matrix, hamilton, quaternion_of_matrix, quaternion_of_vector, unit
+from mbm.solver.charts import SMALL_ANGLE
 from mbm.values import dataclass
-
-SMALL_ANGLE = 1e-3
-"""Below it the slopes are taken from two terms of their series: the third is below 1e-14."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

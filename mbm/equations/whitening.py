@@ -16,19 +16,28 @@ from mbm.problem.types import Equation, NoiseKind
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
+FLOOR = 3e-4
+"""Standard deviation of what has no noise, beside what the noise gives the same components: estimates and standard
+deviations differ from those of exact equations by its square, 1e-7 of a standard deviation. The rounding of normal
+equations grows as the inverse square."""
+
+NEGATIVE = 1e-9
+"""Eigenvalue of a correlation matrix below zero that is rounding."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whitener:
     """What makes the components ``first … last`` of a row's outputs independent with variance 1.
 
     ``weights`` has shape (rows, k) (factors), or (rows, k, k) (matrices). ``exact`` (rows, k) are components without
-    noise of their own (None: there are none); their factor is 1.
+    noise of their own (None: there are none); their factor is 1. ``floored``: some combination has `FLOOR`.
     """
 
     first: int
     last: int
     weights: Floats
     exact: Mask | None = None
+    floored: bool = False
 
     @property
     def noisy(self) -> Mask:
@@ -40,14 +49,14 @@ class Whitener:
     def some(self, rows: Indices) -> Whitener:
         """The whitener of some rows."""
         exact = None if self.exact is None else self.exact[rows]
-        return Whitener(self.first, self.last, self.weights[rows], exact)
+        return Whitener(self.first, self.last, self.weights[rows], exact, self.floored)
 
     def without(self, rows: Mask) -> Whitener:
         """The whitener with the equation left out in some ``rows``: its residuals and derivatives are zero there."""
         weights = self.weights.copy()
         weights[rows] = 0.0
         exact = None if self.exact is None else self.exact & ~rows[:, None]
-        return Whitener(self.first, self.last, weights, exact)
+        return Whitener(self.first, self.last, weights, exact, self.floored)
 
     def apply(self, values: Floats) -> Floats:
         """Whitened values, shape (…, rows, k), from outputs of shape (…, rows, outputs)."""
@@ -73,8 +82,11 @@ def whitener(
     tables: Mapping[str, Table],
     *,
     may_be_exact: bool = False,
+    may_be_singular: bool = False,
 ) -> Whitener:
     """The whitener of one equation for the rows at ``positions``; with ``may_be_exact`` sigmas may be zero.
+
+    With ``may_be_singular`` covariances may be: combinations without noise have `FLOOR` instead.
 
     Raises:
         MbmError: a sigma that is not above zero, or a matrix that is not symmetric and positive definite.
@@ -94,8 +106,29 @@ def whitener(
         if bool(exact.any()):
             return Whitener(first, first + size, 1.0 / np.where(exact, 1.0, noise), exact)
         return Whitener(first, first + size, 1.0 / noise)
-    matrices = noise.reshape(rows, size, size)
-    return Whitener(first, first + size, _roots(equation, matrices, table, positions))
+    matrices, floored = noise.reshape(rows, size, size), False
+    if may_be_singular and equation.noise_kind is NoiseKind.COVARIANCE:
+        stated, matrices = matrices, _floored(matrices)
+        floored = stated is not matrices
+    return Whitener(first, first + size, _roots(equation, matrices, table, positions), floored=floored)
+
+
+def _floored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariances (rows, k, k) whose eigenvalues, each variance being 1, are `FLOOR`² at least.
+
+    What is no covariance, or has a variance of zero, stays as it is.
+    """
+    deviations = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
+    fine = np.asarray((deviations > 0).all(axis=1) & np.isfinite(matrices).all(axis=(1, 2)))
+    scales = np.where(fine[:, None], deviations, 1.0)
+    scales = scales[:, :, None] * scales[:, None, :]
+    values, vectors = np.linalg.eigh(np.where(fine[:, None, None], matrices / scales, np.eye(matrices.shape[1])))
+    fine &= values[:, 0] > -NEGATIVE
+    low = fine & (values[:, 0] < FLOOR**2)
+    if not low.any():
+        return matrices
+    found = np.einsum("rij,rj,rkj->rik", vectors, np.maximum(values, FLOOR**2), vectors) * scales
+    return np.where(low[:, None, None], found, matrices)
 
 
 def _roots(

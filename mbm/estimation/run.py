@@ -13,6 +13,7 @@ from mbm.equations.interruption import Interruption
 from mbm.equations.selection import Selection, selections
 from mbm.equations.types import Floats
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
+from mbm.estimation.sequences.filtering import by_filter, filtered
 from mbm.estimation.settings import Forms, Settings, settings_of, standard_forms
 from mbm.estimation.solve.estimate import estimate
 from mbm.estimation.solve.sampled_rows import settled
@@ -68,7 +69,7 @@ def solutions(
     begun: Begun = given if starts is None else _with(starts, given) if given else starts
     solve = _one_by_one(found, kernels, cache, begun, settings)
     at_once = None
-    if problem.request.for_each or window is not None:
+    if (problem.request.for_each or window is not None) and problem.sequence is None:
         # Loaded by problems with many solves only, so that the others start at once.
         from mbm.estimation.batches.together import together
 
@@ -103,6 +104,7 @@ def _one_by_one(
 ) -> Callable[[Selection, Solution | None], Solution | Failure | Skipped]:
     """What solves one selection of the rows by itself, given the solution of the window before."""
     window = found.problem.request.window
+    make = filtered if by_filter(found.problem) else estimate
 
     def solve(selection: Selection, last: Solution | None) -> Solution | Failure | Skipped:
         if window is not None and selection.rows is not None and selection.rows < window.min_rows:
@@ -113,7 +115,7 @@ def _one_by_one(
                 kernels,
                 cache,
                 starts(selection.key) if callable(starts) else starts,
-                lambda begun: estimate(
+                lambda begun: make(
                     found.problem,
                     kernels,
                     selection.tables,

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeAlias
 
 from mbm.equations.interruption import Interruption
-from mbm.problem.kinds import Gauge
-from mbm.problem.types import Consensus, ConstraintMethod, GivenStarts, Method, RandomStarts, Request
+from mbm.problem.kinds import ConstraintMethod, Gauge
+from mbm.problem.types import Consensus, GivenStarts, Method, RandomStarts, Request
 from mbm.solver.description import RULES
 from mbm.values import dataclass
 

@@ -29,20 +29,25 @@ from mbm.problem.reading.constants import constant_values, read_constants
 from mbm.problem.reading.constraints import model_constraints, read_constraints
 from mbm.problem.reading.declarations import Declaration, declare_unknowns
 from mbm.problem.reading.derived import read_derived
+from mbm.problem.reading.dynamics import read_dynamics
 from mbm.problem.reading.errors import with_shared_errors
+from mbm.problem.reading.estimators import read_estimator
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.previous import Earlier, looking_back, previous
 from mbm.problem.reading.request import read_request
 from mbm.problem.reading.sources import DataClause, Formats, in_join_order, read_source, refuse_overwriting
+from mbm.problem.reading.states import Declared, declare_states, first_states
 from mbm.problem.reading.unions import check_members, check_units
 from mbm.problem.reading.unknowns import given_start, read_unknown
 from mbm.problem.reading.windows import read_window
 from mbm.problem.sampling import refuse_corrected
 from mbm.problem.scopes import ProblemScope
+from mbm.problem.sequence.dimensions import open_rates
+from mbm.problem.sequence.types import Sequence as Steps
 from mbm.problem.tables import PairDeclaration, Table, TableDeclaration
 from mbm.problem.types import Block, Derived, Problem, Request, TablePlan, Unknown
-from mbm.problem.vocabulary import NOT_YET, SPECIAL_FORMS
+from mbm.problem.vocabulary import FUNCTIONS, SPECIAL_FORMS
 from mbm.shapes.model import ModelLog, model_maker
 from mbm.text.types import Diagnostic, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
@@ -85,7 +90,9 @@ def elaborate(
     plans, raw = _tables(work, clauses, load, earlier)
     pairs = _pairs(work, clauses)
     work.finish()
+    states = _states(work, clauses)
     declarations = [d for c in _all(clauses, "unknowns") for d in declare_unknowns(work, c)]
+    declarations += () if states is None else states.declarations
     for clause in _all(clauses, "camera"):
         with work.collecting():
             read_camera(work, clause)
@@ -95,13 +102,14 @@ def elaborate(
     taken = TakenNames()
     taken.places.update((prior.name, prior.span) for prior in priors)
     observed, concerns = _observed(work, clauses, taken, plans)
-    blocks = (*observed, *priors)
+    sequence, unknowns, known = _sequence(work, clauses, states, (unknowns, priors), taken)
+    blocks = (*observed, *known)
     derived, aggregates = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = _request(work, clauses, declarations)
     _check_content(work, declarations, blocks, definition)
     blocks = tuple(map(looking_back, blocks)) if earlier.asked else blocks
-    dimensions, blocks, clashes = infer(unknowns, blocks, (derived, aggregates), plans, pairs, tables, starts)
+    dimensions, blocks, clashes = infer(unknowns, blocks, (derived, aggregates), plans, pairs, tables, starts, sequence)
     work.diagnostics.extend(clashes)
     work.finish()
     if request is None:
@@ -119,6 +127,7 @@ def elaborate(
         written_out=tuple(work.written_out),
         earlier=tuple(earlier.asked),
         request=request,
+        sequence=sequence,
         dimensions=dimensions,
         warnings=(*work.evaluator.warnings.values(), *concerns),
         span=definition.span,
@@ -163,8 +172,8 @@ def _checked(
 def _session(program: Program, front: Front, tables: Mapping[str, Table], log: ModelLog) -> Session:
     vocabulary = Vocabulary(
         special_forms={**front.vocabulary.special_forms, **SPECIAL_FORMS},
-        functions=front.vocabulary.functions,
-        not_yet={**front.vocabulary.not_yet, **NOT_YET},
+        functions={**FUNCTIONS, **front.vocabulary.functions},
+        not_yet=front.vocabulary.not_yet,
         late={**OVER_ROWS, "previous": previous},
     )
     return open_session(
@@ -278,6 +287,36 @@ def _unknowns(work: Workspace, declarations: list[Declaration]) -> tuple[tuple[U
                 work.extent.add(prior)
                 priors.append(prior)
     return tuple(unknowns), tuple(priors)
+
+
+def _states(work: Workspace, clauses: tuple[Sequence, ...]) -> Declared | None:
+    dynamics = _all(clauses, "dynamics")
+    found = None
+    with work.collecting():
+        found = declare_states(work, _all(clauses, "states"), dynamics)
+        if found is None and dynamics:
+            raise MbmError(faults.no_states(dynamics[0].items[0].span, "`dynamics`"))
+    return found
+
+
+def _sequence(
+    work: Workspace,
+    clauses: tuple[Sequence, ...],
+    declared: Declared | None,
+    known: tuple[tuple[Unknown, ...], tuple[Block, ...]],
+    taken: TakenNames,
+) -> tuple[Steps | None, tuple[Unknown, ...], tuple[Block, ...]]:
+    """The sequence that the states make, the unknowns and their priors in it, and the equations of its transitions."""
+    unknowns, priors = known
+    sequence: Steps | None = None
+    carried: tuple[Block, ...] = ()
+    with work.collecting():
+        estimator = read_estimator(work, _all(clauses, "solve"))
+        if declared is not None:
+            states, unknowns, priors = first_states(declared, unknowns, priors)
+            sequence, carried = read_dynamics(work, _all(clauses, "dynamics"), declared, states, taken)
+            sequence, unknowns, priors = open_rates(replace(sequence, estimator=estimator), unknowns, priors)
+    return sequence, unknowns, (*priors, *carried)
 
 
 def _starts(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from mbm.language import faults as language_faults
 from mbm.language.program import ProblemDefinition, Program
 from mbm.problem import faults
@@ -16,6 +14,8 @@ CLAUSES = (
     "pair",
     "camera",
     "unknowns",
+    "states",
+    "dynamics",
     "define",
     "defun",
     "observe",
@@ -25,10 +25,6 @@ CLAUSES = (
     "window",
     "solve",
 )
-NOT_YET: Mapping[str, str] = {
-    "states": "sequences",
-    "dynamics": "sequences",
-}
 _MERGED = frozenset({"constants", "unknowns", "define", "derive"})
 """Clauses that are lists of named entries: ``:like`` replaces entry by entry."""
 
@@ -80,10 +76,8 @@ def effective_clauses(program: Program, problem: ProblemDefinition) -> tuple[Seq
 
 def _wrong_head(clause: Sequence) -> Diagnostic | None:
     head = clause.head or ""
-    if head in NOT_YET:
-        return language_faults.not_available_yet(clause.items[0].span, f"the clause `{head}`", NOT_YET[head])
     if head not in CLAUSES:
-        near = closest(head, (*CLAUSES, *NOT_YET))
+        near = closest(head, CLAUSES)
         return faults.unknown_clause(clause.items[0].span, head, near, CLAUSES)
     return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from mbm.expression.algebra import ONE, number
 from mbm.expression.dimension import NONE, Dimension
@@ -14,6 +15,8 @@ from mbm.problem.aggregates import Aggregate
 from mbm.problem.kinds import AggregateKind
 from mbm.problem.previous import column_before
 from mbm.problem.residual_units import with_units
+from mbm.problem.sequence.dimensions import same_columns, scale_faults
+from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import PairDeclaration, Table
 from mbm.problem.types import Block, BlockRole, Derived, NoiseKind, TablePlan, Unknown, UnknownKind
 from mbm.text.types import Diagnostic, Label, Place, Span
@@ -27,18 +30,21 @@ def infer(
     pairs: tuple[PairDeclaration, ...],
     tables: Mapping[str, Table],
     starts: Mapping[str, tuple[Number, ...]],
+    sequence: Sequence | None = None,
 ) -> tuple[dict[tuple[str, int], Dimension | None], tuple[Block, ...], list[Diagnostic]]:
     """Dimensions of the components of unknowns and derived quantities, the blocks with their units, and the clashes.
 
     ``wanted`` are the derived quantities and the aggregates in them; ``starts`` are those given from outside.
     """
     derived, aggregates = wanted
-    inference = Inference(_declared(unknowns, plans, pairs, tables))
+    declared, diagnostics = _with_steps(_declared(unknowns, plans, pairs, tables), sequence)
+    inference = Inference(declared)
+    scaled = {t.block for t in sequence.transitions if t.scale} if sequence is not None else set()
     for plan in plans:
         for kept in plan.where.cases if plan.where is not None else ():
             inference.visit(kept.values)
     for block in blocks:
-        _visit_block(inference, block)
+        _visit_block(inference, block, noisy=block.name not in scaled)
     for unknown in unknowns:
         _visit_unknown(inference, unknown)
         angle = unknown.kind is UnknownKind.ANGLE
@@ -59,7 +65,9 @@ def infer(
                 for value in lengths:
                     inference.equate(value, unit, each.span)
     inference.settle()
-    diagnostics = [_diagnostic(clash, inference, unknowns) for clash in inference.clashes]
+    diagnostics += [_diagnostic(clash, inference, unknowns) for clash in inference.clashes]
+    if sequence is not None:
+        diagnostics += scale_faults(sequence, unknowns, inference)
     united = blocks if diagnostics else with_units(blocks, inference, tables)
     return _dimensions(inference, unknowns, derived), united, _without_repeats(diagnostics)
 
@@ -146,7 +154,22 @@ def _united(unknown: Unknown) -> tuple[tuple[int, ...], ...]:
     return tuple(indices[i] for i in unknown.manifold.translation()) if unknown.dimension else indices
 
 
-def _visit_block(inference: Inference, block: Block) -> None:
+def _with_steps(declared: Declared, sequence: Sequence | None) -> tuple[Declared, list[Diagnostic]]:
+    """``declared`` with the steps' columns as one quantity, and those whose stated units differ."""
+    if sequence is None:
+        return declared, []
+    same, clashes = same_columns(sequence, declared.columns, declared.same_column)
+    shown = [
+        [f"column `{name}` of `{table}`, {declared.columns[table, name].describe()}" for table, name in pair]
+        for pair in clashes
+    ]
+    return replace(declared, same_column=same), [
+        faults.unit_clash(sequence.span, left, right, ()) for left, right in shown
+    ]
+
+
+def _visit_block(inference: Inference, block: Block, *, noisy: bool) -> None:
+    """``noisy``: the noise has the dimension of the components."""
     for values in block.when.cases if block.when is not None else ():
         inference.visit(values.values)
     for column in block.errors:
@@ -156,7 +179,7 @@ def _visit_block(inference: Inference, block: Block) -> None:
     for case in block.cases:
         for equation in case.equations:
             inference.visit((*equation.components, *equation.noise))
-            if block.unknown_factor or block.role is BlockRole.CONSTRAINT:
+            if block.unknown_factor or block.role is BlockRole.CONSTRAINT or not noisy:
                 continue
             size = len(equation.components)
             if equation.noise_kind is NoiseKind.SIGMA:

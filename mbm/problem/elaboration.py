@@ -29,6 +29,9 @@ from mbm.values import dataclass
 _ENDING = (language_faults.TOO_MANY_STEPS, faults.TOO_MUCH_TO_COMPILE)
 """Errors after which nothing more is looked at: what goes too far in one clause would do so in the others."""
 
+_PER_STEP = (faults.STATE_WITHOUT_STEP, faults.DERIVED_ELSEWHERE)
+"""Errors of forms outside of any row that may have a value at every step."""
+
 Routines: TypeAlias = Callable[[], tuple[str, ...]]
 """The names of the registered closed forms: a call, since most problems name none and need not load them."""
 
@@ -134,7 +137,8 @@ class Workspace:
         if table is None:
             self.evaluator.budget.reset(span)
             try:
-                return [((), evaluate(self.scope))]
+                with self.scope.standing(None):
+                    return [((), evaluate(self.scope))]
             except StaticColumnNeeded as need:
                 raise MbmError(language_faults.not_static(need.span, f"column `{need.column.name}`")) from None
         every = np.arange(len(table)) if when is None else np.flatnonzero(decided(when, self.tables)[:, 0])
@@ -147,7 +151,8 @@ class Workspace:
             self.evaluator.budget.reset(span)
             scope = RowScope(self.scope, table, dict(static), around=around)
             try:
-                found.append((static, evaluate(scope)))
+                with self.scope.standing(table):
+                    found.append((static, evaluate(scope)))
             except StaticColumnNeeded as need:
                 columns[need.column.name] = None
                 pending.extend(reversed(self._split(self.tables.get(table.name, table), static, rows, need)))
@@ -157,6 +162,28 @@ class Workspace:
             self.reads.grouped(table.name, columns, when)
         self.reads.everything |= not found  # which columns rows would be told apart by, only rows can say
         return found
+
+    def cases_at_steps(
+        self, table: Table | None, evaluate: Callable[[Scope], T], span: Span
+    ) -> tuple[Table | None, list[tuple[Static, T]]]:
+        """``cases``, for the table of steps where none is given and a state is mentioned; with the table taken."""
+        try:
+            return table, self.cases(table, evaluate, span)
+        except MbmError as error:
+            per_step = any(d.code in _PER_STEP for d in error.diagnostics)
+            if table is not None or self.scope.steps is None or not per_step:
+                raise
+        every = self.tables[self.scope.steps.table]
+        return every, self.cases(every, evaluate, span)
+
+    def case_of_first(self, table: Table, evaluate: Callable[[Scope], T], span: Span) -> list[tuple[Static, T]]:
+        """``evaluate`` once, for the first row of a table."""
+        self.evaluator.budget.reset(span)
+        try:
+            with self.scope.standing(table, RowChoice.FIRST):
+                return [((), evaluate(RowScope(self.scope, table, {}, RowChoice.FIRST)))]
+        except StaticColumnNeeded as need:
+            raise MbmError(language_faults.not_static(need.span, f"column `{need.column.name}`")) from None
 
     def _split(
         self, table: Table, static: Static, rows: np.ndarray, need: StaticColumnNeeded

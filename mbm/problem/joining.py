@@ -34,7 +34,12 @@ def prepare(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
         tables = with_pairs(tables, problem.pairs)
         for name in {pair.name for pair in problem.pairs} & set(problem.earlier):
             tables[name] = with_rows_before(tables[name], problem.request.for_each)
-    return with_families(tables, tuple(u.family for u in problem.unknowns if u.family is not None))
+    tables = with_families(tables, tuple(u.family for u in problem.unknowns if u.family is not None))
+    if problem.sequence is not None:
+        from mbm.problem.sequence.tables import transitions_table
+
+        tables[problem.sequence.reached] = transitions_table(problem.sequence, tables)
+    return tables
 
 
 def unfiltered(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
@@ -122,13 +127,29 @@ def distinct(table: Table, family: Family, name: str) -> Table:
     """One row for each distinct value of a family's column: the first that has it, with that column alone.
 
     A stacked column keeps its other names.
+
+    Raises:
+        MbmError: the family is ordered, and a cell is no number.
+
     """
     column = str(family.column)
-    first: dict[CellKey, int] = {}
-    for i, key in enumerate(table.keys(column)):
-        first.setdefault(key, i)
-    positions = np.fromiter(first.values(), dtype=np.int64, count=len(first))
+    if family.ordered:
+        positions = _ascending(table, column)
+    else:
+        first: dict[CellKey, int] = {}
+        for i, key in enumerate(table.keys(column)):
+            first.setdefault(key, i)
+        positions = np.fromiter(first.values(), dtype=np.int64, count=len(first))
     taken = {each: table.columns[each].take(positions) for each in family.names}
     rows = np.arange(1, len(positions) + 1)
     provenance = table.provenance.taking(table.rows[positions])
     return Table(name=name, columns=taken, rows=rows, provenance=provenance, key=column)
+
+
+def _ascending(table: Table, column: str) -> np.ndarray:
+    """The positions of the first row with each value of a column of numbers, by value."""
+    values = table.numbers(column)
+    wrong = np.flatnonzero(~np.isfinite(values))[:MAXIMUM_REPORTED].tolist()
+    if wrong:
+        raise MbmError(*(faults.not_finite_cell(table.place(i, column), column, float(values[i]), None) for i in wrong))
+    return np.unique(values, return_index=True)[1]

@@ -52,3 +52,10 @@ class Gauge(StrEnum):
 
     REPORT = "report"
     FREE = "free"
+
+
+class ConstraintMethod(StrEnum):
+    """How constraints are met; the value is the name in ``:constraints``."""
+
+    PENALTY = "penalty"
+    EXACT = "exact"

@@ -1,4 +1,4 @@
-"""What single numbers of unknowns and derived quantities are called: ``p[1]``, ``theta[2,1]``, ``cam["left"][3]``."""
+"""What single numbers of unknowns and derived quantities are called: ``p[1]``, ``cam["left"][3]``, ``w@12[1]``."""
 
 from __future__ import annotations
 
@@ -46,12 +46,17 @@ def key_text(key: CellKey) -> str:
     return json.dumps(key, ensure_ascii=False)
 
 
-def member_name(name: str, key: CellKey | None) -> str:
-    """A quantity, or its member ``key`` where it has members: ``p``, ``cam["left"]``, ``x[1234567]``."""
-    return name if key is None else f"{name}[{key_text(key)}]"
+def member_name(name: str, key: CellKey | None, *, at_step: bool = False) -> str:
+    """A quantity, or its member ``key`` where it has members: ``p``, ``cam["left"]``, ``x[1234567]``.
+
+    ``at_step``: the key is a step, ``w@12``.
+    """
+    if key is None:
+        return name
+    return f"{name}@{key_text(key)}" if at_step else f"{name}[{key_text(key)}]"
 
 
-def scalar_name(name: str, key: CellKey | None, index: tuple[int, ...]) -> str:
+def scalar_name(name: str, key: CellKey | None, index: tuple[int, ...], *, at_step: bool = False) -> str:
     """One number of a quantity, as CONTRACT §2 names rows of covariances; ``index`` counts from 1, () for a number."""
-    member = member_name(name, key)
+    member = member_name(name, key, at_step=at_step)
     return f"{member}[{','.join(map(str, index))}]" if index else member

@@ -55,7 +55,8 @@ def sample(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     sampling = Sampling(table=table.name, by=_time_column(table, options.get("by"), name.span), at=at, span=form.span)
 
     def evaluated(row: RowChoice) -> Value:
-        value = evaluator.wanted(sampled, RowScope(world, table, {}, row, scope, sampling))
+        with world.standing(None):
+            value = evaluator.wanted(sampled, RowScope(world, table, {}, row, scope, sampling))
         _refuse_nested(_elements(value, sampled.span), sampled.span, sampling)
         return value
 

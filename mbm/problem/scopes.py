@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import field
 
-from mbm.expression.nodes import Column, Member, Number, RowChoice, Sampling
+from mbm.expression.nodes import Column, ColumnMember, Member, Number, RowChoice, Sampling
 from mbm.language import faults
 from mbm.language.coerce import scalar
 from mbm.language.scope import LocalScope
@@ -20,11 +21,52 @@ from mbm.values import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A name of the problem: its value (made when first needed), what it is, and where it is declared."""
+    """A name of the problem: its value (made when first needed), what it is, and where it is declared.
+
+    ``at_step`` makes the value of a state, given what picks the member.
+    """
 
     kind: str
     span: Span
     make: Callable[[], Value] = field(repr=False)
+    at_step: Callable[[Member], Value] | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Steps:
+    """The column whose values are the steps, the table that is made of them, and that of the steps reached, where the
+    column ``previous`` names the step before and ``interval`` is the time to the step.
+    """
+
+    column: str
+    table: str
+    reached: str
+    previous: str
+    interval: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Here:
+    """Where a form is evaluated: for the rows of ``table``, with what picks the states' members there.
+
+    ``interval``: the time to the step, in transitions.
+    """
+
+    table: str | None = None
+    member: Member | None = None
+    interval: Column | None = None
+
+
+def _here(steps: Steps | None, table: Table | None, row: RowChoice) -> Here:
+    """Where forms are that stand in the ``row`` of ``table``; in transitions states are those of the step before."""
+    if table is None:
+        return Here()
+    if steps is None or steps.column not in table.columns:
+        return Here(table=table.name)
+    if table.name != steps.reached:
+        return Here(table=table.name, member=ColumnMember(table=table.name, column=steps.column, row=row))
+    before = ColumnMember(table=table.name, column=steps.previous, row=row)
+    return Here(table=table.name, member=before, interval=Column(table.name, steps.interval, row))
 
 
 class ProblemScope:
@@ -43,8 +85,11 @@ class ProblemScope:
         self.evaluator: Evaluator | None = None
         self.earlier: Callable[[Table], Table] | None = None
         self.gather: Callable[[AggregateKind, Sequence, Scope], Value] | None = None
+        self.steps: Steps | None = None
         self._values: dict[str, Value] = {}
         self._open: list[str] = []
+        self._here: Here = Here()
+        self._placed = 0
 
     def add(self, name: str, entry: Entry) -> None:
         """Declare a name; two declarations of one name are an error."""
@@ -63,12 +108,47 @@ class ProblemScope:
         if name in self._open:
             raise MbmError(faults.circular_definition(span, (*self._open[self._open.index(name) :], name)))
         self._open.append(name)
+        placed = self._placed
         try:
-            value = entry.make()
+            value = entry.make() if entry.at_step is None else entry.at_step(self._step(name, span))
         finally:
             self._open.pop()
-        self._values[name] = value
+        if self._placed == placed:  # what mentions a state is another thing at every step
+            self._values[name] = value
         return value
+
+    @contextmanager
+    def standing(self, table: Table | None, row: RowChoice = RowChoice.EACH) -> Iterator[None]:
+        """Forms inside are evaluated for rows of ``table``: states are those of the rows' steps."""
+        with self.at(_here(self.steps, table, row)):
+            yield
+
+    @contextmanager
+    def at(self, here: Here) -> Iterator[None]:
+        """Forms inside are evaluated ``here``."""
+        before, self._here = self._here, here
+        try:
+            yield
+        finally:
+            self._here = before
+
+    @property
+    def here(self) -> Here:
+        """Where forms are being evaluated."""
+        return self._here
+
+    def _step(self, name: str, span: Span) -> Member:
+        """What picks the member of a state ``name`` that belongs to the row at hand.
+
+        Raises:
+            MbmError: there is no such row.
+
+        """
+        self._placed += 1
+        if self._here.member is None:
+            column = self.steps.column if self.steps is not None else ""
+            raise MbmError(problem_faults.state_without_step(span, name, column, self._here.table))
+        return self._here.member
 
     def defined(self, name: str, scope: Scope, span: Span) -> Value | None:
         """The value in ``scope`` of a name of a ``define`` clause: columns are those of the place where it is used."""

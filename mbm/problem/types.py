@@ -15,9 +15,10 @@ from mbm.expression.nodes import Expression
 from mbm.expression.projection import Projection
 from mbm.expression.units import Unit
 from mbm.problem.aggregates import Aggregate
-from mbm.problem.kinds import ConstraintKind, Gauge, LossKind, Relation
+from mbm.problem.kinds import ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.overrides import ConstantValue
+from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration
 from mbm.text.types import Diagnostic, Span
 from mbm.values import dataclass
@@ -43,7 +44,8 @@ class Family:
 
     ``rows`` is the table that holds one row for each member (``table`` itself, or a table made of the distinct values),
     ``key`` the column of it that holds the key; None where rows are named by their number. ``sources`` are the tables
-    and columns that ``table`` is stacked from, where a family goes over the values of several.
+    and columns that ``table`` is stacked from, where a family goes over the values of several. ``ordered``: the rows
+    ascend with the key, which is a number.
     """
 
     table: str
@@ -51,6 +53,7 @@ class Family:
     rows: str
     key: str | None
     sources: tuple[tuple[str, str], ...] = ()
+    ordered: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -107,6 +110,11 @@ class Unknown:
     unit: Unit | None
     doc: str
     span: Span
+
+    @property
+    def is_state(self) -> bool:
+        """It has a value at every step of a sequence."""
+        return self.family is not None and self.family.ordered
 
     @property
     def size(self) -> int:
@@ -171,11 +179,12 @@ class EquationCase:
 
 
 class BlockRole(StrEnum):
-    """Whether a block of equations is measured, known besides with some uncertainty, or demanded."""
+    """Whether equations are measured, known besides with some uncertainty, demanded, or carry states on."""
 
     OBSERVATION = "observation"
     PRIOR = "prior"
     CONSTRAINT = "constraint"
+    TRANSITION = "transition"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,6 +226,7 @@ class Block:
     the columns ``distinct`` one counts. ``loss`` acts on each equation and row. ``errors``: which measured columns are
     corrected; the equations' own noise adds to theirs (0 if not stated). ``constraint``: how one is written.
     ``earlier``: the row before is mentioned, so that the first of a key is unused.
+    ``singular``: combinations of the components may be without noise.
     """
 
     name: str
@@ -230,6 +240,7 @@ class Block:
     errors: tuple[UncertainColumn, ...] = ()
     constraint: ConstraintKind | None = None
     earlier: bool = False
+    singular: bool = False
     span: Span
 
 
@@ -325,13 +336,6 @@ class GivenStarts:
     starts: tuple[Mapping[str, tuple[float, ...]], ...]
 
 
-class ConstraintMethod(StrEnum):
-    """How constraints are met; the value is the name in ``:constraints``."""
-
-    PENALTY = "penalty"
-    EXACT = "exact"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Window:
     """``(window COLUMN :length L :step S :min-rows n)``, in SI: rows with ``end − length < column ≤ end``."""
@@ -380,6 +384,7 @@ class Problem:
     written_out: tuple[Span, ...] = ()
     earlier: tuple[str, ...] = ()
     request: Request
+    sequence: Sequence | None = None
     dimensions: Mapping[tuple[str, int], Dimension | None]
     warnings: tuple[Diagnostic, ...] = ()
     span: Span

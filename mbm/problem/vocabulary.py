@@ -1,4 +1,4 @@
-"""Special forms that know the problem's tables: ``(first TABLE FORM)``, ``(last TABLE FORM)``, ``(sample …)``."""
+"""What knows the problem: ``(first TABLE FORM)``, ``(last TABLE FORM)``, ``(sample …)``; ``(dt)`` and ``(rate x)``."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from types import MappingProxyType
 
 from mbm.expression.nodes import RowChoice
 from mbm.language import faults as language_faults
-from mbm.language.values import Evaluator, Scope, SpecialForm, Value
+from mbm.language.values import Builtin, Call, Evaluator, FunctionTable, Macro, Scope, SpecialForm, Value
 from mbm.problem import faults
 from mbm.problem.sampling import sample
 from mbm.problem.scopes import ProblemScope, RowScope
+from mbm.problem.sequence.types import RATE
 from mbm.text.types import MbmError, Sequence, Symbol
 
 
@@ -23,7 +24,9 @@ def _chosen(row: RowChoice) -> SpecialForm:
         tables = world.tables if isinstance(world, ProblemScope) else {}
         if not isinstance(world, ProblemScope) or name.name not in tables:
             raise MbmError(faults.unknown_table(name.span, name.name, tuple(tables)))
-        return evaluator.wanted(form.items[2], RowScope(world, tables[name.name], {}, row, scope))
+        table = tables[name.name]
+        with world.standing(table, row):
+            return evaluator.wanted(form.items[2], RowScope(world, table, {}, row, scope))
 
     return special
 
@@ -33,11 +36,42 @@ SPECIAL_FORMS: Mapping[str, SpecialForm] = MappingProxyType(
 )
 """Added to the special forms while a problem is compiled."""
 
-NOT_YET: Mapping[str, str] = MappingProxyType(
+
+def _interval(call: Call) -> Value:
+    world = call.evaluator.world
+    if not isinstance(world, ProblemScope) or world.steps is None:
+        raise MbmError(faults.no_states(call.span, "`(dt)`"))
+    interval = world.here.interval
+    if interval is None:
+        message = "`(dt)` is the time to the step that a transition reaches"
+        raise MbmError(language_faults.bad_form(call.span, message, "(= (next x) (+ x (* (dt) v)) :sigma q)"))
+    return interval
+
+
+class _Rate(Macro):
+    """``(rate x)``."""
+
+    __slots__ = ()
+    name, usage = "rate", "(rate x)"
+    doc = "The rate of a state that goes on with constant velocity, per unit of the steps' column in SI."
+
+    def call(self, call: Call) -> Value:
+        """The state that ``constant-velocity`` adds."""
+        world, forms = call.evaluator.world, call.forms
+        if not isinstance(world, ProblemScope) or world.steps is None:
+            raise MbmError(faults.no_states(call.span, "`(rate x)`"))
+        if len(forms) != 1 or not isinstance(forms[0], Symbol):
+            raise MbmError(language_faults.bad_form(call.span, "`rate` takes the name of a state", "(rate x)"))
+        name = forms[0].name + RATE
+        if name not in world.entries:
+            raise MbmError(faults.state_without_rate(forms[0].span, forms[0].name))
+        return call.evaluator.wanted(Symbol(name=name, span=call.span), call.scope)
+
+
+FUNCTIONS: FunctionTable = MappingProxyType(
     {
-        "next": "sequences",
-        "dt": "sequences",
-        "rate": "sequences",
+        "dt": Builtin("dt", "(dt)", "The time to the step that a transition reaches.", 0, 0, _interval),
+        "rate": _Rate(),
     }
 )
-"""Names that belong to problems and come later."""
+"""Functions that know the problem's steps; a definition of the user's goes before."""

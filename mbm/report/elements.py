@@ -40,16 +40,19 @@ def plain_key(key: Key) -> str | int | float | None:
 
 
 def element_names(quantity: Quantity, keys: tuple[Key, ...] | None = None) -> tuple[str, ...]:
-    """``p``, ``p[1]``, ``theta[2,1]``, ``q["waist"]``, ``cam["left"][3]``: the names of all scalars, row by row."""
+    """``p``, ``p[1]``, ``theta[2,1]``, ``q["waist"]``, ``w@12[1]``: the names of all scalars, row by row."""
     if quantity.kind in geometric.GEOMETRIC:
-        labels = geometric.manifold(quantity).labels
-        return tuple(
-            member_name(quantity.name, key) + label for key in ((None,) if keys is None else keys) for label in labels
-        )
-    indices = product(*(range(1, n + 1) for n in quantity.shape))
-    places = [scalar_name("", None, index) for index in indices]
-    names = (member_name(quantity.name, key) for key in ((None,) if keys is None else keys))
+        places = list(geometric.manifold(quantity).labels)
+    else:
+        indices = product(*(range(1, n + 1) for n in quantity.shape))
+        places = [scalar_name("", None, index) for index in indices]
+    names = (own_name(quantity, key) for key in ((None,) if keys is None else keys))
     return tuple(name + place for name in names for place in places)
+
+
+def own_name(quantity: Quantity, key: Key | None) -> str:
+    """A quantity, or its member: ``q["waist"]``, ``w@12``."""
+    return member_name(quantity.name, key, at_step=quantity.over is not None)
 
 
 def shown_sigma(item: Estimate | DerivedValue) -> Floats:

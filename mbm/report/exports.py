@@ -11,8 +11,7 @@ from math import isfinite
 from typing import TextIO
 
 from mbm.data.writers import DelimitedLines
-from mbm.problem.naming import member_name
-from mbm.report.elements import Scalar, plain_key, scalars, unit_text
+from mbm.report.elements import Scalar, own_name, plain_key, scalars, unit_text
 from mbm.report.numbers import USUAL
 from mbm.report.solve_columns import solve_columns
 from mbm.report.types import DerivedValue, Estimate, Key, Result, SolveReport
@@ -78,7 +77,7 @@ def write_estimates(result: Result, stream: TextIO) -> None:
             each = len(found) // max(len(item.keys), 1) if item.keys is not None else len(found)
             for place, scalar in enumerate(found):
                 member = None if item.keys is None else item.keys[place // each]
-                beginning = member_name(item.quantity.name, member)
+                beginning = own_name(item.quantity, member)
                 lines.row(
                     [
                         *key,

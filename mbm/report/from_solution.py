@@ -216,20 +216,25 @@ class _Each:
 
 def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each) -> Estimate:
     leading = () if entry.keys is None else (entry.members,)
+    steps = () if entry.steps is None else (len(entry.steps),)
     numbers = solution.numbers[entry.range].copy()
     if entry.unknown.kind is UnknownKind.ANGLE:
         numbers = half_turns(numbers)
     place = entry.coordinates
-    shape = (*leading, *(entry.unknown.shape if not entry.unknown.dimension else (entry.unknown.freedom,)))
+    own = entry.unknown.shape
+    shape = (*leading, *(own if not entry.unknown.dimension else (entry.unknown.freedom,)))
     bound = each.bound[place]
+    every = (*steps, *shape)
     return Estimate(
         quantity=quantity,
-        value=numbers.reshape((*leading, *entry.unknown.shape)),
-        sigma=each.sigma[place].reshape(shape),
-        fixed=each.fixed[place].reshape(shape),
-        keys=entry.keys,
+        value=np.broadcast_to(
+            numbers.reshape((*leading, *entry.unknown.shape)), (*steps, *leading, *entry.unknown.shape)
+        ),
+        sigma=np.broadcast_to(each.sigma[place].reshape(shape), every),
+        fixed=np.broadcast_to(each.fixed[place].reshape(shape), every),
+        keys=entry.keys if entry.steps is None else entry.steps,
         per=entry.unknown.family.rows if entry.unknown.family is not None else None,
-        at_bound=bound.reshape(shape) if bool(bound.any()) else None,
+        at_bound=np.broadcast_to(bound.reshape(shape), every) if bool(bound.any()) else None,
         reason=each.why_missing(place),
     )
 
@@ -325,9 +330,10 @@ def _unused(solution: Solution) -> tuple[str, ...]:
     unused[solution.unused] = True
     names: list[str] = []
     for entry in solution.layout.entries:
-        keys = entry.keys if entry.keys is not None else (None,)
+        keys, at_step = entry.keys if entry.keys is not None else (None,), entry.unknown.is_state
         alone = unused[entry.coordinates].reshape(entry.members, entry.unknown.freedom).all(axis=1)
-        names.extend(member_name(entry.unknown.name, keys[member]) for member in np.flatnonzero(alone))
+        which = np.flatnonzero(alone)
+        names.extend(member_name(entry.unknown.name, keys[member], at_step=at_step) for member in which)
     return tuple(names)
 
 

@@ -75,7 +75,8 @@ def members(unknown: Unknown, tables: Mapping[str, Table], key: Mapping[str, Cel
     if family is None:
         return ()
     cells = member_of_row(family, tables[family.table])
-    return tuple(dict.fromkeys(cells[row] for row in rows_of_solve(tables[family.table], key)))
+    found = dict.fromkeys(cells[row] for row in rows_of_solve(tables[family.table], key))
+    return tuple(sorted(found, key=float)) if family.ordered else tuple(found)
 
 
 def member_of_row(family: Family, table: Table) -> Sequence[CellKey]:

@@ -55,6 +55,7 @@ def quantity_of(problem: Problem, unknown: Unknown) -> Quantity:
         unit=unit,
         factor=factor,
         doc=unknown.doc or None,
+        over=_steps(problem) if unknown.is_state else None,
     )
 
 
@@ -65,8 +66,14 @@ def coordinate_factors(quantity: Quantity, entry: Entry) -> Floats:
     return np.full(entry.count, quantity.factor)
 
 
+def _steps(problem: Problem) -> str | None:
+    return None if problem.sequence is None else problem.sequence.column
+
+
 def derived_quantity(problem: Problem, derived: Derived) -> Quantity:
     """How a derived quantity is shown."""
+    sequence = problem.sequence
+    over = _steps(problem) if sequence is not None and derived.table == sequence.steps else None
     size = len(derived.cases[0].values) if derived.cases else 1
     if derived.kind is not None:
         square = derived.dimension**2
@@ -74,10 +81,12 @@ def derived_quantity(problem: Problem, derived: Derived) -> Quantity:
         unit, factor = _unit(derived.unit, False, problem, derived.name, lengths)
         kind = Kind(derived.kind.value)
         shape, dimension = derived.shape, derived.dimension
-        return Quantity(name=derived.name, kind=kind, shape=shape, dimension=dimension, unit=unit, factor=factor)
+        return Quantity(
+            name=derived.name, kind=kind, shape=shape, dimension=dimension, unit=unit, factor=factor, over=over
+        )
     unit, factor = _unit(derived.unit, derived.angle, problem, derived.name, range(size))
     kind = Kind.ANGLE if derived.turns else Kind.VECTOR if derived.shape else Kind.REAL
-    return Quantity(name=derived.name, kind=kind, shape=derived.shape, unit=unit, factor=factor)
+    return Quantity(name=derived.name, kind=kind, shape=derived.shape, unit=unit, factor=factor, over=over)
 
 
 def _united(unknown: Unknown) -> range:

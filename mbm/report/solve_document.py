@@ -100,7 +100,8 @@ def _why_missing(solve: SolveReport, name: str) -> str:
 
 
 def _estimate(item: Estimate) -> dict[str, Any]:
-    written = _family("per", item.per, item.keys)
+    over = item.quantity.over
+    written = _family("per", item.per, item.keys) if over is None else _family("over", over, item.keys)
     written |= _value_and_sigma(item)
     if item.fixed.any():
         written["fixed"] = item.fixed.tolist()
@@ -110,7 +111,7 @@ def _estimate(item: Estimate) -> dict[str, Any]:
 
 
 def _derived(item: DerivedValue) -> dict[str, Any]:
-    return _family("over", item.over, item.keys) | _value_and_sigma(item)
+    return _family("over", item.quantity.over or item.over, item.keys) | _value_and_sigma(item)
 
 
 def _family(word: str, table: str | None, keys: tuple[Key, ...] | None) -> dict[str, Any]:
@@ -178,10 +179,15 @@ def _observability(found: Observability | None, factors: Mapping[str, float]) ->
     }
 
 
+def _quantity_of(name: str) -> str:
+    """The unknown whose number is called so."""
+    return name.partition("[")[0].partition("@")[0]
+
+
 def _direction(direction: FreeDirection, factors: Mapping[str, float]) -> dict[str, Any]:
-    """The coefficients in the units of the estimates, whose name is what precedes the index."""
+    """The coefficients in the units of the estimates."""
     coefficients = {
-        name: _number(movement / factors.get(name.partition("[")[0], 1.0))
+        name: _number(movement / factors.get(_quantity_of(name), 1.0))
         for name, movement in direction.coefficients.items()
     }
     return {

@@ -79,7 +79,8 @@ class Quantity:
 
     ``shape`` is ``()`` for a number, ``(n,)`` for a vector, ``(n,)`` or ``(n, m)`` for an array (of one family member);
     directions, rotations, poses and similarities have the shape of the numbers that hold them, and a ``dimension``.
-    ``unit`` is the text documents show (None: none is known); value in that unit = SI value / ``factor``.
+    ``unit`` is the text documents show (None: none is known); value in that unit = SI value / ``factor``. ``over`` is
+    the column of the steps of what has a value at each.
     """
 
     name: str
@@ -89,6 +90,7 @@ class Quantity:
     unit: str | None = None
     factor: float = 1.0
     doc: str | None = None
+    over: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

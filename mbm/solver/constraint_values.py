@@ -12,7 +12,7 @@ from mbm.solver.description import Block, Problem
 from mbm.solver.equations import gather, groups_of, portion
 from mbm.solver.fused import separate_rows
 from mbm.solver.linear_algebra import filled
-from mbm.solver.workspace import Linearisation, Work
+from mbm.solver.workspace import Linearisation, Rows, Work
 
 
 @distinct_arrays
@@ -55,40 +55,53 @@ def linearise(
 
 def evaluate(problem: Problem, point: ConstantReals, sloped: Integer, work: Work, values: Reals) -> None:
     """Values of all constraints at a point; with ``sloped`` 1 their derivatives are added to zeros in `slopes`."""
-    n = problem.n
-    rows = work.rows
     inputs = 0
     done = 0
     for b in range(problem.residual_blocks + problem.constraint_blocks):
         block = problem.blocks[b]
-        part = rows.data.blocks[b]
-        count = separate_rows(problem, rows, b) if LANES > 1 else part.rows
-        width = (block.variables + block.parameters) * LANES
+        count = separate_rows(problem, work.rows, b) if LANES > 1 else work.rows.data.blocks[b].rows
         if b >= problem.residual_blocks:
-            gather(block, count, rows.index[part.index :], point, rows.inputs[inputs:])
-            columns = rows.columns[part.columns :]
-            first = 0
-            while first < count:
-                own = portion(problem, block) * LANES
-                if first + own > count:
-                    own = count - first
-                given = rows.inputs[inputs + first // LANES * width :]
-                if sloped == 1:
-                    call_kernel(block.jacobian, given, rows.outputs, groups_of(own))
-                    # fmt: off
-                    add_slopes(
-                        problem, block, columns, first, own, rows.outputs, values[done:], work.slopes[done * n :]
-                    )
-                    # fmt: on
-                else:
-                    call_kernel(block.values, given, rows.outputs, groups_of(own))
-                    for row in range(own):
-                        for i in range(block.outputs):
-                            at = (row // LANES * block.outputs + i) * LANES + row % LANES
-                            values[done + row * block.outputs + i] = rows.outputs[at]
-                done += own * block.outputs
-                first += own
-        inputs += groups_of(count) * width
+            slopes = work.slopes[done * problem.n :]
+            evaluate_block(problem, b, work.rows, work.rows.inputs[inputs:], point, sloped, values[done:], slopes)
+            done += count * block.outputs
+        inputs += groups_of(count) * (block.variables + block.parameters) * LANES
+
+
+def evaluate_block(
+    problem: Problem,
+    b: Integer,
+    rows: Rows,
+    inputs: Reals,
+    point: ConstantReals,
+    sloped: Integer,
+    values: Reals,
+    slopes: Reals,
+) -> None:
+    """Values of the constraints of one block, row by row; with ``sloped`` 1 their derivatives are added likewise."""
+    n = problem.n
+    block = problem.blocks[b]
+    part = rows.data.blocks[b]
+    count = part.rows
+    width = (block.variables + block.parameters) * LANES
+    gather(block, count, rows.index[part.index :], point, inputs)
+    columns = rows.columns[part.columns :]
+    first = 0
+    while first < count:
+        own = portion(problem, block) * LANES
+        if first + own > count:
+            own = count - first
+        given = inputs[first // LANES * width :]
+        done = first * block.outputs
+        if sloped == 1:
+            call_kernel(block.jacobian, given, rows.outputs, groups_of(own))
+            add_slopes(problem, block, columns, first, own, rows.outputs, values[done:], slopes[done * n :])
+        else:
+            call_kernel(block.values, given, rows.outputs, groups_of(own))
+            for row in range(own):
+                for i in range(block.outputs):
+                    at = (row // LANES * block.outputs + i) * LANES + row % LANES
+                    values[done + row * block.outputs + i] = rows.outputs[at]
+        first += own
 
 
 def tell_equations(problem: Problem, work: Work) -> None:

@@ -1,4 +1,4 @@
-"""The solver and consensus as modules of the little language: what is called from outside, and all that it calls."""
+"""The solver, consensus and filters as modules of the little language: what is called, and all that it calls."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from mbm.machine.tree import Module
 from mbm.solver.batch import finish_solve, go_on, set_end, solve_many, start_solve
 from mbm.solver.chi_square import chi_square_tails
 from mbm.solver.consensus import consensus_in_portions, consensus_many
+from mbm.solver.filters import begin_walk, filter_steps
+from mbm.solver.smoother_lag import lag_steps
+from mbm.solver.smoothers import smooth_all
 from mbm.solver.spheres import places_of_many
 
 
@@ -19,3 +22,8 @@ def solver_module(lanes: int) -> Module:
 def consensus_module(lanes: int) -> Module:
     """Consensus likewise: beside the solver, for few problems ask it."""
     return module_of("consensus", (consensus_many, consensus_in_portions), constants={"LANES": lanes})
+
+
+def filters_module(lanes: int) -> Module:
+    """Filters and smoothers likewise."""
+    return module_of("filters", (begin_walk, filter_steps, smooth_all, lag_steps), constants={"LANES": lanes})

@@ -67,6 +67,33 @@ def whiten_portion(
     root_values(rows.constants, block, groups, right)
 
 
+def slope_portion(
+    problem: Problem,
+    b: Integer,
+    first: Integer,
+    groups: Integer,
+    rows: Rows,
+    inputs: ConstantReals,
+    weights: ConstantReals,
+    chunk: Reals,
+) -> None:
+    """Rows of ``[J r]`` of so many kernel blocks from ``first`` on, whose ``inputs`` and ``weights`` these are."""
+    n = problem.n
+    stride = problem.chunk
+    block = problem.blocks[b]
+    outputs = rows.outputs
+    call_kernel(block.jacobian, inputs, outputs, groups)
+    for column in range(n):
+        filled(groups * block.outputs * LANES, 0.0, chunk[column * stride :])
+    scatter(problem, block, rows.data.blocks[b], first, groups, rows, weights, chunk)
+    right = chunk[n * stride :]
+    if b < problem.residual_blocks:
+        whiten_portion(problem, rows, block, groups, weights, right, chunk)
+    else:
+        penalise_values(block, groups, block.outputs + block.nonzero_count, outputs, weights, right)
+        penalise_slopes(problem, block, groups, weights, right, chunk)
+
+
 def sweep(
     problem: Problem,
     point: ConstantReals,
@@ -85,7 +112,6 @@ def sweep(
     stride = problem.chunk
     inputs = 0
     whitening = 0
-    outputs = rows.outputs
     chunk = rows.chunk
     filled((n + 1) * (n + 1) if mode == 0 else n, 0.0, target)
     there = fused_rows(problem, rows, 1, point, stride, chunk) if LANES > 1 else 0
@@ -112,18 +138,9 @@ def sweep(
                 settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
                 settled += there
                 there = 0
-            call_kernel(block.jacobian, rows.inputs[inputs + first * width :], outputs, groups)
+            given = rows.inputs[inputs + first * width :]
             weights = rows.weights[whitening + first * heavy :]
-            for column in range(n):
-                filled(groups * lines, 0.0, chunk[column * stride + there :])
-            scatter(problem, block, part, first, groups, rows, weights, chunk[there:])
-            right = chunk[n * stride + there :]
-            if b < problem.residual_blocks:
-                whiten_portion(problem, rows, block, groups, weights, right, chunk[there:])
-            else:
-                every = block.outputs + block.nonzero_count
-                penalise_values(block, groups, every, outputs, weights, right)
-                penalise_slopes(problem, block, groups, weights, right, chunk[there:])
+            slope_portion(problem, b, first, groups, rows, given, weights, chunk[there:])
             there += groups * lines
             first += groups
         inputs += groups_of(count) * width

@@ -52,6 +52,11 @@ class Blocked(Forwarding):
         """What evaluates the kernels."""
         return self.equations.backend
 
+    @property
+    def floored(self) -> bool:
+        """Some combination of residuals has hardly any noise beside others."""
+        return self.equations.floored
+
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals with losses (all,), zero where left out."""
         found, rows = self.equations.residuals(x), self.found.rows

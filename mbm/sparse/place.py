@@ -27,6 +27,11 @@ class BlockEquations(Equations, Protocol):
         """What evaluates the kernels."""
         ...
 
+    @property
+    def floored(self) -> bool:
+        """Some combination of residuals has hardly any noise beside others."""
+        ...
+
     def structure(self) -> Structure:
         """Which blocks there are; the same for every point."""
         ...

@@ -60,7 +60,7 @@ def test_the_language_reference_names_every_clause_and_option():
     from mbm.problem.reading import declarations
 
     text = "".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in OF_THE_LANGUAGE)
-    for clause in (*clauses.CLAUSES, *clauses.NOT_YET):
+    for clause in clauses.CLAUSES:
         assert re.search(rf"`[^`]*\(?{re.escape(clause)}\b[^`]*`", text), clause
     for option in declarations.OPTIONS:
         assert f":{option}" in text, option

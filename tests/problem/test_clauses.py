@@ -228,8 +228,7 @@ def test_qualified_names_and_let_settle_ambiguity(estimate):
 @pytest.mark.parametrize(
     "clause",
     [
-        "(states :over frame (w))", "(dynamics (random-walk a))",
-        "(constraints (<= a 1 :at first))", "(solve :constraints truncate)",
+        "(solve :constraints truncate)",
         "(observe t (= y a) :bound 1)",
     ],
 )  # fmt: skip

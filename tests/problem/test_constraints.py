@@ -152,7 +152,7 @@ def test_what_holds_without_unknowns_leaves_no_constraint(solve):
         ("(nearly a 1)", "bad-form", "nearly"),
         ("(<= [a b] [1 2 3])", "unequal-sides", "(<= [a b] [1 2 3])"),
         ("(<= (< a b) 1)", "wrong-kind", None),
-        ("(<= a 1 :at first)", "not-available-yet", ":at"),
+        ("(<= a 1 :at first)", "no-states", "first"),
     ],
 )
 def test_what_is_refused(solve, faults, constraints, code, text):

@@ -15,6 +15,7 @@ from mbm.estimation.batches.types import REASONS, Ends, Kept, Solver, Which
 from mbm.estimation.settings import Settings
 
 if TYPE_CHECKING:
+    from mbm.estimation.minimise.native.packing import Rows
     from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem
     from mbm.solver.range_maps import RangeMaps
 
@@ -40,7 +41,9 @@ def native_sets(stack: Stack, settings: Settings) -> NativeSystem | None:
 
     most = [int(rows.max(initial=0)) for rows in stack.rows]
     made = system_of(stack.equations, settings, most_rows=most)
-    return None if made is None else replace(made, rows=replace(made.rows, data=_sets(stack, made)))
+    return (
+        None if made is None else replace(made, rows=replace(made.rows, data=data_sets(stack, made.system, made.rows)))
+    )
 
 
 def reweighted(stack: Stack, native: NativeSystem, which: Which, scales: Sequence[Floats | None]) -> NativeSystem:
@@ -113,15 +116,15 @@ def plain_ends(found: NativeEnds) -> Ends:
     )
 
 
-def _sets(stack: Stack, native: NativeSystem) -> Indices:
+def data_sets(stack: Stack, system: Indices, rows: Rows) -> Indices:
     """For each solve, how many residuals it has and where its rows stand, as `mbm.solver.description` says."""
     from mbm.estimation.minimise.native.packing import blocks_of
     from mbm.solver import description as of
 
-    every = native.rows.data[0]
+    every = rows.data[0]
     data = np.tile(every, (stack.solves, 1))
     data[:, of.DataSet.count] = stack.residuals
-    blocks = blocks_of(native.system)
+    blocks = blocks_of(system)
     steps = (
         (of.DataBlock.parameters, of.Block.parameters),
         (of.DataBlock.weights, of.Block.weights),

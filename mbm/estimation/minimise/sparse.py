@@ -18,6 +18,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.metric import first_bad
 from mbm.equations.pushing import pushed
 from mbm.equations.types import Equations, Floats, Minimum, Reason
+from mbm.equations.whitening import FLOOR
 from mbm.estimation.minimise.sparse_steps import CLOSE, Known, State, offset_at, proposed, recalled
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Method
@@ -50,6 +51,11 @@ TRIALS = 60
 
 MANY = 15.0
 """Steps from which on one of Newton's is worth the derivatives at as many points that it takes."""
+
+
+def least_damping(equations: BlockEquations) -> float:
+    """`LEAST`, which is relative to the diagonal: less where that is of rows which weigh far more than others."""
+    return LEAST * FLOOR**2 if equations.floored else LEAST
 
 
 @np.errstate(all="ignore")
@@ -101,7 +107,8 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: P
         residuals=residuals,
         tolerance=settings.tolerance,
         rule=rule,
-        damping=LEAST if equations.linear or rule in RULES else FIRST,
+        least=least_damping(equations),
+        damping=least_damping(equations) if equations.linear or rule in RULES else FIRST,
         growth=2.0,
         radius=inf,
         length=inf,
@@ -150,8 +157,8 @@ def _tried(equations: BlockEquations, state: State, here: Place) -> State:
     if promise <= 0.0 and state.damping < MOST and bool(step.any()):
         return _shortened(state)
     offset = offset_at(equations, here, promise if known.whole is None else known.whole[1])
-    if offset <= state.tolerance and (state.damping > LEAST or known.normal is None):
-        return replace(state, damping=LEAST, known=Known(normal=known.normal))
+    if offset <= state.tolerance and (state.damping > state.least or known.normal is None):
+        return replace(state, damping=state.least, known=Known(normal=known.normal))
     if not state.slow and _creeps(state, offset):
         return replace(state, slow=True, known=Known(normal=known.normal))
     state = replace(state, offset=offset)
@@ -234,7 +241,7 @@ def _shortened(state: State) -> State:
 
 def _accepted(state: State, point: Floats, residuals: Floats, share: float, rejected: State) -> State:
     """The state at a ``point``; factors go with it where they may be of use there."""
-    damping = max(state.damping * (RELIEF if share > GOOD else damping_factor(share)), LEAST)
+    damping = max(state.damping * (RELIEF if share > GOOD else damping_factor(share)), state.least)
     return replace(
         state,
         place=None,
@@ -244,7 +251,7 @@ def _accepted(state: State, point: Floats, residuals: Floats, share: float, reje
         damping=damping,
         growth=2.0,
         radius=radius_after(share, state.radius, state.length, int(not state.limited)),
-        before=state.offset if damping <= LEAST and not state.limited else inf,
+        before=state.offset if damping <= state.least and not state.limited else inf,
         trials=0,
         back=replace(rejected, place=None, known=Known(whole=rejected.known.whole)),
         iterations=state.iterations + 1,

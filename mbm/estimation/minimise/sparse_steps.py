@@ -55,6 +55,7 @@ class State:
     ``rule`` says how steps are limited: by ``damping``, or to a ``radius``; then ``length`` is that of the last step,
     and ``limited`` whether it was. ``slow``: Gauss-Newton's steps converge so slowly that Newton's pay. ``before`` is
     the offset that a whole step led from to the point (infinite: it was not whole), ``trials`` counts those from there.
+    ``least`` is the damping that is as good as none.
     """
 
     equations: BlockEquations
@@ -65,6 +66,7 @@ class State:
     residuals: Floats
     tolerance: float
     rule: Method
+    least: float
     damping: float
     growth: float
     radius: float

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mbm.kernels.native.kernels import NativeKernels
     from mbm.kernels.native.normal import NormalKernels
     from mbm.kernels.store import Store
+    from mbm.machine.tree import Module
 
 UNOPTIMISED, OPTIMISED = 0, 2
 """Levels of optimisation."""
@@ -129,13 +130,25 @@ def _text() -> str:
 
 def _consensus_text() -> str:
     """The IR of consensus."""
+    from mbm.solver.modules import consensus_module
+
+    return _lowered(consensus_module(LANES))
+
+
+def _filters_text() -> str:
+    """The IR of filters and smoothers."""
+    from mbm.solver.modules import filters_module
+
+    return _lowered(filters_module(LANES))
+
+
+def _lowered(module: Module) -> str:
     from llvmlite import ir
 
     from mbm.machine.llvm import lower_into
-    from mbm.solver.modules import consensus_module
 
-    target = ir.Module("consensus")
-    lower_into(target, consensus_module(LANES))
+    target = ir.Module(module.name)
+    lower_into(target, module)
     return str(target)
 
 
@@ -161,6 +174,7 @@ class NativeCode:
         self._sure = isinstance(backend, MachineCode)
         self._solver: AnyCode | None = None
         self._consensus: AnyCode | None = None
+        self._filters: AnyCode | None = None
         self._kernels: dict[tuple[int, ...], NativeKernels] = {}
         self._callbacks: dict[tuple[int, ...], CallbackKernels] = {}
         self.sums: dict[object, NormalKernels] = {}
@@ -179,6 +193,13 @@ class NativeCode:
         if self._consensus is None:
             self._consensus = self._made("consensus", _consensus_text)
         return self._consensus
+
+    @property
+    def filters(self) -> AnyCode:
+        """Filters and smoothers, likewise."""
+        if self._filters is None:
+            self._filters = self._made("filters", _filters_text)
+        return self._filters
 
     def _made(self, name: str, text: Callable[[], str]) -> AnyCode:
         if not self._sure:

@@ -7,7 +7,7 @@ from types import CodeType
 
 from mbm.machine.interpreted import Interpreted, code_of
 from mbm.machine.kinds import LANES
-from mbm.solver.modules import consensus_module, solver_module
+from mbm.solver.modules import consensus_module, filters_module, solver_module
 
 
 class InterpretedCode(Interpreted):
@@ -27,4 +27,4 @@ class InterpretedCode(Interpreted):
 @cache
 def _code(name: str) -> CodeType:
     """The text of a module, compiled once for a process."""
-    return code_of({"solver": solver_module, "consensus": consensus_module}[name](LANES))
+    return code_of({"solver": solver_module, "consensus": consensus_module, "filters": filters_module}[name](LANES))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 from mbm.expression.algebra import number
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
@@ -15,7 +17,7 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.kinds import ConstraintKind, Relation
 from mbm.problem.naming import TakenNames
-from mbm.problem.options import split_options
+from mbm.problem.options import Options, split_options
 from mbm.problem.reading.equations import data_only, expanded
 from mbm.problem.reading.relations import Pair, pairs, refuse_contradictions
 from mbm.problem.rows import rows_of
@@ -28,6 +30,8 @@ from mbm.text.printer import print_beginning
 from mbm.text.suggest import suggestion
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
+
+T = TypeVar("T")
 
 USAGE = "(= a b …), (<= a b …), (normal form mean sigma) or (uniform form lo hi), each [:over TABLE] [:name n]"
 _RELATIONS = {kind.value: kind for kind in ConstraintKind}
@@ -120,11 +124,10 @@ def _read(work: Workspace, bound: _Bound, taken: TakenNames) -> Block | None:
     if kind is None and head != "normal":
         wrong = language_faults.bad_form(form.items[0].span, f"`{head}` is no constraint", USAGE)
         raise MbmError(replace(wrong, hint=suggestion(head, (*_RELATIONS, "normal"), wrong.hint)))
-    options = split_options(
-        form.items[1:], form.span, owner="a constraint", known=("over", "name"), not_yet={"at": "sequences"}
-    )
+    options = split_options(form.items[1:], form.span, owner="a constraint", known=("over", "name", "at"))
     over = options.get("over")
     table = work.table(over) if over is not None else None
+    first = _at_first(work, options)
     name = _name(options.get("name"), bound, taken)
     forms = options.positional
     if kind is not None:
@@ -133,20 +136,44 @@ def _read(work: Workspace, bound: _Bound, taken: TakenNames) -> Block | None:
             inner = _scope(scope, bound.variables)
             return pairs(kind, [work.evaluator.wanted(f, inner) for f in forms], form.span)
 
-        return _constraint(work, name, kind, table, work.cases(table, chain, form.span), form.span)
+        where, chains = _where(work, table, chain, form.span, first=first)
+        return _constraint(work, name, kind, where, chains, form.span)
 
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
         return (normal_equation(work, forms, _scope(scope, bound.variables), form.span),)
 
+    where, cases = _where(work, table, evaluate, form.span, first=first)
     return Block(
         name=name,
         role=BlockRole.PRIOR,
-        table=table.name if table is not None else None,
-        cases=tuple(EquationCase(static=s, equations=e) for s, e in work.cases(table, evaluate, form.span)),
+        table=where.name if where is not None else None,
+        cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
         when=None,
         unknown_factor=False,
         span=form.span,
     )
+
+
+def _at_first(work: Workspace, options: Options) -> bool:
+    """Whether a constraint holds at the first step only."""
+    at = options.get("at")
+    if at is None:
+        return False
+    if work.scope.steps is None:
+        raise MbmError(faults.no_states(at.span, "`:at first`"))
+    if not isinstance(at, Symbol) or at.name != "first" or options.get("over") is not None:
+        message = "a constraint holds at every step, or `:at first`, without `:over`"
+        raise MbmError(language_faults.bad_form(at.span, message, "(<= 0 x :at first)"))
+    return True
+
+
+def _where(
+    work: Workspace, table: Table | None, evaluate: Callable[[Scope], T], span: Span, *, first: bool
+) -> tuple[Table | None, list[tuple[Static, T]]]:
+    """For which rows a constraint holds, and its cases: at every step if it mentions a state and names no table."""
+    if first and work.scope.steps is not None:
+        return None, work.case_of_first(work.tables[work.scope.steps.table], evaluate, span)
+    return work.cases_at_steps(table, evaluate, span)
 
 
 def _constraint(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import prod
 
-from mbm.expression.nodes import Column, ColumnMember, Component, LiteralMember, Member
+from mbm.expression.nodes import Column, ColumnMember, Component, LiteralMember, Member, RowChoice
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer
 from mbm.language.values import Array, FamilyValue, PoseValue, TextColumn, Value
@@ -22,6 +22,7 @@ from mbm.values import dataclass
 
 USAGE = "(name [type] [:init form] [:in (lo hi)] [:unit u] [:sigma s] [:fixed true [:at form]] [:per TABLE])"
 OPTIONS = ("init", "in", "start", "unit", "sigma", "covariance", "fixed", "at", "per", "doc")
+STATE_OPTIONS = tuple(option for option in OPTIONS if option != "per")
 _SCALARS = {"real": UnknownKind.REAL, "positive": UnknownKind.POSITIVE, "angle": UnknownKind.ANGLE}
 _SPATIAL = ("rotation", "pose", "similarity")
 
@@ -48,22 +49,24 @@ def declare_unknowns(work: Workspace, clause: Sequence) -> list[Declaration]:
     found = []
     for item in clause.items[1:]:
         with work.collecting(item):
-            declaration = _declaration(work, item)
+            declaration = read_declaration(work, item)
             keys = keys_of(work, declaration.family)
             _enter(work, declaration, keys)
             found.append(declaration)
     return found
 
 
-def _declaration(work: Workspace, item: Form) -> Declaration:
+def read_declaration(work: Workspace, item: Form, *, steps: Family | None = None) -> Declaration:
+    """An unknown as declared; with ``steps`` a state, whose family goes over them."""
     if not (isinstance(item, Sequence) and item.items and isinstance(item.items[0], Symbol)):
         raise MbmError(language_faults.bad_form(item.span, "an unknown is a list that begins with its name", USAGE))
     name = item.items[0]
-    options = split_options(item.items[1:], item.span, owner="an unknown", known=OPTIONS)
+    owner, known = ("an unknown", OPTIONS) if steps is None else ("a state", STATE_OPTIONS)
+    options = split_options(item.items[1:], item.span, owner=owner, known=known)
     if len(options.positional) > 1:
         raise MbmError(language_faults.bad_form(options.positional[1].span, "only one type may be given", USAGE))
     kind, shape, dimension = _type(work, options.positional[0] if options.positional else None)
-    family = family_of(work, options.get("per"))
+    family = family_of(work, options.get("per")) if steps is None else steps
     return Declaration(name=name, kind=kind, shape=shape, dimension=dimension, family=family, options=options)
 
 
@@ -210,8 +213,8 @@ def _enter(work: Workspace, declaration: Declaration, keys: frozenset[str | floa
     work.scope.add(name.name, Entry("unknown", name.span, make))
 
 
-def own_member(family: Family | None) -> Member | None:
-    """The member of a family that belongs to the row at hand of the family's own table."""
+def own_member(family: Family | None, row: RowChoice = RowChoice.EACH) -> Member | None:
+    """The member of a family that belongs to a row of the family's own table: to the one at hand."""
     if family is None:
         return None
-    return ColumnMember(table=family.rows, column=family.key or ROW)
+    return ColumnMember(table=family.rows, column=family.key or ROW, row=row)

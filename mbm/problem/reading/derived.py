@@ -43,7 +43,7 @@ def _derived(work: Workspace, item: Form) -> Derived:
         value = work.evaluator.wanted(form, scope)
         return (value, *_elements(value, form.span))
 
-    cases = work.cases(table, evaluate, item.span)
+    table, cases = work.cases_at_steps(table, evaluate, item.span)
     kinds = {(*_kind(value), shape) for _, (value, shape, _) in cases}
     if len(kinds) > 1:
         raise MbmError(faults.unequal_branches(form.span))

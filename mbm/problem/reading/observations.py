@@ -38,7 +38,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
     name, table = _name_and_table(work, symbols)
     if not equations:
         raise MbmError(language_faults.bad_form(clause.span, "`observe` has no equation", USAGE))
-    kind, form, factor = _noise(options)
+    kind, form, factor = stated_noise(options)
     exact = form is None and options.get("errors") is not None and options.get("sigma") is None
 
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
@@ -46,7 +46,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
         empty = next((r for r in found if not r.components), None)
         if empty is not None:
             raise MbmError(faults.empty_equation(empty.span))
-        return tuple(_with_noise(work, r, kind, form, scope, exact=exact) for r in found)
+        return tuple(with_noise(work, r, kind, form, scope, exact=exact) for r in found)
 
     when_form = options.get("when")
     try:
@@ -114,7 +114,7 @@ def _free_name(name: Symbol | None, table: Table | None, taken: TakenNames, span
     return taken.free(name.name, name.span)
 
 
-def _noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:
+def stated_noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:
     """The kind of noise, its form (None: 1), and whether it holds up to an unknown factor."""
     given = [k for k in NOISE if options.get(k) is not None]
     if len(given) > 1:
@@ -132,7 +132,7 @@ def _noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:
     return NoiseKind(given[0]), form, False
 
 
-def _with_noise(
+def with_noise(
     work: Workspace, residual: Residual, kind: NoiseKind, form: Form | None, scope: Scope, *, exact: bool
 ) -> Equation:
     """``exact``: without noise of its own, all that is uncertain is in the columns."""

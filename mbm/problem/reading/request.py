@@ -12,24 +12,29 @@ from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
 from mbm.problem.elaboration import Routines, Workspace
-from mbm.problem.kinds import Gauge
+from mbm.problem.kinds import ConstraintMethod, Gauge
 from mbm.problem.options import split_options
 from mbm.problem.reading.declarations import Declaration
+from mbm.problem.reading.estimators import METHODS, is_of_sequences, named_estimator
 from mbm.problem.reading.robust import read_consensus
 from mbm.problem.reading.unknowns import stated_numbers
-from mbm.problem.types import ConstraintMethod, GivenStarts, Method, Problem, RandomStarts, Request
+from mbm.problem.types import GivenStarts, Method, Problem, RandomStarts, Request
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
 USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1])"
-_METHODS_LATER = (
-    "interval",
-    "ekf",
-    "iterated-ekf",
-    "truncated-ekf",
-    "smoother",
-    "batch",
-)
+_METHODS_LATER = ("interval",)
 MAXIMUM_ITERATIONS = 1_000_000
+OPTIONS = (
+    "method",
+    "robust",
+    "starts",
+    "constraints",
+    "gauge",
+    "seed",
+    "max-iterations",
+    "tolerance",
+    "hypotheses",
+)
 
 
 STARTS_USAGE = ":starts (random 100 [:seed 1]) | (given ((name value)…)…)"
@@ -51,8 +56,7 @@ def read_request(
         solve.items[1:],
         solve.span,
         owner="`solve`",
-        known=("method", "robust", "starts", "constraints", "gauge", "seed", "max-iterations", "tolerance"),
-        not_yet={"hypotheses": "sequences"},
+        known=OPTIONS,
     )
     if options.positional:
         raise MbmError(language_faults.bad_form(options.positional[0].span, "`solve` takes options only", USAGE))
@@ -116,15 +120,21 @@ def requested(
             raise MbmError(faults.bad_override("starts", f"should be a whole number in 1 … {MAXIMUM_STARTS}"))
         kept = request.starts.seed if isinstance(request.starts, RandomStarts) else None
         request = replace(request, starts=RandomStarts(count=starts, seed=kept))
-    if method is not None:
+    if method is None:
+        return replace(problem, request=request)
+    estimator = named_estimator(method)
+    if estimator is None:
         chosen, routine = _named_method(method, None, routines)
-        request = replace(request, method=chosen, routine=routine)
-    return replace(problem, request=request)
+        return replace(problem, request=replace(request, method=chosen, routine=routine))
+    if problem.sequence is None:
+        raise MbmError(faults.no_states(None, f"`--method {method}`"))
+    sequence = replace(problem.sequence, estimator=replace(estimator, hypotheses=problem.sequence.estimator.hypotheses))
+    return replace(problem, request=replace(request, method=Method.AUTO, routine=None), sequence=sequence)
 
 
 def _method(form: Form | None, routines: Routines) -> tuple[Method, str | None]:
     """The method, and the registered closed form that it is, if it is one."""
-    if form is None:
+    if form is None or is_of_sequences(form):
         return Method.AUTO, None
     name = form.name if isinstance(form, Symbol) else form.head if isinstance(form, Sequence) else None
     return _named_method(name or form.span.text, form.span, routines)
@@ -132,14 +142,14 @@ def _method(form: Form | None, routines: Routines) -> tuple[Method, str | None]:
 
 def _named_method(name: str, span: Span | None, routines: Routines) -> tuple[Method, str | None]:
     if name in _METHODS_LATER:
-        raise MbmError(language_faults.not_available_yet(span, f"`:method {name}`", "other solvers"))
+        raise MbmError(language_faults.not_available_yet(span, f"`:method {name}`", "interval methods"))
     method = next((m for m in Method if m.value == name), None)
     if method is not None:
         return method, None
     registered = routines()
     if name in registered:
         return Method.CLOSED_FORM, name
-    known = (*(m.value for m in Method if m.value not in _METHODS_LATER), *registered)
+    known = (*(m.value for m in Method), *METHODS, *registered)
     raise MbmError(faults.unknown_method(span, name, known))
 
 

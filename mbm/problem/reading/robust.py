@@ -31,7 +31,7 @@ def read_loss(work: Workspace, form: Form | None) -> Loss | None:
         MbmError: it names no loss, or its parameters are none.
 
     """
-    name, parameters = _named(form, LOSS_USAGE)
+    name, parameters = named(form, LOSS_USAGE)
     if form is None or name == NONE:
         return None
     kind = next((k for k in LossKind if k.value == name), None)
@@ -42,14 +42,14 @@ def read_loss(work: Workspace, form: Form | None) -> Loss | None:
     if LOSSES[kind].shaped:
         if not parameters:
             raise MbmError(language_faults.bad_form(form.span, f"`{name}` takes its exponent a", LOSS_USAGE))
-        shape = _number(work, parameters[0], -inf, LARGEST_SHAPE, f"the exponent of `{name}` should be at most 2")
+        shape = number_within(work, parameters[0], -inf, LARGEST_SHAPE, f"the exponent of `{name}` should be at most 2")
         parameters = parameters[1:]
     if len(parameters) > 1:
         raise MbmError(language_faults.bad_form(parameters[1].span, f"`{name}` takes no more", LOSS_USAGE))
     scale = None
     if parameters:
         wrong = f"the parameter of `{name}` is a number of standard deviations above 0"
-        scale = _number(work, parameters[0], 0.0, inf, wrong)
+        scale = number_within(work, parameters[0], 0.0, inf, wrong)
     return Loss(kind=kind, scale=scale, shape=shape)
 
 
@@ -60,7 +60,7 @@ def read_consensus(work: Workspace, form: Form | None) -> Consensus | None:
         MbmError: it names none, or its options are wrong.
 
     """
-    name, items = _named(form, CONSENSUS_USAGE)
+    name, items = named(form, CONSENSUS_USAGE)
     if form is None or name == NONE:
         return None
     kind = next((k for k in ConsensusKind if k.value == name), None)
@@ -83,11 +83,11 @@ def read_consensus(work: Workspace, form: Form | None) -> Consensus | None:
             raise MbmError(language_faults.bad_form(given.span, wrong, CONSENSUS_USAGE))
     if (given := options.get("threshold")) is not None:
         wrong = "`:threshold` is a number of standard deviations above 0"
-        threshold = _number(work, given, 0.0, inf, wrong, usage=CONSENSUS_USAGE)
+        threshold = number_within(work, given, 0.0, inf, wrong, usage=CONSENSUS_USAGE)
     return Consensus(kind=kind, trials=trials, threshold=threshold)
 
 
-def _named(form: Form | None, usage: str) -> tuple[str, tuple[Form, ...]]:
+def named(form: Form | None, usage: str) -> tuple[str, tuple[Form, ...]]:
     """The name that a symbol or the head of a list is, and what follows it."""
     if form is None:
         return NONE, ()
@@ -98,7 +98,7 @@ def _named(form: Form | None, usage: str) -> tuple[str, tuple[Form, ...]]:
     raise MbmError(language_faults.bad_form(form.span, f"`{form.span.text}` names nothing", usage))
 
 
-def _number(work: Workspace, form: Form, low: float, high: float, wrong: str, usage: str = LOSS_USAGE) -> float:
+def number_within(work: Workspace, form: Form, low: float, high: float, wrong: str, usage: str = LOSS_USAGE) -> float:
     """A number without a unit above ``low`` and up to ``high``, both finite or not."""
     given = work.evaluator.wanted(form, work.scope)
     value = nearest(static_number(given, form.span))

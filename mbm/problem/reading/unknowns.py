@@ -7,7 +7,7 @@ from math import isfinite, prod
 
 import numpy as np
 
-from mbm.expression.nodes import Apply, Column, Constant, Expression, Number, Operation, leaves, nearest
+from mbm.expression.nodes import Apply, Column, Constant, Expression, Number, Operation, RowChoice, leaves, nearest
 from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, static_number, vector
@@ -214,7 +214,7 @@ def _doc(form: Form | None) -> str:
 
 
 def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Block | None:
-    """The prior ``(normal NAME init sigma)``."""
+    """The prior ``(normal NAME init sigma)``; of a state at the first step."""
     options = declaration.options
     form = options.get("sigma") or options.get("covariance")
     if form is None:
@@ -226,9 +226,12 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
     if options.get("sigma") is not None and options.get("covariance") is not None:
         raise MbmError(faults.two_noises(options.places["covariance"]))
 
+    first = declaration.family is not None and declaration.family.ordered
+
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
         evaluator = work.evaluator
-        value = components(declaration, own_member(declaration.family), declaration.name.span)
+        row = RowChoice.FIRST if first else RowChoice.EACH
+        value = components(declaration, own_member(declaration.family, row), declaration.name.span)
         given = evaluator.wanted(init_form, scope)
         found = geometric_difference(given, value, init_form.span)
         mean: tuple[Expression, ...] | None = None
@@ -247,7 +250,10 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
         work.refuse_unknowns(stated, init_form.span, f"`:init` of `{name}`")
         return (Equation(components=found, noise_kind=kind, noise=noise, measured=mean, span=form.span),)
 
-    cases = work.cases(table, evaluate, form.span)
+    if first and table is not None:
+        cases, table = work.case_of_first(table, evaluate, form.span), None
+    else:
+        cases = work.cases(table, evaluate, form.span)
     return Block(
         name=PRIOR + name,
         role=BlockRole.PRIOR,
@@ -255,6 +261,7 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
         cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
         when=None,
         unknown_factor=False,
+        singular=first,
         span=form.span,
     )
 

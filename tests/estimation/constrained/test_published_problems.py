@@ -7,7 +7,8 @@ import pytest
 
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
-from mbm.problem.types import ConstraintMethod, Method
+from mbm.problem.kinds import ConstraintMethod
+from mbm.problem.types import Method
 from tests.estimation.constrained.toys import Toy, toy
 
 

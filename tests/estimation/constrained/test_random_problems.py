@@ -12,7 +12,7 @@ from mbm.equations.types import Reason
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
 from mbm.estimation.uncertainty.observability import observed_at
-from mbm.problem.types import ConstraintMethod
+from mbm.problem.kinds import ConstraintMethod
 from tests.estimation.constrained.toys import Toy, toy
 
 BOTH = pytest.mark.parametrize("method", list(ConstraintMethod))

@@ -13,7 +13,7 @@ import pytest
 from mbm.estimation.minimise.constrained import solve
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.native.system import system_of
-from mbm.problem.types import ConstraintMethod
+from mbm.problem.kinds import ConstraintMethod
 from mbm.solver import description as of
 
 STARTS = {"a": 0.5, "b": 0.5, "q": 0.3, "w": 0.3}

@@ -17,7 +17,8 @@ from mbm.estimation.minimise.constrained.types import ConstrainedEquations, cons
 from mbm.estimation.minimise.native.minimum import Stopped, linearised_ends, minimum_at, native_minimum
 from mbm.estimation.minimise.native.system import NativeEnds, system_of
 from mbm.estimation.settings import Settings
-from mbm.problem.types import ConstraintMethod, Method
+from mbm.problem.kinds import ConstraintMethod
+from mbm.problem.types import Method
 from mbm.solver import description as of
 
 

@@ -22,7 +22,7 @@ from mbm.estimation.minimise.constrained.answer import constraint_state
 from mbm.estimation.minimise.constrained.feasible import feasible_point
 from mbm.estimation.minimise.constrained.linearise import first_order
 from mbm.estimation.minimise.constrained.types import Linearised
-from mbm.estimation.minimise.sparse import LEAST, sparse_minimum
+from mbm.estimation.minimise.sparse import least_damping, sparse_minimum
 from mbm.estimation.settings import Settings
 from mbm.kernels.types import Backend
 from mbm.problem.types import Method
@@ -83,6 +83,11 @@ class Penalised(Forwarding):
     def backend(self) -> Backend | None:
         """What evaluates the kernels."""
         return self.equations.backend
+
+    @property
+    def floored(self) -> bool:
+        """Some combination of residuals has hardly any noise beside others."""
+        return self.equations.floored
 
     def structure(self) -> Structure:
         """Which blocks there are."""
@@ -282,11 +287,11 @@ class _Manifold:
         return found - self.across @ (self.inverse @ (self.slopes @ found))
 
 
-def _manifold(made: Plan, values: Values, still: Mask, slopes: Floats) -> _Manifold | None:
+def _manifold(made: Plan, values: Values, still: Mask, slopes: Floats, least: float) -> _Manifold | None:
     """None where the equations cannot be factorised."""
     weighted = made.structure.weighted(values, np.where(still, 0.0, 1.0))
     squares = made.squares(weighted)
-    factors = factorised(made, made.accumulate(weighted), np.where(still, 1.0, LEAST * squares))
+    factors = factorised(made, made.accumulate(weighted), np.where(still, 1.0, least * squares))
     if factors is None:
         return None
     C = np.where(still, 0.0, slopes)
@@ -307,7 +312,7 @@ def _step(own: Blocked, made: Plan, found: Minimum) -> _Step | None:
     still = layout.dead
     still[layout.free[found.at_bound != 0]] = True
     held = np.flatnonzero(state.forcing)
-    manifold = _manifold(made, values, still, layout.padded(state.slopes[held].T).T)
+    manifold = _manifold(made, values, still, layout.padded(state.slopes[held].T).T, least_damping(own))
     if manifold is None:
         return None
     gradient = made.gradient(values, own.residuals(found.point))

@@ -27,7 +27,8 @@ from mbm.estimation.minimise.native.summing import sum_addresses, summable
 from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code
 from mbm.estimation.settings import Settings
 from mbm.machine.records import address, inside, put, slot, view
-from mbm.problem.types import ConstraintMethod, Method
+from mbm.problem.kinds import ConstraintMethod
+from mbm.problem.types import Method
 from mbm.solver import description as of
 from mbm.solver import workspace as workspace
 from mbm.solver.batch import Solves
@@ -349,7 +350,7 @@ def system_of(
     if not groups:
         return None
     code = native_code(groups[0].cache)
-    kernels = _kernels(code, groups, compiled=equations.machine_code is not None)
+    kernels = kernels_of(code, groups, compiled=equations.machine_code is not None)
     guard = getattr(kernels, "guard", None)
     iteration = iteration_of(equations, settings, direct=direct, strict=strict)
     rows = [g.rows for g in groups] if most_rows is None else list(most_rows)
@@ -392,7 +393,7 @@ def system_of(
     )
 
 
-def _kernels(code: NativeCode, groups: Sequence[Group], *, compiled: bool) -> NativeKernels | CallbackKernels:
+def kernels_of(code: NativeCode, groups: Sequence[Group], *, compiled: bool) -> NativeKernels | CallbackKernels:
     """The kernels of groups, as machine code where that is wanted."""
     numbers, kernels = [g.number for g in groups], [g.kernel for g in groups]
     if compiled:

@@ -1,0 +1,262 @@
+"""Filters and smoothers in native code: a sequence as `mbm.solver.filter_records` describes it, walked over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.minimise.native.system import NativeSystem, never
+from mbm.estimation.sequences.local import Local
+from mbm.machine.records import put, reals_in, slot, slots_of, view
+from mbm.solver import description as of
+from mbm.solver.filter_records import Chain, Walk, walk_reals
+from mbm.solver.workspace import Rows
+from mbm.values import dataclass
+
+STEPS_AT_A_TIME = 1000
+"""Steps between which the user may interrupt."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prior:
+    """What is known before the first step: a point (N,), and of its coordinates (n,) the covariance (n, n).
+
+    ``open`` (n,) marks those of which nothing is known; their rows of the covariance are zero.
+    """
+
+    point: Floats
+    covariance: Floats
+    open: Mask
+
+    def factor(self) -> Floats:
+        """U (n, n) with ``UᵀU`` the covariance, which may be singular."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        return np.ascontiguousarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rules:
+    """How a walk goes: ``iterations`` of an update at most, ``smooth`` with a ``lag`` in steps (None: all of them).
+
+    ``cut``: inequalities cut; a cut beyond ``skip`` deviations is left out. ``tolerance`` in standard deviations.
+    """
+
+    iterations: int = 1
+    cut: bool = False
+    skip: float = 3.0
+    tolerance: float = 1e-9
+    smooth: bool = False
+    lag: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Track:
+    """What a walk says: points (T, N), factors (T, n, n) of covariances, open directions (T,), and the costs (T,).
+
+    ``made`` steps were made: fewer than T where something was not finite at the next, or the user interrupted.
+    """
+
+    points: Floats
+    factors: Floats
+    opens: Indices
+    costs: Floats
+    cost: float
+    made: int
+    failed: bool
+    settled: bool
+    iterations: int
+    evaluations: int
+
+    @property
+    def covariances(self) -> Floats:
+        """(T, n, n)."""
+        return np.asarray(np.swapaxes(self.factors, 1, 2) @ self.factors)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Chained:
+    """The local problems of a sequence: rows of a step, and transitions, from each step to the next.
+
+    ``still`` coordinates and ``still_numbers`` numbers of a step do not move, and come first; the first ``plain``
+    coordinates are those of plain unknowns. ``spreads`` (T − 1, p, q) has L of each transition, whose p rows equal
+    ``L w`` for a standard normal w. ``once`` has a number for each group of constraints of a step, 1 where it is taken
+    once.
+    """
+
+    seen: Local
+    moving: Local
+    still: int
+    still_numbers: int
+    plain: int
+    spreads: Floats
+    once: Sequence[int] = ()
+
+    @property
+    def steps(self) -> int:
+        """T."""
+        return len(self.seen.keys)
+
+    def walk(self, prior: Prior, rules: Rules, stopped: Callable[[], bool] = never) -> Track:
+        """Over all steps.
+
+        Raises:
+            Exception: what a function in Python raised that an equation calls.
+
+        """
+        return _Memory(self, prior, rules).run(stopped)
+
+
+class _Memory:
+    """The records of one walk, and the arrays that they refer to."""
+
+    def __init__(self, chained: Chained, prior: Prior, rules: Rules) -> None:
+        seen, moving = chained.seen.native, chained.moving.native
+        self._code = seen.code
+        self._prior, self._rules = prior, rules
+        self._failed = (seen.failed, moving.failed)
+        self.chain = _sizes(chained, rules)
+        n, steps, numbers = (int(self.chain[at]) for at in (Chain.n, Chain.steps, Chain.numbers))
+        self.points = np.full((steps, numbers), np.nan)
+        self.factors = np.zeros((steps, n, n))
+        self.costs = np.zeros(steps)
+        self.opens = np.zeros(steps, dtype=np.int64)
+        self._code.expect(float(steps) * (n + 4) ** 3 * 20.0)
+        self._held: list[Any] = [seen, moving, chained]
+        self.walk = self._code.blank(Walk)
+        when = np.zeros(len(chained.seen.equations.constraints) + 1, dtype=np.int64)
+        when[: len(chained.once)] = chained.once
+        self._put(reals=np.zeros(walk_reals(view(Chain, self.chain))), chain=self.chain, when=when)
+        self._put(spreads=np.ascontiguousarray(chained.spreads, dtype=np.float64))
+        self._put(points=self.points, factors=self.factors, costs=self.costs, opens=self.opens)
+        self._rows("rows", "rows_reals", "seen", "seen_data", seen)
+        self._rows("moves", "moves_reals", "moving", "moves_data", moving)
+        self._set_reals(skip=rules.skip, tolerance=rules.tolerance)
+        self._routine("begin_walk")
+        self._set_prior()
+
+    def run(self, stopped: Callable[[], bool]) -> Track:
+        """All steps, so many at a time; what is smoothed as a whole begins with the path of a filter."""
+        steps = len(self.points)
+        whole = self._rules.smooth and self._rules.lag is None
+        if whole and self.chain[Chain.linear]:
+            self.points[:] = self._prior.point
+            made = steps
+        else:
+            made = self._steps("lag_steps" if self._rules.smooth and not whole else "filter_steps", stopped)
+        if whole and made == steps:
+            self._set_prior()
+            made = self._routine("smooth_all")
+        for each in self._failed:
+            each()
+        whole_cost = self._real("left_cost") + self._real("last_cost")
+        cost = whole_cost if self._rules.smooth else float(self.costs[:made].sum())
+        return Track(
+            points=self.points,
+            factors=self.factors,
+            opens=self.opens,
+            costs=self.costs,
+            cost=cost,
+            made=made,
+            failed=bool(self._get("failed")),
+            settled=bool(self._get("settled")) and not self._get("unsettled"),
+            iterations=self._get("iterations"),
+            evaluations=self._get("evaluations"),
+        )
+
+    def _steps(self, routine: str, stopped: Callable[[], bool]) -> int:
+        made, steps = 0, len(self.points)
+        while made < steps and not stopped() and not self._get("failed"):
+            made += self._routine(routine, made, min(made + STEPS_AT_A_TIME, steps))
+        return made
+
+    def _set_prior(self) -> None:
+        open_ = np.eye(len(self._prior.open))[self._prior.open]
+        self._fill("point", self._prior.point)
+        self._fill("factor", self._prior.factor())
+        self._fill("open", open_)
+        self._put(open_count=len(open_))
+
+    def _rows(self, rows: str, reals: str, problem: str, data: str, native: NativeSystem) -> None:
+        memory = self._code.blank(Rows)
+        native.hand(memory)
+        sizes = view(of.Problem, native.system)
+        self._held.append(memory)
+        given = {rows: memory, reals: np.zeros(reals_in(Rows, sizes)), problem: native.system, data: native.rows.data}
+        self._put(**given)
+
+    def _put(self, **values: Any) -> None:
+        self._held.append(values)
+        put(self.walk, Walk, **values)
+
+    def _set_reals(self, **values: float) -> None:
+        for name, value in values.items():
+            if isinstance(self.walk, np.ndarray):
+                self.walk.view(np.float64)[slot(Walk, name)] = value
+            else:
+                setattr(self.walk, name, value)
+
+    def _get(self, name: str) -> int:
+        return int(self.walk[slot(Walk, name)] if isinstance(self.walk, np.ndarray) else getattr(self.walk, name))
+
+    def _real(self, name: str) -> float:
+        memory = self.walk
+        return float(
+            memory.view(np.float64)[slot(Walk, name)] if isinstance(memory, np.ndarray) else getattr(memory, name)
+        )
+
+    def _fill(self, name: str, values: NDArray[Any]) -> None:
+        """Numbers into an array of the walk."""
+        flat = np.ascontiguousarray(values, dtype=np.float64).ravel()
+        if isinstance(self.walk, np.ndarray):
+            reals = next(held["reals"] for held in self._held if isinstance(held, dict) and "reals" in held)
+            first = (int(self.walk[slot(Walk, name)]) - reals.ctypes.data) // 8
+            reals[first : first + len(flat)] = flat
+        else:
+            getattr(self.walk, name)[: len(flat)] = flat
+
+    def _routine(self, name: str, *numbers: int) -> int:
+        kinds = (object, *(int for _ in numbers))
+        return self._code.routine(name, *kinds)(self.walk, *numbers)
+
+
+def _sizes(chained: Chained, rules: Rules) -> Indices:
+    """`Chain` of a sequence."""
+    seen, moving = chained.seen, chained.moving
+    n = seen.equations.dimension
+    steps = chained.steps
+    linear = seen.linear and moving.linear
+    lines = int(seen.stack.residuals.max(initial=0))
+    limits = [int(r.max(initial=0)) * g.kernel.outputs for g, r in _limits(chained)]
+    lag = steps if rules.lag is None else rules.lag
+    kept = 1 if not rules.smooth else steps if rules.lag is None else rules.lag + 2
+    values = {
+        "steps": steps,
+        "n": n,
+        "still": chained.still,
+        "numbers": len(seen.equations.layout.start),
+        "still_numbers": chained.still_numbers,
+        "plain": chained.plain,
+        "noises": chained.spreads.shape[2],
+        "lines": max(lines, n + chained.spreads.shape[2] + 1),
+        "limits": max(limits, default=1),
+        "affine": int(moving.linear),
+        "linear": int(linear),
+        "iterations": 1 if linear else rules.iterations,
+        "cut": int(rules.cut),
+        "kept": kept,
+        "lag": lag,
+    }
+    found = np.zeros(slots_of(Chain), dtype=np.int64)
+    for name, value in values.items():
+        found[slot(Chain, name)] = value
+    return found
+
+
+def _limits(chained: Chained) -> Any:
+    """The groups of constraints of a step, with their rows in each step."""
+    bound = chained.seen.stack
+    return zip(bound.equations.constraints, bound.rows[len(bound.equations.groups) :], strict=True)

@@ -1,0 +1,83 @@
+"""How a sequence is estimated: ``:method`` where it names a filter, a smoother or ``batch``, and ``:hypotheses``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+
+from mbm.language import faults as language_faults
+from mbm.language.coerce import integer
+from mbm.problem import faults
+from mbm.problem.elaboration import Workspace
+from mbm.problem.options import split_options
+from mbm.problem.reading.robust import named, number_within
+from mbm.problem.sequence.types import Estimator, SequenceMethod
+from mbm.text.types import Form, MbmError, Sequence, Symbol
+
+METHODS = tuple(method.value for method in SequenceMethod)
+USAGE = ":method ekf | iterated-ekf | (truncated-ekf [:skip 3]) | (smoother [:lag n]) | batch"
+MOST_HYPOTHESES = 1000
+LONGEST_LAG = 1_000_000_000
+_OPTIONS = {SequenceMethod.TRUNCATED: ("skip",), SequenceMethod.SMOOTHER: ("lag",)}
+
+
+def is_of_sequences(form: Form | None) -> bool:
+    """Whether ``:method`` names a method for sequences."""
+    if isinstance(form, Symbol):
+        return form.name in METHODS
+    return isinstance(form, Sequence) and form.head in METHODS
+
+
+def read_estimator(work: Workspace, solves: list[Sequence]) -> Estimator:
+    """The estimator that ``solve`` asks for; ``batch`` where it names none of a sequence's.
+
+    Raises:
+        MbmError: an option that the method does not have, numbers out of range, no states.
+
+    """
+    items = solves[0].items[1:] if solves else ()
+    given = dict(zip(items[::2], items[1::2], strict=False))
+    options = {getattr(key, "name", ""): form for key, form in given.items()}
+    method, hypotheses = options.get("method"), options.get("hypotheses")
+    for form in (each for each in (method, hypotheses) if each is not None and work.scope.steps is None):
+        if form is hypotheses or is_of_sequences(form):
+            what = "`:hypotheses`" if form is hypotheses else f"`:method {form.span.text}`"
+            raise MbmError(faults.no_states(form.span, what))
+    found = _read(work, method) if method is not None and is_of_sequences(method) else Estimator()
+    if hypotheses is None:
+        return found
+    count = _whole(work, hypotheses, MOST_HYPOTHESES, ":hypotheses")
+    if count > 1 and found.method is SequenceMethod.BATCH:
+        message = "`batch` follows one hypothesis"
+        raise MbmError(
+            language_faults.bad_form(hypotheses.span, message, "(solve :method truncated-ekf :hypotheses 8)")
+        )
+    return replace(found, hypotheses=count)
+
+
+def named_estimator(name: str) -> Estimator | None:
+    """The estimator of a name alone, as callers give it; None where the name is no sequence's."""
+    return Estimator(method=SequenceMethod(name)) if name in METHODS else None
+
+
+def _read(work: Workspace, form: Form) -> Estimator:
+    name, items = named(form, USAGE)
+    method = SequenceMethod(name)
+    options = split_options(items, form.span, owner=f"`{name}`", known=_OPTIONS.get(method, ()))
+    if options.positional:
+        raise MbmError(language_faults.bad_form(options.positional[0].span, f"`{name}` takes options only", USAGE))
+    found = Estimator(method=method, span=form.span)
+    skip, lag = options.get("skip"), options.get("lag")
+    if skip is not None:
+        wrong = "`:skip` is a number of standard deviations above 0"
+        found = replace(found, skip=number_within(work, skip, 0.0, inf, wrong, usage=USAGE))
+    if lag is not None:
+        found = replace(found, lag=_whole(work, lag, LONGEST_LAG, ":lag"))
+    return found
+
+
+def _whole(work: Workspace, form: Form, most: int, name: str) -> int:
+    value = integer(work.evaluator.wanted(form, work.scope), form.span, f"`{name}` (a whole number)")
+    if not 1 <= value <= most:
+        raise MbmError(language_faults.bad_form(form.span, f"`{name}` should lie in 1 … {most}", USAGE))
+    return value

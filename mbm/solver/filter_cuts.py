@@ -1,0 +1,95 @@
+"""Constraints of a step: the distribution is cut by one half space after the other (Shimada et al. 1997, eqs 21-29).
+
+In the coordinates in which the distribution is a standard normal one a cut acts along one direction u alone: the mean
+goes by ν along u, and the variance along u becomes τ. So the factor U becomes ``U + (√τ − 1) u (uᵀU)``, which
+stays a factor. An equality leaves no variance along u.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, sqrt
+
+from mbm.machine.kinds import LANES
+from mbm.machine.words import ConstantReals, Integer, Real, Reals
+from mbm.solver.charts import transport
+from mbm.solver.constraint_values import evaluate_block
+from mbm.solver.description import BOUNDS_AT
+from mbm.solver.equations import groups_of
+from mbm.solver.filter_records import Walk
+from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
+from mbm.solver.manifolds import retract
+from mbm.solver.truncation import cut_mean, cut_variance
+
+
+def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) -> None:
+    """The distribution where ``value + slopeᵀ d`` is not above zero, or is zero; d are coordinates about the mean."""
+    n = walk.chain.n
+    direction = walk.singular_step
+    square = 0.0
+    for i in range(n):
+        direction[i] = dot(n, walk.factor[i * n :], slope)
+        square += direction[i] * direction[i]
+    if not square > 0.0 or not isfinite(square + value):
+        return
+    deviation = sqrt(square)
+    distance = -value / deviation
+    shift = distance
+    left = 0.0
+    if equality == 0:
+        if distance > walk.skip:
+            return
+        shift = cut_mean(distance)
+        left = sqrt(cut_variance(distance))
+    filled(n, 0.0, walk.along)
+    for i in range(n):
+        add_multiple(n, direction[i] / deviation, walk.factor[i * n :], walk.along)
+    for i in range(n):
+        add_multiple(n, (left - 1.0) * direction[i] / deviation, walk.along, walk.factor[i * n :])
+        walk.step[i] = shift * walk.along[i]
+    copied(walk.chain.numbers, walk.point, walk.mean)
+    retract(walk.seen, walk.mean, walk.step, walk.point)
+    transport(walk.seen, walk.mean, walk.step, n, walk.turn, walk.factor)
+
+
+def cut_bounds(walk: Walk, first: Integer) -> None:
+    """Cuts by the bounds of all states, with ``first`` 1 of plain unknowns before."""
+    chain = walk.chain
+    n = chain.n
+    bounds = walk.rows.constants[BOUNDS_AT:]
+    for j in range(n):
+        place = walk.seen.number_of[j]
+        if place >= 0 and (first == 1 or j >= chain.plain):
+            filled(n, 0.0, walk.limit_slopes)
+            if isfinite(bounds[j]):
+                walk.limit_slopes[j] = -1.0
+                cut_along(walk, 0, bounds[j] - walk.point[place], walk.limit_slopes)
+            if isfinite(bounds[n + j]):
+                walk.limit_slopes[j] = 1.0
+                cut_along(walk, 0, walk.point[place] - bounds[n + j], walk.limit_slopes)
+
+
+def put_limits(walk: Walk, b: Integer, inputs: Reals) -> None:
+    """Values and slopes of a block of constraints of the step, at `point`."""
+    block = walk.seen.blocks[b]
+    filled(block.outputs * walk.rows.data.blocks[b].rows * walk.chain.n, 0.0, walk.limit_slopes)
+    evaluate_block(walk.seen, b, walk.rows, inputs, walk.point, 1, walk.limit_values, walk.limit_slopes)
+
+
+def cut_step(walk: Walk, first: Integer) -> None:
+    """All cuts of the step whose rows are loaded, in their order; each is linearised where those before have led."""
+    chain = walk.chain
+    problem = walk.seen
+    if chain.cut == 1:
+        cut_bounds(walk, first)
+    inputs = 0
+    for b in range(problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
+        count = walk.rows.data.blocks[b].rows
+        if b >= problem.residual_blocks:
+            now = 1 if first == 1 or walk.when[b - problem.residual_blocks] == 0 else 0
+            for c in range(count * block.outputs):
+                equality = block.equality[c % block.outputs]
+                if now == 1 and (chain.cut == 1 or equality == 1):
+                    put_limits(walk, b, walk.rows.inputs[inputs:])
+                    cut_along(walk, equality, walk.limit_values[c], walk.limit_slopes[c * chain.n :])
+        inputs += groups_of(count) * (block.variables + block.parameters) * LANES

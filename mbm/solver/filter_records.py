@@ -1,0 +1,193 @@
+"""Sequences as filters and smoothers take them: what they are given, what they work with, and what they say.
+
+A *step* has n free coordinates: those of plain unknowns first, then those of static states, then those of states that
+move. Its rows are a data set of the problem ``seen``, over the numbers of one step. The rows of a *transition*, data
+set k leads from step k to k + 1, are one of the problem ``moving``, over what does not move, the states of the step
+before and those of the step reached. They are as many as coordinates move, p, and equal ``L w`` for a matrix L (p, q)
+and a standard normal w (q,): noise may be missing in some rows, or common to several.
+
+Covariances are ``UᵀU`` of a factor U (n, n), one vector to a line, so that they are symmetric and have no negative
+eigenvalue whatever is rounded, and may be singular: no inverse of a covariance is ever taken. What has no prior is
+spanned by further vectors, the *open* ones, whose coefficients are free.
+"""
+
+from __future__ import annotations
+
+from mbm.machine.records import Reference, lay_out, reals_in, record, sized
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.solver.description import Problem
+from mbm.solver.workspace import Rows
+
+
+@record
+class Chain:
+    """The sizes of a sequence."""
+
+    steps: Integer
+    """T."""
+    n: Integer
+    """Free coordinates of a step."""
+    still: Integer
+    """Those that do not move among them, s; p = n − s do …"""
+    plain: Integer
+    """… and of these those of plain unknowns."""
+    numbers: Integer
+    """Numbers of a step, N …"""
+    still_numbers: Integer
+    """… and those that do not move among them."""
+    noises: Integer
+    """Columns of the noise of a transition, q."""
+    lines: Integer
+    """Most scalar rows of a step, at least n + q + 1."""
+    limits: Integer
+    """Most scalar constraints in a block of a step, at least 1."""
+    affine: Integer
+    """1: transitions are affine in everything."""
+    linear: Integer
+    """1: transitions and rows are."""
+    iterations: Integer
+    """Most iterations of an update, or of a smoother; 1: an update is linearised once, where it was predicted."""
+    cut: Integer
+    """1: inequalities and bounds cut the distribution after each update."""
+    kept: Integer
+    """Steps whose policies are kept: T for a smoother, the lag and 2 more for one of fixed lag, else 1."""
+    lag: Integer
+    """Steps after which a step is reported by a smoother of fixed lag; T: it is none."""
+
+
+@record
+class Walk:
+    """A walk over the steps of a sequence. ``reals`` are as many as `walk_reals` says."""
+
+    chain: Reference[Chain]
+    seen: Reference[Problem]
+    rows: Reference[Rows]
+    rows_reals: Reals
+    seen_data: ConstantIntegers
+    moving: Reference[Problem]
+    moves: Reference[Rows]
+    moves_reals: Reals
+    moves_data: ConstantIntegers
+    spreads: ConstantReals
+    """L of each transition (T − 1, p, q)."""
+    when: ConstantIntegers
+    """Of each block of constraints of a step: 0, it holds at every step; 1, it is taken once, after the first step
+    with rows."""
+    skip: Real
+    """Deviations beyond which a cut is left out."""
+    tolerance: Real
+    """Steps shorter than this, in standard deviations, end an iteration."""
+    reals: Reals
+
+    points: Reals
+    """(T, N) the answer for each step …"""
+    factors: Reals
+    """… (T, n, n), of its covariance …"""
+    opens: Integers
+    """… (T,) how many open vectors there are …"""
+    costs: Reals
+    """… (T,) and what its rows add to the cost."""
+
+    point: Reals = sized("numbers")
+    """Where the walk is: the mean of a step …"""
+    factor: Reals = sized("n * n")
+    """… and the factor of its covariance."""
+    open_count: Integer
+    open: Reals = sized("n * n")
+    """The open vectors, one to a line."""
+    failed: Integer
+    """0; else 1 + the step where something was not finite, or a transition did not lead anywhere."""
+    begun: Integer
+    """1: a step with rows has been."""
+    last_cost: Real
+    iterations: Integer
+    evaluations: Integer
+    settled: Integer
+    """1: the iteration has ended where the cost is least."""
+
+    spread: ConstantReals
+    """L of the transition that is loaded."""
+    ahead: Reals = sized("numbers")
+    """The step reached."""
+    pair: Reals = sized("numbers + numbers")
+    """Numbers of a transition."""
+    noise: Reals = sized("noises")
+    """The noise w (q,) of a transition."""
+    system: Reals = sized("n * (2 * n + 2 + noises)")
+    carry: Reals = sized("n * n")
+    """How the state reached varies with the step before (p, n) …"""
+    push: Reals = sized("n * noises")
+    """… and with the noise (p, q)."""
+    move_lines: Reals = sized("n * (2 * n + 1)")
+
+    jacobian: Reals = sized("lines * (n + 1)")
+    """Rows of ``[J r]`` of a step, one behind the other."""
+    chunk: Reals = sized("lines * (2 * n + noises + 1)")
+    """Rows to go into a triangle, column by column."""
+    triangle: Reals = sized("(2 * n + noises + 1) * (2 * n + noises + 1)")
+    square: Reals = sized("4 * n * n")
+    basis: Reals = sized("2 * n * n")
+    """The vectors that an update combines: open ones that the rows determine, then those of the factor …"""
+    local: Reals = sized("2 * n * n")
+    """… about the point of the iteration."""
+    share: Reals = sized("2 * n")
+    """Their coefficients …"""
+    wanted: Reals = sized("2 * n")
+    """… and those that an iteration steps to."""
+    mean: Reals = sized("numbers")
+    """The point that they are counted from."""
+    trial: Reals = sized("numbers")
+    step: Reals = sized("2 * n")
+    along: Reals = sized("2 * n")
+    singular_step: Reals = sized("2 * n")
+    singular: Reals = sized("n")
+    axes: Reals = sized("n * n")
+    turn: Reals = sized("18")
+    path: Reals = sized("kept * numbers")
+    """The points of a smoother's steps, k at ``k % kept`` …"""
+    path_tried: Reals = sized("kept * numbers")
+    noises: Reals = sized("kept * noises")
+    """… the noise of the transitions that lead from them, in standard deviations, …"""
+    noises_tried: Reals = sized("kept * noises")
+    gains: Reals = sized("kept * noises * (n + 1)")
+    """… how the best noise varies with the step (q, n), and its own part, …"""
+    roots: Reals = sized("kept * noises * noises")
+    """… and the inverse triangle of the noise, given the step."""
+    future: Reals = sized("(n + 1) * (n + 1)")
+    """What the rows of a step and of all those behind it say about it: a triangle of ``[J r]``."""
+    base_mean: Reals = sized("numbers")
+    """The prior of the first step of a smoother: its mean, …"""
+    base_factor: Reals = sized("n * n")
+    """… its factor, …"""
+    base_step: Reals = sized("n")
+    """… the step that leads from there to where the path begins …"""
+    base_share: Reals = sized("n")
+    """… and the coefficients of the factor in it."""
+    base_wanted: Reals = sized("2 * n")
+    """What to add to these, after those of open vectors that the rows determine."""
+    base_step_tried: Reals = sized("n")
+    base_share_tried: Reals = sized("n")
+    promise: Real
+    """What a whole step promises to lower the cost by."""
+    base: Integer
+    """The step where the window of a smoother begins."""
+    left_cost: Real
+    """What the steps add to the cost that have left it."""
+    unsettled: Integer
+    """How often a window did not end where its cost is least."""
+    loose: Integer
+    """1: the path does not begin at the prior, nor does it follow the transitions: the next step closes the gaps."""
+    limit_values: Reals = sized("limits")
+    limit_slopes: Reals = sized("limits * n")
+
+
+def walk_reals(chain: Chain) -> Integer:
+    """Reals of scratch of a walk."""
+    return reals_in(Walk, chain)
+
+
+def share_out_walk(walk: Walk) -> None:
+    """Let the arrays of a walk, and of the rows that it takes, be parts of those that it was given."""
+    lay_out(walk, walk.chain, walk.reals, walk.opens)
+    lay_out(walk.rows, walk.seen, walk.rows_reals, walk.opens)
+    lay_out(walk.moves, walk.moving, walk.moves_reals, walk.opens)

@@ -1,0 +1,204 @@
+"""Updates: what the rows of a step say, together with what was predicted.
+
+With ``x = mean ⊞ Bᵀ θ``, where the vectors B are those of the factor, θ ~ N(0, I), and open ones, whose coefficients
+are free, an update is a least-squares problem in θ: minimise ``|θ|² + |r(x)|²``. Its triangle T, of the rows ``J Bᵀ``
+below the identity, is well conditioned however singular the covariance is; the new factor is ``T⁻ᵀ B`` and the
+last number of the triangle the root of ``vᵀ S⁻¹ v`` of the innovation v.
+
+Gauss-Newton's steps are shortened until the cost falls enough (Armijo): an iterated extended Kalman filter
+(Bell and Cathey 1993) that cannot diverge. With one iteration it is the extended Kalman filter.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, sqrt
+
+from mbm.machine.words import ConstantReals, Integer, Real
+from mbm.solver.charts import transport
+from mbm.solver.filter_moves import to_columns
+from mbm.solver.filter_records import Walk
+from mbm.solver.filter_rows import step_cost, step_lines
+from mbm.solver.linear_algebra import add_multiple, append_rows, copied, dot, filled, solve_upper, times_upper
+from mbm.solver.manifolds import retract
+from mbm.solver.rank_deficient import singular_values
+
+UNSEEN = 1e-10
+"""A singular value of the rows in the open directions that is this share of the largest, or less, is rounding."""
+
+ENOUGH_DECREASE = 1e-4
+"""Share of the decrease that the slope promises."""
+
+ROUNDING_OF_COST = 1e-14
+"""Share of the cost that is the rounding of its sum: a promise below it cannot be seen to be kept, and is believed."""
+
+MOST_HALVINGS = 30
+
+FIRST_COST = 1e300
+"""Where costs are not finite."""
+
+
+def turn_open(walk: Walk, m: Integer, lines: ConstantReals) -> Integer:
+    """Turn the open vectors so that those which m rows determine come first; how many these are.
+
+    ``lines`` are the open vectors about the point where the rows are.
+    """
+    n = walk.chain.n
+    d = walk.open_count
+    if d == 0 or m == 0:
+        return 0
+    for k in range(d):
+        for i in range(m):
+            walk.chunk[k * m + i] = dot(n, walk.jacobian[i * (n + 1) :], lines[k * n :])
+    filled(m, 0.0, walk.chunk[d * m :])
+    filled((d + 1) * (d + 1), 0.0, walk.triangle)
+    append_rows(d + 1, m, m, walk.chunk, walk.triangle)
+    singular_values(d, walk.triangle, walk.square, walk.axes, walk.singular)
+    found = 0
+    for k in range(d):
+        filled(n, 0.0, walk.square[k * n :])
+        for j in range(d):
+            add_multiple(n, walk.axes[k * d + j], walk.open[j * n :], walk.square[k * n :])
+        if walk.singular[k] > UNSEEN * walk.singular[0]:
+            found += 1
+    copied(d * n, walk.square, walk.open)
+    return found
+
+
+def set_triangle_of(walk: Walk, m: Integer, free: Integer, size: Integer) -> None:
+    """The triangle of the m lines over the ``local`` vectors, of which ``free`` have no prior, and its solution."""
+    n = walk.chain.n
+    width = size + 1
+    for i in range(m):
+        line = walk.jacobian[i * (n + 1) :]
+        right = line[n]
+        for j in range(size):
+            value = dot(n, line, walk.local[j * n :])
+            walk.chunk[j * m + i] = value
+            right -= value * walk.share[j]
+        walk.chunk[size * m + i] = right
+    filled(width * width, 0.0, walk.triangle)
+    for j in range(free, size):
+        walk.triangle[j * width + j] = 1.0
+    append_rows(width, m, m, walk.chunk, walk.triangle)
+    for i in range(size):
+        copied(size, walk.triangle[i * width :], walk.square[i * size :])
+        walk.wanted[i] = -walk.triangle[i * width + size]
+    solve_upper(size, walk.square, walk.wanted)
+
+
+def place_share(walk: Walk, size: Integer) -> None:
+    """Let `trial` be the point of the coefficients `share`, and `step` what leads there."""
+    n = walk.chain.n
+    filled(n, 0.0, walk.step)
+    for j in range(size):
+        add_multiple(n, walk.share[j], walk.basis[j * n :], walk.step)
+    retract(walk.seen, walk.mean, walk.step, walk.trial)
+
+
+def cost_of_share(walk: Walk, free: Integer, size: Integer) -> Real:
+    """``|θ|² + |r|²`` there."""
+    place_share(walk, size)
+    found = step_cost(walk, walk.trial) + dot(size - free, walk.share[free:], walk.share[free:])
+    return found if isfinite(found) else FIRST_COST
+
+
+def shortened_share(walk: Walk, free: Integer, size: Integer, cost: Real) -> Real:
+    """The cost after a step from `share` towards `wanted` that lowers it; `FIRST_COST` where none does.
+
+    `along` is the whole step.
+    """
+    times_upper(size, walk.square, walk.along, walk.singular_step)
+    promise = dot(size, walk.singular_step, walk.singular_step)
+    part = 1.0
+    for _ in range(MOST_HALVINGS):
+        for j in range(size):
+            walk.share[j] = walk.wanted[j] - (1.0 - part) * walk.along[j]
+        found = cost_of_share(walk, free, size)
+        if found <= (1.0 + ROUNDING_OF_COST) * cost - 2.0 * ENOUGH_DECREASE * part * promise:
+            return found
+        part *= 0.5
+    for j in range(size):
+        walk.share[j] = walk.wanted[j] - walk.along[j]
+    place_share(walk, size)
+    return FIRST_COST
+
+
+def iterate_update(walk: Walk, m: Integer, free: Integer, size: Integer) -> Real:
+    """Least squares in the coefficients, from the lines at the mean on; what the rows add to the cost."""
+    chain = walk.chain
+    n = chain.n
+    lines = m
+    filled(size, 0.0, walk.share)
+    copied(size * n, walk.basis, walk.local)
+    if chain.iterations == 1:
+        set_triangle_of(walk, lines, free, size)
+        copied(size, walk.wanted, walk.share)
+        place_share(walk, size)
+        root = walk.triangle[(size + 1) * (size + 1) - 1]
+        return root * root
+    cost = cost_of_share(walk, free, size)
+    for _ in range(chain.iterations):
+        set_triangle_of(walk, lines, free, size)
+        walk.iterations += 1
+        for j in range(size):
+            walk.along[j] = walk.wanted[j] - walk.share[j]
+        times_upper(size, walk.square, walk.along, walk.singular_step)
+        length = sqrt(dot(size, walk.singular_step, walk.singular_step))
+        found = shortened_share(walk, free, size, cost)
+        if found < FIRST_COST:
+            cost = found
+        if not length > walk.tolerance:
+            return cost
+        if not found < FIRST_COST:
+            break
+        copied(size * n, walk.basis, walk.local)
+        transport(walk.seen, walk.mean, walk.step, size, walk.turn, walk.local)
+        lines = step_lines(walk, walk.trial)
+    walk.settled = 0
+    return cost
+
+
+def update(walk: Walk) -> Integer:
+    """The step whose rows are loaded, at `point`, with what they say; 0 where something is not finite."""
+    chain = walk.chain
+    n = chain.n
+    m = step_lines(walk, walk.point)
+    if m == 0:
+        walk.last_cost = 0.0
+        return 1
+    free = turn_open(walk, m, walk.open)
+    size = free + n
+    copied(free * n, walk.open, walk.basis)
+    copied(n * n, walk.factor, walk.basis[free * n :])
+    copied(chain.numbers, walk.point, walk.mean)
+    walk.last_cost = iterate_update(walk, m, free, size)
+    finite = walk.last_cost
+    for j in range(chain.numbers):
+        finite += walk.trial[j] * 0.0
+    if not isfinite(finite) or walk.last_cost >= FIRST_COST:
+        return 0
+    copied(chain.numbers, walk.trial, walk.point)
+    set_new_factor(walk, size)
+    walk.open_count -= free
+    copied(walk.open_count * n, walk.open[free * n :], walk.square)
+    copied(walk.open_count * n, walk.square, walk.open)
+    transport(walk.seen, walk.mean, walk.step, walk.open_count, walk.turn, walk.open)
+    return 1
+
+
+def set_new_factor(walk: Walk, size: Integer) -> None:
+    """The factor ``T⁻ᵀ B`` about the new point, as n vectors again."""
+    n = walk.chain.n
+    for i in range(size):
+        own = walk.basis[i * n :]
+        for k in range(i):
+            add_multiple(n, -walk.square[k * size + i], walk.basis[k * n :], own)
+        for j in range(n):
+            own[j] /= walk.square[i * size + i]
+    transport(walk.seen, walk.mean, walk.step, size, walk.turn, walk.basis)
+    if size == n:
+        copied(n * n, walk.basis, walk.factor)
+        return
+    to_columns(size, n, size, walk.basis, walk.chunk)
+    filled(n * n, 0.0, walk.factor)
+    append_rows(n, size, size, walk.chunk, walk.factor)

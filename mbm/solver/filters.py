@@ -1,0 +1,59 @@
+"""Filters: prediction, update and cuts, step after step."""
+
+from __future__ import annotations
+
+from mbm.machine.words import Integer
+from mbm.solver.filter_cuts import cut_step
+from mbm.solver.filter_moves import predict
+from mbm.solver.filter_records import Walk, share_out_walk
+from mbm.solver.filter_rows import load_move, load_step
+from mbm.solver.filter_update import update
+from mbm.solver.linear_algebra import copied
+
+
+def begin_walk(walk: Walk) -> None:
+    """Room for everything; `point`, `factor` and `open` are to be filled then."""
+    share_out_walk(walk)
+    walk.failed = 0
+    walk.begun = 0
+    walk.iterations = 0
+    walk.evaluations = 0
+    walk.settled = 1
+    walk.unsettled = 0
+    walk.left_cost = 0.0
+    walk.open_count = 0
+
+
+def filter_step(walk: Walk, k: Integer) -> Integer:
+    """Step k, which follows on the one where the walk is; 0 where something is not finite."""
+    if k > 0:
+        load_move(walk, k - 1)
+        if predict(walk) == 0:
+            return 0
+    load_step(walk, k)
+    if update(walk) == 0:
+        return 0
+    first = 1 if walk.begun == 0 and walk.rows.data.count > 0 else 0
+    if first == 1:
+        walk.begun = 1
+    cut_step(walk, first)
+    return 1
+
+
+def keep_step(walk: Walk, k: Integer) -> None:
+    """Let the answer for step k be where the walk is."""
+    chain = walk.chain
+    copied(chain.numbers, walk.point, walk.points[k * chain.numbers :])
+    copied(chain.n * chain.n, walk.factor, walk.factors[k * chain.n * chain.n :])
+    walk.costs[k] = walk.last_cost
+    walk.opens[k] = walk.open_count
+
+
+def filter_steps(walk: Walk, first: Integer, last: Integer) -> Integer:
+    """Steps ``first … last``; how many were made."""
+    for k in range(first, last):
+        if filter_step(walk, k) == 0:
+            walk.failed = k + 1
+            return k - first
+        keep_step(walk, k)
+    return last - first

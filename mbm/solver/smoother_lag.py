@@ -1,0 +1,122 @@
+"""The smoother of fixed lag: a window moves over the steps, and what leaves it becomes the prior of what stays.
+
+The step that leaves is linearised where the smoother has it, with all rows of the window in mind, not where a filter
+first was: so what is carried on does not claim more than the rows say.
+"""
+
+from __future__ import annotations
+
+from mbm.machine.words import Integer
+from mbm.solver.charts import step_between, transport
+from mbm.solver.filter_backward import load_noise, path_of, set_base_vectors, slot_of
+from mbm.solver.filter_forward import forward, spread_first
+from mbm.solver.filter_moves import add_noise, carried, carry_lines, move_on
+from mbm.solver.filter_records import Walk
+from mbm.solver.filter_rows import load_step, step_lines
+from mbm.solver.filter_update import set_new_factor, set_triangle_of, turn_open
+from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
+from mbm.solver.manifolds import retract
+from mbm.solver.smoothers import begin_path, drop_open, keep_path, smooth, spread_path
+
+
+def leave_step(walk: Walk, k: Integer) -> None:
+    """The prior of step k with its rows, about the path: `factor`, `open`, and the mean as the change `along`."""
+    n = walk.chain.n
+    load_step(walk, k)
+    m = step_lines(walk, path_of(walk, k))
+    set_base_vectors(walk, walk.open_count)
+    free = turn_open(walk, m, walk.local)
+    set_base_vectors(walk, free)
+    size = free + n
+    filled(free, 0.0, walk.share)
+    copied(n, walk.base_share, walk.share[free:])
+    set_triangle_of(walk, m, free, size)
+    root = walk.triangle[(size + 1) * (size + 1) - 1]
+    walk.left_cost += root * root
+    filled(n, 0.0, walk.along)
+    for j in range(size):
+        add_multiple(n, walk.wanted[j] - walk.share[j], walk.local[j * n :], walk.along)
+    copied(size * n, walk.local, walk.basis)
+    filled(n, 0.0, walk.step)
+    set_new_factor(walk, size)
+    drop_open(walk, free)
+    transport(walk.seen, walk.base_mean, walk.base_step, walk.open_count, walk.turn, walk.open)
+
+
+def advance(walk: Walk) -> Integer:
+    """Let the window begin one step later; 0 where the transition leads nowhere."""
+    chain = walk.chain
+    n = chain.n
+    q = chain.noises
+    k = walk.base
+    leave_step(walk, k)
+    load_noise(walk, k, walk.noises)
+    copied(chain.numbers, path_of(walk, k + 1), walk.ahead)
+    copied(n, walk.along, walk.base_step)
+    if move_on(walk, path_of(walk, k)) == 0:
+        return 0
+    carried(n, chain.still, walk.carry, walk.base_step, walk.wanted)
+    for i in range(n - chain.still):
+        walk.wanted[chain.still + i] -= dot(q, walk.push[i * q :], walk.noise)
+    carry_lines(walk, n, walk.factor)
+    carry_lines(walk, walk.open_count, walk.open)
+    add_noise(walk, n, walk.factor)
+    own = path_of(walk, k + 1)
+    retract(walk.seen, own, walk.wanted, walk.base_mean)
+    transport(walk.seen, own, walk.wanted, n, walk.turn, walk.factor)
+    transport(walk.seen, own, walk.wanted, walk.open_count, walk.turn, walk.open)
+    copied(n * n, walk.factor, walk.base_factor)
+    step_between(walk.seen, walk.base_mean, own, walk.turn, walk.base_step)
+    filled(n, 0.0, walk.base_share)
+    walk.loose = 1
+    walk.base = k + 1
+    return 1
+
+
+def extend_path(walk: Walk, k: Integer) -> Integer:
+    """Let the path reach step k, without noise on the way; 0 where the transition leads nowhere."""
+    chain = walk.chain
+    if k == 0:
+        begin_path(walk)
+        walk.base = 0
+        copied(chain.numbers, walk.point, walk.path)
+        return 1
+    filled(chain.noises, 0.0, walk.noises[slot_of(walk, k - 1) * chain.noises :])
+    load_noise(walk, k - 1, walk.noises)
+    copied(chain.numbers, path_of(walk, k - 1), walk.ahead)
+    if move_on(walk, path_of(walk, k - 1)) == 0:
+        return 0
+    copied(chain.numbers, walk.ahead, path_of(walk, k))
+    if k - walk.base > chain.lag:
+        return advance(walk)
+    if walk.loose == 0:
+        walk.last_cost = forward(walk, walk.base, k, 0, 0.0)
+    return 1
+
+
+def lag_step(walk: Walk, k: Integer) -> Integer:
+    """Step k comes in, and the one a lag before goes out; 0 where something is not finite."""
+    chain = walk.chain
+    if extend_path(walk, k) == 0:
+        return 0
+    free = smooth(walk, walk.base, k)
+    if free < 0:
+        return 0
+    walk.unsettled += 1 - walk.settled
+    if k == chain.steps - 1:
+        return spread_path(walk, walk.base, k, free)
+    if k - walk.base == chain.lag:
+        spread_first(walk, free)
+        walk.open_count -= free
+        keep_path(walk, walk.base)
+        walk.open_count += free
+    return 1
+
+
+def lag_steps(walk: Walk, first: Integer, last: Integer) -> Integer:
+    """Steps ``first … last`` come in; how many did."""
+    for k in range(first, last):
+        if lag_step(walk, k) == 0:
+            walk.failed = k + 1
+            return k - first
+    return last - first

@@ -1,0 +1,81 @@
+"""The two-finger hand of Shimada et al. (1997): the printed filter replayed, and estimators that are consistent."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from mbm.estimation.sequences.walk import Prior, Rules
+from tests.estimation.sequences.chains import chained
+from tests.estimation.sequences.hand import hand_text, moves_text, observed, settings, spreads, table
+
+SIZES = ("r11", "r12", "r13", "r21", "r22", "r23", "rw", "rh")
+
+
+@pytest.fixture(scope="module")
+def folder():
+    path = Path(os.environ.get("MBM_SHARED", "")) / "reference" / "hand"
+    if not (path / "inputs.json").is_file():
+        pytest.skip("reference/hand is not here")
+    return path
+
+
+def sequence(folder, still=(), shift=0.0, constraints=True):
+    """The hand, with its prior, and the order of its numbers."""
+    inputs = settings(folder)
+    names = [*still, *(name for name in inputs["state"] if name not in still)]
+    order = [inputs["state"].index(name) for name in names]
+    made = chained(
+        (hand_text(inputs, still, constraints), {"o": observed(folder, shift)}),
+        (moves_text(inputs, still), {"steps": {"k": np.arange(54)}}),
+        spreads(inputs, still),
+        still=len(still),
+    )
+    mean = np.array([table(folder / "x0_A.csv")[name][0] for name in names])
+    covariance = np.loadtxt(folder / "P0_A.csv", delimiter=",")[np.ix_(order, order)]
+    return made, Prior(point=mean, covariance=covariance, open=np.zeros(36, bool)), names
+
+
+def test_the_printed_filter_is_replayed(folder):
+    """All 36 numbers are states, sizes too: they are cut in every frame, as in the paper."""
+    made, prior, names = sequence(folder)
+    found = made.walk(prior, Rules(cut=True, skip=settings(folder)["c_skip"]))
+    shifted = sequence(folder, shift=1e-10)[0].walk(prior, Rules(cut=True, skip=3.0))
+    # the tolerance is how far data that are 1e-10 off would move it: that of a replay, as the reference's README has it
+    allowed = np.abs(shifted.points - found.points).max()
+    assert allowed < 1e-7
+    known = table(folder / "est_A_ekf_trunc.csv")
+    np.testing.assert_allclose(found.points, np.array([known[name] for name in names]).T, rtol=0, atol=allowed)
+    deviations = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
+    np.testing.assert_allclose(deviations, np.array([known[f"sd_{name}"] for name in names]).T, rtol=0, atol=allowed)
+
+
+@pytest.mark.parametrize("rules", [Rules(iterations=100, smooth=True), Rules(iterations=100, cut=True)])
+def test_smoothing_and_iterated_cuts_are_consistent_and_the_printed_filter_is_not(folder, rules):
+    """Normalised errors of the sizes at the end, and of positions, turns and angles on the average."""
+    made, prior, _ = sequence(folder, SIZES)
+    truth = table(folder / "truth_A.csv")
+    sizes = np.array([truth[name][-1] for name in SIZES])
+    found = made.walk(prior, rules)
+    error = found.points[-1][:8] - sizes
+    normalised = error @ np.linalg.solve(found.covariances[-1][:8, :8], error)
+    assert chi2.ppf(0.025, 8) < normalised < chi2.ppf(0.975, 8)
+    printed = table(folder / "est_A_ekf_trunc.csv")
+    worst = max(abs(printed[name][-1] - truth[name][-1]) / printed[f"sd_{name}"][-1] for name in SIZES)
+    assert worst > 4.0
+    assert np.abs(error / np.sqrt(np.diag(found.covariances[-1])[:8])).max() < 3.0
+
+
+def test_iterated_cuts_come_closer_to_the_sizes_than_the_printed_filter(folder):
+    made, prior, _ = sequence(folder, SIZES)
+    truth = table(folder / "truth_A.csv")
+    printed = table(folder / "est_A_ekf_trunc.csv")
+    found = made.walk(prior, Rules(iterations=100, cut=True))
+    sizes = np.array([truth[name][-1] for name in SIZES])
+    ours = np.linalg.norm(found.points[-1][:8] - sizes)
+    theirs = np.linalg.norm([printed[name][-1] - truth[name][-1] for name in SIZES])
+    assert ours < 0.5 * theirs

@@ -1,0 +1,33 @@
+"""Moments of a cut normal distribution, against extended precision and quadrature."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+
+from mbm.solver.truncation import cut_mean, cut_variance
+
+CUTS = (-1e5, -300.0, -40.0, -12.0, -8.0, -5.0, -3.0, -1.7, -1.0, -0.999, -0.3, 0.0, 1e-3, 0.8, 2.0, 3.0, 7.0, 20.0)
+
+
+@pytest.mark.parametrize("cut", CUTS)
+def test_mean_and_variance_are_those_of_extended_precision(solver, cut):
+    """Far on the left equation (27) as printed is 0/0, and (26) loses all digits."""
+    with mpmath.workdps(60):
+        c = mpmath.mpf(cut)
+        mean = -mpmath.npdf(c) / mpmath.ncdf(c)
+        variance = 1 + c * mean - mean**2
+    assert solver("cut_mean", cut) == pytest.approx(float(mean), rel=1e-13, abs=1e-300)
+    # for moderate cuts 1 + c ν − ν² is what it is: its terms are up to ten times the sum
+    assert solver("cut_variance", cut) == pytest.approx(float(variance), rel=1e-13)
+
+
+def test_the_mean_is_that_of_quadrature():
+    for cut in (-6.0, -2.5, -0.4, 0.0, 1.1):
+        lowest = cut - 20  # below it there is 1e-89 of the whole
+        whole = mpmath.quad(mpmath.npdf, np.linspace(lowest, cut, 9))
+        mean = mpmath.quad(lambda x: x * mpmath.npdf(x), np.linspace(lowest, cut, 9)) / whole
+        square = mpmath.quad(lambda x: x * x * mpmath.npdf(x), np.linspace(lowest, cut, 9)) / whole
+        assert cut_mean(cut) == pytest.approx(float(mean), rel=1e-12)
+        assert cut_variance(cut) == pytest.approx(float(square - mean**2), rel=1e-11)
