@@ -29,6 +29,7 @@ ELSEWHERE = {
     "assumed-noise": "simulation/test_measurements.py",
     "assumed-value": "simulation/test_measurements.py",
     "bad-array": "data/test_data_diagnostics.py",
+    "bad-board": "images/test_boards.py",
     "bad-call": "cli/test_main.py",
     "bad-initial-values": "report/test_initial.py",
     "bad-photograph": "cli/test_view.py",

@@ -16,7 +16,13 @@ from tests.images.rendering import chessboard, corners, middle_of, projected, re
 
 TURN = Rotation.from_euler("xyz", [0.3, -0.2, 0.4])
 SOURCE = '(chessboard "*.png" 7 4 25mm)'
-SOURCES = (SOURCE, '(contour "*.png")', '(contour "*.png" :background "broken.png")', '(image "*.png")')
+SOURCES = (
+    SOURCE,
+    '(aruco "*.png" 3 2 2cm 1cm)',
+    '(contour "*.png")',
+    '(contour "*.png" :background "broken.png")',
+    '(image "*.png")',
+)
 
 
 @pytest.fixture
@@ -49,6 +55,13 @@ def fault(folder, source=SOURCE, sandbox=None):
         ('(chessboard "*.png" 7 4 "a")', "wrong-kind", "a length for `size`"),
         ('(chessboard "*.png" 7 4 25mm :size 3)', "bad-form", ":size"),
         ('(chessboard "*.png" 7 4 25mm) :columns ((x :unit mm))', "mixed-units", "x"),
+        ('(circles "*.png" 7 4)', "bad-form", "`columns`, `rows`, `spacing`"),
+        ('(circles "*.png" 7 4 2cm :asymmetric 1)', "wrong-kind", "`true` or `false` for `asymmetric`"),
+        ('(charuco "*.png" 7 4 2cm)', "bad-form", "`columns`, `rows`, `square`, `marker`"),
+        ('(charuco "*.png" 7 4 2cm 1cm :dictionary DICT_9X9)', "wrong-kind", "`DICT_4X4_50` or `DICT_4X4_100`"),
+        ('(aruco "*.png" 7 4 2cm 1cm :first -1)', "wrong-kind", "a whole number for `first` from 0 to 1000"),
+        ('(aruco "*.png" 7 4 2cm 1cm :border 0)', "wrong-kind", "a whole number for `border` from 1 to 4"),
+        ('(apriltag "*.png" 7 4 2cm 1s)', "wrong-kind", "a length for `gap`"),
         ("(contour)", "bad-form", '(contour "path" [:threshold number] [:object dark|bright] [:background "path"]'),
         ('(contour "*.png" 90)', "bad-form", "takes a path or pattern of paths"),
         ('(contour "*.png" :threshold -1)', "wrong-kind", "a number for `threshold` from 0 to 255"),
@@ -198,7 +211,7 @@ def test_no_change_of_a_byte_ends_the_process(board, tmp_path):
                 assert image.dtype == np.uint8
 
 
-@pytest.mark.parametrize("source", SOURCES[:2] + SOURCES[3:])
+@pytest.mark.parametrize("source", SOURCES[:3] + SOURCES[4:])
 def test_memory_bounds_the_size_of_images(source, board, tmp_path, monkeypatch):
     save(tmp_path / "a.png", board)
     monkeypatch.setenv("MBM_MEMORY", "400KB")

@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.data.images import opencv
+from mbm.data.images.faults import NoBoardError
 from mbm.data.images.features import USUAL_BLUR, crossing
 from mbm.data.images.fitting import Fitted, Floats, Grey, Patches, Pattern, fit
 from mbm.data.images.orientation import oriented
+from mbm.data.images.planes import clear
 from mbm.values import dataclass
 
 LARGEST_PATCH, SMALLEST_PATCH = 8.0, 2.5
 """Radii of patches in px: lenses bend the edges of larger ones, smaller ones have too few pixels."""
+
+TWO_BOARDS = "it shows two boards"
 
 CLEAR = 0.8
 """Part of the distance to the next edge that a patch may reach."""
@@ -48,13 +52,20 @@ def refined(levels: list[Grey], points: Floats, prepared: Callable[[Floats], Pat
     return replace(fitted, points=points, good=good & fitted.good)
 
 
-def chessboard(image: Grey, columns: int, rows: int) -> Found | None:
-    """The inner corners of a chessboard, or None where there is none."""
+def chessboard(image: Grey, columns: int, rows: int) -> Found:
+    """The inner corners of a chessboard.
+
+    Raises:
+        NoBoardError
+
+    """
     levels = opencv.pyramid(image)
     points = opencv.chessboard(levels[-1], columns, rows)
     grid = None if points is None else oriented(levels[-1], points, columns, rows)
-    if grid is None:
-        return None
+    if points is None or grid is None:
+        raise NoBoardError
+    if opencv.chessboard_beside(levels[-1], columns, rows, points):
+        raise NoBoardError(TWO_BOARDS)
 
     def prepared(at: Floats) -> Patches:
         return grid_patches(at.reshape(rows, columns, 2))
@@ -65,13 +76,15 @@ def chessboard(image: Grey, columns: int, rows: int) -> Found | None:
 
 def grid_patches(grid: Floats) -> Patches:
     """Patches about the points of a grid (rows, columns, 2) in which edges run along rows and columns."""
-    along, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
-    across = np.abs(along[..., 0] * down[..., 1] - along[..., 1] * down[..., 0])
-    clear = across / np.maximum(np.linalg.norm(along, axis=-1), np.linalg.norm(down, axis=-1))
-    angles = [np.arctan2(step[..., 1], step[..., 0]).ravel() for step in (along, down)]
-    blur = np.full(angles[0].shape, np.log(USUAL_BLUR))
+    along, down = (np.gradient(grid, axis=axis).reshape(-1, 2) for axis in (1, 0))
+    return crossed_patches(grid.reshape(-1, 2), along, down, clear(along, down))
+
+
+def crossed_patches(points: Floats, along: Floats, down: Floats, room: Floats) -> Patches:
+    """Patches about points (n, 2) at which edges cross in two directions (n, 2); ``room`` (n,) px have nothing else."""
+    angles = [np.arctan2(step[:, 1], step[:, 0]) for step in (along, down)]
     return Patches(
-        points=grid.reshape(-1, 2),
-        radii=np.clip(CLEAR * clear.ravel(), SMALLEST_PATCH, LARGEST_PATCH),
-        parameters=np.column_stack([*angles, blur]),
+        points=points,
+        radii=np.clip(CLEAR * room, SMALLEST_PATCH, LARGEST_PATCH),
+        parameters=np.column_stack([*angles, np.full(len(points), np.log(USUAL_BLUR))]),
     )

@@ -8,6 +8,15 @@ from mbm.data.faults import MOST_NAMES_SHOWN
 from mbm.text.faults import shown
 from mbm.text.types import Code, DataPlace, Diagnostic, Severity
 
+
+class NoBoardError(Exception):
+    """An image shows no board; ``reason`` says why in words, if that is known."""
+
+    def __init__(self, reason: str | None = None) -> None:
+        super().__init__(reason or "")
+        self.reason = reason
+
+
 NOT_AN_IMAGE = Code(
     "not-an-image",
     "A file of a source of images is no image of a kind that is read.",
@@ -21,13 +30,20 @@ DAMAGED_IMAGE = Code(
 NO_BOARD = Code(
     "no-board",
     "The board that a data clause describes is in none of its images.",
-    "Count again: the columns and rows of a chessboard are the inner corners, where four squares meet. The whole board"
-    " must be seen, with a white margin around it.",
+    "Count again: the columns and rows of a chessboard are the inner corners, where four squares meet; those of a"
+    " `charuco` are squares, of others circles or markers. A board without markers must be seen whole, with a white"
+    " margin around it. With markers, look at `:dictionary`.",
 )
 BOARD_LEFT_OUT = Code(
     "board-left-out",
     "The board was not found in some of the images; they give no rows.",
-    "Usually it is not whole in the image, blurred, or a lamp is reflected in it. Nothing is wrong with the others.",
+    "Usually it is not whole in the image, blurred, or a lamp is reflected in it. An image with two boards does not"
+    " tell which is meant. Nothing is wrong with the others.",
+)
+BAD_BOARD = Code(
+    "bad-board",
+    "There is no board as the data clause describes it.",
+    "A marker is smaller than the square around it, and a dictionary has as many markers as the board at least.",
 )
 POINTS_LEFT_OUT = Code(
     "points-left-out",
@@ -70,21 +86,28 @@ def pixels_of(path: str, width: int, height: int) -> str:
     return f"the image `{shown(path)}` of {width:,} × {height:,} pixels"
 
 
-def no_board(place: DataPlace, board: str, images: int) -> Diagnostic:
-    """``board`` says what was looked for, in all of so many images."""
-    where = "the image" if images == 1 else f"any of the {images:,} images"
+def no_board(place: DataPlace, board: str, reasons: Sequence[tuple[str, str | None]]) -> Diagnostic:
+    """``board`` says what was looked for in all images, of which each has a reason by its name, if that is known."""
+    where = "the image" if len(reasons) == 1 else f"any of the {len(reasons):,} images"
+    known = [reason for _, reason in reasons if reason is not None]
     return Diagnostic(
         code=NO_BOARD,
-        message=f"no {board} was found in {where} `{shown(place.file)}`",
+        message=f"no {board} was found in {where} `{shown(place.file)}`{': ' + known[0] if known else ''}",
         place=place,
         hint="look whether the whole board is seen, and count its columns and rows again",
     )
 
 
-def board_left_out(place: DataPlace, board: str, names: Sequence[str], images: int) -> Diagnostic:
+def board_left_out(place: DataPlace, board: str, reasons: Sequence[tuple[str, str | None]], images: int) -> Diagnostic:
     """Some of so many images show no board."""
+    names = [name if reason is None else f"{name} ({reason})" for name, reason in reasons]
     message = f"no {board} was found in {len(names):,} of {images:,} images, which give no rows: {_listed(names)}"
     return Diagnostic(code=BOARD_LEFT_OUT, message=message, place=place, severity=Severity.WARNING)
+
+
+def bad_board(place: DataPlace, reason: str) -> Diagnostic:
+    """``reason`` says what contradicts what."""
+    return Diagnostic(code=BAD_BOARD, message=f"there is no such board: {reason}", place=place)
 
 
 def points_left_out(place: DataPlace, counts: Sequence[tuple[str, int]]) -> Diagnostic:

@@ -10,12 +10,16 @@ import numpy as np
 from scipy.special import erf
 
 from mbm.data.images.fitting import Floats
+from mbm.values import dataclass
 
 USUAL_BLUR = 1.0
 """Standard deviation in px with which a fit begins."""
 
 LEAST_ANGLE = 1e-3
 """Sine of the angle between two edges below which they count as so far apart: parallel edges do not cross."""
+
+LEAST_PART = 1e-6
+"""What q and |Ap|² of `disc` are at least, in units of their values on the ellipse: they vanish in its middle."""
 
 _ROOT = float(np.sqrt(2.0))
 _SLOPE = float(np.sqrt(2 / np.pi))
@@ -34,20 +38,97 @@ def crossing(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, 
 
     It is even about the point, and so are four squares that meet, blurred in any even way: no bias remains.
     """
-    first, second, blur = parameters.T[:, :, None]
-    a, a_turned, a_place = _distance(first, blur, x, y)
-    b, b_turned, b_place = _distance(second, blur, x, y)
-    correlation, sine = np.cos(second - first), np.sin(second - first)
-    root = np.maximum(np.abs(sine), LEAST_ANGLE)
-    value = erf(a / _ROOT) * erf(b / _ROOT)
-    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-        value = value + weight * correlation * _by_correlation(a, b, node * correlation)
-    by_a = _SLOPE * np.exp(-a * a / 2) * erf((b - correlation * a) / (_ROOT * root))
-    by_b = _SLOPE * np.exp(-b * b / 2) * erf((a - correlation * b) / (_ROOT * root))
-    turned = _by_correlation(a, b, correlation) * sine
-    by_place = by_a[:, :, None] * a_place + by_b[:, :, None] * b_place
-    by_shape = np.stack([by_a * a_turned + turned, by_b * b_turned - turned, -a * by_a - b * by_b], axis=2)
-    return np.asarray(value), by_place, by_shape
+    edges = _Edges.of(parameters, x, y)
+    return edges.expected()
+
+
+def corner(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+    """The corner of a square by itself, 1 inside: E[H(a + g) H(b + h)], H the unit step. Parameters as of `crossing`.
+
+    Inside, both distances are positive: the interior lies clockwise of the first edge's direction, as of the second's.
+    """
+    edges = _Edges.of(parameters, x, y)
+    value, by_place, by_shape = edges.expected()
+    blurred = erf(edges.a / _ROOT) + erf(edges.b / _ROOT)
+    by_a, by_b = (_SLOPE * np.exp(-each * each / 2) for each in (edges.a, edges.b))
+    by_place = by_place + edges.along(by_a, by_b)
+    turned = np.stack([by_a * edges.a_turned, by_b * edges.b_turned, -edges.a * by_a - edges.b * by_b], axis=2)
+    return (1 + blurred + value) / 4, by_place / 4, (by_shape + turned) / 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Edges:
+    """Distances a and b (n, pixels) from two edges in units of the blur, and their derivatives; see `crossing`."""
+
+    a: Floats
+    b: Floats
+    a_turned: Floats
+    b_turned: Floats
+    a_place: Floats
+    b_place: Floats
+    correlation: Floats
+    sine: Floats
+
+    @classmethod
+    def of(cls, parameters: Floats, x: Floats, y: Floats) -> _Edges:
+        """Those of edges at two angles (rad), blurred by exp of the third parameter."""
+        first, second, blur = parameters.T[:, :, None]
+        a, a_turned, a_place = _distance(first, blur, x, y)
+        b, b_turned, b_place = _distance(second, blur, x, y)
+        return cls(
+            a=a,
+            b=b,
+            a_turned=a_turned,
+            b_turned=b_turned,
+            a_place=a_place,
+            b_place=b_place,
+            correlation=np.cos(second - first),
+            sine=np.sin(second - first),
+        )
+
+    def along(self, by_a: Floats, by_b: Floats) -> Floats:
+        """The derivative by x and y (n, pixels, 2) of what has these derivatives by a and b."""
+        return np.asarray(by_a[:, :, None] * self.a_place + by_b[:, :, None] * self.b_place)
+
+    def expected(self) -> tuple[Floats, Floats, Floats]:
+        """E[sgn(a + g) sgn(b + h)], and its derivatives."""
+        a, b, correlation = self.a, self.b, self.correlation
+        root = np.maximum(np.abs(self.sine), LEAST_ANGLE)
+        value = erf(a / _ROOT) * erf(b / _ROOT)
+        for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+            value = value + weight * correlation * _by_correlation(a, b, node * correlation)
+        by_a = _SLOPE * np.exp(-a * a / 2) * erf((b - correlation * a) / (_ROOT * root))
+        by_b = _SLOPE * np.exp(-b * b / 2) * erf((a - correlation * b) / (_ROOT * root))
+        turned = _by_correlation(a, b, correlation) * self.sine
+        shape = [by_a * self.a_turned + turned, by_b * self.b_turned - turned, -a * by_a - b * by_b]
+        return np.asarray(value), self.along(by_a, by_b), np.stack(shape, axis=2)
+
+
+def disc(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+    """An ellipse pᵀAp ≤ 1 about the point: erf(d/√2 s). Parameters (n, 4): A₁₁, A₁₂, A₂₂ in 1/px², ln s.
+
+    d = (√q − q)/|Ap| with q = pᵀAp is the distance from the ellipse to first order, positive inside (P. D. Sampson,
+    "Fitting conic sections to 'very scattered' data", 1982). It is even about the point: no bias remains.
+    """
+    first, mixed, last, blur = parameters.T[:, :, None]
+    along, down = first * x + mixed * y, mixed * x + last * y
+    q = np.maximum(along * x + down * y, LEAST_PART)
+    w = np.maximum(along**2 + down**2, LEAST_PART * (first + last) ** 2)
+    scale = np.exp(-blur) / np.sqrt(w)
+    distance = (np.sqrt(q) - q) * scale
+    slope = _SLOPE * np.exp(-distance * distance / 2)
+    by_q, by_w = (0.5 / np.sqrt(q) - 1) * scale, -distance / (2 * w)
+    q_by = (2 * along, 2 * down, x * x, 2 * x * y, y * y)
+    w_by = (
+        2 * (first * along + mixed * down),
+        2 * (mixed * along + last * down),
+        2 * x * along,
+        2 * (y * along + x * down),
+        2 * y * down,
+    )
+    parts = [slope * (by_q * dq + by_w * dw) for dq, dw in zip(q_by, w_by, strict=True)]
+    by_shape = np.stack([*parts[2:], -slope * distance], axis=2)
+    return np.asarray(erf(distance / _ROOT)), np.stack(parts[:2], axis=2), by_shape
 
 
 def edge(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:

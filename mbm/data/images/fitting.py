@@ -41,8 +41,8 @@ DAMPED_FIRST, DAMPED, EASED, LEAST_DAMPING, MOST_DAMPING = 1e-3, 10.0, 0.1, 1e-9
 SINGULAR = 1e-10
 """Smallest eigenvalue of a normal matrix with a unit diagonal that is not singular."""
 
-AT_ONCE = 256
-"""Patches that are fitted together: it bounds the memory of their Jacobians."""
+AT_ONCE = 100_000
+"""Pixels of patches that are fitted together: it bounds the memory of their Jacobians."""
 
 ROUNDING = 1 / 12
 """Variance of the rounding to whole grey values: no image has less noise."""
@@ -95,6 +95,12 @@ class Patches:
         )
 
     @property
+    def reach(self) -> int:
+        """How far in px the pixels of a patch are from its point at most; 0 without patches."""
+        widest = float(self.radii.max(initial=0.0))
+        return int(np.ceil(widest if self.strips is None else np.hypot(widest, self.strips.half)))
+
+    @property
     def axes(self) -> Floats:
         """The directions (n, m, 2) in the image in which a point is sought: both, or that across a curve."""
         if self.strips is None:
@@ -134,9 +140,10 @@ class _Pixels:
 
 def fit(image: Image, patches: Patches, pattern: Pattern) -> Fitted:
     """The points of all patches; pixel centres are at whole numbers."""
-    starts = range(0, len(patches.points), AT_ONCE)
+    together = max(AT_ONCE // (2 * patches.reach + 1) ** 2, 1)
+    starts = range(0, len(patches.points), together)
     with np.errstate(all="ignore"):  # steps that lead nowhere are not taken
-        parts = [_fit(image, patches.of(slice(k, k + AT_ONCE)), pattern) for k in starts]
+        parts = [_fit(image, patches.of(slice(k, k + together)), pattern) for k in starts]
     dimension = patches.axes.shape[1]
     return Fitted(
         points=np.concatenate([patches.points[:0], *(part.points for part in parts)]),
@@ -150,9 +157,7 @@ def fit(image: Image, patches: Patches, pattern: Pattern) -> Fitted:
 def _pixels(image: Image, patches: Patches) -> _Pixels:
     """The pixels of each patch; those outside of the image do not count."""
     height, width = image.shape
-    strips = patches.strips
-    widest = float(patches.radii.max())
-    reach = int(np.ceil(widest if strips is None else np.hypot(widest, strips.half)))
+    strips, reach = patches.strips, patches.reach
     steps = np.arange(-reach, reach + 1, dtype=np.float64)
     across, down = np.tile(steps, len(steps)), np.repeat(steps, len(steps))
     round_ones = across**2 + down**2 <= (reach + 1) ** 2

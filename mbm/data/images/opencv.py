@@ -10,6 +10,7 @@ from mbm.data.images import faults
 from mbm.data.images.hearing import listening
 from mbm.text.faults import missing_extra
 from mbm.text.types import DataPlace, MbmError
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +19,15 @@ if TYPE_CHECKING:
 
 SEARCHED = 1200
 """Pixels of the longer side of the image in which something is looked for: a larger one is halved until it fits."""
+
+SMOOTHED = 1.0
+"""Pixels by which an image is smoothed before markers are looked for."""
+
+LARGEST_DOUBLED = 1400
+"""Pixels of the longer side of an image that is doubled for markers, whose squares may have three pixels."""
+
+WINDOWS = 5, 45, 10
+"""Smallest and largest neighbourhood in px, and the step, in which markers are told from light and shadow."""
 
 Picture = TypeVar("Picture", "NDArray[np.uint8]", "NDArray[np.int16]")
 
@@ -90,6 +100,23 @@ def chessboard(image: Grey, columns: int, rows: int) -> Floats | None:
     return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None
 
 
+def chessboard_beside(image: Grey, columns: int, rows: int, points: Floats) -> bool:
+    """Whether an image shows a chessboard beside that with the inner corners ``points``, looked for in haste."""
+    import cv2
+
+    hull = cv2.convexHull(points.astype(np.float32))[:, 0]
+    middle = hull.mean(axis=0)
+    grown = middle + (hull - middle) * (1 + 3 / min(columns, rows))  # the squares outside of the inner corners
+    rest = image.copy()
+    cv2.fillConvexPoly(rest, np.rint(grown).astype(np.int32), float(np.median(image)))
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_FAST_CHECK
+    try:
+        found, _ = cv2.findChessboardCorners(rest, (columns, rows), flags=flags)
+    except cv2.error:
+        return False
+    return bool(found)
+
+
 def threshold_of(image: Grey) -> float:
     """The grey value that parts an image into dark and bright: those up to it are dark.
 
@@ -119,3 +146,156 @@ def outlines(mask: NDArray[np.bool_]) -> list[tuple[Floats, list[Floats]]]:
 
 def _places(points: Any) -> Floats:
     return np.asarray(points, dtype=np.float64).reshape(-1, 2)
+
+
+def homography(places: Floats, points: Floats) -> Floats | None:
+    """The homography (3, 3) by which places (n, 2) of a plane go to points (n, 2), by least squares; None if none does.
+
+    R. Hartley and A. Zisserman, "Multiple View Geometry in Computer Vision" (2004), algorithm 4.2.
+    """
+    import cv2
+
+    try:
+        found, _ = cv2.findHomography(places, points, 0)
+    except cv2.error:
+        return None
+    return None if found is None or not np.isfinite(found).all() else np.asarray(found, dtype=np.float64)
+
+
+def blobs(image: Grey, *, bright: bool) -> tuple[Floats, Floats]:
+    """The middles (n, 2) and radii (n,) of dark or bright spots of an image to a pixel or so."""
+    found = _spots(image, bright=bright).detect(image)
+    places = np.array([spot.pt for spot in found], dtype=np.float64).reshape(-1, 2)
+    return places, np.array([spot.size / 2 for spot in found], dtype=np.float64)
+
+
+def circles(image: Grey, columns: int, rows: int, *, asymmetric: bool, bright: bool) -> Floats | None:
+    """Spots of an image (rows·columns, 2) that make a grid, row by row from any of its corners; None if none do."""
+    import cv2
+
+    kind = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
+    for flags in (kind, kind | cv2.CALIB_CB_CLUSTERING):  # the second sees through more perspective
+        try:
+            found, grid = cv2.findCirclesGrid(
+                image, (columns, rows), flags=flags, blobDetector=_spots(image, bright=bright)
+            )
+        except cv2.error:
+            continue
+        if found:
+            return _places(grid)
+    return None
+
+
+def without_spots(image: Grey, spots: Floats, radius: float) -> Grey:
+    """The image with everything within a radius in px of spots (n, 2) painted over."""
+    import cv2
+
+    rest, middle = image.copy(), float(np.median(image))
+    for u, v in np.rint(spots).astype(int).tolist():
+        cv2.circle(rest, (u, v), int(np.ceil(radius)), middle, cv2.FILLED)
+    return rest
+
+
+def _spots(image: Grey, *, bright: bool) -> Any:
+    """The detector of spots with 12 pixels at least, convex outlines, and one axis at most ten times the other."""
+    import cv2
+
+    library: Any = cv2  # whose stubs lack the detector of spots
+    wanted = library.SimpleBlobDetector_Params()
+    wanted.blobColor = 255 if bright else 0
+    wanted.minArea, wanted.maxArea = 12, image.size / 9
+    wanted.minDistBetweenBlobs = 4
+    wanted.minThreshold, wanted.maxThreshold, wanted.thresholdStep = 20, 240, 15
+    wanted.minConvexity = 0.9
+    return library.SimpleBlobDetector_create(wanted)
+
+
+def dictionary_size(name: str) -> int:
+    """How many markers a dictionary of OpenCV has."""
+    import cv2
+
+    return len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)).bytesList)
+
+
+def dictionary_side(name: str) -> int:
+    """Squares along a side of the pattern of a marker, its black border apart."""
+    import cv2
+
+    return int(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)).markerSize)
+
+
+def markers(image: Grey, dictionary: str, border: int) -> tuple[NDArray[np.int64], Floats]:
+    """The numbers (n,) of markers from 0, and their corners (n, 4, 2) to a pixel or so, clockwise.
+
+    ``border`` is the width of the black border in squares of the pattern.
+    """
+    import cv2
+
+    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    prepared, scale = _smooth(image)
+    found, numbers, _ = cv2.aruco.ArucoDetector(known, _of_markers(border)).detectMarkers(prepared)
+    if numbers is None:
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 4, 2))
+    return np.asarray(numbers, dtype=np.int64).ravel(), _scaled(_places(found), scale).reshape(-1, 4, 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Charuco:
+    """A chessboard with markers in its white squares: so many squares, the side of a marker in parts of a square's.
+
+    ``legacy``: the first square of a board with an even number of rows is white, as OpenCV had it before 4.6.
+    """
+
+    columns: int
+    rows: int
+    marker: float
+    dictionary: str
+    legacy: bool
+
+
+def charuco(image: Grey, board: Charuco) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+    """The numbers (n,) of inner corners from 0, row by row, and the corners (n, 2) to a pixel or so; markers' numbers.
+
+    Partly seen boards have some of their corners.
+    """
+    import cv2
+
+    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    made = cv2.aruco.CharucoBoard((board.columns, board.rows), 1.0, board.marker, known)
+    made.setLegacyPattern(board.legacy)
+    prepared, scale = _smooth(image)
+    try:
+        finder = cv2.aruco.CharucoDetector(made, detectorParams=_of_markers(1))
+        points, numbers, _, seen = finder.detectBoard(prepared)
+    except cv2.error:
+        points = numbers = seen = None
+    none = np.zeros(0, dtype=np.int64)
+    markers_seen = none if seen is None else np.asarray(seen, dtype=np.int64).ravel()
+    if numbers is None or points is None:
+        return none, np.zeros((0, 2)), markers_seen
+    return np.asarray(numbers, dtype=np.int64).ravel(), _scaled(_places(points), scale), markers_seen
+
+
+def _smooth(image: Grey) -> tuple[Grey, int]:
+    """The image without the noise that breaks the outlines of markers, and how many times as large a small one is."""
+    import cv2
+
+    scale = 2 if 2 * max(image.shape) <= LARGEST_DOUBLED else 1
+    if scale > 1:
+        image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC))
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), SMOOTHED)), scale
+
+
+def _scaled(points: Floats, scale: int) -> Floats:
+    """Points of an image from those of one so many times as large: pixel centres are at whole numbers in both."""
+    return (points + 0.5) / scale - 0.5
+
+
+def _of_markers(border: int) -> Any:
+    """How markers are looked for."""
+    import cv2
+
+    wanted = cv2.aruco.DetectorParameters()
+    wanted.markerBorderBits = border
+    wanted.adaptiveThreshWinSizeMin, wanted.adaptiveThreshWinSizeMax, wanted.adaptiveThreshWinSizeStep = WINDOWS
+    return wanted

@@ -38,6 +38,9 @@ LENGTHS = ("x", "y", "z")
 COVARIANCE = ("covariance11", "covariance12", "covariance22")
 GROUP = ColumnGroup(shape=(2, 2), columns=(COVARIANCE[0], COVARIANCE[1], COVARIANCE[1], COVARIANCE[2]))
 
+FEWEST_ALONG = 3
+"""Points, or squares, along a side of a board: of fewer, detectors make no grid."""
+
 PER_PIXEL = 6
 """Bytes for a pixel: decoded, and in copies of half the size (measured: 3); a board is looked for in a small copy."""
 
@@ -46,23 +49,24 @@ PER_PIXEL = 6
 class Board:
     """What is looked for: words for messages, where its points are (n, 3) in the board's frame, and how to find them.
 
-    ``more`` holds further columns: a number for each point, by the column's name.
+    ``find`` raises NoBoardError. ``more`` holds further columns: a number for each point, by the column's name.
     """
 
     words: str
     places: Floats
-    find: Callable[[Grey], Found | None]
+    find: Callable[[Grey], Found]
     more: Mapping[str, Floats] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Seen:
-    """What one photograph shows: the points that are to be relied on, and how many others there were."""
+    """What one photograph shows, or why it shows no board, if that is known."""
 
     name: str
     path: str
     sha256: str
     found: Found | None
+    reason: str | None = None
 
     @property
     def rows(self) -> int:
@@ -78,7 +82,12 @@ class _Seen:
 def plane(columns: int, rows: int, size: float) -> Floats:
     """Places (rows·columns, 3) of a grid of points, row by row, the first at the origin."""
     y, x = np.mgrid[:rows, :columns].reshape(2, -1) * size
-    return np.column_stack([x, y, np.zeros(len(x))])
+    return flat(np.column_stack([x, y]))
+
+
+def flat(places: Floats) -> Floats:
+    """Places (n, 2) of a plane in space (n, 3)."""
+    return np.column_stack([places, np.zeros(len(places))])
 
 
 def read_image(path: Path, per_pixel: int = PER_PIXEL) -> tuple[Grey, str]:
@@ -130,9 +139,9 @@ def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable
     """
     place = DataPlace(file=shown)
     seen = [_seen(name, path, board) for name, path in paths.items()]
-    without = [each.name for each in seen if each.found is None]
+    without = [(each.name, each.reason) for each in seen if each.found is None]
     if len(without) == len(seen):
-        raise MbmError(faults.no_board(place, board.words, len(seen)))
+        raise MbmError(faults.no_board(place, board.words, without))
     parts = [part_of(each.path, each.sha256, each.rows) for each in seen]
     table = table_of(shown, _columns(shown, seen, board), parts, tuple(_remarks(seen, without, board, place)))
     return replace(table, groups={"covariance": GROUP})
@@ -140,10 +149,12 @@ def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable
 
 def _seen(name: str, path: Path, board: Board) -> _Seen:
     image, digest = read_image(path)
-    found = board.find(image)
-    if found is not None and not found.fitted.good.any():
-        found = None
-    return _Seen(name=name, path=path.as_posix(), sha256=digest, found=found)
+    shown = path.as_posix()
+    try:
+        found = board.find(image)
+    except faults.NoBoardError as error:
+        return _Seen(name=name, path=shown, sha256=digest, found=None, reason=error.reason)
+    return _Seen(name=name, path=shown, sha256=digest, found=found if found.fitted.good.any() else None)
 
 
 def _columns(shown: str, seen: Sequence[_Seen], board: Board) -> Iterator[Column]:
@@ -165,7 +176,9 @@ def _columns(shown: str, seen: Sequence[_Seen], board: Board) -> Iterator[Column
         yield Column(name=name, numbers=frozen(spread[:, i, j]))
 
 
-def _remarks(seen: Sequence[_Seen], without: Sequence[str], board: Board, place: DataPlace) -> Iterator[Diagnostic]:
+def _remarks(
+    seen: Sequence[_Seen], without: Sequence[tuple[str, str | None]], board: Board, place: DataPlace
+) -> Iterator[Diagnostic]:
     if without:
         yield faults.board_left_out(place, board.words, without, len(seen))
     counts = [(each.name, each.left_out) for each in seen if each.left_out]

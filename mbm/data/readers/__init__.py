@@ -9,7 +9,7 @@ from mbm.data.types import AnyReader
 
 _TABLES = ("csv", "tsv", "json", "npz", "parquet")
 _RECORDS = ("tum", "kitti", "euroc", "bal", "g2o", "bundler", "colmap", "opencv", "kalibr")
-_IMAGES = ("chessboard", "contour", "image")
+_IMAGES = ("chessboard", "circles", "charuco", "aruco", "apriltag", "contour", "image")
 _NAMES = (*_TABLES, *_RECORDS, *_IMAGES)
 """The formats, each in a file of its name that exports ``READER``."""
 

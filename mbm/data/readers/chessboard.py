@@ -7,16 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mbm.data.images.header import EXTENSIONS
-from mbm.data.images.photographs import LENGTHS, UNITS, Board, plane, read_boards
+from mbm.data.images.photographs import FEWEST_ALONG, LENGTHS, UNITS, Board, plane, read_boards
 from mbm.data.types import ImageReader, RawTable
 from mbm.problem.tables import Argument, ArgumentKind, Format
 
 if TYPE_CHECKING:
     from mbm.data.images.boards import Found
     from mbm.data.images.fitting import Grey
-
-FEWEST = 3
-"""Inner corners along a side: of fewer the detector makes no grid."""
 
 
 def read(paths: Mapping[str, Path], shown: str, arguments: Mapping[str, float | str]) -> RawTable:
@@ -26,7 +23,7 @@ def read(paths: Mapping[str, Path], shown: str, arguments: Mapping[str, float | 
     """
     columns, rows, size = int(arguments["columns"]), int(arguments["rows"]), float(arguments["size"])
 
-    def find(image: Grey) -> Found | None:
+    def find(image: Grey) -> Found:
         from mbm.data.images import boards  # which loads SciPy
 
         return boards.chessboard(image, columns, rows)
@@ -40,8 +37,8 @@ READER = ImageReader(
     extensions=EXTENSIONS,
     format=Format(
         arguments=(
-            Argument(name="columns", kind=ArgumentKind.COUNT, least=FEWEST),
-            Argument(name="rows", kind=ArgumentKind.COUNT, least=FEWEST),
+            Argument(name="columns", kind=ArgumentKind.COUNT, least=FEWEST_ALONG),
+            Argument(name="rows", kind=ArgumentKind.COUNT, least=FEWEST_ALONG),
             Argument(name="size", kind=ArgumentKind.LENGTH),
         ),
         units=UNITS,
