@@ -242,8 +242,9 @@ class FormEvaluator:
         if written is not None and self._are_operands(written[1], scope):
             return faults.infix(symbol.span, name, *written)
         functions = [*self.vocabulary.functions, *self.vocabulary.special_forms]
-        candidates = [*functions, *scope.names()] if is_head else [*scope.names(), *functions]
-        return faults.unknown_name(symbol.span, name, closest(name, dict.fromkeys(candidates)), is_head=is_head)
+        # a value is mostly one of the file's own names; what is called, as often one of the language
+        near = closest(name, [*functions, *scope.names()] if is_head else scope.names())
+        return faults.unknown_name(symbol.span, name, near or closest(name, functions), is_head=is_head)
 
 
 _SIZED = (Array, ListValue, Sequence)
