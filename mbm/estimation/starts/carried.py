@@ -17,10 +17,10 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.symbolic.types import Purpose
 
-ROUNDS = 10
+NEWTON_STEPS = 10
 """Newton steps to the value at the next step at most: one where the transition is affine in it."""
 
-SMALL = 1e-9
+NO_FURTHER = 1e-9
 """Length of a step, beside that of the numbers, from which on it is not worth another."""
 
 
@@ -86,7 +86,7 @@ class _Walk:
             here = entry.offset + step * entry.unknown.size
             result[here : here + entry.unknown.size] = point[here - entry.unknown.size : here]
         coordinates = np.concatenate([e.first + step * e.unknown.freedom + _range(e) for e in self._entries])
-        for _ in range(ROUNDS):
+        for _ in range(NEWTON_STEPS):
             residuals, slopes = self._linearised(result, step, coordinates)
             if slopes.shape[0] != slopes.shape[1] or not np.isfinite(slopes).all() or not np.isfinite(residuals).all():
                 return None
@@ -97,7 +97,7 @@ class _Walk:
             whole = np.zeros(len(self._layout.number))
             whole[coordinates] = change
             result = self._layout.retract(result, whole)
-            if np.linalg.norm(change) <= SMALL * (1.0 + np.linalg.norm(result[self._numbers(step)])):
+            if np.linalg.norm(change) <= NO_FURTHER * (1.0 + np.linalg.norm(result[self._numbers(step)])):
                 break
         return self._inside(result, coordinates)
 

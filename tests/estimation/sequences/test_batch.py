@@ -228,3 +228,74 @@ def test_the_noise_of_transitions_may_be_unknown():
     result = mbm.loads(text).solve(data={"gps": {"t": np.arange(300.0), "x": p + rng.normal(0, 0.1, 300)}})
     scatter = np.diff(result["p"].value).std()
     assert scatter == pytest.approx(2.0, rel=0.15)
+
+
+RUNS = """(problem runs (data gps external) (data odo external)
+  (states :over t (p :init 0 :sigma 10)) (dynamics (= (next p) (+ p v) :sigma 0.2))
+  (observe gps (= x p) :sigma 0.3) {rest})"""
+
+
+def runs(seed=1):
+    rng = np.random.default_rng(seed)
+    gps, odo = ({"run": [], "t": [], name: []} for name in "xv")
+    for run, times in ((1, [0, 1, 2]), (2, [0, 1, 4, 5]), (3, [7])):
+        for t in times:
+            for table, name in ((gps, "x"), (odo, "v")):
+                table["run"].append(run)
+                table["t"].append(float(t))
+                table[name].append(rng.normal(t, 0.3))
+    return {"gps": gps, "odo": odo}
+
+
+def of_run(data, run):
+    keep = {name: np.asarray(table["run"]) == run for name, table in data.items()}
+    return {name: {c: np.asarray(v)[keep[name]] for c, v in table.items()} for name, table in data.items()}
+
+
+def test_each_key_is_a_sequence_of_its_own():
+    data = runs()
+    together = mbm.loads(RUNS.format(rest="(for-each run)")).solve(data=data)
+    assert [solve.key["run"] for solve in together.solves] == [1, 2, 3]
+    for solve in together.solves:
+        alone = mbm.loads(RUNS.format(rest="")).solve(data=of_run(data, solve.key["run"]))
+        (estimate,) = solve.estimates
+        assert list(estimate.keys) == list(alone["p"].keys)
+        assert estimate.value == pytest.approx(alone["p"].value, rel=1e-12)
+        assert estimate.sigma == pytest.approx(alone["p"].sigma, rel=1e-12)
+
+
+def test_each_window_is_a_sequence_of_its_own():
+    data = of_run(runs(), 2)
+    slid = mbm.loads(RUNS.format(rest="(window t :length 2.5 :step 1)")).solve(data=data)
+    assert [list(solve.estimates[0].keys) for solve in slid.solves] == [[0], [0, 1], [0, 1], [1], [4], [4, 5]]
+
+
+def test_a_key_that_lacks_a_row_fails_alone():
+    data = runs()
+    data["odo"] = {name: cells[:-3] for name, cells in data["odo"].items()}  # of run 2, steps 4 and 5; run 3
+    together = mbm.loads(RUNS.format(rest="(for-each run)")).solve(data=data)
+    assert [solve.status for solve in together.solves] == ["converged", "not-converged", "converged"]
+    assert [d.code.name for d in together.solves[1].diagnostics] == ["unmatched-step"]
+
+
+@pytest.mark.parametrize("rest", ["", "(for-each run)"])
+def test_the_row_of_the_first_step_is_not_used(rest):
+    data = of_run(runs(), 2)
+    data["odo"]["v"][0] = np.nan
+    found = mbm.loads(RUNS.format(rest=rest)).solve(data=data)
+    assert found.solves[0].status == "converged"
+    data["odo"]["v"][2] = np.nan
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads(RUNS.format(rest=rest)).solve(data=data)
+    assert caught.value.diagnostics[0].code.name == "not-finite-cell"
+
+
+def test_other_data_make_other_steps():
+    """One compiled problem: steps and transitions are those of the data at hand."""
+    compiled = mbm.loads(RUNS.format(rest="")).compile(data=of_run(runs(1), 1))
+    for seed, run in ((2, 2), (3, 1)):
+        data = of_run(runs(seed), run)
+        fresh = mbm.loads(RUNS.format(rest="")).solve(data=data)
+        again = compiled.solve(data=data)
+        assert list(again["p"].keys) == list(fresh["p"].keys)
+        assert again["p"].value == pytest.approx(fresh["p"].value, rel=1e-12)
