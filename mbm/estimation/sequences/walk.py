@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,10 @@ class Prior:
     covariance: Floats
     open: Mask
 
+    def filled(self) -> Prior:
+        """The same with 0 where there is no start."""
+        return replace(self, point=np.nan_to_num(self.point))
+
     def factor(self) -> Floats:
         """U (n, n) with ``UᵀU`` the covariance, which may be singular."""
         values, vectors = np.linalg.eigh(self.covariance)
@@ -55,7 +60,9 @@ class Rules:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Track:
-    """What a walk says: points (T, N), factors (T, n, n) of covariances, open directions (T,), and the costs (T,).
+    """What a walk says: points (T, N), factors (T, n, n) of covariances, open directions (T,), and costs (T,).
+
+    ``touched`` (T, n) are the coordinates that open directions touch.
 
     ``made`` steps were made: fewer than T where something was not finite at the next, or the user interrupted.
     """
@@ -63,6 +70,7 @@ class Track:
     points: Floats
     factors: Floats
     opens: Indices
+    touched: Mask
     costs: Floats
     cost: float
     made: int
@@ -83,8 +91,7 @@ class Chained:
 
     ``still`` coordinates and ``still_numbers`` numbers of a step do not move, and come first; the first ``plain``
     coordinates are those of plain unknowns. ``spreads`` (T − 1, p, q) has L of each transition, whose p rows equal
-    ``L w`` for a standard normal w. ``once`` has a number for each group of constraints of a step, 1 where it is taken
-    once.
+    ``L w`` for a standard normal w. ``begin`` is the first step with rows.
     """
 
     seen: Local
@@ -93,12 +100,22 @@ class Chained:
     still_numbers: int
     plain: int
     spreads: Floats
-    once: Sequence[int] = ()
+    begin: int = 0
 
     @property
     def steps(self) -> int:
         """T."""
-        return len(self.seen.keys)
+        return self.seen.steps
+
+    @property
+    def linear(self) -> bool:
+        """Whether rows and transitions are affine in everything."""
+        return self.seen.linear and self.moving.linear
+
+    @property
+    def lossy(self) -> bool:
+        """Whether some rows have a loss."""
+        return self.seen.equations.lossy
 
     def walk(self, prior: Prior, rules: Rules, stopped: Callable[[], bool] = never) -> Track:
         """Over all steps.
@@ -124,14 +141,13 @@ class _Memory:
         self.factors = np.zeros((steps, n, n))
         self.costs = np.zeros(steps)
         self.opens = np.zeros(steps, dtype=np.int64)
+        self.touched = np.zeros((steps, n), dtype=np.int64)
         self._code.expect(float(steps) * (n + 4) ** 3 * 20.0)
         self._held: list[Any] = [seen, moving, chained]
         self.walk = self._code.blank(Walk)
-        when = np.zeros(len(chained.seen.equations.constraints) + 1, dtype=np.int64)
-        when[: len(chained.once)] = chained.once
-        self._put(reals=np.zeros(walk_reals(view(Chain, self.chain))), chain=self.chain, when=when)
+        self._put(reals=np.zeros(walk_reals(view(Chain, self.chain))), chain=self.chain)
         self._put(spreads=np.ascontiguousarray(chained.spreads, dtype=np.float64))
-        self._put(points=self.points, factors=self.factors, costs=self.costs, opens=self.opens)
+        self._put(points=self.points, factors=self.factors, costs=self.costs, opens=self.opens, touched=self.touched)
         self._rows("rows", "rows_reals", "seen", "seen_data", seen)
         self._rows("moves", "moves_reals", "moving", "moves_data", moving)
         self._set_reals(skip=rules.skip, tolerance=rules.tolerance)
@@ -158,6 +174,7 @@ class _Memory:
             points=self.points,
             factors=self.factors,
             opens=self.opens,
+            touched=self.touched != 0,
             costs=self.costs,
             cost=cost,
             made=made,
@@ -228,9 +245,7 @@ def _sizes(chained: Chained, rules: Rules) -> Indices:
     seen, moving = chained.seen, chained.moving
     n = seen.equations.dimension
     steps = chained.steps
-    linear = seen.linear and moving.linear
-    lines = int(seen.stack.residuals.max(initial=0))
-    limits = [int(r.max(initial=0)) * g.kernel.outputs for g, r in _limits(chained)]
+    lines = int(seen.residuals.max(initial=0))
     lag = steps if rules.lag is None else rules.lag
     kept = 1 if not rules.smooth else steps if rules.lag is None else rules.lag + 2
     values = {
@@ -242,10 +257,11 @@ def _sizes(chained: Chained, rules: Rules) -> Indices:
         "plain": chained.plain,
         "noises": chained.spreads.shape[2],
         "lines": max(lines, n + chained.spreads.shape[2] + 1),
-        "limits": max(limits, default=1),
+        "limits": seen.limits,
         "affine": int(moving.linear),
-        "linear": int(linear),
-        "iterations": 1 if linear else rules.iterations,
+        "linear": int(chained.linear),
+        "iterations": 1 if chained.linear else rules.iterations,
+        "begin": chained.begin,
         "cut": int(rules.cut),
         "kept": kept,
         "lag": lag,
@@ -254,9 +270,3 @@ def _sizes(chained: Chained, rules: Rules) -> Indices:
     for name, value in values.items():
         found[slot(Chain, name)] = value
     return found
-
-
-def _limits(chained: Chained) -> Any:
-    """The groups of constraints of a step, with their rows in each step."""
-    bound = chained.seen.stack
-    return zip(bound.equations.constraints, bound.rows[len(bound.equations.groups) :], strict=True)
