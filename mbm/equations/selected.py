@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from mbm.problem.joining import distinct
 from mbm.problem.rows import Positions
+from mbm.problem.sequence.tables import transitions_table
+from mbm.problem.sequence.types import Sequence
+from mbm.problem.stacking import stacked
 from mbm.problem.tables import Table
 from mbm.problem.types import Family, Problem
 
@@ -14,11 +18,16 @@ class SelectedTables(Mapping[str, Table]):
     """Tables of which each holds only the rows at some positions; those without positions enter whole."""
 
     def __init__(
-        self, whole: Mapping[str, Table], positions: Mapping[str, Positions], families: Mapping[str, Family]
+        self,
+        whole: Mapping[str, Table],
+        positions: Mapping[str, Positions],
+        families: Mapping[str, Family],
+        sequence: Sequence | None = None,
     ) -> None:
         self._whole = whole
         self._positions = positions
         self._families = families
+        self._sequence = sequence
         self._taken: dict[str, Table] = {}
 
     def __getitem__(self, name: str) -> Table:
@@ -28,6 +37,11 @@ class SelectedTables(Mapping[str, Table]):
         return found
 
     def _make(self, name: str) -> Table:
+        if self._sequence is not None and name == self._sequence.reached:
+            return transitions_table(replace(self._sequence, divided=False), self)
+        stack = next((f for f in self._families.values() if f.ordered and f.sources and f.table == name), None)
+        if stack is not None:
+            return stacked(self, stack.sources, name)
         family = self._families.get(name)
         if family is not None and family.column is not None:
             return distinct(self[family.table], family, name)

@@ -56,10 +56,13 @@ def selections(problem: Problem, tables: Mapping[str, Table]) -> tuple[int, Iter
     from mbm.equations.windows import windows
 
     families = column_families(problem)
+    sequence = problem.sequence
     base = {name: table for name, table in tables.items() if name not in families}
+    if sequence is not None:
+        base.pop(sequence.reached)
     chosen = list(_chosen(columns, base))
     if window is None:
-        made = (Selection(key=key, tables=SelectedTables(base, rows, families)) for key, rows in chosen)
+        made = (Selection(key=key, tables=SelectedTables(base, rows, families, sequence)) for key, rows in chosen)
         return len(chosen), made
     slid = [(key, windows(problem, window, base, rows)) for key, rows in chosen]
     count = too_many(window, sum(each.count for _, each in slid))
@@ -85,7 +88,7 @@ def _slid(
 
     families = column_families(problem)
     for end, positions, rows in slid.each():
-        tables = SelectedTables(base, positions, families)
+        tables = SelectedTables(base, positions, families, problem.sequence)
         yield Selection(key={**key, slid.column: end}, tables=tables, rows=rows)
 
 

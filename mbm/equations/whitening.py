@@ -16,7 +16,7 @@ from mbm.problem.types import Equation, NoiseKind
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
-FLOOR = 3e-4
+FLOOR = 1e-4
 """Standard deviation of what has no noise, beside what the noise gives the same components: estimates and standard
 deviations differ from those of exact equations by its square, 1e-7 of a standard deviation. The rounding of normal
 equations grows as the inverse square."""

@@ -270,7 +270,8 @@ def _states(work: Workspace, clauses: tuple[Sequence, ...]) -> Declared | None:
     dynamics = _all(clauses, "dynamics")
     found = None
     with work.collecting():
-        found = declare_states(work, _all(clauses, "states"), dynamics)
+        divided = bool(_all(clauses, "for-each") or _all(clauses, "window"))
+        found = declare_states(work, _all(clauses, "states"), dynamics, divided=divided)
         if found is None and dynamics:
             raise MbmError(faults.no_states(dynamics[0].items[0].span, "`dynamics`"))
     return found

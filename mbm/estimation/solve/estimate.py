@@ -54,6 +54,23 @@ def assemble(
         MbmError: weights that are none, bounds the wrong way round.
 
     """
+    equations, binder = _assembled(problem, kernels, tables, starts, cache)
+    if problem.sequence is None or equations.linear:
+        return equations, binder
+    # Loaded by problems with states only, so that the others start at once.
+    from mbm.estimation.starts.carried import carried_starts
+
+    carried = carried_starts(problem, kernels, tables, starts, cache)
+    return _assembled(problem, kernels, tables, {**carried, **starts}, cache)
+
+
+def _assembled(
+    problem: Problem,
+    kernels: KernelSet,
+    tables: Mapping[str, Table],
+    starts: Mapping[str, Floats],
+    cache: EvaluationCache,
+) -> tuple[Assembled, Binder]:
     places = cache.layouts.of(problem, tables, starts)
     binder = Binder(problem=problem, layout=places, tables=tables, cache=cache)
     return blank(binder, kernels), binder

@@ -66,6 +66,7 @@ def read_dynamics(
         reached=steps.reached,
         sources=family.sources or ((family.table, steps.column),),
         states=first,
+        divided=declared.divided,
         span=declared.clause.items[0].span,
     )
     states = dict(zip(names, declared.declarations, strict=True))

@@ -27,16 +27,24 @@ _RATE_OPTIONS = {"velocity": "init", "velocity-sigma": "sigma"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Declared:
-    """The states as declared, rates behind those that they belong to (``rate_of``), and the family of the steps."""
+    """The states as declared, rates behind those that they belong to (``rate_of``), and the family of the steps.
+
+    ``divided``: the rows make several sequences.
+    """
 
     declarations: tuple[Declaration, ...]
     rate_of: Mapping[str, str]
     family: Family
     clause: Sequence
+    divided: bool
 
 
-def declare_states(work: Workspace, clauses: list[Sequence], dynamics: list[Sequence]) -> Declared | None:
+def declare_states(
+    work: Workspace, clauses: list[Sequence], dynamics: list[Sequence], *, divided: bool
+) -> Declared | None:
     """Declare the states, so that all clauses may use them; None where there are none.
+
+    ``divided``: other clauses make several sequences of the rows.
 
     Raises:
         MbmError: two clauses, no column of numbers to go over.
@@ -74,7 +82,7 @@ def declare_states(work: Workspace, clauses: list[Sequence], dynamics: list[Sequ
                 found.append(rate)
                 _enter(work, rate)
                 rate_of[rate.name.name] = declaration.name.name
-    return Declared(declarations=tuple(found), rate_of=rate_of, family=family, clause=clause)
+    return Declared(declarations=tuple(found), rate_of=rate_of, family=family, clause=clause, divided=divided)
 
 
 def first_states(

@@ -103,6 +103,7 @@ class Sequence:
     called ``table.column``. Rows of other tables belong to the step that their own ``column`` names; where an equation
     mentions a state, the member is picked by that column. ``states`` hold rates too, in the order of the unknowns;
     unknowns of the problem that are no states are constant over the sequence. Every state is in one transition.
+    ``divided``: ``for-each`` or ``window`` make several sequences of the rows, each with steps of its own.
     """
 
     column: str
@@ -113,6 +114,7 @@ class Sequence:
     transitions: tuple[Transition, ...] = ()
     joined: tuple[tuple[str, str], ...] = ()
     estimator: Estimator = Estimator()
+    divided: bool = False
     span: Span
 
     @property

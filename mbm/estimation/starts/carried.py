@@ -1,0 +1,138 @@
+"""Starts of states: the first step's, carried on by the transitions without noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mbm.equations.binder import Binder
+from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.layout import Entry, Layout
+from mbm.equations.types import Floats, Indices
+from mbm.kernels.types import KernelSet
+from mbm.problem.rows import rows_of
+from mbm.problem.sequence.types import Sequence
+from mbm.problem.tables import Table
+from mbm.problem.types import Problem
+from mbm.symbolic.types import Purpose
+
+NEWTON_STEPS = 10
+"""Newton steps to the value at the next step at most: one where the transition is affine in it."""
+
+NO_FURTHER = 1e-9
+"""Length of a step, beside that of the numbers, from which on it is not worth another."""
+
+
+@np.errstate(all="ignore")  # what is no value ends the walk
+def carried_starts(
+    problem: Problem,
+    kernels: KernelSet,
+    tables: Mapping[str, Table],
+    starts: Mapping[str, Floats],
+    cache: EvaluationCache,
+) -> dict[str, Floats]:
+    """The numbers (members · size) of each state that changes: at the first step ``starts``, else ``:init``.
+
+    From the step on at which a transition has no value, or does not determine the next one, they are ``:init``. States
+    with ``starts`` are left out.
+    """
+    sequence = problem.sequence
+    if sequence is None:
+        return {}
+    found = cache.layouts.of(problem, tables, starts)
+    binder = Binder(problem=problem, layout=found, tables=tables, cache=cache)
+    groups = _groups(problem, sequence, kernels, binder)
+    entries = [entry for entry in found.entries if entry.unknown.is_state and entry.steps is None]
+    if not entries or not groups or np.isnan(found.start[[entry.offset for entry in entries]]).any():
+        return {}
+    point, count = found.start.copy(), entries[0].members
+    walk = _Walk(found, entries, groups, count - 1)
+    for step in range(1, count):
+        ahead = walk.next(point, step)
+        if ahead is None:
+            break
+        point = ahead
+    return {e.unknown.name: point[e.range] for e in entries if e.unknown.name not in starts}
+
+
+def _groups(problem: Problem, sequence: Sequence, kernels: KernelSet, binder: Binder) -> list[Group]:
+    """The equations of all transitions, bound to their rows."""
+    names = {name for t in sequence.transitions for name in (t.block, t.exact) if name is not None}
+    table = binder.tables[sequence.reached]
+    found = []
+    for number, kernel in enumerate(kernels.kernels):
+        if kernel.purpose is Purpose.EQUATION and problem.blocks[kernel.owner].name in names:
+            rows = rows_of(problem.blocks[kernel.owner].cases[kernel.case].static, table)
+            found.append(binder.bind(number, kernel, table, rows))
+    return [group for group in found if group.rows]
+
+
+class _Walk:
+    """From step to step: which rows reach each, and where its numbers and coordinates stand."""
+
+    def __init__(self, layout: Layout, entries: list[Entry], groups: list[Group], reached: int) -> None:
+        self._layout = layout
+        self._entries = entries
+        self._rows: list[list[tuple[Group, int]]] = [[] for _ in range(reached)]
+        for group in groups:
+            for row, position in enumerate(np.asarray(group.positions).tolist()):
+                self._rows[position].append((group, row))
+
+    def next(self, point: Floats, step: int) -> Floats | None:
+        """The point (N,) with the values at a step (from 1) that follow from those at the step before."""
+        result = point.copy()
+        for entry in self._entries:
+            here = entry.offset + step * entry.unknown.size
+            result[here : here + entry.unknown.size] = point[here - entry.unknown.size : here]
+        coordinates = np.concatenate([e.first + step * e.unknown.freedom + _range(e) for e in self._entries])
+        for _ in range(NEWTON_STEPS):
+            residuals, slopes = self._linearised(result, step, coordinates)
+            if slopes.shape[0] != slopes.shape[1] or not np.isfinite(slopes).all() or not np.isfinite(residuals).all():
+                return None
+            try:
+                change = np.linalg.solve(slopes, -residuals)
+            except np.linalg.LinAlgError:
+                return None
+            whole = np.zeros(len(self._layout.number))
+            whole[coordinates] = change
+            result = self._layout.retract(result, whole)
+            if np.linalg.norm(change) <= NO_FURTHER * (1.0 + np.linalg.norm(result[self._numbers(step)])):
+                break
+        return self._inside(result, coordinates)
+
+    def _linearised(self, point: Floats, step: int, coordinates: Indices) -> tuple[Floats, Floats]:
+        """What the transitions to a step leave (m,), and its derivative by the coordinates there (m, n)."""
+        residuals, slopes = [], []
+        for group, row in self._rows[step - 1]:
+            kernel = group.kernel
+            stream = group.cache.stream(group.number, kernel)
+            values, nonzeros = stream.values_and_jacobian(group.inputs_at(point[None], slice(row, row + 1)))
+            dense = np.zeros((kernel.outputs, len(coordinates)))
+            places = np.searchsorted(coordinates, group.columns[row])
+            known = places < len(coordinates)
+            known[known] = coordinates[places[known]] == group.columns[row][known]
+            for output, column, slope in zip(kernel.jacobian_rows, kernel.jacobian_columns, nonzeros[0], strict=True):
+                if known[column]:
+                    dense[output, places[column]] += slope
+            residuals.append(values[0].copy())
+            slopes.append(dense)
+        if not residuals:
+            return np.empty(0), np.empty((0, len(coordinates)))
+        return np.concatenate(residuals), np.vstack(slopes)
+
+    def _numbers(self, step: int) -> Indices:
+        sizes = [(e.offset + step * e.unknown.size, e.unknown.size) for e in self._entries]
+        return np.concatenate([np.arange(first, first + size) for first, size in sizes])
+
+    def _inside(self, point: Floats, coordinates: Indices) -> Floats:
+        """The point within the bounds of the coordinates at hand."""
+        layout = self._layout
+        plain = coordinates[layout.number[coordinates] >= 0]
+        numbers = layout.number[plain]
+        point[numbers] = np.clip(point[numbers], layout.lower[plain], layout.upper[plain])
+        return point
+
+
+def _range(entry: Entry) -> Indices:
+    return np.arange(entry.unknown.freedom)
