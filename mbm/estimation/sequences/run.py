@@ -59,6 +59,9 @@ def walked(
             what = f"begins where the equations are linearised, and `{name}` has no start"
             raise MbmError(faults.not_for_filters(problem.unknown(name).span, method, what, "give it an `:init`"))
         prior = prior.filled()
+    if sequence.estimator.method is SequenceMethod.SMOOTHER and low.chained.seen.equalities:
+        what = "takes no equations among the constraints: they couple what it takes one after the other"
+        raise MbmError(faults.not_for_filters(sequence.estimator.span, method, what, "use `:method batch`"))
     rules = _rules(sequence.estimator, settings, low.chained.lossy)
     track = low.chained.walk(prior, rules, settings.stopped)
     return solution_of(
