@@ -28,7 +28,7 @@ def refuse(found: Elaborated, target: Target) -> None:
 
     """
     problem = found.problem
-    faults_found = [*_data(problem), *_blocks(problem), *_derived(problem, target)]
+    faults_found = [*_sequence(problem), *_data(problem), *_blocks(problem), *_derived(problem, target)]
     if target.solves:
         faults_found += [*_starts(problem), *_request(problem), *_keys(found), *_constraints(problem)]
     count = sum(
@@ -98,6 +98,13 @@ def _cells(plan: TablePlan, column: TableColumn, source: str) -> Iterator[Diagno
 
 def _is_text(text: str) -> bool:
     return "\0" not in text and not any("\ud800" <= character <= "\udfff" for character in text)
+
+
+def _sequence(problem: Problem) -> Iterator[Diagnostic]:
+    if problem.sequence is not None:
+        why = "the tables of steps and of transitions are made of the data, which generated solvers do not do"
+        todo = "use `mbm solve`, or `compile()` in Python, which takes one data set after the other"
+        yield faults.not_emitted(problem.sequence.span, "a problem with `states`", why, todo)
 
 
 def _data(problem: Problem) -> Iterator[Diagnostic]:

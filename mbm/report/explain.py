@@ -13,6 +13,7 @@ from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.naming import PRIOR
+from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import Table
 from mbm.problem.types import (
     Block,
@@ -67,6 +68,8 @@ def explanation(
     doc = wrapped(problem.doc, WIDEST_PROPERTY - 2) if problem.doc else []
     lines = [f"problem {problem.name}", *(f"  {line}" for line in doc), ""]
     lines += ["unknowns", *(f"  {line}" for u in problem.unknowns for line in _unknown(u, tables)), ""]
+    if problem.sequence is not None:
+        lines += ["sequence", *(f"  {line}" for line in _sequence(problem.sequence, tables)), ""]
     if problem.constants:
         lines += ["constants", *(f"  {c.name} = {' '.join(f'{v:g}' for v in c.values)}" for c in problem.constants), ""]
     for i, block in enumerate(problem.blocks):
@@ -86,7 +89,9 @@ def _unknown(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[str]:
     elif unknown.shape:
         kind = f"({kind} {' '.join(map(str, unknown.shape))})"
     text = f"{unknown.name}  {kind}"
-    if unknown.family is not None:
+    if unknown.is_state and unknown.family is not None:
+        text += f" at each of {len(tables[unknown.family.rows])} {unknown.family.rows}"
+    elif unknown.family is not None:
         text += f" per {unknown.family.rows} ({len(tables[unknown.family.rows])} members)"
     options = [
         name
@@ -101,6 +106,17 @@ def _unknown(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[str]:
     if unknown.unit is not None:
         options.append(f"reported in {unknown.unit.symbol}")
     yield text + (f"; {', '.join(options)}" if options else "")
+
+
+def _sequence(sequence: Sequence, tables: Mapping[str, Table]) -> Iterator[str]:
+    """The steps, how the states get from one to the next, and how they are estimated."""
+    steps = tables[sequence.steps].numbers(sequence.column)
+    named = ", ".join(dict.fromkeys(table for table, _ in sequence.sources))
+    ends = f" from {steps[0]:g} to {steps[-1]:g}" if len(steps) else ""
+    yield f"{len(steps)} steps{ends}: the values of {sequence.column} in {named}"
+    for transition in sequence.transitions:
+        yield f"{' and '.join(transition.states)}: {' '.join(transition.span.text.split())}"
+    yield f"estimated by {sequence.estimator.method.value}"
 
 
 def _block(

@@ -117,7 +117,9 @@ class Simulator:
 
         """
         found, problem = self.found, self.found.problem
-        asked = replace(self._asked(settings), kernels=self.kernels() if settings.draw_priors else None)
+        kernels = self.kernels() if settings.draw_priors else None
+        carrying = self.kernels() if problem.sequence is not None else None
+        asked = replace(self._asked(settings), kernels=kernels, carrying=carrying)
         values = given_starts(problem, found.tables, settings.at)
         made = simulate(found, values, noise_factors(problem, settings.at, settings.noise), asked)
         truth = {
@@ -138,7 +140,7 @@ class Simulator:
 
         """
         found = self.found
-        measured = repeatable(found.problem, settings.measured)
+        measured = repeatable(found.problem, settings.measured) if found.problem.sequence is None else None
         if measured is None or settings.draw_priors or any(self.origins[name].key for name in measured):
             return None
         values = given_starts(found.problem, found.tables, settings.at)
@@ -198,9 +200,12 @@ def _estimate(quantity: Quantity, entry: Entry, truth: Truth) -> dict[str, Any]:
     else:
         values = (numbers / quantity.factor).tolist()
     unit = unit_text(quantity) or None
-    if entry.keys is None:
+    keys = entry.keys
+    if entry.steps is not None:
+        keys, values = entry.steps, values * len(entry.steps)
+    if keys is None:
         return {"value": values[0], "unit": unit}
-    return {"keys": [plain_key(key) for key in entry.keys], "value": values, "unit": unit}
+    return {"keys": [plain_key(key) for key in keys], "value": values, "unit": unit}
 
 
 def noise_factors(problem: Problem, at: Mapping[str, object], given: Mapping[str, object]) -> FactorsFinder:

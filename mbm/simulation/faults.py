@@ -100,6 +100,16 @@ def not_drawn(span: Span, name: str) -> Diagnostic:
     )
 
 
+def not_carried(span: Span, column: str, step: str) -> Diagnostic:
+    """No transition leads to a step."""
+    return Diagnostic(
+        code=NOT_SIMULATED,
+        message=f"the transitions do not lead to the step {column} = {step} from the one before",
+        place=span,
+        hint="give every state a start with `:init` or `--at`; each transition should have a value there",
+    )
+
+
 def _place(place: Place) -> str:
     if isinstance(place, Span):
         return f"line {place.line}"

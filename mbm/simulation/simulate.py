@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.layout import layout
+from mbm.equations.binding import EvaluationCache
+from mbm.equations.layout import Layout, layout
 from mbm.equations.selection import Selection, selections
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.expression.evaluate import Values, evaluate
+from mbm.kernels.types import KernelSet
 from mbm.problem.checks import used_rows
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.rows import row_values, rows_of
@@ -83,6 +85,8 @@ class _Run:
                 problem, self.asked.kernels, tables, places, self.selection.key, self.asked.seeds[0]
             )
             places = replace(places, start=drawn)
+        if self.asked.carrying is not None:
+            places = replace(places, start=self._trajectory(places, values, factors, self.asked.carrying))
         notes: list[Diagnostic] = []
         assumed = [e.unknown.name for e in places.entries if e.unknown.name not in values]
         if assumed:
@@ -124,6 +128,22 @@ class _Run:
             outliers={name: tuple(sorted(rows)) for name, rows in hits.items() if rows},
         )
         return Simulation(cells=tuple(cells), truths=(truth,), notes=tuple(notes))
+
+    def _trajectory(
+        self,
+        places: Layout,
+        values: Mapping[str, Floats],
+        factors: Mapping[str, float],
+        carrying: tuple[KernelSet, EvaluationCache],
+    ) -> Floats:
+        """All numbers (N,), with states that go on from the first step with noise where ``values`` has not all."""
+        # Loaded by problems with states only, so that the others start at once.
+        from mbm.simulation.trajectories import drawn_states, stated_throughout
+
+        if stated_throughout(places, values):
+            return places.start
+        tables, seed = self.selection.tables, self.asked.seeds[0]
+        return drawn_states(self.found.problem, carrying, tables, places, (self.selection.key, seed, factors))
 
     def _equation(self, measured: Measured, rows: Rows, factor: float) -> tuple[Floats, Mask]:
         """The measured columns (rows, p) of one equation, and which rows have an outlier."""

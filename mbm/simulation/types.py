@@ -39,13 +39,15 @@ class Simulating:
     """How to simulate: a data set for each of the ``seeds``, one below the other.
 
     ``measured`` names the columns of observations whose equations leave open what they measure. With ``kernels`` (and
-    their cache), what has a prior is drawn from it. ``calls`` calls functions in Python.
+    their cache), what has a prior is drawn from it. ``carrying`` (the same) carries states from step to step. ``calls``
+    calls functions in Python.
     """
 
     seeds: tuple[int, ...]
     outliers: Outliers | None = None
     measured: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
     kernels: tuple[KernelSet, EvaluationCache] | None = None
+    carrying: tuple[KernelSet, EvaluationCache] | None = None
     calls: Calls | None = None
 
 

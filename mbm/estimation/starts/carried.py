@@ -1,8 +1,8 @@
-"""Starts of states: the first step's, carried on by the transitions without noise."""
+"""States of all steps from those of the first: carried on by the transitions, without their noise or with some."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -37,23 +37,36 @@ def carried_starts(
     From the step on at which a transition has no value, or does not determine the next one, they are ``:init``. States
     with ``starts`` are left out.
     """
-    sequence = problem.sequence
-    if sequence is None:
-        return {}
     found = cache.layouts.of(problem, tables, starts)
+    changing = [entry for entry in found.entries if entry.unknown.is_state and entry.steps is None]
+    if any(found.guessed[e.offset : e.offset + e.unknown.size].any() for e in changing):
+        return {}  # better starts are looked for than the middle of a range
     binder = Binder(problem=problem, layout=found, tables=tables, cache=cache)
-    groups = _groups(problem, sequence, kernels, binder)
-    entries = [entry for entry in found.entries if entry.unknown.is_state and entry.steps is None]
-    if not entries or not groups or np.isnan(found.start[[entry.offset for entry in entries]]).any():
-        return {}
-    point, count = found.start.copy(), entries[0].members
-    walk = _Walk(found, entries, groups, count - 1)
+    point, _ = carried(binder, kernels, found.start, lambda group: np.zeros((group.rows, group.kernel.outputs)))
+    return {e.unknown.name: point[e.range] for e in changing if e.unknown.name not in starts}
+
+
+def carried(
+    binder: Binder, kernels: KernelSet, start: Floats, left: Callable[[Group], Floats]
+) -> tuple[Floats, int | None]:
+    """The point (N,) with the states of all steps, and the first step (from 0) that could not be reached (None: all).
+
+    ``start`` (N,) has those of the first step and all constants; ``left`` gives what the equations of transitions
+    (rows, outputs) are to leave: zeros, or draws from their noise.
+    """
+    problem, layout = binder.problem, binder.layout
+    entries = [entry for entry in layout.entries if entry.unknown.is_state and entry.steps is None]
+    if problem.sequence is None or not entries:
+        return start, None
+    groups = _groups(problem, problem.sequence, kernels, binder)
+    point, count = start.copy(), entries[0].members
+    walk = _Walk(layout, entries, [(group, left(group)) for group in groups], count - 1)
     for step in range(1, count):
         ahead = walk.next(point, step)
         if ahead is None:
-            break
+            return point, step
         point = ahead
-    return {e.unknown.name: point[e.range] for e in entries if e.unknown.name not in starts}
+    return point, None
 
 
 def _groups(problem: Problem, sequence: Sequence, kernels: KernelSet, binder: Binder) -> list[Group]:
@@ -71,13 +84,14 @@ def _groups(problem: Problem, sequence: Sequence, kernels: KernelSet, binder: Bi
 class _Walk:
     """From step to step: which rows reach each, and where its numbers and coordinates stand."""
 
-    def __init__(self, layout: Layout, entries: list[Entry], groups: list[Group], reached: int) -> None:
+    def __init__(self, layout: Layout, entries: list[Entry], groups: list[tuple[Group, Floats]], reached: int) -> None:
+        """``groups`` with what their rows are to leave (rows, outputs)."""
         self._layout = layout
         self._entries = entries
-        self._rows: list[list[tuple[Group, int]]] = [[] for _ in range(reached)]
-        for group in groups:
+        self._rows: list[list[tuple[Group, int, Floats]]] = [[] for _ in range(reached)]
+        for group, left in groups:
             for row, position in enumerate(np.asarray(group.positions).tolist()):
-                self._rows[position].append((group, row))
+                self._rows[position].append((group, row, left[row]))
 
     def next(self, point: Floats, step: int) -> Floats | None:
         """The point (N,) with the values at a step (from 1) that follow from those at the step before."""
@@ -102,9 +116,9 @@ class _Walk:
         return self._inside(result, coordinates)
 
     def _linearised(self, point: Floats, step: int, coordinates: Indices) -> tuple[Floats, Floats]:
-        """What the transitions to a step leave (m,), and its derivative by the coordinates there (m, n)."""
+        """What the transitions to a step leave too much (m,), and its derivative by the coordinates there (m, n)."""
         residuals, slopes = [], []
-        for group, row in self._rows[step - 1]:
+        for group, row, left in self._rows[step - 1]:
             kernel = group.kernel
             stream = group.cache.stream(group.number, kernel)
             values, nonzeros = stream.values_and_jacobian(group.inputs_at(point[None], slice(row, row + 1)))
@@ -115,7 +129,7 @@ class _Walk:
             for output, column, slope in zip(kernel.jacobian_rows, kernel.jacobian_columns, nonzeros[0], strict=True):
                 if known[column]:
                     dense[output, places[column]] += slope
-            residuals.append(values[0].copy())
+            residuals.append(values[0] - left)
             slopes.append(dense)
         if not residuals:
             return np.empty(0), np.empty((0, len(coordinates)))
