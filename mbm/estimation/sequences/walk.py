@@ -18,6 +18,12 @@ from mbm.solver.filter_records import Chain, Walk, walk_reals
 from mbm.solver.workspace import Rows
 from mbm.values import dataclass
 
+PRODUCTS = 20.0
+"""Products in a step, in units of the third power of its coordinates, as a guess."""
+
+PASSES = 10.0
+"""Iterations where there are some, as a guess."""
+
 STEPS_AT_A_TIME = 1000
 """Steps between which the user may interrupt."""
 
@@ -137,12 +143,13 @@ class _Memory:
         self._failed = (seen.failed, moving.failed)
         self.chain = _sizes(chained, rules)
         n, steps, numbers = (int(self.chain[at]) for at in (Chain.n, Chain.steps, Chain.numbers))
+        passes = 1.0 if self.chain[Chain.iterations] == 1 else PASSES
         self.points = np.full((steps, numbers), np.nan)
         self.factors = np.zeros((steps, n, n))
         self.costs = np.zeros(steps)
         self.opens = np.zeros(steps, dtype=np.int64)
         self.touched = np.zeros((steps, n), dtype=np.int64)
-        self._code.expect(float(steps) * (n + 4) ** 3 * 20.0)
+        self._code.expect(float(steps) * (n + 4) ** 3 * PRODUCTS * (3.0 if rules.smooth else 1.0) * passes)
         self._held: list[Any] = [seen, moving, chained]
         self.walk = self._code.blank(Walk)
         self._put(reals=np.zeros(walk_reals(view(Chain, self.chain))), chain=self.chain)
