@@ -92,11 +92,8 @@ def whitener(
         MbmError: a sigma that is not above zero, or a matrix that is not symmetric and positive definite.
 
     """
-    rows = 1 if positions is None else len(positions)
-    size = len(equation.components)
-    noise = np.empty((rows, len(equation.noise)))
-    for j, column in enumerate(evaluate(equation.noise, lookup(table, positions, tables))):
-        noise[:, j] = column
+    noise = stated_noise(equation, table, positions, tables)
+    rows, size = len(noise), len(equation.components)
     if equation.noise_kind is NoiseKind.SIGMA:
         exact = (noise == 0) & may_be_exact
         wrong = (~(noise > 0) & ~exact) | ~np.isfinite(noise)
@@ -111,6 +108,16 @@ def whitener(
         stated, matrices = matrices, _floored(matrices)
         floored = stated is not matrices
     return Whitener(first, first + size, _roots(equation, matrices, table, positions), floored=floored)
+
+
+def stated_noise(
+    equation: Equation, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
+) -> Floats:
+    """What is stated as the noise of an equation in the rows at ``positions``: (rows, k), or (rows, k·k)."""
+    noise = np.empty((1 if positions is None else len(positions), len(equation.noise)))
+    for j, column in enumerate(evaluate(equation.noise, lookup(table, positions, tables))):
+        noise[:, j] = column
+    return noise
 
 
 def _floored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:

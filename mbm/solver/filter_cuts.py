@@ -86,10 +86,9 @@ def cut_step(walk: Walk, first: Integer) -> None:
         block = problem.blocks[b]
         count = walk.rows.data.blocks[b].rows
         if b >= problem.residual_blocks:
-            now = 1 if first == 1 or walk.when[b - problem.residual_blocks] == 0 else 0
             for c in range(count * block.outputs):
                 equality = block.equality[c % block.outputs]
-                if now == 1 and (chain.cut == 1 or equality == 1):
+                if chain.cut == 1 or equality == 1:
                     put_limits(walk, b, walk.rows.inputs[inputs:])
                     cut_along(walk, equality, walk.limit_values[c], walk.limit_slopes[c * chain.n :])
         inputs += groups_of(count) * (block.variables + block.parameters) * LANES

@@ -47,6 +47,8 @@ class Chain:
     """1: transitions and rows are."""
     iterations: Integer
     """Most iterations of an update, or of a smoother; 1: an update is linearised once, where it was predicted."""
+    begin: Integer
+    """The first step with rows: bounds of plain unknowns cut there only."""
     cut: Integer
     """1: inequalities and bounds cut the distribution after each update."""
     kept: Integer
@@ -70,9 +72,6 @@ class Walk:
     moves_data: ConstantIntegers
     spreads: ConstantReals
     """L of each transition (T − 1, p, q)."""
-    when: ConstantIntegers
-    """Of each block of constraints of a step: 0, it holds at every step; 1, it is taken once, after the first step
-    with rows."""
     skip: Real
     """Deviations beyond which a cut is left out."""
     tolerance: Real
@@ -84,7 +83,9 @@ class Walk:
     factors: Reals
     """… (T, n, n), of its covariance …"""
     opens: Integers
-    """… (T,) how many open vectors there are …"""
+    """… (T,) how many open vectors there are, …"""
+    touched: Integers
+    """… (T, n) 1 for coordinates that they touch …"""
     costs: Reals
     """… (T,) and what its rows add to the cost."""
 
@@ -97,8 +98,6 @@ class Walk:
     """The open vectors, one to a line."""
     failed: Integer
     """0; else 1 + the step where something was not finite, or a transition did not lead anywhere."""
-    begun: Integer
-    """1: a step with rows has been."""
     last_cost: Real
     iterations: Integer
     evaluations: Integer

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import fabs
+
 from mbm.machine.words import Integer
 from mbm.solver.filter_cuts import cut_step
 from mbm.solver.filter_moves import predict
@@ -10,12 +12,14 @@ from mbm.solver.filter_rows import load_move, load_step
 from mbm.solver.filter_update import update
 from mbm.solver.linear_algebra import copied
 
+UNTOUCHED = 1e-9
+"""A component of an open vector, which is of length 1 at first, up to which it is rounding."""
+
 
 def begin_walk(walk: Walk) -> None:
     """Room for everything; `point`, `factor` and `open` are to be filled then."""
     share_out_walk(walk)
     walk.failed = 0
-    walk.begun = 0
     walk.iterations = 0
     walk.evaluations = 0
     walk.settled = 1
@@ -33,10 +37,7 @@ def filter_step(walk: Walk, k: Integer) -> Integer:
     load_step(walk, k)
     if update(walk) == 0:
         return 0
-    first = 1 if walk.begun == 0 and walk.rows.data.count > 0 else 0
-    if first == 1:
-        walk.begun = 1
-    cut_step(walk, first)
+    cut_step(walk, 1 if k == walk.chain.begin else 0)
     return 1
 
 
@@ -47,6 +48,11 @@ def keep_step(walk: Walk, k: Integer) -> None:
     copied(chain.n * chain.n, walk.factor, walk.factors[k * chain.n * chain.n :])
     walk.costs[k] = walk.last_cost
     walk.opens[k] = walk.open_count
+    for j in range(chain.n):
+        walk.touched[k * chain.n + j] = 0
+        for i in range(walk.open_count):
+            if fabs(walk.open[i * chain.n + j]) > UNTOUCHED:
+                walk.touched[k * chain.n + j] = 1
 
 
 def filter_steps(walk: Walk, first: Integer, last: Integer) -> Integer:

@@ -42,7 +42,9 @@ def native_sets(stack: Stack, settings: Settings) -> NativeSystem | None:
     most = [int(rows.max(initial=0)) for rows in stack.rows]
     made = system_of(stack.equations, settings, most_rows=most)
     return (
-        None if made is None else replace(made, rows=replace(made.rows, data=data_sets(stack, made.system, made.rows)))
+        None
+        if made is None
+        else replace(made, rows=replace(made.rows, data=data_sets(stack.first, stack.rows, made.system, made.rows)))
     )
 
 
@@ -116,24 +118,28 @@ def plain_ends(found: NativeEnds) -> Ends:
     )
 
 
-def data_sets(stack: Stack, system: Indices, rows: Rows) -> Indices:
-    """For each solve, how many residuals it has and where its rows stand, as `mbm.solver.description` says."""
+def data_sets(first: Indices, counts: Indices, system: Indices, rows: Rows) -> Indices:
+    """For each data set how many residuals it has and where its rows stand, as `mbm.solver.description` says.
+
+    ``first`` and ``counts`` (groups, T) are the first row of each in a group, and how many there are.
+    """
     from mbm.estimation.minimise.native.packing import blocks_of
     from mbm.solver import description as of
 
-    every = rows.data[0]
-    data = np.tile(every, (stack.solves, 1))
-    data[:, of.DataSet.count] = stack.residuals
+    every, sets = rows.data[0], counts.shape[1]
+    data = np.tile(every, (sets, 1))
     blocks = blocks_of(system)
+    residual = int(system[of.Problem.residual_blocks])
+    data[:, of.DataSet.count] = blocks[:residual, of.Block.outputs] @ counts[:residual]
     steps = (
         (of.DataBlock.parameters, of.Block.parameters),
         (of.DataBlock.weights, of.Block.weights),
         (of.DataBlock.index, of.Block.index),
         (of.DataBlock.columns, of.Block.columns),
     )
-    for number in range(len(stack.rows)):
+    for number in range(len(counts)):
         place = of.DATA_HEAD + number * of.DATA_BLOCK
         for where, step in steps:
-            data[:, place + where] += stack.first[number] * int(blocks[number, step])
-        data[:, place + of.DataBlock.rows] = stack.rows[number]
+            data[:, place + where] += first[number] * int(blocks[number, step])
+        data[:, place + of.DataBlock.rows] = counts[number]
     return data

@@ -9,11 +9,9 @@ from mbm.equations.types import Floats
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.settings import Settings
 from mbm.kernels.types import KernelSet
-from mbm.language import faults as language_faults
 from mbm.problem.sequence.types import SequenceMethod
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
-from mbm.text.types import MbmError
 
 
 def by_filter(problem: Problem) -> bool:
@@ -35,11 +33,11 @@ def filtered(
     """The states of one data set by the method that the problem asks for; the arguments are those of `estimate`.
 
     Raises:
-        MbmError: the method is not there.
+        MbmError: the problem has what filters do not take, or something has no start.
 
     """
-    if problem.sequence is None:
-        raise TypeError(problem.name)
-    estimator = problem.sequence.estimator
-    what = f"`:method {estimator.method.value}`"
-    raise MbmError(language_faults.not_available_yet(estimator.span, what, "filters"))
+    # Loaded by problems with states only, so that the others start at once.
+    from mbm.estimation.sequences.run import walked
+
+    del last
+    return walked(problem, kernels, tables, key=key, starts=starts, settings=settings, cache=cache)

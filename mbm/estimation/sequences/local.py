@@ -1,41 +1,62 @@
-"""The problem of one step, or of one transition, with the rows of all of them as data sets of native code."""
+"""The equations of one step, or of one transition, with the rows of all of them as data sets of native code."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.binding import EvaluationCache, affine
+from mbm.equations.binding import Group, affine
 from mbm.equations.types import Indices
-from mbm.estimation.batches.arranged import arranged
 from mbm.estimation.batches.descent import data_sets
-from mbm.estimation.batches.sets import sets_of
-from mbm.estimation.batches.stack import Stack, stack
-from mbm.estimation.minimise.native.packing import Iteration, rows_of, system_arrays, triangle_kind
+from mbm.estimation.minimise.native.packing import Iteration, rows_of, system_arrays
 from mbm.estimation.minimise.native.system import NativeSystem, kernels_of, nothing
 from mbm.estimation.native.code import native_code
-from mbm.kernels.types import KernelSet
-from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import Problem
 from mbm.values import dataclass
+
+WORTH_MACHINE_CODE = 2000
+"""Calls of kernels from which machine code is made for them, whatever evaluates them elsewhere: one call of NumPy's
+takes as long as a thousand of these, and making a kernel as long as some hundred of NumPy's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Local:
-    """A local problem: its equations over the rows of all steps, and these as data sets in the order of ``keys``."""
+    """Equations over the numbers of one step or transition, with rows of all.
 
-    problem: Problem
-    stack: Stack
+    ``first`` and ``counts`` (groups, T): in each group, where the rows of a data set begin, and how many there are.
+    """
+
+    equations: Assembled
     native: NativeSystem
-    keys: tuple[CellKey, ...]
+    first: Indices
+    counts: Indices
 
     @property
-    def equations(self) -> Assembled:
-        """The equations of all steps."""
-        return self.stack.equations
+    def steps(self) -> int:
+        """T."""
+        return int(self.counts.shape[1])
+
+    @property
+    def residuals(self) -> Indices:
+        """Scalar residuals of each data set (T,)."""
+        return np.asarray(_outputs(self.equations.groups) @ self.counts[: len(self.equations.groups)])
+
+    @property
+    def equalities(self) -> int:
+        """Scalar equality constraints of all data sets."""
+        found, done = 0, 0
+        for group, rows in zip(self.equations.constraints, self.counts[len(self.equations.groups) :], strict=True):
+            equal = self.equations.equality[done : done + group.kernel.outputs]
+            found += int(equal.sum()) * int(rows.sum())
+            done += group.count
+        return found
+
+    @property
+    def limits(self) -> int:
+        """Most scalar constraints in a group of a data set, at least 1."""
+        rows = self.counts[len(self.equations.groups) :].max(axis=1, initial=0)
+        return max(1, int((_outputs(self.equations.constraints) * rows).max(initial=1)))
 
     @property
     def linear(self) -> bool:
@@ -43,69 +64,43 @@ class Local:
         equations = self.equations
         free = np.zeros(len(equations.layout.number), dtype=bool)
         free[equations.free] = True
-        limits = all(affine(group, free) for group in equations.constraints)
-        return limits and not equations.lossy and all(affine(group, free) for group in equations.groups)
+        groups = (*equations.groups, *equations.constraints)
+        return not equations.lossy and all(affine(group, free) for group in groups)
 
 
-def local(
-    problem: Problem,
-    kernels: KernelSet,
-    tables: Mapping[str, Table],
-    cache: EvaluationCache,
-    *,
-    free: Indices | None = None,
-    always: frozenset[int] = frozenset(),
-) -> Local:
-    """The local problem, whose request divides the rows by one column, its steps in ascending order.
-
-    ``free`` are its free coordinates (None: those that its equations say). Rows of tables without the column, and
-    of no table, belong to the first step, but for the blocks ``always``.
-
-    Raises:
-        MbmError: something that is stated is at fault in some step.
-
-    """
-    sets = sets_of(problem, tables)
-    if sets is None:
-        raise TypeError(problem.name)
-    keys = [cells[0] for cells in sets.keys]
-    sets = sets.some(np.array(sorted(range(len(keys)), key=keys.__getitem__), dtype=np.int64))
-    own = arranged(problem, sets)
-    bound = stack(problem, kernels, sets.count, own, cache.layouts.of(problem, own.tables, {}), cache)
-    groups = (*bound.equations.groups, *bound.equations.constraints)
-    for number, group in enumerate(groups):
-        table = problem.blocks[group.kernel.owner].table
-        if table not in own.spans and group.kernel.owner not in always:
-            bound.rows[number, 1:] = 0
-    if free is not None:
-        bound = replace(bound, equations=bound.equations.freed(free, bound.equations.numbers))
-    return Local(problem=problem, stack=bound, native=_system(bound), keys=tuple(cells[0] for cells in sets.keys))
-
-
-def suits(equations: Assembled) -> bool:
-    """Whether a filter takes the rows: whole units, whitened by triangles, nothing sampled or eliminated."""
-    groups = (*equations.groups, *equations.constraints)
-    if equations.implicit is not None or equations.rows is not None or any(group.sampled for group in groups):
-        return False
-    return all(triangle_kind(w) is not None for group in groups for w in group.whiteners)
-
-
-def _system(bound: Stack) -> NativeSystem:
-    """The rows of all steps, a data set for each."""
-    equations = bound.equations
+def local(equations: Assembled, first: Indices, counts: Indices) -> Local:
+    """The equations with their data sets; rows of a group stand data set by data set."""
     groups = (*equations.groups, *equations.constraints)
     code = native_code(groups[0].cache)
-    kernels = kernels_of(code, groups, compiled=equations.machine_code is not None)
+    calls = int(np.count_nonzero(counts))
+    kernels = kernels_of(code, groups, compiled=equations.machine_code is not None or _worth_compiling(groups, calls))
     guard = getattr(kernels, "guard", None)
     addresses = [(kernels.values_address(k), kernels.jacobian_address(k), 0) for k in range(len(groups))]
-    most = [int(rows.max(initial=0)) for rows in bound.rows]
+    most = [int(each.max(initial=0)) for each in counts]
     system, constants = system_arrays(equations, addresses, Iteration(most=0, tolerance=0.0), most_rows=most)
     rows = rows_of(equations)
-    return NativeSystem(
-        system=system,
-        constants=constants,
-        rows=replace(rows, data=data_sets(bound, system, rows)),
-        code=code.filters,
-        held=(kernels, code),
-        failed=nothing if guard is None else guard.raise_failure,
+    return Local(
+        equations=equations,
+        native=NativeSystem(
+            system=system,
+            constants=constants,
+            rows=replace(rows, data=data_sets(first, counts, system, rows)),
+            code=code.filters,
+            held=(kernels, code),
+            failed=nothing if guard is None else guard.raise_failure,
+        ),
+        first=first,
+        counts=counts,
     )
+
+
+def _worth_compiling(groups: tuple[Group, ...], calls: int) -> bool:
+    """Whether so many calls of kernels pay for machine code, where it can be made."""
+    from mbm.kernels.native.engine import hindrance
+
+    plain = not any(group.kernel.calls for group in groups)
+    return plain and calls >= WORTH_MACHINE_CODE and hindrance(native_code(groups[0].cache).store) is None
+
+
+def _outputs(groups: tuple[Group, ...]) -> Indices:
+    return np.array([group.kernel.outputs for group in groups], dtype=np.int64)

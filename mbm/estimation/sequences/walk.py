@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,12 @@ from mbm.solver import description as of
 from mbm.solver.filter_records import Chain, Walk, walk_reals
 from mbm.solver.workspace import Rows
 from mbm.values import dataclass
+
+PRODUCTS = 20.0
+"""Products in a step, in units of the third power of its coordinates, as a guess."""
+
+PASSES = 10.0
+"""Iterations where there are some, as a guess."""
 
 STEPS_AT_A_TIME = 1000
 """Steps between which the user may interrupt."""
@@ -31,6 +38,10 @@ class Prior:
     point: Floats
     covariance: Floats
     open: Mask
+
+    def filled(self) -> Prior:
+        """The same with 0 where there is no start."""
+        return replace(self, point=np.nan_to_num(self.point))
 
     def factor(self) -> Floats:
         """U (n, n) with ``UᵀU`` the covariance, which may be singular."""
@@ -55,7 +66,9 @@ class Rules:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Track:
-    """What a walk says: points (T, N), factors (T, n, n) of covariances, open directions (T,), and the costs (T,).
+    """What a walk says: points (T, N), factors (T, n, n) of covariances, open directions (T,), and costs (T,).
+
+    ``touched`` (T, n) are the coordinates that open directions touch.
 
     ``made`` steps were made: fewer than T where something was not finite at the next, or the user interrupted.
     """
@@ -63,6 +76,7 @@ class Track:
     points: Floats
     factors: Floats
     opens: Indices
+    touched: Mask
     costs: Floats
     cost: float
     made: int
@@ -83,8 +97,7 @@ class Chained:
 
     ``still`` coordinates and ``still_numbers`` numbers of a step do not move, and come first; the first ``plain``
     coordinates are those of plain unknowns. ``spreads`` (T − 1, p, q) has L of each transition, whose p rows equal
-    ``L w`` for a standard normal w. ``once`` has a number for each group of constraints of a step, 1 where it is taken
-    once.
+    ``L w`` for a standard normal w. ``begin`` is the first step with rows.
     """
 
     seen: Local
@@ -93,12 +106,22 @@ class Chained:
     still_numbers: int
     plain: int
     spreads: Floats
-    once: Sequence[int] = ()
+    begin: int = 0
 
     @property
     def steps(self) -> int:
         """T."""
-        return len(self.seen.keys)
+        return self.seen.steps
+
+    @property
+    def linear(self) -> bool:
+        """Whether rows and transitions are affine in everything."""
+        return self.seen.linear and self.moving.linear
+
+    @property
+    def lossy(self) -> bool:
+        """Whether some rows have a loss."""
+        return self.seen.equations.lossy
 
     def walk(self, prior: Prior, rules: Rules, stopped: Callable[[], bool] = never) -> Track:
         """Over all steps.
@@ -120,18 +143,18 @@ class _Memory:
         self._failed = (seen.failed, moving.failed)
         self.chain = _sizes(chained, rules)
         n, steps, numbers = (int(self.chain[at]) for at in (Chain.n, Chain.steps, Chain.numbers))
+        passes = 1.0 if self.chain[Chain.iterations] == 1 else PASSES
         self.points = np.full((steps, numbers), np.nan)
         self.factors = np.zeros((steps, n, n))
         self.costs = np.zeros(steps)
         self.opens = np.zeros(steps, dtype=np.int64)
-        self._code.expect(float(steps) * (n + 4) ** 3 * 20.0)
+        self.touched = np.zeros((steps, n), dtype=np.int64)
+        self._code.expect(float(steps) * (n + 4) ** 3 * PRODUCTS * (3.0 if rules.smooth else 1.0) * passes)
         self._held: list[Any] = [seen, moving, chained]
         self.walk = self._code.blank(Walk)
-        when = np.zeros(len(chained.seen.equations.constraints) + 1, dtype=np.int64)
-        when[: len(chained.once)] = chained.once
-        self._put(reals=np.zeros(walk_reals(view(Chain, self.chain))), chain=self.chain, when=when)
+        self._put(reals=np.zeros(walk_reals(view(Chain, self.chain))), chain=self.chain)
         self._put(spreads=np.ascontiguousarray(chained.spreads, dtype=np.float64))
-        self._put(points=self.points, factors=self.factors, costs=self.costs, opens=self.opens)
+        self._put(points=self.points, factors=self.factors, costs=self.costs, opens=self.opens, touched=self.touched)
         self._rows("rows", "rows_reals", "seen", "seen_data", seen)
         self._rows("moves", "moves_reals", "moving", "moves_data", moving)
         self._set_reals(skip=rules.skip, tolerance=rules.tolerance)
@@ -158,6 +181,7 @@ class _Memory:
             points=self.points,
             factors=self.factors,
             opens=self.opens,
+            touched=self.touched != 0,
             costs=self.costs,
             cost=cost,
             made=made,
@@ -228,9 +252,7 @@ def _sizes(chained: Chained, rules: Rules) -> Indices:
     seen, moving = chained.seen, chained.moving
     n = seen.equations.dimension
     steps = chained.steps
-    linear = seen.linear and moving.linear
-    lines = int(seen.stack.residuals.max(initial=0))
-    limits = [int(r.max(initial=0)) * g.kernel.outputs for g, r in _limits(chained)]
+    lines = int(seen.residuals.max(initial=0))
     lag = steps if rules.lag is None else rules.lag
     kept = 1 if not rules.smooth else steps if rules.lag is None else rules.lag + 2
     values = {
@@ -242,10 +264,11 @@ def _sizes(chained: Chained, rules: Rules) -> Indices:
         "plain": chained.plain,
         "noises": chained.spreads.shape[2],
         "lines": max(lines, n + chained.spreads.shape[2] + 1),
-        "limits": max(limits, default=1),
+        "limits": seen.limits,
         "affine": int(moving.linear),
-        "linear": int(linear),
-        "iterations": 1 if linear else rules.iterations,
+        "linear": int(chained.linear),
+        "iterations": 1 if chained.linear else rules.iterations,
+        "begin": chained.begin,
         "cut": int(rules.cut),
         "kept": kept,
         "lag": lag,
@@ -254,9 +277,3 @@ def _sizes(chained: Chained, rules: Rules) -> Indices:
     for name, value in values.items():
         found[slot(Chain, name)] = value
     return found
-
-
-def _limits(chained: Chained) -> Any:
-    """The groups of constraints of a step, with their rows in each step."""
-    bound = chained.seen.stack
-    return zip(bound.equations.constraints, bound.rows[len(bound.equations.groups) :], strict=True)

@@ -7,24 +7,36 @@ import numpy as np
 import mbm
 from mbm.api.compilation import compilation_of
 from mbm.compiler import Inputs
+from mbm.estimation.batches.arranged import arranged
+from mbm.estimation.batches.sets import sets_of
+from mbm.estimation.batches.stack import stack
 from mbm.estimation.sequences.local import local
 from mbm.estimation.sequences.walk import Chained
 from mbm.problem.types import BlockRole
 
 
-def local_of(text, tables, backend="native"):
-    """A local problem of a text with ``(for-each k)``, and its tables."""
+def local_of(text, tables, once=(), backend="native"):
+    """A local problem of a text with ``(for-each k)``, and its tables; constraints ``once`` hold at the first step."""
     problem = mbm.loads(text)
     origin = problem.compile(data=tables, backend=backend).origin
     made = compilation_of(origin, Inputs(tables=tables), backend)
-    stated = made.elaborated.problem
-    always = frozenset(k for k, block in enumerate(stated.blocks) if block.role is BlockRole.CONSTRAINT)
-    return local(stated, made.kernels, made.elaborated.tables, made.cache, always=always)
+    stated, found = made.elaborated.problem, made.elaborated.tables
+    sets = sets_of(stated, found)
+    keys = [cells[0] for cells in sets.keys]
+    sets = sets.some(np.array(sorted(range(len(keys)), key=keys.__getitem__)))
+    own = arranged(stated, sets)
+    bound = stack(stated, made.kernels, sets.count, own, made.cache.layouts.of(stated, own.tables, {}), made.cache)
+    equations = bound.equations
+    for number, group in enumerate((*equations.groups, *equations.constraints)):
+        block = stated.blocks[group.kernel.owner]
+        if block.table not in own.spans and (block.role is not BlockRole.CONSTRAINT or block.name in once):
+            bound.rows[number, 1:] = 0
+    return local(equations, bound.first, bound.rows)
 
 
 def chained(seen, moving, spreads, *, still, still_numbers=None, once=(), backend="native"):
     """A sequence of two texts with their tables, and the noise of each transition."""
-    step, transition = local_of(*seen, backend), local_of(*moving, backend)
+    step, transition = local_of(*seen, once, backend), local_of(*moving, (), backend)
     return Chained(
         seen=step,
         moving=transition,
@@ -32,7 +44,6 @@ def chained(seen, moving, spreads, *, still, still_numbers=None, once=(), backen
         still_numbers=still if still_numbers is None else still_numbers,
         plain=still,
         spreads=np.asarray(spreads, dtype=float),
-        once=once,
     )
 
 

@@ -91,7 +91,7 @@ def test_cutting_a_constant_again_and_again_narrows_it_and_cutting_once_does_not
     again = once_cut([0.0, 0.0, 0.0], np.eye(3), ["(<= a 0)"], steps=10)
     assert again.points[9][0] == pytest.approx(-1.029, abs=1e-3)
     assert np.sqrt(again.covariances[9][0, 0]) == pytest.approx(0.380, abs=1e-3)
-    once = once_cut([0.0, 0.0, 0.0], np.eye(3), ["(<= a 0)"], steps=10, once=(1,))
+    once = once_cut([0.0, 0.0, 0.0], np.eye(3), ["(<= a 0)"], steps=10, once=("(<= a 0)",))
     assert once.points[9][0] == pytest.approx(-np.sqrt(2 / np.pi), abs=1e-12)
     assert once.covariances[9][0, 0] == pytest.approx(1 - 2 / np.pi, abs=1e-12)
 

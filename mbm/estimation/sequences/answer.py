@@ -1,0 +1,262 @@
+"""A walk over the steps of a problem → its solution: estimates, deviations, derived quantities, and doubts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binder import Binder
+from mbm.equations.binding import Group
+from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
+from mbm.equations.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Observability, Reason
+from mbm.estimation.search.solution import DerivedSolution, Solution
+from mbm.estimation.sequences import faults
+from mbm.estimation.sequences.places import NOT_OF_A_STEP, Places
+from mbm.estimation.sequences.walk import Chained, Prior, Rules, Track
+from mbm.estimation.trust.plausibility import IMPROBABLE
+from mbm.estimation.uncertainty.derived import reported
+from mbm.estimation.uncertainty.variance import fit_statistics
+from mbm.kernels.types import KernelSet
+from mbm.problem.manifold import manifold_of
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import Problem
+from mbm.text.types import Diagnostic
+from mbm.values import dataclass
+
+FORMED = 2000
+"""Coordinates up to which the covariance of all of them is a matrix."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Walked:
+    """A walk, with the problem that it was for."""
+
+    problem: Problem
+    kernels: KernelSet
+    tables: Mapping[str, Table]
+    key: Mapping[str, CellKey]
+    equations: Assembled
+    binder: Binder
+    places: Places
+    chained: Chained
+    prior: Prior
+    rules: Rules
+    track: Track
+
+
+def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
+    """The solution that a walk gives. Plain unknowns are those after the last row."""
+    equations, track, places = walked.equations, walked.track, walked.places
+    numbers = _numbers(walked)
+    free = np.union1d(equations.free, _free(places))
+    sigma = _sigmas(walked)[free]
+    covariance = Covariance(matrix=_matrix(walked, free), sigma=sigma, factor=np.zeros((len(free), 0)))
+    derived = _derived(walked, numbers)
+    residuals = equations.plain_residuals(numbers)
+    reason = _reason(walked)
+    fit = _fit(walked, reason)
+    lost = int(track.opens[max(track.made - 1, 0)])
+    return Solution(
+        key=walked.key,
+        tables=walked.tables,
+        layout=equations.layout,
+        groups=equations.groups,
+        constraints=equations.constraints,
+        numbers=numbers,
+        free=free,
+        minimum=Minimum(
+            point=numbers,
+            residuals=residuals,
+            jacobian=np.zeros((0, len(free))),
+            cost=track.cost,
+            reason=reason,
+            iterations=track.iterations,
+            evaluations=track.evaluations,
+            offset=0.0,
+            at_bound=np.zeros(len(free), dtype=np.int8),
+        ),
+        residuals=residuals,
+        weights=None,
+        outliers=None,
+        robust_cost=track.cost if equations.lossy else None,
+        alternatives=(),
+        tally=None,
+        origin="the prior of the first step",
+        observability=_observability(len(free), lost, np.isfinite(sigma)),
+        covariance=covariance,
+        derived_covariance=None,
+        derived=derived,
+        fit=fit,
+        noise={},
+        factors=None,
+        sigma_known=True,
+        unused=np.zeros(0, dtype=np.int64),
+        method=_name(walked),
+        iterations=track.iterations,
+        evaluations=track.evaluations,
+        seconds=seconds(),
+        diagnostics=_doubts(walked, fit),
+    )
+
+
+def _name(walked: Walked) -> str:
+    sequence = walked.problem.sequence
+    if sequence is None:
+        raise TypeError(walked.problem.name)
+    lag = sequence.estimator.lag
+    return sequence.estimator.method.value if lag is None else f"{sequence.estimator.method.value} of lag {lag}"
+
+
+def _numbers(walked: Walked) -> Floats:
+    """All numbers of the problem; NaN at steps that were not reached."""
+    places, track = walked.places, walked.track
+    numbers = walked.equations.numbers.copy()
+    numbers[places.numbers[track.made :]] = np.nan
+    numbers[places.numbers[: track.made]] = track.points[: track.made]
+    if track.made:
+        numbers[places.numbers[-1, : places.still_numbers]] = track.points[track.made - 1, : places.still_numbers]
+    return numbers
+
+
+def _free(places: Places) -> Indices:
+    return np.unique(places.coordinates[:, places.free])
+
+
+def _sigmas(walked: Walked) -> Floats:
+    """The standard deviation of every coordinate (M,); NaN where the rows so far do not determine it."""
+    places, track = walked.places, walked.track
+    found = np.full(len(walked.equations.layout.number), np.nan)
+    deviations = np.sqrt(np.square(track.factors).sum(axis=1))
+    deviations[track.touched] = np.nan
+    deviations[track.made :] = np.nan
+    found[places.coordinates[:, places.free]] = deviations
+    if track.made:
+        still = places.coordinates[-1, places.free[: places.still]]
+        found[still] = deviations[track.made - 1, : places.still]
+    return found
+
+
+def _matrix(walked: Walked, free: Indices) -> Floats:
+    """The covariance (n, n) of what is free: of each step; what is not known of two different ones is NaN."""
+    places, track = walked.places, walked.track
+    if len(free) > FORMED:
+        return np.zeros((0, 0))
+    found = np.full((len(free), len(free)), np.nan)
+    for k, covariance in enumerate(track.covariances[: track.made]):
+        covariance = np.where(track.touched[k][:, None] | track.touched[k], np.nan, covariance)
+        at = np.searchsorted(free, places.coordinates[k, places.free])
+        found[np.ix_(at, at)] = covariance
+        if k < track.made - 1:
+            found[np.ix_(at[: places.still], at)] = np.nan
+            found[np.ix_(at, at[: places.still])] = np.nan
+    return found
+
+
+def _observability(size: int, lost: int, estimable: Mask) -> Observability:
+    return Observability(
+        dimension=size,
+        rank=size - lost,
+        condition=float("nan"),
+        singular_values=np.zeros(0),
+        scale=np.ones(size),
+        row_space=np.zeros((size, 0)),
+        null_space=np.zeros((size, 0)),
+        combinations=(),
+        unused=(),
+        estimable=estimable,
+        fixed=np.zeros(size, dtype=bool),
+    )
+
+
+def _reason(walked: Walked) -> Reason:
+    track = walked.track
+    if track.made < walked.chained.steps:
+        return Reason.NO_FINITE_STEP if track.failed else Reason.INTERRUPTED
+    if not track.settled:
+        return Reason.MAX_ITERATIONS
+    return Reason.ONE_STEP if walked.chained.linear else Reason.SMALL_OFFSET
+
+
+def _fit(walked: Walked, reason: Reason) -> Fit:
+    """Cost and degrees of freedom: rows and equations, less the rank of what has no prior."""
+    seen, track = walked.chained.seen, walked.track
+    rows = int(seen.residuals[: track.made].sum())
+    rank = int(walked.prior.open.sum()) - (int(track.opens[track.made - 1]) if track.made else 0)
+    lossy = walked.equations.lossy
+    found = fit_statistics(track.cost, rows, rank, noise_stated=not lossy, equalities=seen.equalities)
+    return found if reason.converged else Fit(cost=found.cost, dof=found.dof, sigma0=found.sigma0, chi2_p=None)
+
+
+def _doubts(walked: Walked, fit: Fit) -> tuple[Diagnostic, ...]:
+    """A filter whose innovations are larger than it expects says so."""
+    if fit.chi2_p is None or fit.sigma0 is None or not fit.chi2_p < IMPROBABLE:
+        return ()
+    return (faults.overconfident_filter(walked.problem.span, fit.sigma0, fit.chi2_p),)
+
+
+def _derived(walked: Walked, numbers: Floats) -> tuple[DerivedSolution, ...]:
+    """Derived quantities, each row with the covariance of the step that it belongs to, else of the last."""
+    shown = walked.equations.layout.reported(numbers)
+    with np.errstate(all="ignore"):
+        return tuple(_one(walked, shown, owner) for owner in range(len(walked.problem.derived)))
+
+
+def _one(walked: Walked, numbers: Floats, owner: int) -> DerivedSolution:
+    derived = walked.problem.derived[owner]
+    rows = len(walked.tables[derived.table]) if derived.table is not None else 1
+    count = size = len(derived.cases[0].values) if derived.cases else 0
+    if derived.kind is not None:
+        shape = manifold_of(derived.kind.value, derived.dimension, 0)
+        count, size = shape.size, shape.tangent
+    values, sigma = np.full((rows, count), np.nan), np.full((rows, size), np.nan)
+    for group in walked.binder.derived(walked.kernels, owner):
+        positions = group.positions if group.positions is not None else np.arange(1)
+        stated = group.values(numbers).copy()
+        slopes = _slopes(walked, group, numbers)
+        if derived.kind is None:
+            values[positions] = reported(derived, stated)
+        else:
+            values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
+            slopes = tangent_slopes(derived.kind, derived.dimension, stated, slopes)
+        sigma[positions] = _spread(walked, group, slopes)
+    return DerivedSolution(owner=owner, values=values, sigma=sigma, gradient=None)
+
+
+def _steps_of(walked: Walked, group: Group) -> Indices:
+    """The step of each row (rows,): that of the states in it; the last one where there are none or several."""
+    steps = walked.places.step_of_coordinate[group.columns]
+    most = steps.max(axis=1, initial=NOT_OF_A_STEP)
+    last = max(walked.track.made - 1, 0)
+    several = ((steps != most[:, None]) & (steps != NOT_OF_A_STEP)).any(axis=1)
+    return np.where(several, -1, np.where(most == NOT_OF_A_STEP, last, most))
+
+
+def _slopes(walked: Walked, group: Group, numbers: Floats) -> Floats:
+    """The derivatives (rows, outputs, n) by the free coordinates of the step of each row."""
+    places = walked.places
+    column = np.full(len(places.coordinates[0]), -1, dtype=np.int64)
+    column[places.free] = np.arange(len(places.free))
+    own = column[places.coordinate[group.columns]]
+    group.fill(numbers)
+    nonzeros = group.evaluation.values_and_jacobian()[1]
+    found = np.zeros((group.rows, group.kernel.outputs, len(places.free)))
+    rows = np.arange(group.rows)
+    pairs = zip(group.kernel.jacobian_rows, group.kernel.jacobian_columns, strict=True)
+    for k, (output, tangent) in enumerate(pairs):
+        at = own[:, tangent]
+        kept = at >= 0
+        np.add.at(found, (rows[kept], output, at[kept]), nonzeros[kept, k])
+    return found
+
+
+def _spread(walked: Walked, group: Group, slopes: Floats) -> Floats:
+    """Standard deviations (rows, outputs); NaN where a step is not determined, or several are in one row."""
+    track = walked.track
+    steps = _steps_of(walked, group)
+    known = (steps >= 0) & (steps < track.made)
+    at = np.where(known, steps, 0)
+    sigma = np.sqrt(np.square(np.einsum("rfn,ron->rof", track.factors[at], slopes)).sum(axis=2))
+    loose = (np.where(track.touched[at][:, None, :], slopes, 0.0) != 0.0).any(axis=2)
+    return np.where(known[:, None] & ~loose, sigma, np.nan)

@@ -1,0 +1,36 @@
+"""What filters and smoothers may have to say."""
+
+from __future__ import annotations
+
+from mbm.text.types import Code, Diagnostic, Severity, Span
+
+NOT_FOR_FILTERS = Code(
+    "not-for-filters",
+    "Filters and smoothers take one step after the other with noise that is stated; this problem has something that "
+    "needs all steps at once, or several passes over the rows.",
+    "Use `:method batch`, which solves all steps at once.",
+)
+OVERCONFIDENT_FILTER = Code(
+    "overconfident-filter",
+    "The innovations of a filter, what the rows say beyond what was predicted, are larger than their covariances let "
+    "expect: the filter trusts its estimates more than it should (a warning).",
+    "Where the equations are curved, linearise better: `:method iterated-ekf`, `(smoother :lag n)` or `batch`; else "
+    "correct the sigmas and the noise of the transitions.",
+)
+
+
+def not_for_filters(span: Span | None, method: str, what: str, mend: str) -> Diagnostic:
+    """Something that a filter or smoother cannot do; ``what`` follows on its name."""
+    return Diagnostic(code=NOT_FOR_FILTERS, message=f"`{method}` {what}", place=span, hint=mend)
+
+
+def overconfident_filter(span: Span | None, ratio: float, probability: float) -> Diagnostic:
+    """Innovations that are ``ratio`` times as large as expected, which chance does with this probability."""
+    shown = f"p = {probability:.2g}" if probability > 0 else "p < 1e-300"
+    return Diagnostic(
+        code=OVERCONFIDENT_FILTER,
+        severity=Severity.WARNING,
+        message=f"the innovations are {ratio:.3g} times as large as the filter expects ({shown})",
+        place=span,
+        hint=OVERCONFIDENT_FILTER.mend,
+    )

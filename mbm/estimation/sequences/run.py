@@ -1,0 +1,111 @@
+"""One walk of a filter or smoother over the steps of a problem, from the problem to its solution."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from time import perf_counter
+
+import numpy as np
+
+from mbm.equations.binding import EvaluationCache
+from mbm.equations.types import Floats
+from mbm.estimation.search.solution import Solution
+from mbm.estimation.sequences import faults
+from mbm.estimation.sequences.answer import Walked, solution_of
+from mbm.estimation.sequences.lowering import lowered
+from mbm.estimation.sequences.places import places_of
+from mbm.estimation.sequences.prior import prior_of
+from mbm.estimation.sequences.walk import Rules
+from mbm.estimation.settings import Settings
+from mbm.estimation.solve.estimate import assemble
+from mbm.kernels.types import KernelSet
+from mbm.problem.sequence.types import Estimator, Sequence, SequenceMethod
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import Problem
+from mbm.text.types import MbmError
+
+FINE = 1e-9
+"""A step, in standard deviations, that ends the iteration over all steps: answers are those of ``batch``."""
+
+COARSE = 1e-6
+"""The same for updates and windows, which are many: what is left of them goes on into the next."""
+
+
+def walked(
+    problem: Problem,
+    kernels: KernelSet,
+    tables: Mapping[str, Table],
+    *,
+    key: Mapping[str, CellKey],
+    starts: Mapping[str, Floats],
+    settings: Settings,
+    cache: EvaluationCache,
+) -> Solution:
+    """As `mbm.estimation.sequences.filtering.filtered`."""
+    began = perf_counter()
+    sequence = problem.sequence
+    if sequence is None:
+        raise TypeError(problem.name)
+    _refuse(sequence, settings)
+    equations, binder = assemble(problem, kernels, tables, starts, cache)
+    method = sequence.estimator.method.value
+    places = places_of(equations, len(tables[sequence.steps]), method)
+    low = lowered(problem, sequence, equations, places, dict(tables))
+    prior = prior_of(problem, sequence, equations, places, low.priors, tables, low.chained.seen)
+    if np.isnan(prior.point).any():
+        if not low.chained.linear:
+            missing = int(places.numbers[0][np.flatnonzero(np.isnan(prior.point))[0]])
+            name = next(e.unknown.name for e in equations.layout.entries if e.range.start <= missing < e.range.stop)
+            what = f"begins where the equations are linearised, and `{name}` has no start"
+            raise MbmError(faults.not_for_filters(problem.unknown(name).span, method, what, "give it an `:init`"))
+        prior = prior.filled()
+    if sequence.estimator.method is SequenceMethod.SMOOTHER and low.chained.seen.equalities:
+        what = "takes no equations among the constraints: they couple what it takes one after the other"
+        raise MbmError(faults.not_for_filters(sequence.estimator.span, method, what, "use `:method batch`"))
+    rules = _rules(sequence.estimator, settings, low.chained.lossy)
+    track = low.chained.walk(prior, rules, settings.stopped)
+    return solution_of(
+        Walked(
+            problem=problem,
+            kernels=kernels,
+            tables=tables,
+            key=key,
+            equations=equations,
+            binder=binder,
+            places=places,
+            chained=low.chained,
+            prior=prior,
+            rules=rules,
+            track=track,
+        ),
+        seconds=lambda: perf_counter() - began,
+    )
+
+
+def _refuse(sequence: Sequence, settings: Settings) -> None:
+    """What no filter does."""
+    estimator = sequence.estimator
+    if settings.robust is not None:
+        what = "does not look for agreeing rows: `:robust` needs all steps at once"
+        mend = "use a `:loss` with `iterated-ekf` or a smoother, or `:method batch`"
+        raise MbmError(faults.not_for_filters(estimator.span, estimator.method.value, what, mend))
+    if estimator.hypotheses > 1:
+        what = "follows one hypothesis for now"
+        raise MbmError(faults.not_for_filters(estimator.span, estimator.method.value, what, "leave `:hypotheses` out"))
+
+
+def _rules(estimator: Estimator, settings: Settings, lossy: bool) -> Rules:
+    once = estimator.method in (SequenceMethod.EKF, SequenceMethod.TRUNCATED)
+    if once and lossy:
+        what = "linearises once, and a loss needs iteration"
+        mend = "use `iterated-ekf` or a smoother"
+        raise MbmError(faults.not_for_filters(estimator.span, estimator.method.value, what, mend))
+    smooth = estimator.method is SequenceMethod.SMOOTHER
+    return Rules(
+        iterations=1 if once else settings.max_iterations,
+        cut=estimator.method is SequenceMethod.TRUNCATED,
+        skip=estimator.skip,
+        tolerance=FINE if smooth and estimator.lag is None else COARSE,
+        smooth=smooth,
+        lag=estimator.lag,
+    )
