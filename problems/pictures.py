@@ -109,6 +109,17 @@ def walk(axes: Axes) -> None:
     axes.legend()
 
 
+def office_walk(axes: Axes) -> None:
+    """Bluetooth positions, and where the track puts the walker every second."""
+    seen, true = rows("office-walk", "ble.csv"), rows("office-walk", "truth.csv")
+    axes.plot(column(true, "x"), column(true, "y"), "-", color=GREY, label="where the walker was")
+    axes.plot(column(seen, "x"), column(seen, "y"), ".", color=BLUE, label="Bluetooth")
+    here = np.array([s.derived[0].value for s in solve("office-walk", "office-walk").solves if s.derived])
+    axes.plot(here[:, 0], here[:, 1], "o", color=ORANGE, label="track, laid on by the last two minutes")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes.legend(loc="upper right", fontsize=8)
+
+
 def rim(axes: Axes) -> None:
     """Touched points, and the ellipse."""
     seen, found = rows("rim", "rim.csv"), solve("rim", "rim")
@@ -175,6 +186,7 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
         image_pictures.shoulder,
         triangle,
         walk,
+        office_walk,
         image_pictures.stereo,
         image_pictures.hand_eye,
         image_pictures.bundle,

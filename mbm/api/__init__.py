@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from mbm.api.compiled import CompiledProblem
     from mbm.api.files import check, expand, explain, simulate_file, solve_file
     from mbm.api.problem import Problem, build, load, loads
+    from mbm.api.trajectories import trajectory_file
     from mbm.api.viewing import view_file
     from mbm.report.answer import Solved
     from mbm.text.from_python import keyword, symbol
@@ -23,6 +24,7 @@ _ROOMS = MappingProxyType(
         "mbm.api.compiled": ("CompiledProblem",),
         "mbm.api.files": ("check", "expand", "explain", "simulate_file", "solve_file"),
         "mbm.api.problem": ("Problem", "build", "load", "loads"),
+        "mbm.api.trajectories": ("trajectory_file",),
         "mbm.api.viewing": ("view_file",),
         "mbm.report.answer": ("Solved",),
         "mbm.text.from_python": ("keyword", "symbol"),
@@ -30,7 +32,8 @@ _ROOMS = MappingProxyType(
     }
 )
 __all__ = ["CompiledProblem", "MbmError", "Problem", "Solved", "build", "check", "expand", "explain", "keyword"]
-__all__ += ["load", "loads", "simulate_file", "solve_file", "symbol", "view_file"]
+__all__ += ["load", "loads", "simulate_file", "solve_file", "symbol"]
+__all__ += ["trajectory_file", "view_file"]
 
 
 def __getattr__(name: str) -> Any:

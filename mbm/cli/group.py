@@ -11,6 +11,7 @@ from mbm.version import __version__
 
 COMMANDS = {
     "solve": "Solve a problem: estimates with their uncertainties.",
+    "trajectory": "Errors of an aligned trajectory: of each pose, and over steps.",
     "view": "Draw models, scenes, measurements in their images, maps.",
     "simulate": "Write simulated measurements, with noise, as data files.",
     "check": "Report errors in a problem without solving it.",

@@ -42,8 +42,7 @@ def paired(pair: PairDeclaration, tables: Mapping[str, Table]) -> Table:
     """
     first, second = tables[pair.first], tables[pair.second]
     if pair.steps is not None:
-        scale = _times(first, pair) if pair.steps.kind is StepKind.TIME else None
-        rows, others = later_rows(_finite(first, pair), pair.steps, scale, pair.tolerance)
+        rows, others = paired_rows(pair, first)
         taken = {name: column.take(others) for name, column in second.columns.items()}
         return _together(pair, (first, second), (rows, others), taken, pair.steps.plain)
     a, b = _times(first, pair), _times(second, pair)
@@ -89,11 +88,19 @@ def _together(
     )
 
 
-def _finite(table: Table, pair: PairDeclaration) -> Table:
-    """The table, whose path has a length."""
-    for name in pair.steps.along if pair.steps is not None else ():
+def paired_rows(pair: PairDeclaration, table: Table) -> tuple[Positions, Positions]:
+    """Positions (from 0) of the rows that a pair of ``table`` with itself makes, and of those they are paired with.
+
+    Raises:
+        MbmError: a time or coordinate that is missing or text.
+
+    """
+    if pair.steps is None:
+        raise TypeError(pair.name)
+    for name in pair.steps.along:
         _numbers(table, name, pair)
-    return table
+    scale = _times(table, pair) if pair.steps.kind is StepKind.TIME else None
+    return later_rows(table, pair.steps, scale, pair.tolerance)
 
 
 def _times(table: Table, pair: PairDeclaration) -> Numbers:

@@ -32,7 +32,7 @@ def later_rows(
             times = np.empty(0) if scale is None else scale[rows]
             rows = rows[np.argsort(times, kind="stable")]
             at = np.sort(times)
-        begin, end = _nearest(at, steps.step, tolerance)
+        begin, end = nearest_later(at, steps.step, tolerance)
         first.append(rows[begin])
         second.append(rows[end])
     here, there = (np.concatenate([np.empty(0, dtype=np.int64), *each]) for each in (first, second))
@@ -56,8 +56,11 @@ def _by_key(table: Table, keys: tuple[str, ...]) -> list[Positions]:
     return [np.array(rows, dtype=np.int64) for rows in found.values()]
 
 
-def _nearest(at: Numbers, step: float, tolerance: float | None) -> tuple[Positions, Positions]:
-    """Places of ascending numbers (n,), and of the later ones nearest to those plus the step."""
+def nearest_later(at: Numbers, step: float, tolerance: float | None) -> tuple[Positions, Positions]:
+    """Places of ascending numbers (n,), and of the later ones nearest to those plus the step.
+
+    None farther from that than ``tolerance``, by default half the median step between neighbours.
+    """
     none = np.empty(0, dtype=np.int64)
     if len(at) < 2:
         return none, none

@@ -29,6 +29,12 @@ UNION = "union"
 SOURCE = "source"
 """The column of such a table that says which of them a row is from."""
 
+TIME = "t"
+"""The column of times of a timed table, where none is named."""
+
+POSITION = ("x", "y", "z")
+"""The columns of a position, where none are named: as many of them as the table has."""
+
 GAP_WORDS = frozenset({"", "NA"})
 """What stands in a cell without a value, blanks around it taken off; beside these ``nan`` is NaN in any case."""
 

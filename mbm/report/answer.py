@@ -33,6 +33,8 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from mbm.report.trajectories.types import Trajectory
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Named:
@@ -152,6 +154,27 @@ class Solved:
         from mbm.report.scenes.formats import write
 
         write(self.result, form, Path(folder), force=force, reads=self.result.reads)
+
+    def trajectory(self, *deltas: str, observation: str | None = None) -> Trajectory:
+        """The errors of the trajectory that an observation of the only solve lays on a reference.
+
+        Args:
+            deltas: steps of relative errors: ``10f`` rows, ``0.5s`` times, ``2m`` of the reference's path. Without any
+                they are those of the pairs of the table with itself, else one row.
+            observation: which one, where several could be meant.
+
+        Raises:
+            LookupError: there is no solve, or there are several.
+            MbmError: no-trajectory, several-trajectories, bad-delta.
+
+        """
+        from mbm.report.trajectories.answer import trajectories_of
+
+        if len(self.result.solves) > 1:
+            message = f"there are {len(self.result.solves)} solves; the errors are those of one trajectory"
+            raise LookupError(message)
+        _ = self.first
+        return trajectories_of(self.result, deltas, observation)[0]
 
     def table(self) -> Any:
         """One row per solve: keys, status, cost, dof, scalars and sigmas; a pandas frame, else a dict of arrays."""

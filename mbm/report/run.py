@@ -80,13 +80,32 @@ def result_of(
             **_constraints_option(problem),
             **asked,
         },
-        inputs=tuple(
-            InputFile(path=origin.path, sha256=origin.sha256, rows=origin.rows)
-            for table in raw.values()
-            for origin in table.provenance.origins_of_rows()
-        ),
+        inputs=_inputs(raw),
         diagnostics=(*problem.warnings, *_interrupted(done, left)),
         complete=not left,
+    )
+
+
+def unsolved(problem: Problem, raw: Mapping[str, Table], *, file: str | None, asked: Mapping[str, object]) -> Result:
+    """The result of no solve: what was read."""
+    return Result(
+        version=__version__,
+        file=file,
+        problem=problem.name,
+        seed=problem.request.seed,
+        solves=(),
+        options=asked,
+        inputs=_inputs(raw),
+        diagnostics=problem.warnings,
+    )
+
+
+def _inputs(raw: Mapping[str, Table]) -> tuple[InputFile, ...]:
+    """The files that tables were read from."""
+    return tuple(
+        InputFile(path=origin.path, sha256=origin.sha256, rows=origin.rows)
+        for table in raw.values()
+        for origin in table.provenance.origins_of_rows()
     )
 
 

@@ -50,7 +50,7 @@ def main() -> None:
         end = first + count * STEP
         rows = [p for p in pairs if end - LENGTH + ROUNDING < p[0] <= end + ROUNDING]
         if len(rows) >= LEAST:
-            solves.append(_solve(rows, end))
+            solves.append(laid(rows, end))
         else:
             solves.append({"key": {"t": end}, "status": "skipped"})
     write_expected("walk", {"walk": {"solves": solves}})
@@ -60,8 +60,8 @@ def _place(row: dict[str, str]) -> complex:
     return complex(float(row["x"]), float(row["y"]))
 
 
-def _solve(rows: list[tuple[float, complex, complex]], end: float) -> dict[str, Any]:
-    """``w = a z + b`` with unit weights, and the spread of (angle, b, log |a|) in real numbers."""
+def laid(rows: list[tuple[float, complex, complex]], end: float, sigma: float = 1.0) -> dict[str, Any]:
+    """``w = a z + b``, each coordinate of ``w`` good to ``sigma``; the spread is of (angle, b, log |a|)."""
     w = np.array([r[1] for r in rows])
     z = np.array([r[2] for r in rows])
     design = np.column_stack([z, np.ones(len(z))])
@@ -69,7 +69,7 @@ def _solve(rows: list[tuple[float, complex, complex]], end: float) -> dict[str, 
     left = w - a * z - b
     columns = (1j * a * z, np.ones(len(z)), np.full(len(z), 1j), a * z)
     jacobian = np.column_stack([np.concatenate([np.real(c), np.imag(c)]) for c in columns])
-    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    covariance = sigma**2 * np.linalg.inv(jacobian.T @ jacobian)
     last = [1j * a * z[-1], 1, 1j, a * z[-1]]
     slopes = np.array([np.real(last), np.imag(last)], dtype=float)
     here = a * z[-1] + b
@@ -79,7 +79,7 @@ def _solve(rows: list[tuple[float, complex, complex]], end: float) -> dict[str, 
     return {
         "key": {"t": end},
         "dof": 2 * len(w) - 4,
-        "cost": float(np.sum(np.abs(left) ** 2)),
+        "cost": float(np.sum(np.abs(left) ** 2)) / sigma**2,
         "estimates": {"S": {"value": value, "sigma": np.sqrt(np.diag(covariance)).tolist()}},
         "derived": {"here": estimate([here.real, here.imag], np.sqrt(np.diag(slopes @ covariance @ slopes.T)))},
     }

@@ -10,14 +10,11 @@ from mbm.language.values import describe
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import Options, split_options
-from mbm.problem.tables import SOURCE, PairDeclaration, StepKind, Steps, Table
+from mbm.problem.tables import POSITION, SOURCE, TIME, PairDeclaration, StepKind, Steps, Table
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
 USAGE = "(pair name (a b) :by t [:tolerance dt] [:interpolate true])"
 STEP_USAGE = "(pair name ((from a) (to a)) :by row|t|distance :step form [:tolerance form] [:along (x y z)])"
-POSITION = ("x", "y", "z")
-"""The columns of a position where `:along` names none: as many of them as the table has."""
-TIME = "t"
 MOST_ROWS = 1_000_000_000
 
 

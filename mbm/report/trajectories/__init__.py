@@ -1,0 +1,1 @@
+"""Errors of aligned trajectories as the field states them: of positions and rotations, absolute and over steps."""

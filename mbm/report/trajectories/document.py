@@ -1,0 +1,96 @@
+"""Errors of trajectories for programs: the field ``trajectory`` of the result document, and rows for CSV."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from io import StringIO
+from typing import Any
+
+import numpy as np
+
+from mbm.report.trajectories.types import DEGREE, Errors, Floats, Segments, Statistics, Trajectory
+
+MAIN = "translation"
+"""The part whose numbers stand at the top, as CONTRACT §2 has them; the other parts stand under their names."""
+
+
+def trajectory_document(found: Trajectory) -> dict[str, Any]:
+    """``{"observation", "estimate", "reference", "ape", "rpe", "segments"}``; ``rpe`` is the first of the segments."""
+    said = [_segments(each) for each in found.rpe]
+    return {
+        "observation": found.clause,
+        "estimate": found.sides[0].rstrip("."),
+        "reference": found.sides[1].rstrip("."),
+        "ape": _errors(found.ape),
+        "rpe": said[0] if said else None,
+        "segments": said,
+    }
+
+
+def _segments(found: Segments) -> dict[str, Any]:
+    named = {} if found.name is None else {"pair": found.name}
+    return {
+        **_errors(found.errors),
+        **named,
+        "by": found.by,
+        "step": found.step,
+        "step_unit": found.unit,
+        "drift": dict(found.drift()),
+    }
+
+
+def _errors(errors: Errors) -> dict[str, Any]:
+    parts = errors.statistics()
+    main = _statistics(parts[MAIN])
+    return {**main, **{name: _statistics(part) for name, part in parts.items() if name != MAIN}}
+
+
+def _statistics(found: Statistics) -> dict[str, Any]:
+    return {
+        "rmse": found.rmse,
+        "mean": found.mean,
+        "median": found.median,
+        "std": found.std,
+        "min": found.minimum,
+        "max": found.maximum,
+        "percentiles": {str(level): value for level, value in found.percentiles.items()},
+        "rows": found.rows,
+        "unit": found.unit,
+    }
+
+
+def error_rows(trajectories: Sequence[Trajectory]) -> str:
+    """One row for each pose, as CSV: keys, row of the table, time, errors of the pose and of the step that ends there.
+
+    Lengths are in the unit of the measurement, rotations in deg.
+    """
+    stream = StringIO(newline="")
+    keys = tuple(trajectories[0].key) if trajectories else ()
+    steps = trajectories[0].rpe[:1] if trajectories else ()
+    header = [*keys, "row", "t", "ape", "ape_rotation", *(("rpe", "rpe_rotation") if steps else ())]
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(header)
+    for found in trajectories:
+        columns = [*_columns(found.ape, np.arange(len(found.rows)), len(found.rows))]
+        for each in found.rpe[:1]:
+            columns += _columns(each.errors, each.end, len(found.rows))
+        times = np.full(len(found.rows), np.nan) if found.times is None else found.times
+        for i, row in enumerate(found.rows.tolist()):
+            cells = [times[i], *(column[i] for column in columns)]
+            writer.writerow([*_key(found.key, keys), row, *("" if np.isnan(c) else repr(float(c)) for c in cells)])
+    return stream.getvalue()
+
+
+def _key(key: Mapping[str, Any], names: Sequence[str]) -> list[Any]:
+    return [key.get(name, "") for name in names]
+
+
+def _columns(errors: Errors, places: np.ndarray, count: int) -> list[Floats]:
+    found = []
+    for values, factor in ((errors.translation, errors.factor), (errors.rotation, DEGREE)):
+        column = np.full(count, np.nan)
+        if values is not None:
+            column[places] = values / factor
+        found.append(column)
+    return found
