@@ -94,6 +94,8 @@ def whitener(
         if bool(exact.any()):
             return Whitener(first, first + size, 1.0 / np.where(exact, 1.0, noise), exact)
         return Whitener(first, first + size, 1.0 / noise)
+    if equation.noise_kind is NoiseKind.BOUND:
+        raise MbmError(faults.bound_without_distribution(equation.span, None))
     matrices = noise.reshape(rows, size, size)
     return Whitener(first, first + size, _roots(equation, matrices, table, positions))
 

@@ -13,6 +13,7 @@ from mbm.language.program import ProblemDefinition, Program
 from mbm.language.session import Session, open_session
 from mbm.language.values import Vocabulary
 from mbm.problem import faults
+from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
 from mbm.problem.dimensions import infer
@@ -38,7 +39,7 @@ from mbm.problem.reading.windows import read_window
 from mbm.problem.sampling import refuse_corrected
 from mbm.problem.scopes import ProblemScope
 from mbm.problem.tables import PairDeclaration, Table, TableDeclaration
-from mbm.problem.types import Block, Derived, Problem, Request, TablePlan, Unknown
+from mbm.problem.types import Block, Derived, Method, Problem, Request, TablePlan, Unknown
 from mbm.problem.vocabulary import NOT_YET, SPECIAL_FORMS
 from mbm.shapes.model import ModelLog, model_maker
 from mbm.text.types import Diagnostic, MbmError, Sequence, Span, Symbol
@@ -98,10 +99,11 @@ def elaborate(
     if not declarations:
         if not work.undeclared:
             work.diagnostics.append(faults.no_unknowns(definition.span))
-    elif not blocks and not work.diagnostics:
+    elif not blocks and not work.diagnostics and not (request and request.method is Method.INTERVAL):
         work.diagnostics.append(faults.no_equations(definition.span))
     work.finish()
-    dimensions, blocks, clashes = infer(unknowns, blocks, derived, plans, pairs, tables, starts)
+    widths = request.enclosing.widths if request is not None and request.enclosing is not None else {}
+    dimensions, blocks, clashes = infer(unknowns, blocks, derived, plans, pairs, tables, (starts, widths))
     work.diagnostics.extend(clashes)
     work.finish()
     if request is None:
@@ -132,6 +134,7 @@ def _checked(
     consulted: Consulted,
 ) -> Elaborated:
     """The problem with what its data make doubtful; raises what they make wrong."""
+    refuse_mixed_bounds(problem)
     errors, warnings = check_data(problem, tables)
     if errors:
         raise MbmError(*errors)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import chain
 
 from mbm.expression.algebra import ONE
 from mbm.expression.dimension import NONE, Dimension
@@ -23,11 +24,11 @@ def infer(
     plans: tuple[TablePlan, ...],
     pairs: tuple[PairDeclaration, ...],
     tables: Mapping[str, Table],
-    starts: Mapping[str, tuple[Number, ...]],
+    stated: Iterable[Mapping[str, tuple[Number, ...]]],
 ) -> tuple[dict[tuple[str, int], Dimension | None], tuple[Block, ...], list[Diagnostic]]:
     """Dimensions of the components of unknowns and derived quantities, the blocks with their units, and the clashes.
 
-    ``starts`` are those given from outside.
+    ``stated`` are numbers given for components besides, such as starts from outside.
     """
     inference = Inference(_declared(unknowns, plans, pairs, tables))
     for plan in plans:
@@ -38,7 +39,8 @@ def infer(
     for unknown in unknowns:
         _visit_unknown(inference, unknown)
         angle = unknown.kind is UnknownKind.ANGLE
-        for index, given in zip(unknown.indices(), starts.get(unknown.name, ()), strict=False):
+        given_numbers = (zip(unknown.indices(), each.get(unknown.name, ()), strict=False) for each in stated)
+        for index, given in chain.from_iterable(given_numbers):
             inference.equate(Component(unknown.name, index, None, angle, unknown.span), given, given.span)
     for each in derived:
         for case in each.cases:
@@ -143,7 +145,7 @@ def _visit_block(inference: Inference, block: Block) -> None:
             if block.unknown_factor or block.role is BlockRole.CONSTRAINT:
                 continue
             size = len(equation.components)
-            if equation.noise_kind is NoiseKind.SIGMA:
+            if equation.noise_kind in (NoiseKind.SIGMA, NoiseKind.BOUND):
                 for component, sigma in zip(equation.components, equation.noise, strict=True):
                     inference.equate(component, sigma, sigma.span)
             else:

@@ -11,10 +11,12 @@ from mbm.expression.nodes import nearest
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
+from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.kinds import Gauge
 from mbm.problem.options import split_options
 from mbm.problem.reading.declarations import Declaration
+from mbm.problem.reading.intervals import read_enclosing
 from mbm.problem.reading.robust import read_consensus
 from mbm.problem.reading.unknowns import stated_numbers
 from mbm.problem.types import ConstraintMethod, GivenStarts, Method, Problem, RandomStarts, Request
@@ -22,7 +24,6 @@ from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
 USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1])"
 _METHODS_LATER = (
-    "interval",
     "ekf",
     "iterated-ekf",
     "truncated-ekf",
@@ -60,6 +61,7 @@ def read_request(
     return Request(
         method=method,
         routine=routine,
+        enclosing=read_enclosing(work, options.get("method"), declarations),
         constraints=_constraint_method(options.get("constraints")),
         gauge=_gauge(options.get("gauge")),
         robust=read_consensus(work, options.get("robust")),
@@ -119,7 +121,9 @@ def requested(
     if method is not None:
         chosen, routine = _named_method(method, None, routines)
         request = replace(request, method=chosen, routine=routine)
-    return replace(problem, request=request)
+    asked = replace(problem, request=request)
+    refuse_mixed_bounds(asked)
+    return asked
 
 
 def _method(form: Form | None, routines: Routines) -> tuple[Method, str | None]:
