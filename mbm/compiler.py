@@ -253,6 +253,15 @@ def solved(
     return replace(result, diagnostics=(*result.diagnostics, *jacobian_doubts(found, kernels, cache)))
 
 
+def not_enclosed(found: Elaborated) -> tuple[Diagnostic, ...]:
+    """What interval methods would refuse in the first solve, without searching."""
+    from mbm.equations.selection import selections
+    from mbm.estimation.intervals.enclosing import refusals
+
+    selection = next(selections(found.problem, found.tables)[1], None)
+    return () if selection is None else refusals(found.problem, selection)
+
+
 def viewed(
     found: Elaborated,
     kernels: KernelSet,

@@ -170,6 +170,24 @@ def triangle(axes: Axes) -> None:
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 
+def chain_intervals(axes: Axes) -> None:
+    """The arm from the side: bounds of each joint, and postures drawn at random that agree with them."""
+    found = solve("chain-intervals", "chain-intervals")
+    lengths, turns = found["l"].bounds, found["theta"].bounds
+    seen = column(rows("chain-intervals", "joints.csv"), "x")
+    random = np.random.default_rng(2)
+    links = random.uniform(*lengths.T, (400_000, 3))
+    angles = np.cumsum(np.deg2rad(random.uniform(*turns.T, (400_000, 3))), axis=1)
+    x, z = np.cumsum(links * np.cos(angles), axis=1), np.cumsum(links * np.sin(angles), axis=1)
+    for posture in np.flatnonzero((np.abs(x - seen) <= 0.02).all(axis=1))[:40]:
+        axes.plot([0, *x[posture]], [0, *z[posture]], color=GREY, linewidth=0.5)
+    heights = [ends for piece in found.first.pieces for ends in piece.derived[0].bounds]
+    for reach, ends in zip(np.tile(seen, len(found.first.pieces)), heights, strict=True):
+        axes.add_patch(plt.Rectangle((reach - 0.02, ends[0]), 0.04, ends[1] - ends[0], color=BLUE, alpha=0.4))
+    axes.plot(0, 0, "o", color=ORANGE)
+    axes.set(xlabel="x (m), seen to 2 cm", ylabel="height (m)", aspect="equal")
+
+
 PICTURES: dict[str, Callable[[Axes], None]] = {
     f.__name__.replace("_", "-"): f
     for f in (
@@ -185,6 +203,7 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
         rim,
         image_pictures.shoulder,
         triangle,
+        chain_intervals,
         walk,
         office_walk,
         image_pictures.stereo,

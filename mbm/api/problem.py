@@ -284,6 +284,7 @@ class Problem:
         from mbm.estimation.search.precheck import refusals
         from mbm.problem.dimensions import missing_units
         from mbm.problem.structure import structural_warnings
+        from mbm.problem.types import Method
 
         try:
             found = compiler.elaborated(self.program, self.name, inputs, self.registry)
@@ -291,6 +292,8 @@ class Problem:
             return error.diagnostics
         problem, tables = found.problem, found.tables
         lacking = missing_units(problem.unknowns, problem.blocks, tables) if strict_units else ()
+        if problem.request.method is Method.INTERVAL:
+            return (*compiler.not_enclosed(found), *problem.warnings, *lacking)
         wrong = refusals(problem, tables)
         calls = () if wrong else self._called(found, inputs)
         if not (wrong or calls):

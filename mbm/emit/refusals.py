@@ -150,6 +150,11 @@ def _request(problem: Problem) -> Iterator[Diagnostic]:
     if request.method in (Method.CLOSED_FORM, Method.DIRECT_SEARCH) or request.routine is not None:
         what = f"`:method {request.routine or request.method.value}`"
         yield faults.not_emitted(place, what, "generated solvers iterate from a start", "state a start with `:init`")
+    if request.method is Method.INTERVAL:
+        why = "generated solvers compute with numbers, not with intervals"
+        yield faults.not_emitted(
+            place, "`:method (interval)`", why, "give `:sigma` in place of `:bound`, and a `:method`"
+        )
     if request.gauge is Gauge.FREE:
         why = "generated solvers want every unknown determined"
         todo = "fix what is free, with `:fixed` or a prior (`:sigma`)"

@@ -103,6 +103,8 @@ def whitener(
         if bool(exact.any()):
             return Whitener(first, first + size, 1.0 / np.where(exact, 1.0, noise), exact)
         return Whitener(first, first + size, 1.0 / noise)
+    if equation.noise_kind is NoiseKind.BOUND:
+        raise MbmError(faults.bound_without_distribution(equation.span, None))
     matrices, floored = noise.reshape(rows, size, size), False
     if may_be_singular and equation.noise_kind is NoiseKind.COVARIANCE:
         stated, matrices = matrices, _floored(matrices)

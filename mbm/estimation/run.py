@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from mbm.equations.binding import EvaluationCache
 from mbm.equations.interruption import Interruption
 from mbm.equations.selection import Selection, selections
 from mbm.equations.types import Floats
+from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.estimation.sequences.filtering import by_filter, filtered
 from mbm.estimation.settings import Forms, Settings, settings_of, standard_forms
@@ -21,6 +22,7 @@ from mbm.kernels.faults import is_failed_call
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import CellKey
+from mbm.problem.types import Method, Problem
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -39,7 +41,7 @@ class Solutions:
     """
 
     count: int
-    parts: Iterator[Solution | Failure | Skipped | Alone | Block]
+    parts: Iterator[Solution | Enclosure | Failure | Skipped | Alone | Block]
 
 
 def solutions(
@@ -65,11 +67,14 @@ def solutions(
     problem = found.problem
     settings = replace(settings_of(problem.request, interruption, forms), workers=workers)
     given = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
-    window = problem.request.window
     begun: Begun = given if starts is None else _with(starts, given) if given else starts
-    solve = _one_by_one(found, kernels, cache, begun, settings)
+    if problem.request.method is Method.INTERVAL:
+        bounded = _one_by_one(problem, begun, _enclosing(found, settings))
+        return _in_order(found, bounded, settings)
+    solve = _one_by_one(problem, begun, _estimating(found, kernels, cache, settings))
     at_once = None
-    if (problem.request.for_each or window is not None) and problem.sequence is None:
+    several = problem.request.for_each or problem.request.window is not None
+    if several and problem.sequence is None:
         # Loaded by problems with many solves only, so that the others start at once.
         from mbm.estimation.batches.together import together
 
@@ -78,17 +83,26 @@ def solutions(
         if interruption is not None:
             interruption.listen()
         return Solutions(at_once.count, at_once.blocks(workers, solve))
-    count, picked = selections(problem, found.tables)
+    return _in_order(found, solve, settings)
 
-    def each() -> Iterator[Solution | Failure | Skipped]:
+
+def _in_order(
+    found: Elaborated,
+    solve: Callable[[Selection, Solution | None], Solution | Enclosure | Failure | Skipped],
+    settings: Settings,
+) -> Solutions:
+    """One solve after the other; a window starts from the last one with a finite cost."""
+    count, picked = selections(found.problem, found.tables)
+
+    def each() -> Iterator[Solution | Enclosure | Failure | Skipped]:
         last: Solution | None = None
-        if interruption is not None:
-            interruption.listen()
+        if settings.interruption is not None:
+            settings.interruption.listen()
         for selection in picked:
             if settings.stopped():
                 return
             solved = solve(selection, last)
-            if window is not None and isinstance(solved, Solution):
+            if found.problem.request.window is not None and isinstance(solved, Solution):
                 last = solved if np.isfinite(solved.minimum.cost) else last
             yield solved
 
@@ -99,33 +113,55 @@ def _with(starts: StartsFinder, given: Mapping[str, Floats]) -> StartsFinder:
     return lambda key: {**starts(key), **given}
 
 
-def _one_by_one(
-    found: Elaborated, kernels: KernelSet, cache: EvaluationCache, starts: Begun, settings: Settings
-) -> Callable[[Selection, Solution | None], Solution | Failure | Skipped]:
-    """What solves one selection of the rows by itself, given the solution of the window before."""
-    window = found.problem.request.window
+Solved = TypeVar("Solved")
+Solving: TypeAlias = Callable[[Selection, Mapping[str, Floats], Solution | None], Solved]
+"""What solves one selection of the rows by itself, given starts, and the solution of the window before."""
+
+
+def _enclosing(found: Elaborated, settings: Settings) -> Solving[Enclosure]:
+    """Bounds of the solutions; kernels give points, not boxes, and are not asked."""
+    # Loaded by problems with bounds only, so that the others start at once.
+    from mbm.estimation.intervals.enclosing import enclose
+
+    return lambda selection, begun, _: enclose(found.problem, selection, begun, settings.stopped)
+
+
+def _estimating(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, settings: Settings) -> Solving[Solution]:
+    """Estimates."""
     make = filtered if by_filter(found.problem) else estimate
 
-    def solve(selection: Selection, last: Solution | None) -> Solution | Failure | Skipped:
+    def solve(selection: Selection, starts: Mapping[str, Floats], last: Solution | None) -> Solution:
+        return settled(
+            found.problem,
+            kernels,
+            cache,
+            starts,
+            lambda begun: make(
+                found.problem,
+                kernels,
+                selection.tables,
+                key=selection.key,
+                starts=begun,
+                settings=settings,
+                cache=cache,
+                last=last,
+            ),
+        )
+
+    return solve
+
+
+def _one_by_one(
+    problem: Problem, starts: Begun, solving: Solving[Solved]
+) -> Callable[[Selection, Solution | None], Solved | Failure | Skipped]:
+    """What solves one selection of the rows by itself, whatever comes of it."""
+    window = problem.request.window
+
+    def solve(selection: Selection, last: Solution | None) -> Solved | Failure | Skipped:
         if window is not None and selection.rows is not None and selection.rows < window.min_rows:
             return Skipped(key=selection.key, rows=selection.rows, wanted=window.min_rows)
         try:
-            return settled(
-                found.problem,
-                kernels,
-                cache,
-                starts(selection.key) if callable(starts) else starts,
-                lambda begun: make(
-                    found.problem,
-                    kernels,
-                    selection.tables,
-                    key=selection.key,
-                    starts=begun,
-                    settings=settings,
-                    cache=cache,
-                    last=last,
-                ),
-            )
+            return solving(selection, starts(selection.key) if callable(starts) else starts, last)
         except MbmError as error:
             if not selection.key or is_failed_call(error):
                 raise

@@ -14,6 +14,7 @@ from mbm.language.session import Session, open_session
 from mbm.language.values import Vocabulary
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
+from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
 from mbm.problem.dimensions import infer
@@ -46,7 +47,7 @@ from mbm.problem.scopes import ProblemScope
 from mbm.problem.sequence.dimensions import open_rates
 from mbm.problem.sequence.types import Sequence as Steps
 from mbm.problem.tables import PairDeclaration, Table, TableDeclaration
-from mbm.problem.types import Block, Derived, Problem, Request, TablePlan, Unknown
+from mbm.problem.types import Block, Derived, Method, Problem, Request, TablePlan, Unknown
 from mbm.problem.vocabulary import FUNCTIONS, SPECIAL_FORMS
 from mbm.shapes.model import ModelLog, model_maker
 from mbm.text.types import Diagnostic, MbmError, Sequence, Span, Symbol
@@ -107,9 +108,12 @@ def elaborate(
     derived, aggregates = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = _request(work, clauses, declarations)
-    _check_content(work, declarations, blocks, definition)
+    bounded = request is not None and request.method is Method.INTERVAL
+    _check_content(work, declarations, bool(blocks) or bounded, definition)
     blocks = tuple(map(looking_back, blocks)) if earlier.asked else blocks
-    dimensions, blocks, clashes = infer(unknowns, blocks, (derived, aggregates), plans, pairs, tables, starts, sequence)
+    widths = request.enclosing.widths if request is not None and request.enclosing is not None else {}
+    wanted = (derived, aggregates)
+    dimensions, blocks, clashes = infer(unknowns, blocks, wanted, plans, pairs, tables, (starts, widths), sequence)
     work.diagnostics.extend(clashes)
     work.finish()
     if request is None:
@@ -136,14 +140,12 @@ def elaborate(
     return replace(_checked(problem, raw, tables, numbers_of, work.reads.consulted()), read=tuple(session.read))
 
 
-def _check_content(
-    work: Workspace, declarations: list[Declaration], blocks: tuple[Block, ...], definition: ProblemDefinition
-) -> None:
-    """Raise what was collected, and that there is nothing to estimate, or nothing to estimate it from."""
+def _check_content(work: Workspace, declarations: list[Declaration], told: bool, definition: ProblemDefinition) -> None:
+    """Raise what was collected, and that there is nothing to estimate, or nothing that is ``told`` of it."""
     if not declarations:
         if not work.undeclared:
             work.diagnostics.append(faults.no_unknowns(definition.span))
-    elif not blocks and not work.diagnostics:
+    elif not told and not work.diagnostics:
         work.diagnostics.append(faults.no_equations(definition.span))
     work.finish()
 
@@ -156,6 +158,7 @@ def _checked(
     consulted: Consulted,
 ) -> Elaborated:
     """The problem with what its data make doubtful; raises what they make wrong."""
+    refuse_mixed_bounds(problem)
     errors, warnings = check_data(problem, tables)
     if errors:
         raise MbmError(*errors)

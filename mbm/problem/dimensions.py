@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import chain
 
 from mbm.expression.algebra import ONE, number
 from mbm.expression.dimension import NONE, Dimension
@@ -29,12 +30,13 @@ def infer(
     plans: tuple[TablePlan, ...],
     pairs: tuple[PairDeclaration, ...],
     tables: Mapping[str, Table],
-    starts: Mapping[str, tuple[Number, ...]],
+    stated: Iterable[Mapping[str, tuple[Number, ...]]],
     sequence: Sequence | None = None,
 ) -> tuple[dict[tuple[str, int], Dimension | None], tuple[Block, ...], list[Diagnostic]]:
     """Dimensions of the components of unknowns and derived quantities, the blocks with their units, and the clashes.
 
-    ``wanted`` are the derived quantities and the aggregates in them; ``starts`` are those given from outside.
+    ``wanted`` are the derived quantities and the aggregates in them; ``stated`` are numbers given for components
+    besides, such as starts from outside.
     """
     derived, aggregates = wanted
     declared, diagnostics = _with_steps(_declared(unknowns, plans, pairs, tables), sequence)
@@ -48,7 +50,8 @@ def infer(
     for unknown in unknowns:
         _visit_unknown(inference, unknown)
         angle = unknown.kind is UnknownKind.ANGLE
-        for index, given in zip(unknown.indices(), starts.get(unknown.name, ()), strict=False):
+        given_numbers = (zip(unknown.indices(), each.get(unknown.name, ()), strict=False) for each in stated)
+        for index, given in chain.from_iterable(given_numbers):
             inference.equate(Component(unknown.name, index, None, angle, unknown.span), given, given.span)
     for aggregate in aggregates:
         for _, value in aggregate.cases:
@@ -182,7 +185,7 @@ def _visit_block(inference: Inference, block: Block, *, noisy: bool) -> None:
             if block.unknown_factor or block.role is BlockRole.CONSTRAINT or not noisy:
                 continue
             size = len(equation.components)
-            if equation.noise_kind is NoiseKind.SIGMA:
+            if equation.noise_kind in (NoiseKind.SIGMA, NoiseKind.BOUND):
                 for component, sigma in zip(equation.components, equation.noise, strict=True):
                     inference.equate(component, sigma, sigma.span)
             else:

@@ -60,3 +60,10 @@ def scalar_name(name: str, key: CellKey | None, index: tuple[int, ...], *, at_st
     """One number of a quantity, as CONTRACT §2 names rows of covariances; ``index`` counts from 1, () for a number."""
     member = member_name(name, key, at_step=at_step)
     return f"{member}[{','.join(map(str, index))}]" if index else member
+
+
+def place_of(index: tuple[int, ...], shape: tuple[int, ...]) -> int:
+    """The place (from 0, row by row) of an index that counts from 1; () is that of a number."""
+    if not index:
+        return 0
+    return index[0] - 1 if len(index) == 1 else (index[0] - 1) * shape[1] + index[1] - 1

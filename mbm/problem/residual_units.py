@@ -56,7 +56,7 @@ def _unit(equation: Equation, place: int, dimension: Dimension | None, tables: M
     stated = {unit.symbol: unit for unit in _measured(equation, place, tables) if suits(unit)}
     if len(stated) == 1:
         return next(iter(stated.values()))
-    if equation.noise_kind is NoiseKind.SIGMA:
+    if equation.noise_kind in (NoiseKind.SIGMA, NoiseKind.BOUND):
         unit = _written(equation.noise[place], tables)
         if unit is not None and unit.factor == 1 and suits(unit):
             return unit

@@ -15,6 +15,7 @@ from mbm.expression.nodes import Expression
 from mbm.expression.projection import Projection
 from mbm.expression.units import Unit
 from mbm.problem.aggregates import Aggregate
+from mbm.problem.enclosing import Enclosing
 from mbm.problem.kinds import ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.overrides import ConstantValue
@@ -146,16 +147,17 @@ class NoiseKind(StrEnum):
     SIGMA = "sigma"
     COVARIANCE = "covariance"
     INFORMATION = "information"
+    BOUND = "bound"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Equation:
     """Components that should be zero (model − measured), and their noise; or what a constraint wants zero or below.
 
-    ``noise`` holds the standard deviation of each component for ``SIGMA``, else the n×n matrix row by row; it is empty
-    for constraints. ``measured`` is the measured side (or a prior's mean) where it holds data only, None elsewhere:
-    reports and pictures show it. ``measured_columns`` are the columns of the row at hand that stand on the measured
-    side, whatever kind of thing it is: what a simulation replaces. ``units`` are those that the components of
+    ``noise`` holds for each component the standard deviation (``SIGMA``) or greatest absolute value (``BOUND``), else
+    the n×n matrix row by row; it is empty for constraints. ``measured`` is the measured side (or a prior's mean) where
+    it holds data only, None elsewhere: reports and pictures show it. ``measured_columns`` are the columns of the row at
+    hand on the measured side, whatever it is: what a simulation replaces. ``units`` are those that the components of
     observations are reported in (None: none is known), ``projection`` is what the model side is the image of, if it is.
     """
 
@@ -301,6 +303,7 @@ class Method(StrEnum):
     IPOPT = "ipopt"
     CLOSED_FORM = "closed-form"
     DIRECT_SEARCH = "direct-search"
+    INTERVAL = "interval"
 
 
 class ConsensusKind(StrEnum):
@@ -349,10 +352,13 @@ class Window:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """How to solve, and which problems to make of the data. ``routine`` names a registered routine as the method."""
+    """How to solve, and which problems to make of the data. ``routine`` names a registered routine as the method;
+    ``enclosing`` is what `Method.INTERVAL` is asked for (None: nothing more).
+    """
 
     method: Method = Method.AUTO
     routine: str | None = None
+    enclosing: Enclosing | None = None
     robust: Consensus | None = None
     starts: RandomStarts | GivenStarts | None = None
     constraints: ConstraintMethod = ConstraintMethod.PENALTY

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.report.document import document, lazy_document
-from mbm.report.elements import shown_sigma
+from mbm.report.elements import shown_bounds, shown_sigma
 from mbm.report.encode import encode, to_bytes
 from mbm.report.geometric import GEOMETRIC, number_factors
 from mbm.report.solve_columns import solve_columns
@@ -44,6 +44,8 @@ class Named:
     ``keys`` for families; ``sigma`` is 0 where fixed, NaN where held at a bound or not determined by the data.
     Rotations are unit quaternions (w, x, y, z), or angles in the plane; poses add the translation, similarities the
     scale. Their ``sigma`` is that of rotation vector, translation and logarithm of the scale.
+    ``bounds`` [low, high] along a last axis behind the shape of ``sigma`` are guaranteed ones; None: the method gives
+    none. Then ``value`` is their middle, and ``sigma`` NaN.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Named:
     sigma: Floats
     unit: str | None
     keys: tuple[Key, ...] | None
+    bounds: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,13 +180,17 @@ class Solved:
         return trajectories_of(self.result, deltas, observation)[0]
 
     def table(self) -> Any:
-        """One row per solve: keys, status, cost, dof, scalars and sigmas; a pandas frame, else a dict of arrays."""
+        """One row per solve: keys, status, cost, dof, scalars and sigmas (or low and high).
+
+        A pandas frame, else a dict of arrays.
+        """
         found = solve_columns(self.result.solves)
         arrays = {name: np.asarray([key.get(name) for key in found.keys]) for name in found.key_names}
         arrays["status"] = np.asarray([status.value for status in found.statuses])
         arrays |= {name: np.asarray(found.fits[name]) for name in ("cost", "dof")}
         for scalar in found.scalars:
-            for name, numbers in ((scalar.name, scalar.values), (f"{scalar.name}.sigma", scalar.sigmas)):
+            for end, numbers in (("", scalar.values), *scalar.sides):
+                name = scalar.name + end
                 arrays[name] = numbers if scalar.there.all() else _with_gaps(numbers, scalar.there)
         try:
             from pandas import DataFrame
@@ -227,4 +234,4 @@ def _with_gaps(numbers: Floats, there: Mask) -> NDArray[np.object_]:
 def _named(item: Estimate | DerivedValue) -> Named:
     factor = number_factors(item.quantity) if item.quantity.kind in GEOMETRIC else item.quantity.factor
     value = np.asarray(item.value / factor)
-    return Named(item.quantity.name, value, shown_sigma(item), item.quantity.unit, item.keys)
+    return Named(item.quantity.name, value, shown_sigma(item), item.quantity.unit, item.keys, shown_bounds(item))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
 from mbm.values import dataclass
 
@@ -58,6 +59,26 @@ def measured(value: float, sigma: float, *, exact: bool = False) -> Measured:
         return Measured(f"{value:.5e}", f"{sigma:.1e}")
     decimals = max(power - place, 0)
     return Measured(f"({value * scale:.{decimals}f}", f"{sigma * scale:.{decimals}f})e{power:+03d}")
+
+
+def enclosed(low: float, high: float) -> str:
+    """``[1.2345, 1.2399]``: bounds with three digits of their width, rounded outwards, so that they still hold."""
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return "undefined"
+    size = max(abs(low), abs(high))
+    if size == 0.0 or high <= low:
+        return f"[{plain(low, EXACT)}, {plain(high, EXACT)}]"
+    place = _place(high - low) - 1
+    ends = []
+    for value, rounding in ((low, ROUND_FLOOR), (high, ROUND_CEILING)):
+        shortest = Decimal(repr(float(value)))  # 0.12 is to stay 0.12
+        if _SMALL <= size < _LARGE and _exponent(size) - place < _MOST_DIGITS:
+            digits = Decimal(1).scaleb(min(place, 0))
+            ends.append(f"{shortest.quantize(digits, rounding, Context(prec=60)):f}")
+        else:
+            most = min(max(_exponent(size) - place + 1, 1), _MOST_DIGITS + 2)
+            ends.append(f"{float(Context(prec=most, rounding=rounding).create_decimal(shortest)):.{most - 1}e}")
+    return f"[{ends[0]}, {ends[1]}]"
 
 
 def plain(value: float, digits: int) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from mbm.problem.naming import member_name, plain_number, scalar_name
 from mbm.report import geometric
+from mbm.report.digits import Measured, enclosed, measured
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask, Quantity, SolveReport
 from mbm.values import dataclass
 
@@ -20,6 +21,7 @@ class Scalar:
     """One number of an estimate, in the quantity's unit; ``sigma`` is NaN where there is none, 0 where ``fixed``.
 
     ``quantity`` and ``estimate`` tell where it comes from; ``derived`` values are computed from the estimates.
+    ``bounds`` are guaranteed ones, if it has any.
     """
 
     name: str
@@ -30,6 +32,7 @@ class Scalar:
     at_bound: bool = False
     derived: bool = False
     reason: str | None = None
+    bounds: tuple[float, float] | None = None
 
 
 def plain_key(key: Key) -> str | int | float | None:
@@ -72,6 +75,20 @@ def shown_sigma(item: Estimate | DerivedValue) -> Floats:
     return np.asarray(sigma / _factors(item.quantity), dtype=np.float64)
 
 
+def shown_bounds(item: Estimate | DerivedValue) -> Floats | None:
+    """Guaranteed bounds in the unit of the quantity, (…, 2) behind the shape of ``sigma``, rounded outwards; None: the
+    item has standard deviations.
+    """
+    if item.bounds is None:
+        return None
+    factors = np.asarray(_factors(item.quantity), dtype=np.float64)
+    found = item.bounds / factors[..., None]
+    if bool((factors != 1.0).any()):
+        outward = np.nextafter(found, np.array([-np.inf, np.inf]))
+        found = np.where(found == 0.0, 0.0, outward)
+    return np.asarray(found, dtype=np.float64)
+
+
 def shown_values(item: Estimate | DerivedValue) -> Floats:
     """The values of the scalars in the unit of the quantity: of rotations and the like, the tangent coordinates."""
     return np.asarray(_coordinates(item) / _factors(item.quantity), dtype=np.float64)
@@ -91,6 +108,8 @@ def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
     estimate = item if isinstance(item, Estimate) else None
     fixed = _flags(estimate.fixed if estimate else None, len(names))
     held = _flags(estimate.at_bound if estimate else None, len(names))
+    bounds = shown_bounds(item)
+    ends = None if bounds is None else bounds.reshape(-1, 2).tolist()
     for i, name in enumerate(names):
         yield Scalar(
             name=name,
@@ -101,6 +120,7 @@ def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
             at_bound=held[i],
             derived=estimate is None,
             reason=item.reason,
+            bounds=None if ends is None else (ends[i][0], ends[i][1]),
         )
 
 
@@ -128,6 +148,13 @@ def solve_scalars(solve: SolveReport) -> Iterator[Scalar]:
         yield from scalars(estimate)
     for value in solve.derived:
         yield from scalars(value)
+
+
+def number_text(scalar: Scalar) -> Measured:
+    """The value with its standard deviation, or the bounds."""
+    if scalar.bounds is not None and not scalar.fixed:
+        return Measured(enclosed(*scalar.bounds))
+    return measured(scalar.value, scalar.sigma, exact=scalar.fixed or scalar.at_bound)
 
 
 def unit_text(quantity: Quantity) -> str:

@@ -11,6 +11,7 @@ from mbm.estimation.starts.closed_forms.types import ClosedForm
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.elaborated import Elaborated
+from mbm.problem.enclosing import Contractor, Enclosing
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.naming import PRIOR
 from mbm.problem.sequence.types import Sequence
@@ -22,6 +23,7 @@ from mbm.problem.types import (
     ConsensusKind,
     Equation,
     Loss,
+    Method,
     NoiseKind,
     Problem,
     UncertainColumn,
@@ -46,6 +48,11 @@ _SOLVERS = {
 _NOT_BELOW = {False: "≥", True: r"\ge"}
 
 
+_CONTRACTORS = {
+    Contractor.FORWARD: "forward evaluation of the box from `:in` and the constraints, without the observations",
+    Contractor.HC4: "forward and backward contraction to the fixed point of hull consistency (HC4)",
+    Contractor.HULL: "HC4 contraction, bisected until the bounds are attained",
+}
 _METHODS = {
     ConsensusKind.LMEDS: "least median of squares",
     ConsensusKind.RANSAC: "RANSAC: as many measurements as possible",
@@ -165,6 +172,7 @@ def _noise(block: Block) -> str:
         NoiseKind.SIGMA: "stated standard deviations",
         NoiseKind.COVARIANCE: "stated covariance matrix",
         NoiseKind.INFORMATION: "stated information matrix",
+        NoiseKind.BOUND: "stated bounds",
     }
     text = " and ".join(words[k] for k in sorted(kinds)) or "none"
     return f"{text}, up to one unknown factor" if block.unknown_factor else text
@@ -199,6 +207,10 @@ def _structure(block: ResidualBlock) -> Iterator[str]:
 def _solver(
     found: Elaborated, kernels: KernelSet, cache: EvaluationCache, closed_forms: tuple[ClosedForm, ...]
 ) -> Iterator[str]:
+    if found.problem.request.method is Method.INTERVAL:
+        yield from enclosing_texts(found.problem.request.enclosing or Enclosing())
+        yield from _keys(found)
+        return
     try:
         choice = chosen_solver(found, kernels, cache, closed_forms)
     except MbmError as error:
@@ -214,8 +226,22 @@ def _solver(
         yield f"equations: evaluated by NumPy and CasADi, as no machine code can be made here: {cache.backend.reason}"
     if found.problem.request.robust is not None:
         yield f"outliers: {consensus_text(found.problem.request.robust)}"
+    yield from _keys(found)
+
+
+def _keys(found: Elaborated) -> Iterator[str]:
     if found.problem.request.for_each:
         yield f"one solve for each value of {', '.join(found.problem.request.for_each)}"
+
+
+def enclosing_texts(asked: Enclosing) -> Iterator[str]:
+    """How bounds are found."""
+    yield f"interval: {_CONTRACTORS[asked.contractor]}"
+    if asked.contractor is Contractor.FORWARD or (asked.fraction >= 1.0 and not asked.widths):
+        yield "no bisection"
+        return
+    own = "".join(f", `{name}` to {max(float(w.value) for w in widths):g}" for name, widths in asked.widths.items())
+    yield f"bisection: to {100 * asked.fraction:g} % of each side{own}; at most {asked.boxes:,} boxes"
 
 
 def problem_stage(problem: Problem, tables: Mapping[str, Table]) -> str:

@@ -18,6 +18,7 @@ from mbm.report.types import DerivedValue, Estimate, Key, Result, SolveReport
 
 SOLVE_COLUMNS = ("status", *USUAL)
 ESTIMATE_COLUMNS = ("name", "key", "component", "value", "sigma", "unit", "kind", "scalar")
+BOUND_COLUMNS = ("low", "high")
 RESIDUAL_COLUMNS = ("clause", "row", "value", "residual", "weight", "component", "file_row", "used")
 
 
@@ -36,25 +37,27 @@ def text_cell(text: str) -> str:
 
 
 def write_solves(result: Result, stream: TextIO) -> None:
-    """One row for each solve: key columns, ``SOLVE_COLUMNS``, then ``name`` and ``name.sigma`` of every scalar.
+    """One row for each solve: key columns, ``SOLVE_COLUMNS``, then ``name`` and ``name.sigma`` of every scalar
+    (``name``, ``name.low`` and ``name.high`` where there are guaranteed bounds).
 
     Scalars are those of the estimates, then of the derived values, by their names in the document (``p[1]``), in the
     unit of their quantity. Cells are empty where there is no number. A key column that is called as another column is
     written ``key.NAME``. Open ``stream`` with ``newline=""``.
     """
     found = solve_columns(result.solves)
-    names = [scalar.name for scalar in found.scalars]
-    taken = {*SOLVE_COLUMNS, *names, *(f"{name}.sigma" for name in names)}
+    columns = [
+        (scalar.name + end, numbers)
+        for scalar in found.scalars
+        for end, numbers in (("", scalar.values), *scalar.sides)
+    ]
+    taken = {*SOLVE_COLUMNS, *(name for name, _ in columns)}
     keys = found.key_names
     lines = DelimitedLines(stream)
-    lines.row(
-        [*_titles(keys, taken), *SOLVE_COLUMNS, *(text_cell(name + end) for name in names for end in ("", ".sigma"))]
-    )
+    lines.row([*_titles(keys, taken), *SOLVE_COLUMNS, *(text_cell(name) for name, _ in columns)])
     cells = [[_key_cell(key.get(name)) for key in found.keys] for name in keys]
     cells.append([status.value for status in found.statuses])
     cells += [[_cell(number) for number in numbers] for numbers in found.fits.values()]
-    for scalar in found.scalars:  # what is not there is NaN
-        cells += [[_cell(number) for number in numbers.tolist()] for numbers in (scalar.values, scalar.sigmas)]
+    cells += [[_cell(number) for number in numbers.tolist()] for _, numbers in columns]  # what is not there is NaN
     lines.rows(zip(*cells, strict=True))
 
 
@@ -63,12 +66,14 @@ def write_estimates(result: Result, stream: TextIO) -> None:
 
     ``name`` is that of the quantity, ``key`` that of the member of a family, ``component`` what tells its scalars apart
     (``[1]``, ``rot[1]``), ``scalar`` all of it as the covariance is named; ``kind`` is `estimate`, `fixed`, `at-bound`
-    or `derived`. Value and sigma are in ``unit``, cells empty where there is no number. Open ``stream`` with
-    ``newline=""``.
+    or `derived`. Value and sigma are in ``unit``, cells empty where there is no number. Where there are guaranteed
+    bounds, ``BOUND_COLUMNS`` follow. Open ``stream`` with ``newline=""``.
     """
     keys = _key_columns(result.solves)
     lines = DelimitedLines(stream)
-    lines.row([*_titles(keys, set(ESTIMATE_COLUMNS)), *ESTIMATE_COLUMNS])
+    bounded = any(solve.boxes is not None for solve in result.solves)
+    titles = (*ESTIMATE_COLUMNS, *(BOUND_COLUMNS if bounded else ()))
+    lines.row([*_titles(keys, set(titles)), *titles])
     for solve in result.solves:
         key = _key_cells(solve.key, keys)
         items: list[Estimate | DerivedValue] = [*solve.estimates, *solve.derived]
@@ -89,6 +94,7 @@ def write_estimates(result: Result, stream: TextIO) -> None:
                         text_cell(unit_text(scalar.quantity)),
                         _kind(scalar),
                         text_cell(scalar.name),
+                        *((_cell(end) for end in scalar.bounds or (None, None)) if bounded else ()),
                     ]
                 )
 

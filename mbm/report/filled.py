@@ -15,7 +15,7 @@ from mbm.problem.naming import PRIOR
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import element_names
-from mbm.report.map_types import Map
+from mbm.report.map_types import Map, PlotData
 from mbm.report.maps import maps_of
 from mbm.report.numbers import numbers_at
 from mbm.report.pictures import plot_data
@@ -28,7 +28,6 @@ from mbm.report.types import (
     Estimate,
     Floats,
     Observability,
-    PlotData,
     ResidualRow,
     ResidualSummary,
     SolveReport,

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbm.equations.layout import Entry, half_turns
 from mbm.equations.types import NoiseState, Reason
+from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.search import Alternative as OtherMinimum
 from mbm.estimation.search.solution import DerivedSolution, Failure, Skipped, Solution
 from mbm.problem.naming import member_name
@@ -52,8 +53,14 @@ _MIRRORED = "the mirror image of another one"
 _NOT_FINITE = "the value is not finite"
 
 
-def report_of(problem: Problem, solution: Solution | Failure | Skipped, *, covariance_full: bool) -> SolveReport:
+def report_of(
+    problem: Problem, solution: Solution | Enclosure | Failure | Skipped, *, covariance_full: bool
+) -> SolveReport:
     """One solve as a report, whatever became of it."""
+    if isinstance(solution, Enclosure):
+        from mbm.report.from_enclosure import enclosure_report
+
+        return enclosure_report(problem, solution)
     if isinstance(solution, Failure):
         return failure_report(solution)
     if isinstance(solution, Skipped):

@@ -9,8 +9,8 @@ from itertools import chain
 from mbm.problem.naming import key_text
 from mbm.report.blocks import ManyReports
 from mbm.report.columns import aligned, left, right, wrapped
-from mbm.report.digits import Measured, measured, plain
-from mbm.report.elements import Scalar, solve_scalars, unit_text
+from mbm.report.digits import Measured, plain
+from mbm.report.elements import Scalar, number_text, solve_scalars, unit_text
 from mbm.report.sentences import diagnostic_sentence, observability_sentences
 from mbm.report.solve_columns import solve_columns
 from mbm.report.types import SolveReport, SolveStatus, Stated
@@ -107,7 +107,7 @@ def _scalar_columns(solves: Sequence[SolveReport]) -> list[_Column]:
 def _cell(scalar: Scalar | None) -> Measured:
     if scalar is None:
         return Measured("")
-    return measured(scalar.value, scalar.sigma, exact=scalar.fixed or scalar.at_bound)
+    return number_text(scalar)
 
 
 def statuses_in_words(solves: Sequence[SolveReport]) -> str:

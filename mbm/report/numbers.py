@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from mbm.estimation.search.solution import Solution
@@ -57,6 +58,7 @@ NUMBERS: tuple[SummaryNumber, ...] = (
     SummaryNumber(name="sigma0", of=lambda s: s.fit.sigma0, columns=lambda c: c.sigma0, missing=_no_freedom),
     SummaryNumber(name="chi2_p", of=lambda s: s.fit.chi2_p, columns=lambda c: c.chi2_p, missing=_no_tail),
     SummaryNumber(name="robust_cost", of=lambda s: s.robust_cost, columns=lambda c: c.robust_cost, extra=True),
+    SummaryNumber(name="boxes", of=lambda _: None, columns=lambda c: np.full(len(c.cost), np.nan), extra=True),
 )
 USUAL = tuple(number.name for number in NUMBERS if not number.extra)
 """What each solve has, or a reason why it has none."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.problem.overrides import Overrides
@@ -45,7 +46,7 @@ def result_of(
     failures: list[Failure] = []
     done = solved = 0
     for part in solutions.parts:
-        if isinstance(part, Solution | Failure | Skipped):
+        if isinstance(part, Solution | Enclosure | Failure | Skipped):
             reports.append(report_of(problem, part, covariance_full=covariance_full))
             apart, count = [part], 1
         elif isinstance(part, Alone):
@@ -57,7 +58,7 @@ def result_of(
             blocks.append(block_reports(problem, part, covariance_full=covariance_full))
             apart, count = [*part.apart.values()], len(part.which)
         done += count
-        solved += count - sum(not isinstance(each, Solution) for each in apart)
+        solved += count - sum(not isinstance(each, Solution | Enclosure) for each in apart)
         failures += [each for each in apart if isinstance(each, Failure)]
         if progress is not None:
             progress(done, solutions.count)

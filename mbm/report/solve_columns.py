@@ -16,12 +16,24 @@ from mbm.values import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScalarColumn:
-    """One scalar of all solves, in the unit shown: ``values`` and ``sigmas`` (T,); ``there`` where a solve has it."""
+    """One scalar of all solves, in the unit shown: ``values`` and ``sigmas`` (T,); ``there`` where a solve has it.
+
+    ``bounds`` (T, 2) are guaranteed ones; NaN where there are none.
+    """
 
     name: str
     values: Floats
     sigmas: Floats
     there: Mask
+    bounds: Floats
+
+    @property
+    def sides(self) -> Iterator[tuple[str, Floats]]:
+        """What follows the name in titles, and the numbers: standard deviations, or bounds if there are any."""
+        if bool(np.isnan(self.bounds).all()):
+            yield ".sigma", self.sigmas
+        else:
+            yield from ((".low", self.bounds[:, 0]), (".high", self.bounds[:, 1]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,7 +89,8 @@ class _Maker:
         found = self.scalars.get(name)
         if found is None:
             values, sigmas = np.full(self.count, np.nan), np.full(self.count, np.nan)
-            found = ScalarColumn(name=name, values=values, sigmas=sigmas, there=np.zeros(self.count, dtype=bool))
+            there, bounds = np.zeros(self.count, dtype=bool), np.full((self.count, 2), np.nan)
+            found = ScalarColumn(name=name, values=values, sigmas=sigmas, there=there, bounds=bounds)
             self.scalars[name] = found
         return found
 
@@ -91,6 +104,8 @@ class _Maker:
         for rank, scalar in enumerate(solve_scalars(solve)):
             column = self.column(scalar.name, place, rank)
             column.values[place], column.sigmas[place], column.there[place] = scalar.value, scalar.sigma, True
+            if scalar.bounds is not None:
+                column.bounds[place] = scalar.bounds
 
     def add_block(self, places: Indices, reports: BlockReports) -> None:
         """The solves of a block, which stand at ``places``."""

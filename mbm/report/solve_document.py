@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbm.report.elements import plain_key, shown_sigma, unit_text
+from mbm.report.elements import plain_key, shown_bounds, shown_sigma, unit_text
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
 from mbm.report.means import RawResiduals
@@ -25,6 +25,7 @@ from mbm.report.types import (
     FreeDirection,
     Key,
     Observability,
+    Piece,
     PriorReport,
     ResidualSummary,
     SolveReport,
@@ -66,7 +67,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         **corrections,
         "constraints": [constraint_document(constraint) for constraint in solve.constraints],
         "priors": [_prior(prior) for prior in solve.priors],
-        "alternatives": [_alternative(found) for found in solve.alternatives],
+        "alternatives": [*map(_alternative, solve.alternatives), *map(_piece, solve.pieces)],
         "starts": None if solve.starts is None else asdict(solve.starts),
         "diagnostics": [as_json(diagnostic) for diagnostic in solve.diagnostics],
     }
@@ -95,6 +96,13 @@ def _alternative(found: Alternative) -> dict[str, Any]:
     return written if found.remark is None else written | {"remark": found.remark}
 
 
+def _piece(found: Piece) -> dict[str, Any]:
+    return {
+        "estimates": {item.quantity.name: _estimate(item) for item in found.estimates},
+        "derived": {item.quantity.name: _derived(item) for item in found.derived},
+    }
+
+
 def _why_missing(solve: SolveReport, name: str) -> str:
     return "it was not computed" if getattr(solve, name) is None else "the value is not finite"
 
@@ -119,9 +127,13 @@ def _family(word: str, table: str | None, keys: tuple[Key, ...] | None) -> dict[
 
 
 def _value_and_sigma(item: Estimate | DerivedValue) -> dict[str, Any]:
-    """Value, sigma and unit, and the reason where one of the numbers is missing."""
+    """Value, sigma (or bounds) and unit, and the reason where one of the numbers is missing."""
+    bounds = shown_bounds(item)
+    if bounds is not None:
+        written = {"value": _value(item), "bounds": _numbers(bounds), "unit": unit_text(item.quantity) or None}
+        return written if _known(bounds) else written | {"reason": item.reason or "it is not bounded"}
     sigma = shown_sigma(item)
-    written: dict[str, Any] = {
+    written = {
         "value": _value(item),
         "sigma": _numbers(sigma),
         "unit": unit_text(item.quantity) or None,

@@ -7,8 +7,8 @@ from itertools import chain
 from math import pi
 
 from mbm.report.columns import aligned, fitting, left, wrapped
-from mbm.report.digits import Measured, measured, plain
-from mbm.report.elements import Scalar, scalars, unit_text
+from mbm.report.digits import Measured, enclosed, measured, plain
+from mbm.report.elements import Scalar, number_text, scalars, unit_text
 from mbm.report.sentences import (
     constraint_sentences,
     diagnostic_sentence,
@@ -18,7 +18,7 @@ from mbm.report.sentences import (
     prior_sentences,
     residual_sentences,
 )
-from mbm.report.types import Alternative, DerivedValue, Estimate, Kind, Result, SolveReport, SolveStatus
+from mbm.report.types import Alternative, DerivedValue, Estimate, Kind, Piece, Result, SolveReport, SolveStatus
 from mbm.text.shown import Paint, Style, cell_width, joined
 
 MOST_SCALARS = 24
@@ -108,14 +108,14 @@ def _how(solve: SolveReport) -> str:
 
 
 def estimate_lines(items: Iterable[Estimate | DerivedValue], width: int, paint: Paint, full: bool) -> Iterator[str]:
-    """One line for each scalar: name, value ± sigma, unit, and what else is known of it."""
+    """One line for each scalar: name, value ± sigma or bounds, unit, and what else is known of it."""
     shown: list[tuple[Scalar, int]] = []
     for item in items:
         every = list(scalars(item))
         kept = every if full or len(every) <= MOST_SCALARS else every[:_FIRST_SCALARS]
         shown.extend((scalar, 0) for scalar in kept[:-1])
         shown.extend((scalar, len(every) - len(kept)) for scalar in kept[-1:])
-    texts = [measured(s.value, s.sigma, exact=s.fixed or s.at_bound) for s, _ in shown]
+    texts = [number_text(scalar) for scalar, _ in shown]
     names = left(scalar.name for scalar, _ in shown)
     values = aligned([text.value for text in texts])
     sigmas = aligned([text.sigma for text in texts])
@@ -140,7 +140,7 @@ def _notes(scalar: Scalar, room: int, paint: Paint) -> str:
         notes.append("fixed")
     elif scalar.at_bound:
         notes.append("held at its bound")
-    elif scalar.sigma != scalar.sigma:
+    elif scalar.sigma != scalar.sigma and scalar.bounds is None:
         notes.append(scalar.reason or "not determined")
     if scalar.quantity.kind is Kind.ANGLE and unit_text(scalar.quantity) == "rad":
         notes.append(f"= {_in_degrees(scalar)}")
@@ -158,6 +158,8 @@ def _notes(scalar: Scalar, room: int, paint: Paint) -> str:
 
 
 def _in_degrees(scalar: Scalar) -> str:
+    if scalar.bounds is not None and not scalar.fixed:
+        return f"{enclosed(*(end * 180 / pi for end in scalar.bounds))} deg"
     text: Measured = measured(
         scalar.value * 180 / pi, scalar.sigma * 180 / pi, exact=scalar.fixed or scalar.at_bound or not scalar.sigma >= 0
     )
@@ -165,7 +167,13 @@ def _in_degrees(scalar: Scalar) -> str:
 
 
 def search_sentences(solve: SolveReport) -> Iterator[str]:
-    """How many starts led where, and the other solutions that fit best."""
+    """How many starts led where, and the other solutions that fit best; how many boxes, and the separate pieces."""
+    if solve.boxes is not None:
+        yield f"guaranteed bounds: {solve.boxes:,} box{'' if solve.boxes == 1 else 'es'} examined"
+    for number, piece in enumerate(solve.pieces[:MOST_SOLUTIONS], 1):
+        yield f"separate piece {number} of {len(solve.pieces)}{_narrowest(solve, piece)}"
+    if len(solve.pieces) > MOST_SOLUTIONS:
+        yield f"… and {len(solve.pieces) - MOST_SOLUTIONS} more pieces, which the document lists"
     tally = solve.starts
     if tally is not None:
         text = f"{tally.tried} starts: {tally.converged} converged, {tally.best_found} to the best fit"
@@ -176,6 +184,22 @@ def search_sentences(solve: SolveReport) -> Iterator[str]:
     left = len(solve.alternatives) - MOST_SOLUTIONS
     if left > 0:
         yield f"… and {left} more with larger costs, which the document lists"
+
+
+def _narrowest(solve: SolveReport, piece: Piece) -> str:
+    """The bounds of a piece that are narrower than those of the whole set, the narrowest first."""
+    wholes: list[Estimate | DerivedValue] = [*solve.estimates, *solve.derived]
+    parts: list[Estimate | DerivedValue] = [*piece.estimates, *piece.derived]
+    found = []
+    pairs = (zip(scalars(whole), scalars(part), strict=True) for whole, part in zip(wholes, parts, strict=True))
+    for whole, part in chain.from_iterable(pairs):
+        if whole.bounds is not None and part.bounds is not None:
+            wide, narrow = whole.bounds[1] - whole.bounds[0], part.bounds[1] - part.bounds[0]
+            if narrow < (1 - NOTHING) * wide:
+                found.append((narrow / wide, part, part.bounds))
+    found.sort(key=lambda each: each[0])
+    texts = (f"{s.name} in {enclosed(*ends)} {unit_text(s.quantity)}".rstrip() for _, s, ends in found[:MOST_NUMBERS])
+    return f": {', '.join(texts)}" if found else ""
 
 
 def _other(solve: SolveReport, other: Alternative) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
-from mbm.report.map_types import Map
+from mbm.report.map_types import Map, PlotData
 from mbm.report.means import RawResiduals, no_residuals
 from mbm.text.types import DataPlace, Diagnostic
 from mbm.values import dataclass
@@ -104,6 +104,7 @@ class Estimate:
     element) are held at a hard bound. Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound,
     whatever ``sigma`` holds there. Angles are wrapped to (-pi, pi].
     ``per`` is what the family ranges over (a table, or ``table.column``).
+    ``bounds`` (SI) has the shape of ``sigma`` and a last axis [low, high]: guaranteed ones, in place of ``sigma``.
     """
 
     quantity: Quantity
@@ -114,6 +115,7 @@ class Estimate:
     per: str | None = None
     at_bound: Mask | None = None
     reason: str | None = None
+    bounds: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,6 +128,7 @@ class DerivedValue:
     keys: tuple[Key, ...] | None = None
     over: str | None = None
     reason: str | None = None
+    bounds: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -274,6 +277,14 @@ class Alternative:
     remark: str | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Piece:
+    """A part of the set of solutions that is separate from the others: its bounds."""
+
+    estimates: tuple[Estimate, ...]
+    derived: tuple[DerivedValue, ...]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartsTally:
     """Starts that were tried, that converged, and that led to the best cost (by whichever minimum has it)."""
@@ -284,30 +295,15 @@ class StartsTally:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlotData:
-    """Data against model for a picture: ``measured`` and ``model`` (n, c) over ``abscissa`` (n,), c = 1 or 2.
-
-    Numbers are as they are to be shown; ``abscissa_label`` and ``labels`` (c of them) name the columns, with units if
-    they have any. With c = 2 and no abscissa the two columns are drawn against each other.
-    """
-
-    clause: str
-    measured: Floats
-    model: Floats
-    labels: tuple[str, ...]
-    abscissa: Floats | None = None
-    abscissa_label: str | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolveReport:
     """One solve.
 
     ``key`` holds the key values of ``for-each``, empty with one solve. ``cost``, ``dof``, ``sigma0``, ``chi2_p`` are as
     CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is the sum of the losses, None
-    without one; ``reasons`` says why by the field's name. ``noise`` has one entry per observation clause: the estimated
-    factor, None for stated noise. ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make
-    them when asked for; ``raw_residuals`` is said of each observation, ``made_from`` gives what was solved and how.
+    without one; ``boxes`` were examined by interval methods, which find separate ``pieces``; ``reasons`` says why by
+    the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
+    ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for;
+    ``raw_residuals`` is said of each observation, ``made_from`` gives what was solved and how.
     """
 
     status: SolveStatus
@@ -322,6 +318,7 @@ class SolveReport:
     sigma0: float | None = None
     chi2_p: float | None = None
     robust_cost: float | None = None
+    boxes: int | None = None
     reasons: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     estimates: tuple[Estimate, ...] = ()
     covariance: CovarianceMatrix | None = None
@@ -338,6 +335,7 @@ class SolveReport:
     corrections: tuple[CorrectionReport, ...] = ()
     constraints: tuple[ConstraintReport, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
+    pieces: tuple[Piece, ...] = ()
     starts: StartsTally | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
     made_from: Callable[[], tuple[Problem, Solution]] | None = None

@@ -13,8 +13,10 @@ from mbm.equations.selection import Selection, selections
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.expression.evaluate import Values, evaluate
 from mbm.kernels.types import KernelSet
+from mbm.problem.bounded import bounded
 from mbm.problem.checks import used_rows
 from mbm.problem.elaborated import Elaborated
+from mbm.problem.faults import bound_without_distribution
 from mbm.problem.rows import row_values, rows_of
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.tables import Table
@@ -41,11 +43,14 @@ def simulate(found: Elaborated, values: ValuesFinder, factors: FactorsFinder, as
     are for problems of one solve that draw nothing from priors, and measure no column with errors of its own.
 
     Raises:
-        MbmError: an unknown without a value, an equation that cannot be solved for what it measures, a column that is
-            measured twice or in a second role.
+        MbmError: an observation with a `:bound`, an unknown without a value, an equation that cannot be solved for
+            what it measures, a column that is measured twice or in a second role.
 
     """
     problem = found.problem
+    bounds = tuple(bound_without_distribution(b.span, b.name) for b in problem.blocks if bounded(b))
+    if bounds:
+        raise MbmError(*bounds)
     equations, kept = measured_equations(problem, asked.measured)
     refuse_other_uses(problem, equations)
     given = {name: np.asarray(numbers, dtype=np.float64) for name, numbers in found.starts.items()}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mbm.expression.nodes import Column, Component, Expression
 from mbm.problem.manifold import Piece
+from mbm.problem.naming import place_of
 from mbm.problem.stand_ins import stand_in
 from mbm.problem.types import Block, Derived, Problem, Unknown
 from mbm.symbolic.conversion import Converter, as_written
@@ -99,7 +100,7 @@ def _variables(converter: Converter, unknowns: _Unknowns) -> tuple[tuple[Slot, s
     for component in [c for c, _ in converter.components.values()]:
         unknown = unknowns[component.unknown]
         indices = unknown.indices() if unknown.dimension else ()
-        number = indices.index(component.index) if unknown.dimension else _position(component.index, unknown.shape)
+        number = indices.index(component.index) if unknown.dimension else place_of(component.index, unknown.shape)
         first, count = number, 1
         if unknown.dimension:
             first, count = next(
@@ -113,12 +114,6 @@ def _variables(converter: Converter, unknowns: _Unknowns) -> tuple[tuple[Slot, s
                 index = component.index if i == number else indices[i]
                 found[slot] = converter.symbol(Component(component.unknown, index, component.member))
     return tuple(found.items())
-
-
-def _position(index: tuple[int, ...], shape: tuple[int, ...]) -> int:
-    if not index:
-        return 0
-    return index[0] - 1 if len(index) == 1 else (index[0] - 1) * shape[1] + index[1] - 1
 
 
 def _charts(variables: tuple[Slot, ...], unknowns: _Unknowns) -> tuple[tuple[Slot, ...], tuple[Chart, ...]]:

@@ -229,7 +229,6 @@ def test_qualified_names_and_let_settle_ambiguity(estimate):
     "clause",
     [
         "(solve :constraints truncate)",
-        "(observe t (= y a) :bound 1)",
     ],
 )  # fmt: skip
 def test_what_comes_later_says_so_at_its_place(faults, clause):

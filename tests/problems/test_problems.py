@@ -39,6 +39,9 @@ def solved(path: Path, name: str, out: Path):
 def compare(found, wanted):
     """Values, and sigmas where they are foreseen, of estimates or derived quantities by name."""
     for name, quantity in wanted.items():
+        if "bounds" in quantity:
+            compare_bounds(found[name]["bounds"], quantity, name)
+            continue
         sigma = np.array(found[name].get("sigma", 0.0), dtype=float)
         if geometric(quantity["value"]):
             compare_geometry(found[name]["value"], quantity["value"], float(sigma.max()), name)
@@ -55,6 +58,15 @@ def compare(found, wanted):
         assert np.all(np.abs(got - value) <= VALUES * np.fmax(np.abs(value), sigma)), (name, got, value)
         if "sigma" in quantity:
             np.testing.assert_allclose(sigma, quantity["sigma"], rtol=SPREADS, err_msg=name)
+
+
+def compare_bounds(found, quantity, name):
+    """Guaranteed bounds contain the exact ones (that were found to 1e-9), and reach little beyond."""
+    found, exact = np.array(found), np.array(quantity["bounds"])
+    width = exact[..., 1] - exact[..., 0]
+    for beyond in (exact[..., 0] - found[..., 0], found[..., 1] - exact[..., 1]):
+        assert np.all(beyond >= -1e-6 * width), (name, found, exact)
+        assert np.all(beyond <= quantity["within"] * width), (name, found, exact)
 
 
 def geometric(value):

@@ -10,8 +10,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from mbm.report.map_types import PlotData
 from mbm.report.plots import draw, save
-from mbm.report.types import PlotData, ResidualRow, Result, SolveReport
+from mbm.report.types import ResidualRow, Result, SolveReport
 from mbm.text.types import MbmError
 
 pytest.importorskip("matplotlib")

@@ -20,8 +20,7 @@ from mbm.text.suggest import closest
 from mbm.text.types import Form, Label, MbmError, Sequence, Span, Symbol
 
 USAGE = "(observe [name] [table] equation… [:sigma form])"
-NOISE = ("sigma", "covariance", "information")
-LATER = {"bound": "interval methods"}
+NOISE = ("sigma", "covariance", "information", "bound")
 
 
 def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Block:
@@ -30,8 +29,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
         clause.items[1:],
         clause.span,
         owner="`observe`",
-        known=("sigma", "covariance", "information", "errors", "loss", "when"),
-        not_yet=LATER,
+        known=(*NOISE, "errors", "loss", "when"),
     )
     loss = read_loss(work, options.get("loss"))
     symbols, equations = _split(options.positional)
@@ -141,7 +139,7 @@ def with_noise(
         noise: tuple[Expression, ...] = tuple(Number(0 if exact else 1) for _ in range(size))
         return _equation(residual, kind, noise)
     value = work.evaluator.wanted(form, scope)
-    if kind is NoiseKind.SIGMA:
+    if kind in (NoiseKind.SIGMA, NoiseKind.BOUND):
         noise = shaped(value, (size,) if size > 1 or not _is_number(value) else (), form.span)
     elif size == 1 and _is_number(value):
         noise = shaped(value, (), form.span)

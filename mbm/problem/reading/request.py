@@ -11,18 +11,19 @@ from mbm.expression.nodes import nearest
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
+from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.kinds import ConstraintMethod, Gauge
 from mbm.problem.options import split_options
 from mbm.problem.reading.declarations import Declaration
 from mbm.problem.reading.estimators import METHODS, is_of_sequences, named_estimator
+from mbm.problem.reading.intervals import read_enclosing
 from mbm.problem.reading.robust import read_consensus
 from mbm.problem.reading.unknowns import stated_numbers
 from mbm.problem.types import GivenStarts, Method, Problem, RandomStarts, Request
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
 USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1])"
-_METHODS_LATER = ("interval",)
 MAXIMUM_ITERATIONS = 1_000_000
 OPTIONS = (
     "method",
@@ -64,6 +65,7 @@ def read_request(
     return Request(
         method=method,
         routine=routine,
+        enclosing=read_enclosing(work, options.get("method"), declarations),
         constraints=_constraint_method(options.get("constraints")),
         gauge=_gauge(options.get("gauge")),
         robust=read_consensus(work, options.get("robust")),
@@ -125,11 +127,16 @@ def requested(
     estimator = named_estimator(method)
     if estimator is None:
         chosen, routine = _named_method(method, None, routines)
-        return replace(problem, request=replace(request, method=chosen, routine=routine))
+        request = replace(request, method=chosen, routine=routine)
+        asked = replace(problem, request=request)
+        refuse_mixed_bounds(asked)
+        return asked
     if problem.sequence is None:
         raise MbmError(faults.no_states(None, f"`--method {method}`"))
     sequence = replace(problem.sequence, estimator=replace(estimator, hypotheses=problem.sequence.estimator.hypotheses))
-    return replace(problem, request=replace(request, method=Method.AUTO, routine=None), sequence=sequence)
+    asked = replace(problem, request=replace(request, method=Method.AUTO, routine=None), sequence=sequence)
+    refuse_mixed_bounds(asked)
+    return asked
 
 
 def _method(form: Form | None, routines: Routines) -> tuple[Method, str | None]:
@@ -141,8 +148,6 @@ def _method(form: Form | None, routines: Routines) -> tuple[Method, str | None]:
 
 
 def _named_method(name: str, span: Span | None, routines: Routines) -> tuple[Method, str | None]:
-    if name in _METHODS_LATER:
-        raise MbmError(language_faults.not_available_yet(span, f"`:method {name}`", "interval methods"))
     method = next((m for m in Method if m.value == name), None)
     if method is not None:
         return method, None

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from mbm.estimation.batches.types import Block
+from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.problem.types import Problem
@@ -17,7 +18,7 @@ from mbm.report.view.tracing import Seeing
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
-Part = Solution | Failure | Skipped | Alone | Block
+Part = Solution | Enclosure | Failure | Skipped | Alone | Block
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,6 +65,8 @@ def solve_number(parts: Iterable[Part], number: int, count: int) -> Solution:
         elif isinstance(part, Solution | Failure | Skipped):
             found = part if done == number - 1 else None
             done += 1
+        elif isinstance(part, Enclosure):
+            raise MbmError(faults.nothing_to_draw("interval methods give bounds, and no values", "choose a `--method`"))
         elif number - 1 in part.which:
             found = part.solution(number - 1)
         if isinstance(found, Solution):

@@ -1,0 +1,1 @@
+"""Guaranteed bounds by interval arithmetic: contractors, bisection, and the pieces of what is left."""

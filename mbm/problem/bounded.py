@@ -1,0 +1,105 @@
+"""Whether a problem and its method go together, as far as bounds are concerned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mbm.expression.nodes import Apply, Column, Expression, postorder
+from mbm.problem import faults
+from mbm.problem.kinds import ConstraintMethod, Gauge
+from mbm.problem.types import Block, BlockRole, Method, NoiseKind, Problem, UnknownKind
+from mbm.text.types import Diagnostic, MbmError
+
+_ANOTHER = "use another `:method`"
+_NOISE = "write `:bound FORM`: the greatest error that may occur, in the unit of the measurement"
+
+
+def refuse_mixed_bounds(problem: Problem) -> None:
+    """Refuse bounds that the method cannot use, and what interval methods cannot use.
+
+    Raises:
+        MbmError: bound-without-interval, not-for-intervals.
+
+    """
+    found = tuple(_for_intervals(problem) if problem.request.method is Method.INTERVAL else _for_others(problem))
+    if found:
+        raise MbmError(*found)
+
+
+def bounded(block: Block) -> bool:
+    """Whether the errors of an observation are bounded."""
+    return any(e.noise_kind is NoiseKind.BOUND for case in block.cases for e in case.equations)
+
+
+def _for_others(problem: Problem) -> Iterator[Diagnostic]:
+    for block in problem.blocks:
+        if bounded(block):
+            yield faults.bound_without_interval(block.span, block.name, problem.request.method.value)
+
+
+def _for_intervals(problem: Problem) -> Iterator[Diagnostic]:
+    request = problem.request
+    for block in problem.blocks:
+        yield from _block(block)
+    for unknown in problem.unknowns:
+        if not unknown.manifold.flat:
+            hint = "write it with angles and numbers, e.g. `(euler phi theta psi)` of three unknowns of type `angle`"
+            kind = (
+                unknown.kind.value
+                if unknown.kind is UnknownKind.DIRECTION
+                else f"({unknown.kind.value} {unknown.dimension})"
+            )
+            yield faults.not_for_intervals(unknown.span, f"an unknown of type `{kind}`", hint)
+    for derived in problem.derived:
+        if derived.kind is not None:
+            hint = "derive its numbers, e.g. `(heading P)` or `(translation P)`"
+            yield faults.not_for_intervals(derived.span, f"a derived {derived.kind.value}", hint)
+        for each in derived.cases:
+            yield from _operations(each.values)
+    asked = (
+        (request.robust is not None, "`:robust`", "leave it out: an outlier is beyond its `:bound`"),
+        (request.starts is not None, "`:starts`", "leave it out: the whole box is searched; `:in` says which"),
+        (
+            request.constraints is ConstraintMethod.EXACT,
+            "`:constraints exact`",
+            "leave it out: constraints always hold",
+        ),
+        (request.gauge is Gauge.FREE, "`:gauge free`", "leave it out: what is free has wide bounds"),
+    )
+    for given, what, hint in asked:
+        if given:
+            yield faults.not_for_intervals(problem.span, what, hint)
+
+
+def _block(block: Block) -> Iterator[Diagnostic]:
+    if block.role is BlockRole.PRIOR or (block.role is BlockRole.OBSERVATION and not bounded(block)):
+        prior = block.role is BlockRole.PRIOR
+        what = f"the standard deviation of {'a prior' if prior else f'`{block.name}`'}"
+        hint = "write `:in (low high)`, or `(uniform FORM low high)` in `constraints`" if prior else _NOISE
+        if block.unknown_factor:
+            what = f"the unknown noise of `{block.name}`"
+        yield faults.not_for_intervals(block.span, what, hint)
+    if block.loss is not None:
+        hint = "leave it out: errors beyond the `:bound` make the set empty"
+        yield faults.not_for_intervals(block.span, f"the `:loss` of `{block.name}`", hint)
+    if block.errors:
+        hint = "make the true value an unknown, `:per` the table, and observe it with a `:bound`"
+        yield faults.not_for_intervals(block.span, f"the `:errors` of `{block.name}`", hint)
+    for case in block.cases:
+        for equation in case.equations:
+            yield from _operations(equation.components)
+
+
+def _operations(values: tuple[Expression, ...]) -> Iterator[Diagnostic]:
+    """What has no interval extension, each function once."""
+    seen: set[str] = set()
+    for node in postorder(values):
+        name = None
+        if isinstance(node, Apply) and node.output is not None:
+            name = node.output.external.function
+        elif isinstance(node, Column) and node.sampling is not None:
+            name = "sample"
+        if name is not None and name not in seen:
+            seen.add(name)
+            hint = f"write the value with arithmetic and elementary functions, or {_ANOTHER}"
+            yield faults.not_for_intervals(node.span, f"`{name}`, whose bounds are not known", hint)
