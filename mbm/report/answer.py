@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.report.document import document, lazy_document
-from mbm.report.elements import shown_bounds, shown_sigma
 from mbm.report.encode import encode, to_bytes
-from mbm.report.geometric import GEOMETRIC, number_factors
+from mbm.report.named import Named, named
 from mbm.report.solve_columns import solve_columns
 from mbm.report.table import table as text_table
 from mbm.report.types import (
@@ -21,7 +20,6 @@ from mbm.report.types import (
     DerivedValue,
     Estimate,
     Floats,
-    Key,
     Mask,
     Observability,
     ResidualRow,
@@ -34,26 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from mbm.report.trajectories.types import Trajectory
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Named:
-    """One estimate or derived quantity in the unit that it is reported in.
-
-    ``value`` and ``sigma`` are NumPy arrays of the quantity's shape (0-d for a number), with a leading axis over
-    ``keys`` for families; ``sigma`` is 0 where fixed, NaN where held at a bound or not determined by the data.
-    Rotations are unit quaternions (w, x, y, z), or angles in the plane; poses add the translation, similarities the
-    scale. Their ``sigma`` is that of rotation vector, translation and logarithm of the scale.
-    ``bounds`` [low, high] along a last axis behind the shape of ``sigma`` are guaranteed ones; None: the method gives
-    none. Then ``value`` is their middle, and ``sigma`` NaN.
-    """
-
-    name: str
-    value: Floats
-    sigma: Floats
-    unit: str | None
-    keys: tuple[Key, ...] | None
-    bounds: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,13 +74,26 @@ class Solved:
         if len(self.result.solves) > 1:
             message = f"there are {len(self.result.solves)} solves: `{name}` of each is in `.table()`, or in `.solves`"
             raise LookupError(message)
-        items: list[Estimate | DerivedValue] = [*self.first.estimates, *self.first.derived]
-        for item in items:
+        for item in self._items():
             if item.quantity.name == name:
-                return _named(item)
-        known = ", ".join(i.quantity.name for i in items)
-        message = f"`{name}` is neither estimated nor derived; there are {known}"
+                return named(item)
+        message = f"`{name}` is neither estimated nor derived; there are {', '.join(self)}"
         raise KeyError(message)
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of all estimates, then those of all derived quantities; of several solves, those of the first."""
+        return iter(self.keys())
+
+    def __contains__(self, name: object) -> bool:
+        """Whether something is called so."""
+        return name in self.keys()
+
+    def keys(self) -> tuple[str, ...]:
+        """The names of all estimates, then those of all derived quantities; of several solves, those of the first."""
+        return tuple(item.quantity.name for item in self._items())
+
+    def _items(self) -> list[Estimate | DerivedValue]:
+        return [*self.first.estimates, *self.first.derived] if self.result.solves else []
 
     @property
     def covariance(self) -> CovarianceMatrix | None:
@@ -229,9 +220,3 @@ def _with_gaps(numbers: Floats, there: Mask) -> NDArray[np.object_]:
     found = numbers.astype(object)
     found[~there] = None
     return found
-
-
-def _named(item: Estimate | DerivedValue) -> Named:
-    factor = number_factors(item.quantity) if item.quantity.kind in GEOMETRIC else item.quantity.factor
-    value = np.asarray(item.value / factor)
-    return Named(item.quantity.name, value, shown_sigma(item), item.quantity.unit, item.keys, shown_bounds(item))

@@ -12,8 +12,6 @@ import numpy as np
 from problems.reference import photographs
 from tests.images.rendering import BRIGHT, DARK, Pattern
 
-WHITE_AROUND = 1.0
-
 
 def shaded(dark: np.ndarray) -> np.ndarray:
     """The grey of what is dark to this part."""
@@ -25,10 +23,27 @@ def width_of(at: np.ndarray) -> np.ndarray:
     return np.hypot(*np.gradient(at))
 
 
-def within(at: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
-    """The part of small pixels at ``at`` that is between two edges."""
-    width = width_of(at)
+def within(at: np.ndarray, width: np.ndarray, low: float, high: float) -> np.ndarray:
+    """The part of small pixels at ``at``, so wide, that is between two edges."""
     return np.clip((at - low) / width + 0.5, 0, 1) * np.clip((high - at) / width + 0.5, 0, 1)
+
+
+class Squares:
+    """Squares on a board, drawn one by one where their small pixels are."""
+
+    def __init__(self, x: np.ndarray, y: np.ndarray) -> None:
+        self.x, self.y = x, y
+        self.widths = width_of(x), width_of(y)
+        self.margin = max(float(width.max()) for width in self.widths)
+
+    def square(self, left: float, low: float, side: float):
+        """Where its small pixels are, the part of each that it covers, and their places in parts of its side."""
+        margin = self.margin
+        near = (self.x > left - margin) & (self.x < left + side + margin)
+        near &= (self.y > low - margin) & (self.y < low + side + margin)
+        x, y = self.x[near], self.y[near]
+        part = within(x, self.widths[0][near], left, left + side) * within(y, self.widths[1][near], low, low + side)
+        return near, part, (x - left) / side, (y - low) / side
 
 
 def circles(places: np.ndarray, radius: float, *, bright: bool = False) -> Pattern:
@@ -36,9 +51,10 @@ def circles(places: np.ndarray, radius: float, *, bright: bool = False) -> Patte
 
     def grey(x, y):
         width = np.sqrt(width_of(x) * width_of(y))
-        dark = np.zeros_like(x)
+        square = np.full_like(x, np.inf)
         for u, v in places:
-            dark += np.clip((radius - np.hypot(x - u, y - v)) / width + 0.5, 0, 1)
+            np.minimum(square, (x - u) ** 2 + (y - v) ** 2, out=square)
+        dark = np.clip((radius - np.sqrt(square)) / width + 0.5, 0, 1)
         return shaded(1 - dark if bright else dark)
 
     return grey
@@ -63,18 +79,16 @@ def markers(columns, rows, gap, dictionary, *, border=1, first=0, upward=False, 
     pitch = 1 + gap
 
     def grey(x, y):
-        dark = np.zeros_like(x)
+        squares, dark = Squares(x, y), np.zeros_like(x)
         for number in range(columns * rows):
             row, column = divmod(number, columns)
-            left, low = column * pitch, row * pitch
-            square = within(x, left, left + 1) * within(y, low, low + 1)
-            down = 1 - (y - low) if upward else y - low
-            dark += square * looked_up(bits_of(dictionary, first + number, border), x - left, down)
-        if joined:
-            for row in range(rows + 1):
-                for column in range(columns + 1):
-                    left, low = column * pitch - gap, row * pitch - gap
-                    dark += within(x, left, left + gap) * within(y, low, low + gap)
+            near, part, across, down = squares.square(column * pitch, row * pitch, 1.0)
+            bits = bits_of(dictionary, first + number, border)
+            dark[near] += part * looked_up(bits, across, 1 - down if upward else down)
+        for row in range(rows + 1 if joined else 0):
+            for column in range(columns + 1):
+                near, part, _, _ = squares.square(column * pitch - gap, row * pitch - gap, gap)
+                dark[near] += part
         return shaded(dark)
 
     return grey
@@ -85,17 +99,11 @@ def charuco(columns, rows, marker, dictionary) -> Pattern:
 
     def grey(x, y):
         # The reference board is told by its inner corners, the first at (0, 0) and the square after it dark, as here.
-        dark = photographs.chessboard(x - 1, y - 1, columns - 1, rows - 1)
-        number = 0
-        for row in range(rows):
-            for column in range(columns):
-                if (row + column) % 2 == 0:
-                    continue
-                left, low = column + (1 - marker) / 2, row + (1 - marker) / 2
-                square = within(x, left, left + marker) * within(y, low, low + marker)
-                inside = looked_up(bits_of(dictionary, number, 1), (x - left) / marker, (y - low) / marker)
-                dark = dark * (1 - square) + square * inside
-                number += 1
+        squares, dark = Squares(x, y), photographs.chessboard(x - 1, y - 1, columns - 1, rows - 1)
+        white = [(i, j) for j in range(rows) for i in range(columns) if (i + j) % 2]
+        for number, (column, row) in enumerate(white):
+            near, part, across, down = squares.square(column + (1 - marker) / 2, row + (1 - marker) / 2, marker)
+            dark[near] += part * looked_up(bits_of(dictionary, number, 1), across, down)
         return shaded(dark)
 
     return grey

@@ -171,10 +171,10 @@ def test_centres_of_circles_are_not_those_of_ellipses(tmp_path):
 
 
 def test_circles_in_large_photographs_are_measured_where_they_are_small(tmp_path):
-    large = CAMERA * [[8.0], [8.0], [1.0]]
+    large = CAMERA * [[6.0], [6.0], [1.0]]
     _, pattern, arguments, places, _ = CASES["circles"]
     turn, place = pose_of("circles", TURNS[1])
-    image = rendered(pattern, turn, place, camera=large, shape=(1920, 2560), samples=1, blur=1.2)
+    image = rendered(pattern, turn, place, camera=large, shape=(1440, 1920), samples=1, blur=1.2)
     table = read("circles", arguments, written(tmp_path / "board.png", image))
     truth = projected(np.column_stack([places, np.zeros(len(places))]) * SQUARE, turn, place, large)
     assert (chi_squares(table, truth) < 25).all()  # of two degrees: 4e-6 a point
@@ -277,7 +277,7 @@ def test_boards_that_cannot_be_are_refused(name, changed, words, tmp_path):
 
 @pytest.mark.parametrize("pattern", [features.crossing, features.corner, features.disc])
 def test_derivatives_of_patterns(pattern):
-    """Against differences of second order with steps of 1e-6: good to some 1e-9 here."""
+    """Against differences of second order; four Gauss points leave 1e-5 in the value of a crossing."""
     shape = np.array([0.02, 0.004, 0.03, 0.2]) if pattern is features.disc else np.array([0.3, 1.6, 0.2])
     random = np.random.default_rng(5)
     for x, y in random.uniform(-8, 8, (20, 2)):
@@ -289,14 +289,14 @@ def test_derivatives_of_patterns(pattern):
         steps = 1e-6 * np.eye(len(at))
         numeric = [(value(at + step) - value(at - step)) / 2e-6 for step in steps]
         _, by_place, by_shape = pattern(at[None, :-2], at[None, -2:-1], at[None, -1:])
-        np.testing.assert_allclose([*by_shape[0, 0], *by_place[0, 0]], numeric, atol=1e-8)
+        np.testing.assert_allclose([*by_shape[0, 0], *by_place[0, 0]], numeric, atol=2e-5)
 
 
 def test_a_camera_is_calibrated_from_a_board_of_circles(clean, tmp_path):
     random = np.random.default_rng(3)
     _, pattern, _, places, _ = CASES["asymmetric circles"]
     flat = np.column_stack([places, np.zeros(len(places))]) * SQUARE
-    for k in range(6):
+    for k in range(5):
         turn = Rotation.from_euler("xyz", [*random.uniform(-0.6, 0.6, 2), random.uniform(-3, 3)])
         image = rendered(pattern, turn, middle_of(flat, turn, 0.45))
         written(tmp_path / f"board{k}.png", image, seed=k)

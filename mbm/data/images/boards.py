@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mbm.data.images import opencv
 from mbm.data.images.faults import NoBoardError
 from mbm.data.images.features import USUAL_BLUR, crossing
-from mbm.data.images.fitting import Fitted, Floats, Grey, Patches, Pattern, fit
+from mbm.data.images.fitting import NEAR_ENOUGH, Fitted, Floats, Grey, Patches, Pattern, fit
 from mbm.data.images.orientation import oriented
 from mbm.data.images.planes import clear
 from mbm.values import dataclass
@@ -42,7 +42,7 @@ def refined(levels: list[Grey], points: Floats, prepared: Callable[[Floats], Pat
     for number, level in enumerate(reversed(levels)):
         if number:
             points = 2 * points + 0.5
-        fitted = fit(level, prepared(points), pattern)
+        fitted = fit(level, prepared(points), pattern, NEAR_ENOUGH)
         good &= fitted.good
         points = np.where(fitted.good[:, None], fitted.points, points)
     patches = prepared(points)  # about what was found, so that patches do not hang on the start

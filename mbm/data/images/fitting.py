@@ -37,6 +37,9 @@ MOST_TRIALS = 60
 LEAST_MOVE = 1e-4
 """Pixels of a step of the point below which a fit has converged: the step after it would be a hundredth of that."""
 
+NEAR_ENOUGH = 0.05
+"""The same of a fit that only says where another one begins."""
+
 DAMPED_FIRST, DAMPED, EASED, LEAST_DAMPING, MOST_DAMPING = 1e-3, 10.0, 0.1, 1e-9, 1e9
 SINGULAR = 1e-10
 """Smallest eigenvalue of a normal matrix with a unit diagonal that is not singular."""
@@ -138,12 +141,15 @@ class _Pixels:
         return _Pixels(x=self.x[which], y=self.y[which], grey=self.grey[which], counts=self.counts[which])
 
 
-def fit(image: Image, patches: Patches, pattern: Pattern) -> Fitted:
-    """The points of all patches; pixel centres are at whole numbers."""
+def fit(image: Image, patches: Patches, pattern: Pattern, enough: float = LEAST_MOVE) -> Fitted:
+    """The points of all patches; pixel centres are at whole numbers.
+
+    A fit has converged when a step moves its point by less than ``enough`` px.
+    """
     together = max(AT_ONCE // (2 * patches.reach + 1) ** 2, 1)
     starts = range(0, len(patches.points), together)
     with np.errstate(all="ignore"):  # steps that lead nowhere are not taken
-        parts = [_fit(image, patches.of(slice(k, k + together)), pattern) for k in starts]
+        parts = [_fit(image, patches.of(slice(k, k + together)), pattern, enough) for k in starts]
     dimension = patches.axes.shape[1]
     return Fitted(
         points=np.concatenate([patches.points[:0], *(part.points for part in parts)]),
@@ -176,16 +182,15 @@ def _pixels(image: Image, patches: Patches) -> _Pixels:
     return _Pixels(x=x, y=y, grey=image[rows, columns].astype(np.float64), counts=inside.astype(np.float64))
 
 
-def _fit(image: Image, patches: Patches, pattern: Pattern) -> Fitted:
+def _fit(image: Image, patches: Patches, pattern: Pattern, enough: float) -> Fitted:
     pixels = _pixels(image, patches)
     axes = patches.axes
     dimension = axes.shape[1]
     first = _with_background(patches, pixels, pattern)
-    found, settled = _minimised(first, pixels, pattern, dimension)
-    residuals, jacobian = _linearised(found, pixels, pattern, dimension)
+    found, sums, settled = _minimised(first, pixels, pattern, dimension, enough)
     spare = pixels.counts.sum(axis=1) - found.shape[1]
-    variance = np.maximum((residuals**2).sum(axis=1) / np.maximum(spare, 1), ROUNDING)
-    inverse, regular = _inverse(jacobian.transpose(0, 2, 1) @ jacobian)
+    variance = np.maximum(sums.squares / np.maximum(spare, 1), ROUNDING)
+    inverse, regular = _inverse(sums.normal)
     covariances = variance[:, None, None] * inverse
     moved = found[:, :dimension]
     clear = np.abs(found[:, -1]) > FAINTEST * np.sqrt(np.maximum(covariances[:, -1, -1], 0.0))
@@ -232,38 +237,68 @@ def _linearised(parameters: Floats, pixels: _Pixels, pattern: Pattern, dimension
     return residuals, jacobian * pixels.counts[:, :, None]
 
 
-def _minimised(start: Floats, pixels: _Pixels, pattern: Pattern, dimension: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """The parameters of least squares, and which of the fits have converged; only those that have not go on."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sums:
+    """Of each patch: the sum of squares (n,) of the residuals r, Jᵀr (n, k), and JᵀJ (n, k, k)."""
+
+    squares: Floats
+    gradient: Floats
+    normal: Floats
+
+    def of(self, which: NDArray[np.bool_]) -> _Sums:
+        """Those of some of the patches."""
+        return _Sums(squares=self.squares[which], gradient=self.gradient[which], normal=self.normal[which])
+
+    def replaced(self, other: _Sums, where: NDArray[np.intp] | NDArray[np.bool_]) -> _Sums:
+        """These, with others in the place of some."""
+        made = _Sums(squares=self.squares.copy(), gradient=self.gradient.copy(), normal=self.normal.copy())
+        made.squares[where], made.gradient[where], made.normal[where] = other.squares, other.gradient, other.normal
+        return made
+
+
+def _summed(parameters: Floats, pixels: _Pixels, pattern: Pattern, dimension: int) -> _Sums:
+    residuals, jacobian = _linearised(parameters, pixels, pattern, dimension)
+    turned = jacobian.transpose(0, 2, 1)
+    return _Sums(
+        squares=(residuals**2).sum(axis=1),
+        gradient=(turned @ residuals[:, :, None])[:, :, 0],
+        normal=turned @ jacobian,
+    )
+
+
+def _minimised(
+    start: Floats, pixels: _Pixels, pattern: Pattern, dimension: int, enough: float
+) -> tuple[Floats, _Sums, NDArray[np.bool_]]:
+    """The parameters of least squares, the sums there, and which of the fits have converged; only others go on."""
     found = start.copy()
     settled = np.zeros(len(found), dtype=bool)
     going = np.arange(len(found))
     damping = np.full(len(found), DAMPED_FIRST)
     here, own = start, pixels
-    residuals, jacobian = _linearised(here, own, pattern, dimension)
+    sums = all_sums = _summed(here, own, pattern, dimension)
     for _ in range(MOST_TRIALS):
-        step = _step(residuals, jacobian, damping)
+        step = _step(sums, damping)
         tried = here + step
-        r, j = _linearised(tried, own, pattern, dimension)
-        better = (r**2).sum(axis=1) <= (residuals**2).sum(axis=1)
-        done = (np.abs(step[:, :dimension]).max(axis=1) < LEAST_MOVE) & (better | (damping <= DAMPED_FIRST))
+        there = _summed(tried, own, pattern, dimension)
+        better = there.squares <= sums.squares
+        done = (np.abs(step[:, :dimension]).max(axis=1) < enough) & (better | (damping <= DAMPED_FIRST))
         here = np.where(better[:, None], tried, here)
+        sums = sums.replaced(there.of(better), better)
         found[going], settled[going] = here, done
+        all_sums = all_sums.replaced(sums, going)
         if done.all():
             break
-        residuals = np.where(better[:, None], r, residuals)[~done]
-        jacobian = np.where(better[:, None, None], j, jacobian)[~done]
         damping = np.clip(damping * np.where(better, EASED, DAMPED), LEAST_DAMPING, MOST_DAMPING)[~done]
-        here, going, own = here[~done], going[~done], own.of(~done)
-    return found, settled
+        here, going, own, sums = here[~done], going[~done], own.of(~done), sums.of(~done)
+    return found, all_sums, settled
 
 
-def _step(residuals: Floats, jacobian: Floats, damping: Floats) -> Floats:
+def _step(sums: _Sums, damping: Floats) -> Floats:
     """The damped steps (n, k)."""
-    turned = jacobian.transpose(0, 2, 1)
-    normal = turned @ jacobian
-    diagonal = np.einsum("nii->ni", normal)
+    normal = sums.normal.copy()
+    diagonal = np.einsum("nii->ni", sums.normal)
     normal[:, range(normal.shape[1]), range(normal.shape[1])] += damping[:, None] * diagonal + 1e-9
-    return np.asarray(-np.linalg.solve(normal, turned @ residuals[:, :, None])[:, :, 0])
+    return np.asarray(-np.linalg.solve(normal, sums.gradient[:, :, None])[:, :, 0])
 
 
 def _inverse(normal: Floats) -> tuple[Floats, NDArray[np.bool_]]:

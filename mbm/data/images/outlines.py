@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from mbm.data.cells import frozen
 from mbm.data.images import faults
-from mbm.data.images.photographs import PER_PIXEL, named, part_of, read_image, table_of
+from mbm.data.images.photographs import PER_PIXEL, ImageFile, image_file, named, part_of, read_image, table_of
+from mbm.data.images.together import Room, in_threads
 from mbm.data.types import RawTable
 from mbm.problem.tables import Column
 from mbm.text.types import DataPlace, MbmError
@@ -64,7 +65,8 @@ def read_outlines(paths: Mapping[str, Path], shown: str, wanted: Wanted) -> RawT
     if wanted.background is not None:
         background, digest = read_image(wanted.background, PER_DIFFERENCE)
         parts.append(part_of(wanted.background.as_posix(), digest, 0))
-    seen = [_seen(name, path, background, wanted) for name, path in paths.items()]
+    room = Room()
+    seen = in_threads(lambda item: _seen(*item, background, wanted, room), list(paths.items()))
     without = [(each.name, each.reason) for each in seen if each.reason is not None]
     if len(without) == len(seen):
         raise MbmError(faults.no_object(place, without))
@@ -73,27 +75,38 @@ def read_outlines(paths: Mapping[str, Path], shown: str, wanted: Wanted) -> RawT
     return table_of(shown, _columns(shown, seen), parts, remarks)
 
 
-def _seen(name: str, path: Path, background: Grey | None, wanted: Wanted) -> _Seen:
-    from mbm.data.images import opencv
-    from mbm.data.images.edges import refined, smoothed  # which loads SciPy
-    from mbm.data.images.segmentation import NoObjectError, object_outlines
+def _seen(name: str, path: Path, background: Grey | None, wanted: Wanted, room: Room) -> _Seen:
+    from mbm.data.images.segmentation import NoObjectError  # which loads SciPy
 
-    image, digest = read_image(path, PER_PIXEL if background is None else PER_DIFFERENCE)
-    levels: Sequence[Image]
-    if background is None:
-        levels = opencv.pyramid(image)
-    else:
-        levels = opencv.pyramid(_difference(image, background, path.as_posix(), wanted))
+    file = image_file(path, PER_PIXEL if background is None else PER_DIFFERENCE)
     edges: tuple[Fitted, ...] = ()
     reason = None
-    try:
-        lines = object_outlines(levels[-1], wanted.choice)
-        edges = tuple(refined(levels, smoothed(line), wanted.spacing) for line in lines)
-        if edges[0].good.mean() < SHARP:
-            edges, reason = (), "its edge is too blurred or too rough to be measured"
-    except NoObjectError as error:
-        reason = str(error)
-    return _Seen(name=name, path=path.as_posix(), sha256=digest, edges=edges, reason=reason)
+    with room.of(file.needed):
+        try:
+            edges = _edges(_levels(file, background, wanted), wanted)
+        except NoObjectError as error:
+            reason = str(error)
+    if edges and edges[0].good.mean() < SHARP:
+        edges, reason = (), "its edge is too blurred or too rough to be measured"
+    return _Seen(name=name, path=file.place.file, sha256=file.sha256, edges=edges, reason=reason)
+
+
+def _levels(file: ImageFile, background: Grey | None, wanted: Wanted) -> Sequence[Image]:
+    """The image, or its difference to the background, in sizes from the largest to the smallest."""
+    from mbm.data.images import opencv
+
+    image = file.decoded()
+    if background is None:
+        return opencv.pyramid(image)
+    return opencv.pyramid(_difference(image, background, file.place.file, wanted))
+
+
+def _edges(levels: Sequence[Image], wanted: Wanted) -> tuple[Fitted, ...]:
+    from mbm.data.images.edges import refined, smoothed  # which loads SciPy
+    from mbm.data.images.segmentation import object_outlines
+
+    lines = object_outlines(levels[-1], wanted.choice)
+    return tuple(refined(levels, smoothed(line), wanted.spacing) for line in lines)
 
 
 def _difference(image: Grey, background: Grey, path: str, wanted: Wanted) -> NDArray[np.int16]:

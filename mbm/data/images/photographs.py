@@ -16,6 +16,7 @@ from mbm.data.content import read_bytes
 from mbm.data.images import faults
 from mbm.data.images.header import size_of
 from mbm.data.images.opencv import decoded
+from mbm.data.images.together import Room, in_threads
 from mbm.data.types import RawTable
 from mbm.data.union.patterns import shot_of
 from mbm.files.memory import check_memory
@@ -90,17 +91,44 @@ def flat(places: Floats) -> Floats:
     return np.column_stack([places, np.zeros(len(places))])
 
 
-def read_image(path: Path, per_pixel: int = PER_PIXEL) -> tuple[Grey, str]:
-    """An image and the SHA-256 digest of its file; what it takes is worked out from its header, in bytes for a pixel.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageFile:
+    """The content of an image file, its digest, and the bytes that are needed to work on it."""
 
-    Raises MbmError as ``read_bytes`` does, and not-an-image, damaged-image, too-much-memory, missing-extra.
+    place: DataPlace
+    content: bytes = field(repr=False)
+    sha256: str
+    needed: int
+
+    def decoded(self) -> Grey:
+        """The image.
+
+        Raises MbmError: damaged-image, missing-extra.
+        """
+        return decoded(self.content, self.place)
+
+
+def image_file(path: Path, per_pixel: int = PER_PIXEL) -> ImageFile:
+    """An image file; what it takes is worked out from its header, in bytes for a pixel.
+
+    Raises MbmError as ``read_bytes`` does, and not-an-image, damaged-image, too-much-memory.
     """
     content, digest = read_bytes(path)
     shown = path.as_posix()
     place = DataPlace(file=shown)
     width, height = size_of(content, shown)
-    check_memory(per_pixel * width * height, faults.pixels_of(shown, width, height), place)
-    return decoded(content, place), digest
+    needed = per_pixel * width * height
+    check_memory(needed, faults.pixels_of(shown, width, height), place)
+    return ImageFile(place=place, content=content, sha256=digest, needed=needed)
+
+
+def read_image(path: Path, per_pixel: int = PER_PIXEL) -> tuple[Grey, str]:
+    """An image and the SHA-256 digest of its file.
+
+    Raises MbmError as `image_file` does, and missing-extra.
+    """
+    file = image_file(path, per_pixel)
+    return file.decoded(), file.sha256
 
 
 def part_of(path: str, digest: str, rows: int) -> Part:
@@ -138,7 +166,8 @@ def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable
     Raises MbmError as `read_image` does, and no-board.
     """
     place = DataPlace(file=shown)
-    seen = [_seen(name, path, board) for name, path in paths.items()]
+    room = Room()
+    seen = in_threads(lambda item: _seen(*item, board, room), list(paths.items()))
     without = [(each.name, each.reason) for each in seen if each.found is None]
     if len(without) == len(seen):
         raise MbmError(faults.no_board(place, board.words, without))
@@ -147,14 +176,16 @@ def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable
     return replace(table, groups={"covariance": GROUP})
 
 
-def _seen(name: str, path: Path, board: Board) -> _Seen:
-    image, digest = read_image(path)
-    shown = path.as_posix()
-    try:
-        found = board.find(image)
-    except faults.NoBoardError as error:
-        return _Seen(name=name, path=shown, sha256=digest, found=None, reason=error.reason)
-    return _Seen(name=name, path=shown, sha256=digest, found=found if found.fitted.good.any() else None)
+def _seen(name: str, path: Path, board: Board, room: Room) -> _Seen:
+    file = image_file(path)
+    found, reason = None, None
+    with room.of(file.needed):
+        try:
+            found = board.find(file.decoded())
+        except faults.NoBoardError as error:
+            reason = error.reason
+    whole = found if found is not None and found.fitted.good.any() else None
+    return _Seen(name=name, path=path.as_posix(), sha256=file.sha256, found=whole, reason=reason)
 
 
 def _columns(shown: str, seen: Sequence[_Seen], board: Board) -> Iterator[Column]:
