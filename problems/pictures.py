@@ -109,6 +109,18 @@ def walk(axes: Axes) -> None:
     axes.legend()
 
 
+def boat(axes: Axes) -> None:
+    """The lights, the sights from where the boat was, and its way."""
+    found = solve("boat", "boat")["at"]
+    lights = np.array([[0.0, 0.0], [1200.0, 150.0]])
+    for k, place in enumerate(found.value):
+        axes.plot(*np.array([place, lights[k % 2]]).T, color=GREY, linewidth=0.6)
+    axes.errorbar(*found.value.T, xerr=found.sigma[:, 0], yerr=found.sigma[:, 1], fmt="o-", color=ORANGE, label="boat")
+    axes.plot(*lights.T, "*", color=BLUE, markersize=12, label="lights")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes.legend()
+
+
 def rim(axes: Axes) -> None:
     """Touched points, and the ellipse."""
     seen, found = rows("rim", "rim.csv"), solve("rim", "rim")
@@ -162,6 +174,7 @@ def triangle(axes: Axes) -> None:
 PICTURES: dict[str, Callable[[Axes], None]] = {
     f.__name__.replace("_", "-"): f
     for f in (
+        boat,
         image_pictures.calibration,
         decay,
         image_pictures.can,

@@ -21,6 +21,9 @@ from mbm.simulation import faults
 from mbm.simulation.noise import stream
 from mbm.text.types import MbmError
 
+ROUNDED = 1e-14
+"""Eigenvalue of a covariance beside the largest that is zero but for rounding."""
+
 Drawing = tuple[Mapping[str, CellKey], int, Mapping[str, float]]
 """The key of the solve, the seed, and the factors of unknown noise by observation."""
 
@@ -83,4 +86,5 @@ def _root(equation: Equation, block: Block, group: Group, tables: Mapping[str, T
     values, vectors = np.linalg.eigh(noise.reshape(group.rows, size, size))
     if equation.noise_kind is NoiseKind.INFORMATION:
         values = 1.0 / values
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
+    none = values <= ROUNDED * np.abs(values).max(axis=1, keepdims=True)
+    return np.asarray(vectors * np.sqrt(np.where(none, 0.0, values))[:, None, :])
