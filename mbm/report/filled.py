@@ -19,6 +19,7 @@ from mbm.report.map_types import Map
 from mbm.report.maps import maps_of
 from mbm.report.numbers import numbers_at
 from mbm.report.pictures import plot_data
+from mbm.report.plot_data import PlotData
 from mbm.report.quantities import derived_quantity, quantity_of
 from mbm.report.residuals import places_of, residual_rows
 from mbm.report.types import (
@@ -28,7 +29,6 @@ from mbm.report.types import (
     Estimate,
     Floats,
     Observability,
-    PlotData,
     ResidualRow,
     ResidualSummary,
     SolveReport,

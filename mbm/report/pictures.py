@@ -9,8 +9,8 @@ from mbm.expression.nodes import Column, Expression, RowChoice, leaves
 from mbm.problem.rows import column_numbers
 from mbm.problem.tables import ROW
 from mbm.problem.types import BlockRole, Problem
+from mbm.report.plot_data import PlotData
 from mbm.report.residuals import measured_side
-from mbm.report.types import PlotData
 
 
 def plot_data(problem: Problem, solution: Solution) -> tuple[PlotData, ...]:

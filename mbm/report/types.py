@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mbm.files.journal import Read
 from mbm.report.map_types import Map
 from mbm.report.means import RawResiduals, no_residuals
+from mbm.report.plot_data import PlotData
 from mbm.text.types import DataPlace, Diagnostic
 from mbm.values import dataclass
 
@@ -266,12 +267,16 @@ class ConstraintReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Alternative:
-    """Another minimum: its ``cost`` as `SolveReport` has it, how many ``starts`` led to it, a ``remark`` in words."""
+    """Another minimum: its ``cost`` as `SolveReport` has it, how many ``starts`` led to it, a ``remark`` in words.
+
+    ``weight`` is the probability of a hypothesis of a filter among all that it follows.
+    """
 
     cost: float
     starts: int
     estimates: tuple[Estimate, ...]
     remark: str | None = None
+    weight: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,22 +289,6 @@ class StartsTally:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlotData:
-    """Data against model for a picture: ``measured`` and ``model`` (n, c) over ``abscissa`` (n,), c = 1 or 2.
-
-    Numbers are as they are to be shown; ``abscissa_label`` and ``labels`` (c of them) name the columns, with units if
-    they have any. With c = 2 and no abscissa the two columns are drawn against each other.
-    """
-
-    clause: str
-    measured: Floats
-    model: Floats
-    labels: tuple[str, ...]
-    abscissa: Floats | None = None
-    abscissa_label: str | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolveReport:
     """One solve.
 
@@ -308,6 +297,7 @@ class SolveReport:
     without one; ``reasons`` says why by the field's name. ``noise`` has one entry per observation clause: the estimated
     factor, None for stated noise. ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make
     them when asked for; ``raw_residuals`` is said of each observation, ``made_from`` gives what was solved and how.
+    ``hypotheses`` are those of a filter at the last step, ``followed`` how many there were after each.
     """
 
     status: SolveStatus
@@ -338,6 +328,8 @@ class SolveReport:
     corrections: tuple[CorrectionReport, ...] = ()
     constraints: tuple[ConstraintReport, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
+    hypotheses: tuple[Alternative, ...] = ()
+    followed: tuple[int, ...] = ()
     starts: StartsTally | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
     made_from: Callable[[], tuple[Problem, Solution]] | None = None
