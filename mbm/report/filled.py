@@ -15,10 +15,11 @@ from mbm.problem.naming import PRIOR
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import element_names
-from mbm.report.map_types import Map, PlotData
+from mbm.report.map_types import Map
 from mbm.report.maps import maps_of
 from mbm.report.numbers import numbers_at
 from mbm.report.pictures import plot_data
+from mbm.report.plot_data import PlotData
 from mbm.report.quantities import derived_quantity, quantity_of
 from mbm.report.residuals import places_of, residual_rows
 from mbm.report.types import (

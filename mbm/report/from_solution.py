@@ -11,7 +11,7 @@ from mbm.equations.layout import Entry, half_turns
 from mbm.equations.types import NoiseState, Reason
 from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.search import Alternative as OtherMinimum
-from mbm.estimation.search.solution import DerivedSolution, Failure, Skipped, Solution
+from mbm.estimation.search.solution import DerivedSolution, Failure, Followed, Skipped, Solution
 from mbm.problem.naming import member_name
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report import faults
@@ -107,6 +107,8 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         corrections=correction_reports(solution),
         constraints=constraints,
         alternatives=tuple(_alternative(solution, how, each) for each in solution.alternatives),
+        hypotheses=tuple(_hypothesis(solution, how, each) for each in solution.hypotheses),
+        followed=solution.followed,
         starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),
         diagnostics=(
             *solution.diagnostics,
@@ -254,6 +256,29 @@ def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alterna
         starts=other.starts,
         estimates=_estimates(there, how, _NOT_THE_BEST),
         remark=_MIRRORED if other.mirrored else None,
+    )
+
+
+def _hypothesis(solution: Solution, how: Shown, other: Followed) -> Alternative:
+    """What a filter follows, at the last step."""
+    covariance = replace(solution.covariance, sigma=other.sigma)
+    there = replace(solution, numbers=other.numbers, covariance=covariance)
+    estimates = tuple(_at_last(estimate) for estimate in _estimates(there, how, None))
+    return Alternative(cost=other.cost, starts=1, estimates=estimates, weight=other.weight)
+
+
+def _at_last(estimate: Estimate) -> Estimate:
+    """A state with its last step alone."""
+    if estimate.quantity.over is None or estimate.keys is None:
+        return estimate
+    return replace(
+        estimate,
+        keys=estimate.keys[-1:],
+        value=estimate.value[-1:],
+        sigma=None if estimate.sigma is None else estimate.sigma[-1:],
+        fixed=estimate.fixed[-1:],
+        at_bound=None,
+        reason=None,
     )
 
 

@@ -25,19 +25,3 @@ class Map:
     edges: NDArray[np.int64]
     residuals: NDArray[np.float64]
     next_to: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlotData:
-    """Data against model for a picture: ``measured`` and ``model`` (n, c) over ``abscissa`` (n,), c = 1 or 2.
-
-    Numbers are as they are to be shown; ``abscissa_label`` and ``labels`` (c of them) name the columns, with units if
-    they have any. With c = 2 and no abscissa the two columns are drawn against each other.
-    """
-
-    clause: str
-    measured: NDArray[np.float64]
-    model: NDArray[np.float64]
-    labels: tuple[str, ...]
-    abscissa: NDArray[np.float64] | None = None
-    abscissa_label: str | None = None

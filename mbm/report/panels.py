@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from mbm.report.elements import Scalar, element_names, plain_key, solve_scalars, unit_text
-from mbm.report.map_types import PlotData
+from mbm.report.plot_data import PlotData
 from mbm.report.types import Estimate, Floats, Kind, ResidualRow, Result, SolveReport
 from mbm.text.shown import cut
 

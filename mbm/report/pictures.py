@@ -9,7 +9,7 @@ from mbm.expression.nodes import Column, Expression, RowChoice, leaves
 from mbm.problem.rows import column_numbers
 from mbm.problem.tables import ROW
 from mbm.problem.types import BlockRole, Problem
-from mbm.report.map_types import PlotData
+from mbm.report.plot_data import PlotData
 from mbm.report.residuals import measured_side
 
 

@@ -57,7 +57,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         written["reasons"] = reasons
     corrections = {"corrections": corrections_document(solve.corrections)} if solve.corrections else {}
     return written | {
-        "estimates": {item.quantity.name: _estimate(item) for item in solve.estimates},
+        "estimates": {item.quantity.name: _with_followed(_estimate(item), item, solve) for item in solve.estimates},
         "covariance": _covariance(solve.covariance),
         "derived": {item.quantity.name: _derived(item) for item in solve.derived},
         "derived_covariance": _covariance(solve.derived_covariance),
@@ -68,6 +68,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         "constraints": [constraint_document(constraint) for constraint in solve.constraints],
         "priors": [_prior(prior) for prior in solve.priors],
         "alternatives": [*map(_alternative, solve.alternatives), *map(_piece, solve.pieces)],
+        **({"hypotheses": [_hypothesis(found) for found in solve.hypotheses]} if solve.hypotheses else {}),
         "starts": None if solve.starts is None else asdict(solve.starts),
         "diagnostics": [as_json(diagnostic) for diagnostic in solve.diagnostics],
     }
@@ -101,6 +102,20 @@ def _piece(found: Piece) -> dict[str, Any]:
         "estimates": {item.quantity.name: _estimate(item) for item in found.estimates},
         "derived": {item.quantity.name: _derived(item) for item in found.derived},
     }
+
+
+def _hypothesis(found: Alternative) -> dict[str, Any]:
+    return {
+        "cost": _number(found.cost),
+        "weight": _number(found.weight),
+        "estimates": {item.quantity.name: _estimate(item) for item in found.estimates},
+    }
+
+
+def _with_followed(written: dict[str, Any], item: Estimate, solve: SolveReport) -> dict[str, Any]:
+    """A state with the number of hypotheses per step, where there were several."""
+    several = item.quantity.over is not None and any(count > 1 for count in solve.followed)
+    return written | {"hypotheses": list(solve.followed)} if several else written
 
 
 def _why_missing(solve: SolveReport, name: str) -> str:

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
-from mbm.report.map_types import Map, PlotData
+from mbm.report.map_types import Map
 from mbm.report.means import RawResiduals, no_residuals
+from mbm.report.plot_data import PlotData
 from mbm.text.types import DataPlace, Diagnostic
 from mbm.values import dataclass
 
@@ -269,12 +270,16 @@ class ConstraintReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Alternative:
-    """Another minimum: its ``cost`` as `SolveReport` has it, how many ``starts`` led to it, a ``remark`` in words."""
+    """Another minimum: its ``cost`` as `SolveReport` has it, how many ``starts`` led to it, a ``remark`` in words.
+
+    ``weight`` is the probability of a hypothesis of a filter among all that it follows.
+    """
 
     cost: float
     starts: int
     estimates: tuple[Estimate, ...]
     remark: str | None = None
+    weight: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -303,7 +308,8 @@ class SolveReport:
     without one; ``boxes`` were examined by interval methods, which find separate ``pieces``; ``reasons`` says why by
     the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
     ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for;
-    ``raw_residuals`` is said of each observation, ``made_from`` gives what was solved and how.
+    ``raw_residuals`` is said of each observation, ``made_from`` gives what was solved and how. ``hypotheses`` are those
+    of a filter at the last step, ``followed`` how many there were after each.
     """
 
     status: SolveStatus
@@ -336,6 +342,8 @@ class SolveReport:
     constraints: tuple[ConstraintReport, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     pieces: tuple[Piece, ...] = ()
+    hypotheses: tuple[Alternative, ...] = ()
+    followed: tuple[int, ...] = ()
     starts: StartsTally | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
     made_from: Callable[[], tuple[Problem, Solution]] | None = None

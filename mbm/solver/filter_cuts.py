@@ -75,6 +75,43 @@ def put_limits(walk: Walk, b: Integer, inputs: Reals) -> None:
     evaluate_block(walk.seen, b, walk.rows, inputs, walk.point, 1, walk.limit_values, walk.limit_slopes)
 
 
+def violation_along(walk: Walk, value: Real, slope: ConstantReals) -> Real:
+    """By how many standard deviations an inequality is violated."""
+    n = walk.chain.n
+    square = 0.0
+    for i in range(n):
+        along = dot(n, walk.factor[i * n :], slope)
+        square += along * along
+    return value / sqrt(square) if square > 0.0 and value > 0.0 else 0.0
+
+
+def worst_violation(walk: Walk) -> Real:
+    """The largest violation of an inequality or a bound of the step whose rows are loaded, in standard deviations."""
+    chain = walk.chain
+    n = chain.n
+    problem = walk.seen
+    bounds = walk.rows.constants[BOUNDS_AT:]
+    found = 0.0
+    for j in range(n):
+        place = problem.number_of[j]
+        if place >= 0:
+            filled(n, 0.0, walk.limit_slopes)
+            walk.limit_slopes[j] = 1.0
+            beyond = max(bounds[j] - walk.point[place], walk.point[place] - bounds[n + j])
+            found = max(found, violation_along(walk, beyond, walk.limit_slopes))
+    inputs = 0
+    for b in range(problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
+        count = walk.rows.data.blocks[b].rows
+        if b >= problem.residual_blocks:
+            put_limits(walk, b, walk.rows.inputs[inputs:])
+            for c in range(count * block.outputs):
+                if block.equality[c % block.outputs] == 0:
+                    found = max(found, violation_along(walk, walk.limit_values[c], walk.limit_slopes[c * n :]))
+        inputs += groups_of(count) * (block.variables + block.parameters) * LANES
+    return found
+
+
 def cut_step(walk: Walk, first: Integer) -> None:
     """All cuts of the step whose rows are loaded, in their order; each is linearised where those before have led."""
     chain = walk.chain

@@ -13,7 +13,7 @@ spanned by further vectors, the *open* ones, whose coefficients are free.
 
 from __future__ import annotations
 
-from mbm.machine.records import Reference, lay_out, reals_in, record, sized
+from mbm.machine.records import Reference, integers_in, lay_out, reals_in, record, sized
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.solver.description import Problem
 from mbm.solver.workspace import Rows
@@ -53,13 +53,15 @@ class Chain:
     """1: inequalities and bounds cut the distribution after each update."""
     kept: Integer
     """Steps whose policies are kept: T for a smoother, the lag and 2 more for one of fixed lag, else 1."""
+    hypotheses: Integer
+    """Most hypotheses that are followed."""
     lag: Integer
     """Steps after which a step is reported by a smoother of fixed lag; T: it is none."""
 
 
 @record
 class Walk:
-    """A walk over the steps of a sequence. ``reals`` are as many as `walk_reals` says."""
+    """A walk over the steps of a sequence. ``reals`` and ``integers`` are as `walk_reals` and `walk_integers` say."""
 
     chain: Reference[Chain]
     seen: Reference[Problem]
@@ -77,6 +79,7 @@ class Walk:
     tolerance: Real
     """Steps shorter than this, in standard deviations, end an iteration."""
     reals: Reals
+    integers: Integers
 
     points: Reals
     """(T, N) the answer for each step …"""
@@ -176,6 +179,27 @@ class Walk:
     """How often a window did not end where its cost is least."""
     loose: Integer
     """1: the path does not begin at the prior, nor does it follow the transitions: the next step closes the gaps."""
+    rates: ConstantIntegers
+    """Of each coordinate (n,) that of its rate, -1: there is none; -2: it is a rate itself."""
+    followed: Integers
+    """(T,) how many hypotheses there are after each step."""
+    crowd: Integer
+    """How many there are now …"""
+    crowd_points: Reals = sized("3 * hypotheses * numbers")
+    """… their means, those of least cost first; behind ``hypotheses`` of them those that a step makes, …"""
+    crowd_factors: Reals = sized("3 * hypotheses * n * n")
+    """… factors, …"""
+    crowd_costs: Reals = sized("3 * hypotheses")
+    """… costs, and how far they violate a constraint, in deviations."""
+    crowd_violations: Reals = sized("3 * hypotheses")
+    crowd_taken: Integers = sized("3 * hypotheses")
+    way: Reals = sized("n")
+    """A direction along which rows may say nothing, as long as a standard deviation."""
+    way_slopes: Reals = sized("4 * lines")
+    mirror_point: Reals = sized("numbers")
+    """The mirrored continuation …"""
+    mirror_factor: Reals = sized("n * n")
+    """… with its factor."""
     limit_values: Reals = sized("limits")
     limit_slopes: Reals = sized("limits * n")
 
@@ -185,8 +209,13 @@ def walk_reals(chain: Chain) -> Integer:
     return reals_in(Walk, chain)
 
 
+def walk_integers(chain: Chain) -> Integer:
+    """Integers of scratch likewise."""
+    return integers_in(Walk, chain)
+
+
 def share_out_walk(walk: Walk) -> None:
     """Let the arrays of a walk, and of the rows that it takes, be parts of those that it was given."""
-    lay_out(walk, walk.chain, walk.reals, walk.opens)
-    lay_out(walk.rows, walk.seen, walk.rows_reals, walk.opens)
-    lay_out(walk.moves, walk.moving, walk.moves_reals, walk.opens)
+    lay_out(walk, walk.chain, walk.reals, walk.integers)
+    lay_out(walk.rows, walk.seen, walk.rows_reals, walk.integers)
+    lay_out(walk.moves, walk.moving, walk.moves_reals, walk.integers)

@@ -7,7 +7,8 @@ from mbm.machine.tree import Module
 from mbm.solver.batch import finish_solve, go_on, set_end, solve_many, start_solve
 from mbm.solver.chi_square import chi_square_tails
 from mbm.solver.consensus import consensus_in_portions, consensus_many
-from mbm.solver.filters import begin_walk, filter_steps
+from mbm.solver.filter_keeping import begin_walk
+from mbm.solver.filters import filter_steps
 from mbm.solver.smoother_lag import lag_steps
 from mbm.solver.smoothers import smooth_all
 from mbm.solver.spheres import places_of_many

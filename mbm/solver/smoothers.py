@@ -12,6 +12,7 @@ from math import sqrt
 from mbm.machine.words import Integer
 from mbm.solver.filter_backward import backward, path_of, settle_base
 from mbm.solver.filter_forward import forward, spread_first, spread_next, swap_paths
+from mbm.solver.filter_keeping import keep_step
 from mbm.solver.filter_records import Walk
 from mbm.solver.filter_update import (
     ENOUGH_DECREASE,
@@ -19,7 +20,6 @@ from mbm.solver.filter_update import (
     MOST_HALVINGS,
     ROUNDING_OF_COST,
 )
-from mbm.solver.filters import keep_step
 from mbm.solver.linear_algebra import copied, filled
 
 

@@ -51,6 +51,19 @@ class Skipped:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Followed:
+    """A hypothesis of a filter at the last step: numbers (N,) and sigma (n,) as a `Solution` has them, NaN elsewhere.
+
+    ``weight`` is its probability among all that are followed.
+    """
+
+    cost: float
+    weight: float
+    numbers: Floats
+    sigma: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
     """One solve.
 
@@ -60,7 +73,8 @@ class Solution:
     (same shape, None: all 1) what they counted, ``outliers`` which of them are taken for such (None: none);
     ``robust_cost`` is the sum of the losses, None without one; ``unused`` are coordinates of members that no equation
     mentions. ``origin`` says where the start came from.
-    ``corrections`` has those of measured columns with errors.
+    ``corrections`` has those of measured columns with errors, ``hypotheses`` those that a filter follows at the last
+    step, and ``followed`` says how many there were after each.
     """
 
     key: Mapping[str, CellKey]
@@ -88,6 +102,8 @@ class Solution:
     sigma_known: bool
     unused: Indices
     corrections: tuple[CorrectedColumn, ...] = ()
+    hypotheses: tuple[Followed, ...] = ()
+    followed: tuple[int, ...] = ()
     method: str
     iterations: int
     evaluations: int

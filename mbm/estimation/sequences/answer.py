@@ -11,7 +11,7 @@ from mbm.equations.binder import Binder
 from mbm.equations.binding import Group
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Observability, Reason
-from mbm.estimation.search.solution import DerivedSolution, Solution
+from mbm.estimation.search.solution import DerivedSolution, Followed, Solution
 from mbm.estimation.sequences import faults
 from mbm.estimation.sequences.places import NOT_OF_A_STEP, Places
 from mbm.estimation.sequences.walk import Chained, Prior, Rules, Track
@@ -93,6 +93,8 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         factors=None,
         sigma_known=True,
         unused=np.zeros(0, dtype=np.int64),
+        hypotheses=_hypotheses(walked, free),
+        followed=() if walked.rules.hypotheses == 1 else tuple(track.followed[: track.made].tolist()),
         method=_name(walked),
         iterations=track.iterations,
         evaluations=track.evaluations,
@@ -118,6 +120,22 @@ def _numbers(walked: Walked) -> Floats:
     if track.made:
         numbers[places.numbers[-1, : places.still_numbers]] = track.points[track.made - 1, : places.still_numbers]
     return numbers
+
+
+def _hypotheses(walked: Walked, free: Indices) -> tuple[Followed, ...]:
+    """What is followed after the last step, with the probabilities that the costs say."""
+    places, crowd = walked.places, walked.track.crowd
+    if not crowd or walked.track.made < walked.chained.steps:
+        return ()
+    weights = np.exp(0.5 * (crowd[0].cost - np.array([each.cost for each in crowd])))
+    found = []
+    for each, weight in zip(crowd, weights / weights.sum(), strict=True):
+        numbers = np.full(len(walked.equations.numbers), np.nan)
+        numbers[places.numbers[-1]] = each.point
+        sigma = np.full(len(walked.equations.layout.number), np.nan)
+        sigma[places.coordinates[-1, places.free]] = np.sqrt(np.square(each.factor).sum(axis=0))
+        found.append(Followed(cost=each.cost, weight=float(weight), numbers=numbers, sigma=sigma[free]))
+    return tuple(found)
 
 
 def _free(places: Places) -> Indices:

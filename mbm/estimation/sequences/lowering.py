@@ -89,10 +89,27 @@ def lowered(
             still_numbers=places.still_numbers,
             plain=places.plain,
             spreads=transitions[1],
+            rates=_rates(sequence, equations, places),
             begin=begin,
         ),
         priors=tuple(priors),
     )
+
+
+def _rates(sequence: Sequence, equations: Assembled, places: Places) -> Indices:
+    """The free coordinate of the rate of each (n,), -1 where there is none, -2 of rates."""
+    column = np.full(len(places.coordinates[0]), -1, dtype=np.int64)
+    column[places.free] = np.arange(len(places.free))
+    found = np.full(len(places.free), -1, dtype=np.int64)
+    for state in sequence.states:
+        if state.rate_of is None:
+            continue
+        own, rate = equations.layout.entry(state.rate_of), equations.layout.entry(state.name)
+        size = own.unknown.freedom
+        pairs = [column[places.coordinate[first : first + size]] for first in (own.first, rate.first)]
+        found[pairs[0][pairs[0] >= 0]] = pairs[1][pairs[0] >= 0]
+        found[pairs[1][pairs[1] >= 0]] = -2
+    return found
 
 
 def _with_equality(equations: Assembled) -> list[tuple[Group, Mask]]:

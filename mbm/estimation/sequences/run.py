@@ -89,9 +89,9 @@ def _refuse(sequence: Sequence, settings: Settings) -> None:
         what = "does not look for agreeing rows: `:robust` needs all steps at once"
         mend = "use a `:loss` with `iterated-ekf` or a smoother, or `:method batch`"
         raise MbmError(faults.not_for_filters(estimator.span, estimator.method.value, what, mend))
-    if estimator.hypotheses > 1:
-        what = "follows one hypothesis for now"
-        raise MbmError(faults.not_for_filters(estimator.span, estimator.method.value, what, "leave `:hypotheses` out"))
+    if estimator.hypotheses > 1 and estimator.method is SequenceMethod.SMOOTHER:
+        what, mend = "follows one hypothesis", "leave `:hypotheses` out, or use a filter"
+        raise MbmError(faults.not_for_filters(estimator.span, estimator.method.value, what, mend))
 
 
 def _rules(estimator: Estimator, settings: Settings, lossy: bool) -> Rules:
@@ -107,5 +107,6 @@ def _rules(estimator: Estimator, settings: Settings, lossy: bool) -> Rules:
         skip=estimator.skip,
         tolerance=FINE if smooth and estimator.lag is None else COARSE,
         smooth=smooth,
+        hypotheses=estimator.hypotheses,
         lag=estimator.lag,
     )

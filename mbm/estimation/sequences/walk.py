@@ -14,7 +14,7 @@ from mbm.estimation.minimise.native.system import NativeSystem, never
 from mbm.estimation.sequences.local import Local
 from mbm.machine.records import put, reals_in, slot, slots_of, view
 from mbm.solver import description as of
-from mbm.solver.filter_records import Chain, Walk, walk_reals
+from mbm.solver.filter_records import Chain, Walk, walk_integers, walk_reals
 from mbm.solver.workspace import Rows
 from mbm.values import dataclass
 
@@ -54,6 +54,7 @@ class Rules:
     """How a walk goes: ``iterations`` of an update at most, ``smooth`` with a ``lag`` in steps (None: all of them).
 
     ``cut``: inequalities cut; a cut beyond ``skip`` deviations is left out. ``tolerance`` in standard deviations.
+    So many ``hypotheses`` at most are followed by a filter.
     """
 
     iterations: int = 1
@@ -61,13 +62,24 @@ class Rules:
     skip: float = 3.0
     tolerance: float = 1e-9
     smooth: bool = False
+    hypotheses: int = 1
     lag: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hypothesis:
+    """A point (N,), the factor (n, n) of its covariance, and its cost."""
+
+    point: Floats
+    factor: Floats
+    cost: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Track:
     """What a walk says: points (T, N), factors (T, n, n) of covariances, open directions (T,), and costs (T,).
 
+    ``followed`` (T,) hypotheses there were, and those of the last step are the ``crowd``, that of least cost first.
     ``touched`` (T, n) are the coordinates that open directions touch.
 
     ``made`` steps were made: fewer than T where something was not finite at the next, or the user interrupted.
@@ -77,6 +89,8 @@ class Track:
     factors: Floats
     opens: Indices
     touched: Mask
+    followed: Indices
+    crowd: tuple[Hypothesis, ...]
     costs: Floats
     cost: float
     made: int
@@ -97,7 +111,8 @@ class Chained:
 
     ``still`` coordinates and ``still_numbers`` numbers of a step do not move, and come first; the first ``plain``
     coordinates are those of plain unknowns. ``spreads`` (T − 1, p, q) has L of each transition, whose p rows equal
-    ``L w`` for a standard normal w. ``begin`` is the first step with rows.
+    ``L w`` for a standard normal w. ``begin`` is the first step with rows. ``rates`` (n,)
+    gives the coordinate of the rate of each, -1 where there is none, -2 of rates.
     """
 
     seen: Local
@@ -106,6 +121,7 @@ class Chained:
     still_numbers: int
     plain: int
     spreads: Floats
+    rates: Indices
     begin: int = 0
 
     @property
@@ -148,11 +164,15 @@ class _Memory:
         self.factors = np.zeros((steps, n, n))
         self.costs = np.zeros(steps)
         self.opens = np.zeros(steps, dtype=np.int64)
+        self.followed = np.ones(steps, dtype=np.int64)
         self.touched = np.zeros((steps, n), dtype=np.int64)
         self._code.expect(float(steps) * (n + 4) ** 3 * PRODUCTS * (3.0 if rules.smooth else 1.0) * passes)
         self._held: list[Any] = [seen, moving, chained]
         self.walk = self._code.blank(Walk)
-        self._put(reals=np.zeros(walk_reals(view(Chain, self.chain))), chain=self.chain)
+        sizes = view(Chain, self.chain)
+        integers = np.zeros(walk_integers(sizes) + 1, dtype=np.int64)
+        self._put(reals=np.zeros(walk_reals(sizes)), integers=integers, chain=self.chain)
+        self._put(followed=self.followed, rates=np.ascontiguousarray(chained.rates, dtype=np.int64))
         self._put(spreads=np.ascontiguousarray(chained.spreads, dtype=np.float64))
         self._put(points=self.points, factors=self.factors, costs=self.costs, opens=self.opens, touched=self.touched)
         self._rows("rows", "rows_reals", "seen", "seen_data", seen)
@@ -182,6 +202,8 @@ class _Memory:
             factors=self.factors,
             opens=self.opens,
             touched=self.touched != 0,
+            followed=self.followed,
+            crowd=self._crowd(),
             costs=self.costs,
             cost=cost,
             made=made,
@@ -189,6 +211,19 @@ class _Memory:
             settled=bool(self._get("settled")) and not self._get("unsettled"),
             iterations=self._get("iterations"),
             evaluations=self._get("evaluations"),
+        )
+
+    def _crowd(self) -> tuple[Hypothesis, ...]:
+        """The hypotheses after the last step; none where only one may be followed."""
+        if self._rules.hypotheses == 1:
+            return ()
+        count = self._get("crowd")
+        n, numbers = int(self.chain[Chain.n]), int(self.chain[Chain.numbers])
+        points = self._taken("crowd_points", count * numbers).reshape(count, numbers)
+        factors = self._taken("crowd_factors", count * n * n).reshape(count, n, n)
+        costs = self._taken("crowd_costs", count)
+        return tuple(
+            Hypothesis(point=p, factor=f, cost=float(c)) for p, f, c in zip(points, factors, costs, strict=True)
         )
 
     def _steps(self, routine: str, stopped: Callable[[], bool]) -> int:
@@ -235,12 +270,18 @@ class _Memory:
     def _fill(self, name: str, values: NDArray[Any]) -> None:
         """Numbers into an array of the walk."""
         flat = np.ascontiguousarray(values, dtype=np.float64).ravel()
-        if isinstance(self.walk, np.ndarray):
-            reals = next(held["reals"] for held in self._held if isinstance(held, dict) and "reals" in held)
-            first = (int(self.walk[slot(Walk, name)]) - reals.ctypes.data) // 8
-            reals[first : first + len(flat)] = flat
-        else:
-            getattr(self.walk, name)[: len(flat)] = flat
+        self._array(name)[: len(flat)] = flat
+
+    def _taken(self, name: str, count: int) -> Floats:
+        """The first numbers of an array of the walk."""
+        return np.array(self._array(name)[:count])
+
+    def _array(self, name: str) -> Floats:
+        """An array of the walk, and what stands behind it."""
+        if not isinstance(self.walk, np.ndarray):
+            return np.asarray(getattr(self.walk, name))
+        reals = next(held["reals"] for held in self._held if isinstance(held, dict) and "reals" in held)
+        return np.asarray(reals[(int(self.walk[slot(Walk, name)]) - reals.ctypes.data) // 8 :])
 
     def _routine(self, name: str, *numbers: int) -> int:
         kinds = (object, *(int for _ in numbers))
@@ -272,6 +313,7 @@ def _sizes(chained: Chained, rules: Rules) -> Indices:
         "cut": int(rules.cut),
         "kept": kept,
         "lag": lag,
+        "hypotheses": rules.hypotheses,
     }
     found = np.zeros(slots_of(Chain), dtype=np.int64)
     for name, value in values.items():

@@ -34,7 +34,7 @@ def local_of(text, tables, once=(), backend="native"):
     return local(equations, bound.first, bound.rows)
 
 
-def chained(seen, moving, spreads, *, still, still_numbers=None, once=(), backend="native"):
+def chained(seen, moving, spreads, *, still, still_numbers=None, once=(), rates=None, backend="native"):
     """A sequence of two texts with their tables, and the noise of each transition."""
     step, transition = local_of(*seen, once, backend), local_of(*moving, (), backend)
     return Chained(
@@ -44,6 +44,7 @@ def chained(seen, moving, spreads, *, still, still_numbers=None, once=(), backen
         still_numbers=still if still_numbers is None else still_numbers,
         plain=still,
         spreads=np.asarray(spreads, dtype=float),
+        rates=np.full(step.equations.dimension, -1) if rates is None else np.array(rates),
     )
 
 

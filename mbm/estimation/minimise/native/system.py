@@ -56,7 +56,6 @@ streams there are fewer of them."""
 
 ITERATIONS_OF_MANY = 20.0
 """Iterations that a solve of many takes, as a guess."""
-
 MOST_ITERATIONS = 100.0
 """Iterations that hardly a solve exceeds: where one call has not room for them, solves are made in several."""
 

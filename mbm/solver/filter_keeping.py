@@ -1,0 +1,38 @@
+"""What filters and smoothers begin with, and what they keep of a step."""
+
+from __future__ import annotations
+
+from math import fabs
+
+from mbm.machine.words import Integer
+from mbm.solver.filter_records import Walk, share_out_walk
+from mbm.solver.linear_algebra import copied
+
+UNTOUCHED = 1e-9
+"""A component of an open vector, which is of length 1 at first, up to which it is rounding."""
+
+
+def begin_walk(walk: Walk) -> None:
+    """Room for everything; `point`, `factor` and `open` are to be filled then."""
+    share_out_walk(walk)
+    walk.failed = 0
+    walk.iterations = 0
+    walk.evaluations = 0
+    walk.settled = 1
+    walk.unsettled = 0
+    walk.left_cost = 0.0
+    walk.open_count = 0
+
+
+def keep_step(walk: Walk, k: Integer) -> None:
+    """Let the answer for step k be where the walk is."""
+    chain = walk.chain
+    copied(chain.numbers, walk.point, walk.points[k * chain.numbers :])
+    copied(chain.n * chain.n, walk.factor, walk.factors[k * chain.n * chain.n :])
+    walk.costs[k] = walk.last_cost
+    walk.opens[k] = walk.open_count
+    for j in range(chain.n):
+        walk.touched[k * chain.n + j] = 0
+        for i in range(walk.open_count):
+            if fabs(walk.open[i * chain.n + j]) > UNTOUCHED:
+                walk.touched[k * chain.n + j] = 1
