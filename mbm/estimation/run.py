@@ -15,7 +15,7 @@ from mbm.equations.types import Floats
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.estimation.settings import Forms, Settings, settings_of, standard_forms
 from mbm.estimation.solve.estimate import estimate
-from mbm.estimation.solve.sampled_rows import settled
+from mbm.estimation.solve.sampled_rows import with_moved_rows
 from mbm.kernels.faults import is_failed_call
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
@@ -108,22 +108,17 @@ def _one_by_one(
         if window is not None and selection.rows is not None and selection.rows < window.min_rows:
             return Skipped(key=selection.key, rows=selection.rows, wanted=window.min_rows)
         try:
-            return settled(
+            solution = estimate(
                 found.problem,
                 kernels,
-                cache,
-                starts(selection.key) if callable(starts) else starts,
-                lambda begun: estimate(
-                    found.problem,
-                    kernels,
-                    selection.tables,
-                    key=selection.key,
-                    starts=begun,
-                    settings=settings,
-                    cache=cache,
-                    last=last,
-                ),
+                selection.tables,
+                key=selection.key,
+                starts=starts(selection.key) if callable(starts) else starts,
+                settings=settings,
+                cache=cache,
+                last=last,
             )
+            return with_moved_rows(found.problem, kernels, cache, solution)
         except MbmError as error:
             if not selection.key or is_failed_call(error):
                 raise
