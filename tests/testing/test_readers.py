@@ -34,7 +34,7 @@ RECORDS = {
 }
 """Formats with columns of their own: a sound file and what is in it."""
 
-ELSEWHERE = ("colmap", "bundler", "opencv", "kalibr", "chessboard", "contour", "image")
+ELSEWHERE = ("colmap", "bundler", "opencv", "kalibr", "rosbag", "chessboard", "contour", "image")
 """Folders, and files of several tables, which `tests/data` has tests for by these names; `tests/images` has images."""
 
 
