@@ -89,8 +89,8 @@ SPECIAL = {
         "The form with the columns of the row before, in the order of the unfiltered table; in problems.",
     ),
     "sample": (
-        "(sample TABLE form at [:by column])",
-        "The form between the two rows of the table around a time, on the straight line; in problems.",
+        "(sample TABLE form at [:by column] [:order 1|3])",
+        "The form between the two rows of the table around a time: on a line, a cubic, the great circle; in problems.",
     ),
 }
 

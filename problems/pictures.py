@@ -115,9 +115,9 @@ def office_walk(axes: Axes) -> None:
     axes.plot(column(true, "x"), column(true, "y"), "-", color=GREY, label="where the walker was")
     axes.plot(column(seen, "x"), column(seen, "y"), ".", color=BLUE, label="Bluetooth")
     here = np.array([s.derived[0].value for s in solve("office-walk", "office-walk").solves if s.derived])
-    axes.plot(here[:, 0], here[:, 1], "o", color=ORANGE, label="track, laid on by the last two minutes")
+    axes.plot(here[:, 0], here[:, 1], "o", ms=4, color=ORANGE, label="track, laid on by the last two minutes")
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
-    axes.legend(loc="upper right", fontsize=8)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1), fontsize=8)
 
 
 def boat(axes: Axes) -> None:

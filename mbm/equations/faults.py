@@ -73,6 +73,12 @@ DERIVED_NOT_FINITE = Code(
     "zero (a warning).",
     "Correct its formula, or keep the unknowns where it has a value, with `:in` or `:positive`.",
 )
+SAMPLED_ROWS_MOVED = Code(
+    "sampled-rows-moved",
+    "Rows that are sampled within a table at the start lie beyond its ends at the estimates, or the other way round. "
+    "The rows of the start were used for the whole solve (a warning).",
+    "Solve again with `--init` of this answer, or leave rows near the ends out with `:when`.",
+)
 NOISE_AGAINST_DATA = Code(
     "noise-against-data",
     "The residuals are far larger than the stated noise allows, so either the noise or the model is wrong, or rows are "
@@ -227,6 +233,26 @@ def derived_not_finite(span: Span, name: str, rows: int) -> Diagnostic:
         hint=DERIVED_NOT_FINITE.mend,
         severity=Severity.WARNING,
     )
+
+
+def sampled_rows_moved(span: Span, name: str, left: list[int], entered: list[int]) -> Diagnostic:
+    """``left`` are rows that were used and now lie beyond the table, ``entered`` the other way round."""
+    beyond, within = "beyond the ends of the sampled table", "within the sampled table"
+    parts = [f"{_listed(rows)} {what} at the estimates" for rows, what in ((left, beyond), (entered, within)) if rows]
+    return Diagnostic(
+        code=SAMPLED_ROWS_MOVED,
+        message=f"`{name}`: {' and '.join(parts)}, otherwise than at the start",
+        place=span,
+        hint=SAMPLED_ROWS_MOVED.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def _listed(rows: list[int]) -> str:
+    """``row 3 lies``, ``rows 3, 5 and 7 more lie``."""
+    more = f" and {len(rows) - MOST_NAMED:,} more" if len(rows) > MOST_NAMED else ""
+    listed = ", ".join(str(row) for row in rows[:MOST_NAMED])
+    return f"row {listed} lies" if len(rows) == 1 else f"rows {listed}{more} lie"
 
 
 def noise_against_data(span: Span, sigma0: float, probability: float) -> Diagnostic:

@@ -13,7 +13,7 @@ from mbm.expression.nodes import Component, Constant, Leaf, Number, RowChoice, S
 from mbm.kernels.types import Kernel
 from mbm.problem.rows import Positions, column_numbers, lookup
 from mbm.problem.tables import Table
-from mbm.problem.times import time_nodes
+from mbm.problem.times import places_around, time_nodes
 from mbm.symbolic.types import ColumnInput
 from mbm.values import dataclass
 
@@ -26,16 +26,16 @@ class Sampled:
     """The inputs of a kernel that one ``sample`` fills.
 
     ``times`` (n,) ascend; ``inputs`` are the positions of the parameters, ``nodes`` their values in the order of the
-    times, ``after`` whether they are of the later row. ``places`` gives for each number of an unknown in the time its
-    place (rows,) among all, ``data`` the values of its other leaves, ``coordinates`` those that move it. Beyond the
-    span the last interval goes on where ``extended``, else there is no value.
+    times, ``sides`` which of the rows around the time they are of. ``places`` gives for each number of an unknown in
+    the time its place (rows,) among all, ``data`` the values of its other leaves, ``coordinates`` those that move it.
+    Beyond the span the last interval goes on where ``extended``, else there is no value.
     """
 
     sampling: Sampling
     times: Floats = field(repr=False)
     inputs: tuple[int, ...]
     nodes: tuple[Floats, ...] = field(repr=False)
-    after: tuple[bool, ...]
+    sides: tuple[RowChoice, ...]
     places: Mapping[int, Indices] = field(repr=False)
     data: Mapping[int, Values] = field(repr=False)
     coordinates: Indices = field(repr=False)
@@ -70,14 +70,12 @@ class Sampled:
     def fill(self, target: Floats, numbers: Numbers, rows: Indices, *, whole: bool = True) -> None:
         """Put the values of the rows around the times into ``target`` (rows, parameters)."""
         at = self.at(numbers, rows, whole=whole)
-        last = len(self.times) - 2
-        before = np.clip(np.searchsorted(self.times, at, side="right") - 1, 0, last)
+        around = places_around(self.times, at)
         outside = np.isnan(at)
         if not self.extended:
             outside |= (at < self.times[0]) | (at > self.times[-1])
-        for column, values, after in zip(self.inputs, self.nodes, self.after, strict=True):
-            found = values[before + 1] if after else values[before]
-            target[:, column] = np.where(outside, np.nan, found)
+        for column, values, side in zip(self.inputs, self.nodes, self.sides, strict=True):
+            target[:, column] = np.where(outside, np.nan, values[around[side]])
 
 
 def samplings(kernel: Kernel) -> tuple[Sampling, ...]:
@@ -124,7 +122,7 @@ def sampled_inputs(
         times=times,
         inputs=tuple(i for i, _ in inputs),
         nodes=tuple(column_numbers(other, p.name)[order] for _, p in inputs),
-        after=tuple(p.row is RowChoice.AFTER for _, p in inputs),
+        sides=tuple(p.row for _, p in inputs),
         places=found_places,
         data=data,
         coordinates=np.unique(np.concatenate(coordinates)) if coordinates else np.empty(0, dtype=np.int64),

@@ -17,7 +17,7 @@ from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.estimation.sequences.filtering import by_filter, filtered
 from mbm.estimation.settings import Forms, Settings, settings_of, standard_forms
 from mbm.estimation.solve.estimate import estimate
-from mbm.estimation.solve.sampled_rows import settled
+from mbm.estimation.solve.sampled_rows import with_moved_rows
 from mbm.kernels.faults import is_failed_call
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
@@ -131,22 +131,17 @@ def _estimating(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, s
     make = filtered if by_filter(found.problem) else estimate
 
     def solve(selection: Selection, starts: Mapping[str, Floats], last: Solution | None) -> Solution:
-        return settled(
+        solution = make(
             found.problem,
             kernels,
-            cache,
-            starts,
-            lambda begun: make(
-                found.problem,
-                kernels,
-                selection.tables,
-                key=selection.key,
-                starts=begun,
-                settings=settings,
-                cache=cache,
-                last=last,
-            ),
+            selection.tables,
+            key=selection.key,
+            starts=starts,
+            settings=settings,
+            cache=cache,
+            last=last,
         )
+        return with_moved_rows(found.problem, kernels, cache, solution)
 
     return solve
 

@@ -127,7 +127,10 @@ CONDITIONS = frozenset(
 
 
 class RowChoice(StrEnum):
-    """Which row of its table a column is read from: the one at hand, one that a key names, or those around a time."""
+    """Which row of its table a column is read from: the one at hand, one that a key names, or those around a time.
+
+    At the ends of a table the row two before (or after) a time is the third one from that end.
+    """
 
     EACH = "each"
     FIRST = "first"
@@ -135,6 +138,8 @@ class RowChoice(StrEnum):
     KEYED = "keyed"
     BEFORE = "before"
     AFTER = "after"
+    TWO_BEFORE = "two before"
+    TWO_AFTER = "two after"
 
 
 def nearest(value: int | Fraction | float) -> float:
@@ -199,7 +204,7 @@ class Sampling:
 class Column:
     """A number from a table: from the row at hand, from the first or last row of ``table``, or from one by its key.
 
-    ``member`` names the key where ``row`` is KEYED, ``sampling`` the time where it is BEFORE or AFTER.
+    ``member`` names the key where ``row`` is KEYED, ``sampling`` the time where it is one of those around it.
     """
 
     table: str

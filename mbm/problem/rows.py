@@ -12,7 +12,7 @@ from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMe
 from mbm.problem import faults
 from mbm.problem.previous import has_before, looks_back
 from mbm.problem.tables import ROW, CellKey, Numbers, Table
-from mbm.problem.times import time_nodes
+from mbm.problem.times import places_around, time_nodes
 from mbm.problem.types import RowValues, Static
 from mbm.text.types import Diagnostic, MbmError, Place
 
@@ -69,12 +69,11 @@ def lookup(table: Table | None, positions: Positions | None, tables: Mapping[str
 
 
 def sampled_column(leaf: Column, sampling: Sampling, value: Lookup, tables: Mapping[str, Table]) -> Numbers:
-    """A column in the row before or after times that ``value`` knows; NaN beyond the span."""
+    """A column in one of the rows around times that ``value`` knows; NaN beyond the span."""
     owner = tables[sampling.table]
     times, order = time_nodes(sampling, owner)
     at = np.atleast_1d(np.asarray(evaluate((sampling.at,), value)[0], dtype=np.float64))
-    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
-    rows = order[before + (1 if leaf.row is RowChoice.AFTER else 0)]
+    rows = order[places_around(times, at)[leaf.row]]
     inside = (at >= times[0]) & (at <= times[-1])
     return np.where(inside, column_numbers(owner, leaf.name)[rows], np.nan)
 

@@ -1,7 +1,9 @@
-"""``(sample TABLE FORM AT [:by COLUMN])``: a form over the rows of a timed table, on the line between two of them.
+"""``(sample TABLE FORM AT [:by COLUMN] [:order 1|3])``: a form over the rows of a timed table, between two of them.
 
-The form is evaluated twice, with the columns of the row before AT and of the row after it; which rows these are follows
-from AT when numbers are known, so AT may hold unknowns and the derivative by them is that of the straight line.
+The form is evaluated with the columns of the row before AT and of the row after it; which rows these are follows from
+AT when numbers are known, so AT may hold unknowns and the derivative by them is that of the line between the two.
+Numbers and vectors lie on the straight line, or (order 3) on the cubic whose slopes at both rows are those of the
+parabolas through them and their neighbours: the derivative has no jumps there. Rotations turn at constant rate.
 """
 
 from __future__ import annotations
@@ -18,25 +20,36 @@ from mbm.expression.nodes import (
     leaves,
 )
 from mbm.language import faults as language_faults
-from mbm.language.coerce import difference, list_items, scalar
-from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, Value, describe
+from mbm.language.coerce import integer, list_items, scalar
+from mbm.language.values import (
+    SCALARS,
+    Array,
+    Evaluator,
+    ListValue,
+    PoseValue,
+    RotationValue,
+    Scope,
+    Value,
+    describe,
+)
 from mbm.problem import faults
 from mbm.problem.aggregates import is_aggregate
+from mbm.problem.interpolation import between
 from mbm.problem.options import split_options
 from mbm.problem.scopes import ProblemScope, RowScope
-from mbm.problem.tables import Table
+from mbm.problem.tables import TIME, Table
 from mbm.problem.times import numbers_of
 from mbm.problem.types import Block
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
-USAGE = "(sample TABLE form at [:by column])"
-TIME_NAMES = ("t", "time")
-"""The column of times where none is named: the first of these that the table has."""
+USAGE = "(sample TABLE form at [:by column] [:order 1|3])"
+TIME_NAMES = (TIME, "time")
+"""The column of times where none is named, and none is called as in AT: the first of these that the table has."""
 
 
 def sample(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     """The special form."""
-    options = split_options(form.items[1:], form.span, owner="`sample`", known=("by",))
+    options = split_options(form.items[1:], form.span, owner="`sample`", known=("by", "order"))
     if len(options.positional) != 3 or not isinstance(options.positional[0], Symbol):
         raise MbmError(language_faults.bad_form(form.span, "`sample` takes a table, a form and a time", USAGE))
     name, sampled, at_form = options.positional
@@ -52,7 +65,9 @@ def sample(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     external = next(externals((at,)), None)
     if external is not None:
         raise MbmError(faults.external_misplaced(external, "the time of `sample`"))
-    sampling = Sampling(table=table.name, by=_time_column(table, options.get("by"), name.span), at=at, span=form.span)
+    by = _time_column(table, options.get("by"), at, name.span)
+    sampling = Sampling(table=table.name, by=by, at=at, span=form.span)
+    cubic = _is_cubic(evaluator, options.get("order"), scope, table)
 
     def evaluated(row: RowChoice) -> Value:
         with world.standing(None):
@@ -60,22 +75,40 @@ def sample(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
         _refuse_nested(_elements(value, sampled.span), sampled.span, sampling)
         return value
 
-    before, after = (Column(table.name, sampling.by, row, form.span, sampling=sampling) for row in _SIDES)
+    sides = _AROUND if cubic else _SIDES
+    times = tuple(Column(table.name, by, row, form.span, sampling=sampling) for row in sides)
+    before, after = times[cubic], times[cubic + 1]
     way = algebra.divide(algebra.subtract(at, before), algebra.subtract(after, before), form.span)
-    return _between(evaluated(RowChoice.BEFORE), evaluated(RowChoice.AFTER), way, sampled.span)
+    values = [evaluated(row) for row in sides]
+    return between(values, times if cubic else (), way, sampled.span)
 
 
 _SIDES = (RowChoice.BEFORE, RowChoice.AFTER)
+_AROUND = (RowChoice.TWO_BEFORE, *_SIDES, RowChoice.TWO_AFTER)
+LEAST_CUBIC = 3
+"""Rows that a cubic takes at least."""
 
 
-def _time_column(table: Table, form: Form | None, span: Span) -> str:
+def _is_cubic(evaluator: Evaluator, form: Form | None, scope: Scope, table: Table) -> bool:
+    order = 1 if form is None else integer(evaluator.wanted(form, scope), form.span, "the order of `sample`, 1 or 3")
+    if order not in (1, 3) and form is not None:
+        raise MbmError(language_faults.bad_form(form.span, "the order of `sample` is 1 or 3", USAGE))
+    if order == 3 and len(table) < LEAST_CUBIC and form is not None:
+        message = f"a cubic takes {LEAST_CUBIC} rows of `{table.name}`, which has {len(table)}"
+        raise MbmError(language_faults.bad_form(form.span, message, USAGE))
+    return order == 3
+
+
+def _time_column(table: Table, form: Form | None, at: Expression, span: Span) -> str:
+    """The column that AT is looked up in: the one named, one called as in AT, else the usual one."""
     if form is not None:
         if not isinstance(form, Symbol):
             raise MbmError(language_faults.bad_form(form.span, "`:by` names a column", USAGE))
         if form.name not in table.columns:
             raise MbmError(faults.unknown_column(form.span, form.name, table.name, tuple(table.columns)))
         return numbers_of(table, form.name, form.span)
-    found = next((name for name in TIME_NAMES if name in table.columns), None)
+    named = [leaf.name for leaf in leaves((at,)) if isinstance(leaf, Column)]
+    found = next((name for name in (*named, *TIME_NAMES) if name in table.columns), None)
     if found is None:
         raise MbmError(faults.unknown_column(span, TIME_NAMES[0], table.name, tuple(table.columns)))
     return numbers_of(table, found, span)
@@ -88,25 +121,19 @@ def _elements(value: Value, span: Span) -> tuple[Expression, ...]:
         return value.elements
     if isinstance(value, ListValue):
         return tuple(scalar(item, span) for item in list_items(value, span))
-    raise MbmError(language_faults.wrong_kind(span, "a number, a vector or a matrix", describe(value)))
-
-
-def _between(start: Value, end: Value, way: Expression, span: Span) -> Value:
-    """On the straight line from ``start`` to ``end``; angles go the shorter way round."""
-    blended = tuple(
-        algebra.add(a, algebra.multiply(way, difference(b, a, span)), span)
-        for a, b in zip(_elements(start, span), _elements(end, span), strict=True)
-    )
-    if isinstance(start, SCALARS):
-        return blended[0]
-    return Array(start.shape if isinstance(start, Array) else (len(blended),), blended)
+    if isinstance(value, RotationValue):
+        return value.matrix.elements
+    if isinstance(value, PoseValue):
+        scale = () if value.scale is None else (value.scale,)
+        return (*value.rotation.matrix.elements, *value.translation, *scale)
+    raise MbmError(language_faults.wrong_kind(span, "a number, a vector, a rotation or a pose", describe(value)))
 
 
 def _refuse_nested(nodes: tuple[Expression, ...], span: Span, own: Sampling | None = None) -> None:
     """What is sampled, and when, follows from the row at hand alone; members of families are not sampled."""
     for leaf in leaves(nodes):
         keyed = leaf.member if isinstance(leaf, Column | Component) else None
-        if isinstance(keyed, ColumnMember) and keyed.row in _SIDES:
+        if isinstance(keyed, ColumnMember) and keyed.row in _AROUND:
             message = "a member cannot be picked by a column that is sampled"
             raise MbmError(language_faults.bad_form(span, message, USAGE))
         if isinstance(leaf, Column) and leaf.sampling is not own and leaf.sampling is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.expression.nodes import Sampling
+from mbm.expression.nodes import RowChoice, Sampling
 from mbm.problem import faults
 from mbm.problem.tables import Numbers, Table
 from mbm.text.types import MbmError, Span
@@ -40,3 +40,19 @@ def time_nodes(sampling: Sampling, table: Table) -> tuple[Numbers, np.ndarray]:
         here, there = (table.place(int(order[repeated[0] + i]), sampling.by) for i in (1, 0))
         raise MbmError(faults.repeated_time(here, there, sampling.by, float(ordered[repeated[0]]), sampling.span))
     return ordered, order
+
+
+def places_around(times: Numbers, at: Numbers) -> dict[RowChoice, np.ndarray]:
+    """The places among ascending ``times`` (n,) of the rows around times ``at`` (m,).
+
+    Beyond the ends they are those of the last interval. Three points make a parabola in any order, so that the third
+    row from an end stands in where there is none two before or after.
+    """
+    last = len(times) - 1
+    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, max(last - 1, 0))
+    return {
+        RowChoice.TWO_BEFORE: np.where(before > 0, before - 1, min(2, last)),
+        RowChoice.BEFORE: before,
+        RowChoice.AFTER: before + 1,
+        RowChoice.TWO_AFTER: np.where(before + 2 <= last, before + 2, max(last - 2, 0)),
+    }

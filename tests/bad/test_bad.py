@@ -36,6 +36,8 @@ ELSEWHERE = {
     "board-left-out": "images/test_chessboard.py",
     "broken-plug-in": "registry/test_plug_ins.py",
     "bad-json": "cli/test_solve.py",
+    "malformed-bag": "data/test_rosbag.py",
+    "no-topic": "data/test_rosbag.py",
     "damaged-image": "images/test_what_is_said.py",
     "deciding-input": "api/test_estimator.py",
     "exists-already": "cli/test_commands.py",

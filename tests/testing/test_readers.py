@@ -35,7 +35,7 @@ RECORDS = {
 """Formats with columns of their own: a sound file and what is in it."""
 
 BOARDS = ("chessboard", "circles", "charuco", "aruco", "apriltag")
-ELSEWHERE = ("colmap", "bundler", "opencv", "kalibr", *BOARDS, "contour", "image")
+ELSEWHERE = ("colmap", "bundler", "opencv", "kalibr", "rosbag", *BOARDS, "contour", "image")
 """Folders, and files of several tables, which `tests/data` has tests for by these names; `tests/images` has images."""
 
 

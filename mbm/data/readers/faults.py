@@ -77,8 +77,19 @@ NO_NODE = Code(
     "A file has no node of the name that a data clause asks for.",
     "Correct the name. Nodes within nodes have their names with points between them: `left.camera_matrix`.",
 )
+MALFORMED_BAG = Code(
+    "malformed-bag",
+    "A file is no log of ROS (`.bag` of ROS 1, `.mcap`), or it is damaged.",
+    "Record it anew, or repair it: `rosbag reindex`, `mcap recover`.",
+)
+NO_TOPIC = Code(
+    "no-topic",
+    "A log has no topic of the name that a data clause asks for, or its messages are of a type that makes no table.",
+    "Correct the name; what a log holds is listed by `rosbag info` or `mcap info`.",
+)
 LONGEST_SHOWN = 40
 MOST_NODES = 12
+LONGEST_REASON = 160
 
 
 def shown(text: str) -> str:
@@ -156,6 +167,27 @@ def no_node(place: DataPlace, name: str, part: str, known: Iterable[str]) -> Dia
     listed = ", ".join(shown(each) for each in known[:MOST_NODES])
     near = suggestion(part, known, f"there are {listed}" if known else "there are none within it")
     return Diagnostic(code=NO_NODE, message=f"`{place.file}` has no node {shown(name)}", place=place, hint=near)
+
+
+def malformed_bag(place: DataPlace, reason: str) -> Diagnostic:
+    """``reason`` says what the library found."""
+    message = f"`{place.file}` is no log of ROS that can be read: {cut(reason, LONGEST_REASON)}"
+    return Diagnostic(code=MALFORMED_BAG, message=message, place=place)
+
+
+def no_topic(place: DataPlace, name: str, known: Iterable[str]) -> Diagnostic:
+    """There is no topic ``name`` among the ``known`` ones."""
+    known = tuple(known)
+    listed = ", ".join(shown(each) for each in known[:MOST_NODES])
+    near = suggestion(name, known, f"there are {listed}" if known else "it has no topics")
+    return Diagnostic(code=NO_TOPIC, message=f"`{place.file}` has no topic {shown(name)}", place=place, hint=near)
+
+
+def other_messages(place: DataPlace, name: str, kind: str, known: Iterable[str]) -> Diagnostic:
+    """The messages of the topic ``name`` are of a ``kind`` that is not among those that make tables."""
+    message = f"the messages of {shown(name)} in `{place.file}` are of the type {shown(kind)}, which makes no table"
+    hint = f"types that do are {', '.join(known)}"
+    return Diagnostic(code=NO_TOPIC, message=message, place=place, hint=hint)
 
 
 def malformed_parquet(place: DataPlace, reason: str) -> Diagnostic:

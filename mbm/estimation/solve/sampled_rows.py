@@ -1,54 +1,48 @@
-"""Rows outside of a sampled table are unused: which these are depends on the estimates, and the estimates on the rows.
+"""Rows outside of a sampled table are unused: those that the start puts there, for the whole solve.
 
-The rows are those inside at the start; where the estimates say otherwise, the solve goes on from there with their rows.
+Where the estimates put other rows outside, the answer is that of the rows that were used, and says which these are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from mbm.equations import faults
 from mbm.equations.binder import Binder
-from mbm.equations.binding import EvaluationCache
+from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.sampling import samplings
-from mbm.equations.types import Floats
+from mbm.equations.types import Indices
 from mbm.estimation.search.solution import Solution
 from mbm.kernels.types import KernelSet
 from mbm.problem.types import Problem
-
-MOST_ROUNDS = 5
-"""Solves after which the rows stay as they are: a row at the very end of a table may come and go."""
-
-Solve = Callable[[Mapping[str, Floats]], Solution]
-"""A solve from starts by name (SI)."""
+from mbm.text.types import Diagnostic
 
 
-def settled(
-    problem: Problem, kernels: KernelSet, cache: EvaluationCache, starts: Mapping[str, Floats], solve: Solve
-) -> Solution:
-    """The solve whose estimates agree with the rows that it used."""
-    solution = solve(starts)
-    if not any(samplings(kernel) for kernel in kernels.kernels):
+def with_moved_rows(problem: Problem, kernels: KernelSet, cache: EvaluationCache, solution: Solution) -> Solution:
+    """The solution, with a warning for each observation of which other rows lie inside than at the start."""
+    if not any(samplings(kernel) for kernel in kernels.kernels) or not np.isfinite(solution.minimum.cost):
         return solution
-    for _ in range(MOST_ROUNDS - 1):
-        if not np.isfinite(solution.minimum.cost) or not _rows_differ(problem, kernels, cache, solution):
-            break
-        found = {entry.unknown.name: solution.numbers[entry.range] for entry in solution.layout.entries}
-        solution = solve(found)
-    return solution
-
-
-def _rows_differ(problem: Problem, kernels: KernelSet, cache: EvaluationCache, solution: Solution) -> bool:
-    """Whether the estimates use other rows than the solve did."""
+    used = _positions(solution.groups)
     places = replace(solution.layout, start=solution.numbers)
-    binder = Binder(problem=problem, layout=places, tables=solution.tables, cache=cache)
-    groups = binder.equations(kernels)
-    if len(groups) != len(solution.groups):
-        return True
-    pairs = zip(groups, solution.groups, strict=True)
-    return any(
-        a.positions is not None and b.positions is not None and not np.array_equal(a.positions, b.positions)
-        for a, b in pairs
-    )
+    now = _positions(Binder(problem=problem, layout=places, tables=solution.tables, cache=cache).equations(kernels))
+    said: list[Diagnostic] = []
+    for owner, block in enumerate(problem.blocks):
+        if block.table is None:
+            continue
+        before, after = (each.get(owner, np.empty(0, dtype=np.int64)) for each in (used, now))
+        rows = solution.tables[block.table].rows
+        left, entered = (rows[np.setdiff1d(a, b)] for a, b in ((before, after), (after, before)))
+        if len(left) or len(entered):
+            said.append(faults.sampled_rows_moved(block.span, block.name, left.tolist(), entered.tolist()))
+    return replace(solution, diagnostics=(*solution.diagnostics, *said)) if said else solution
+
+
+def _positions(groups: tuple[Group, ...]) -> dict[int, Indices]:
+    """The rows in use of each block that samples a table."""
+    found: dict[int, list[Indices]] = {}
+    for group in groups:
+        if group.sampled and group.positions is not None:
+            found.setdefault(group.kernel.owner, []).append(group.positions)
+    return {owner: np.concatenate(parts) for owner, parts in found.items()}

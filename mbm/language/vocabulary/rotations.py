@@ -108,9 +108,11 @@ def _rot2(call: Call) -> Value:
 
 
 def _axis_angle(call: Call) -> Value:
+    return exponential(vector(call.arguments[0], call.forms[0].span, 3).elements, call.span)
+
+
+def exponential(v: tuple[Expression, ...], span: Span) -> RotationValue:
     """Rodrigues' formula R = I + a K + b K², a = sin θ/θ, b = (1 − cos θ)/θ², by series near θ = 0."""
-    span = call.span
-    v = vector(call.arguments[0], call.forms[0].span, 3).elements
     squared = dot(v, v, span)
     a, b = _sinc_pair(squared, span)
     rows = []
