@@ -114,7 +114,8 @@ class Group:
     unknowns its place in the vector of all numbers, ``columns`` (rows, tangents) for each tangent its place in that of
     all coordinates; ``shared[j]`` and ``shared_columns[j]`` say that variable or tangent j is the same in all rows.
     Residuals stand at ``first …`` in the vector of all, units (one equation in one row) at ``first_unit …``. ``number``
-    is the kernel's in the set of all, ``cache`` keeps what was made of it.
+    is the kernel's in the set of all, ``cache`` keeps what was made of it. ``trusted`` (rows,) are those that no
+    outlier rule may reject (None: none).
     """
 
     kernel: Kernel
@@ -133,6 +134,7 @@ class Group:
     number: int
     cache: EvaluationCache
     sampled: tuple[Sampled, ...] = ()
+    trusted: Mask | None = None
 
     @property
     def places(self) -> Indices:

@@ -30,7 +30,7 @@ from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
-from mbm.problem.reading.request import read_request
+from mbm.problem.reading.request import read_request, trusting
 from mbm.problem.reading.sources import DataClause, Formats, in_join_order, read_source, refuse_overwriting
 from mbm.problem.reading.unions import check_members, check_units
 from mbm.problem.reading.unknowns import given_start, read_unknown
@@ -95,6 +95,8 @@ def elaborate(
     derived = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = _request(work, clauses, declarations)
+    with work.collecting():
+        blocks = trusting(work, _all(clauses, "solve"), blocks)
     if not declarations:
         if not work.undeclared:
             work.diagnostics.append(faults.no_unknowns(definition.span))

@@ -131,8 +131,9 @@ def _united(unknown: Unknown) -> tuple[tuple[int, ...], ...]:
 
 
 def _visit_block(inference: Inference, block: Block) -> None:
-    for values in block.when.cases if block.when is not None else ():
-        inference.visit(values.values)
+    for condition in (block.when, block.trust):
+        for values in condition.cases if condition is not None else ():
+            inference.visit(values.values)
     for column in block.errors:
         for values in column.sigma.cases if column.sigma is not None else ():
             measured = Column(block.table or "", column.name, span=column.span)

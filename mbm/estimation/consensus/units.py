@@ -130,5 +130,6 @@ def consistency(components: Indices, limit: Floats) -> Floats:
     for size in np.unique(components).tolist():
         of_size = components == size
         for value in np.unique(limit[of_size]).tolist():
-            result[of_size & (limit == value)] = chi_square.consistency(value, int(size))
+            if np.isfinite(value):
+                result[of_size & (limit == value)] = chi_square.consistency(value, int(size))
     return result
