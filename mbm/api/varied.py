@@ -221,6 +221,7 @@ def _of_options(problem: Problem) -> Iterator[tuple[Name, str]]:
             yield from _columns(values, "what an unknown may be")
     for block in problem.blocks:
         yield from _columns(block.when, "which rows count")
+        yield from _columns(block.trust, "which rows are trusted")
         yield from _of_block(block)
 
 

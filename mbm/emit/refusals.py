@@ -159,6 +159,10 @@ def _request(problem: Problem) -> Iterator[Diagnostic]:
         why = "generated solvers want every unknown determined"
         todo = "fix what is free, with `:fixed` or a prior (`:sigma`)"
         yield faults.not_emitted(place, "`:gauge free`", why, todo)
+    if request.robust is not None and request.robust.literal:
+        why = "generated solvers judge every row alike, by a number of standard deviations"
+        todo = "state `:threshold` in place of `:quantile`, and leave `:trust` out"
+        yield faults.not_emitted(place, "`gnc` with `:quantile` or `:trust`", why, todo)
     if request.starts is not None:
         why = "a generated solver iterates from one start"
         todo = "leave `:starts` out, call the solver from each start, and keep the answer with the least cost"

@@ -21,9 +21,9 @@ from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.aggregates import is_aggregate
 from mbm.problem.checks import used_rows
 from mbm.problem.previous import has_before, mentions_before
-from mbm.problem.rows import Positions, chosen_number, column_numbers, keyed_rows, rows_of
+from mbm.problem.rows import Positions, chosen_number, column_numbers, decided, keyed_rows, rows_of
 from mbm.problem.tables import Table
-from mbm.problem.types import BlockRole, EquationCase, Loss, Problem, Static
+from mbm.problem.types import BlockRole, EquationCase, Loss, Problem, RowValues, Static
 from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
 from mbm.values import dataclass
 
@@ -77,6 +77,9 @@ class Binder:
                 losses=() if block.loss is None else _losses(block.loss, whiteners),
                 first=first,
                 first_unit=first_unit,
+                trusted=None
+                if block.trust is None or positions is None
+                else _decided(block.trust, self.tables, positions),
             )
             groups.append(group)
             first += group.count
@@ -290,6 +293,11 @@ class Binder:
             found = self.pick(entry, slot.member, table, positions, self.tables)
             members[slot.unknown, slot.member] = found
         return found
+
+
+def _decided(condition: RowValues, tables: Mapping[str, Table], positions: Positions) -> Mask:
+    """Where a condition holds, of the rows at ``positions``."""
+    return np.asarray(decided(condition, tables)[positions, 0])
 
 
 def _losses(asked: Loss, whiteners: Iterable[Whitener]) -> tuple[LossFunction, ...]:

@@ -118,7 +118,7 @@ class Group:
     all coordinates; ``shared[j]`` and ``shared_columns[j]`` say that variable or tangent j is the same in all rows.
     Residuals stand at ``first …`` in the vector of all, units (one equation in one row) at ``first_unit …``. ``number``
     is the kernel's in the set of all, ``cache`` keeps what was made of it. ``gathered`` are the aggregates that a
-    derived quantity takes.
+    derived quantity takes. ``trusted`` (rows,) are those that no outlier rule may reject (None: none).
     """
 
     kernel: Kernel
@@ -138,6 +138,7 @@ class Group:
     cache: EvaluationCache
     sampled: tuple[Sampled, ...] = ()
     gathered: Gathered | None = None
+    trusted: Mask | None = None
 
     @property
     def places(self) -> Indices:

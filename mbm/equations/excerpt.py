@@ -60,4 +60,5 @@ def _with_rows(group: Group, rows: Indices) -> Group:
         parameters=group.parameters[rows],
         whiteners=tuple(whitener.some(rows) for whitener in group.whiteners),
         sampled=tuple(each.some(rows) for each in group.sampled),
+        trusted=None if group.trusted is None else group.trusted[rows],
     )

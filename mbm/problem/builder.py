@@ -36,7 +36,7 @@ from mbm.problem.reading.estimators import read_estimator
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.previous import Earlier, looking_back, previous
-from mbm.problem.reading.request import read_request
+from mbm.problem.reading.request import read_request, trusting
 from mbm.problem.reading.sources import DataClause, Formats, in_join_order, read_source, refuse_overwriting
 from mbm.problem.reading.states import Declared, declare_states, first_states
 from mbm.problem.reading.unions import check_members, check_units
@@ -109,6 +109,8 @@ def elaborate(
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = _request(work, clauses, declarations)
     bounded = request is not None and request.method is Method.INTERVAL
+    with work.collecting():
+        blocks = trusting(work, _all(clauses, "solve"), blocks)
     _check_content(work, declarations, bool(blocks) or bounded, definition)
     blocks = tuple(map(looking_back, blocks)) if earlier.asked else blocks
     widths = request.enclosing.widths if request is not None and request.enclosing is not None else {}

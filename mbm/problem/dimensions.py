@@ -173,8 +173,9 @@ def _with_steps(declared: Declared, sequence: Sequence | None) -> tuple[Declared
 
 def _visit_block(inference: Inference, block: Block, *, noisy: bool) -> None:
     """``noisy``: the noise has the dimension of the components."""
-    for values in block.when.cases if block.when is not None else ():
-        inference.visit(values.values)
+    for condition in (block.when, block.trust):
+        for values in condition.cases if condition is not None else ():
+            inference.visit(values.values)
     for column in block.errors:
         for values in column.sigma.cases if column.sigma is not None else ():
             measured = Column(block.table or "", column.name, span=column.span)

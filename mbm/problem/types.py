@@ -89,11 +89,10 @@ class Unknown:
 
     ``shape`` is () for a number, (n,) or (n, m) else; components count row by row. Directions, rotations, poses and
     similarities have the shape (n,) of the numbers that hold them (``manifold``), and ``dimension`` 2 or 3 of their
-    space; 0 for other kinds. ``start`` has one value per number, ``fixed`` one per coordinate of the tangent space.
-    ``at`` has one value per number as well: where what is fixed is held, if there is no ``start``.
-    ``lower``, ``upper`` are the hard bounds, ``start_lower``, ``start_upper`` the range of starts, each with one value
-    per coordinate of the tangent space; NaN where there is none (rotations).
-    ``unit`` is the unit that results are reported in, if one is stated.
+    space; 0 for other kinds. ``start`` has one value per number, ``fixed`` one per coordinate of the tangent space;
+    ``at``, one per number, is where what is fixed is held without a ``start``. ``lower``, ``upper`` are the hard
+    bounds, ``start_lower``, ``start_upper`` the range of starts, each with one value per coordinate of the tangent
+    space; NaN where there is none (rotations). ``unit`` is the unit that results are reported in, if one is stated.
     """
 
     name: str
@@ -228,7 +227,7 @@ class Block:
     the columns ``distinct`` one counts. ``loss`` acts on each equation and row. ``errors``: which measured columns are
     corrected; the equations' own noise adds to theirs (0 if not stated). ``constraint``: how one is written.
     ``earlier``: the row before is mentioned, so that the first of a key is unused.
-    ``singular``: combinations of the components may be without noise.
+    ``singular``: combinations of the components may be without noise. No outlier rule rejects rows of ``trust``.
     """
 
     name: str
@@ -243,6 +242,7 @@ class Block:
     constraint: ConstraintKind | None = None
     earlier: bool = False
     singular: bool = False
+    trust: RowValues | None = None
     span: Span
 
 
@@ -317,11 +317,18 @@ class ConsensusKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Consensus:
-    """``:robust``: how rows that agree are found; ``threshold`` in standard deviations; None: chosen automatically."""
+    """``:robust``: how rows that agree are found; ``threshold`` in standard deviations, or ``quantile`` of χ²."""
 
     kind: ConsensusKind
     trials: int | None = None
     threshold: float | None = None
+    quantile: float | None = None
+    trusting: bool = False
+
+    @property
+    def literal(self) -> bool:
+        """The answer is that of the rows kept, as if there had been no others."""
+        return self.quantile is not None or self.trusting
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

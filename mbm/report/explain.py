@@ -307,4 +307,8 @@ def consensus_text(consensus: Consensus) -> str:
     """How the measurements that agree are found."""
     trials = "" if consensus.trials is None else f", {consensus.trials} trials"
     limit = "" if consensus.threshold is None else f", within {consensus.threshold:g} standard deviations"
+    if consensus.quantile is not None:
+        limit = f", within the {100 * consensus.quantile:g} % quantile of chi²"
+    if consensus.trusting:
+        limit += ", trusted rows never rejected"
     return f"{_METHODS[consensus.kind]}{trials}{limit}; then a fit to the measurements that agree"

@@ -138,7 +138,7 @@ def _robust_option(consensus: Consensus | None) -> Mapping[str, object]:
     """How outliers are looked for; nothing where they are not."""
     if consensus is None:
         return {}
-    given = {"trials": consensus.trials, "threshold": consensus.threshold}
+    given = {"trials": consensus.trials, "threshold": consensus.threshold, "quantile": consensus.quantile}
     return {"robust": {"kind": consensus.kind.value, **{name: x for name, x in given.items() if x is not None}}}
 
 

@@ -178,6 +178,7 @@ REFUSED = {
     "(observe d (= y m) :sigma 1 :errors ((y 1)) :loss huber)": ("(m :init 0)", "`:errors` beside consensus or a loss"),
     "(observe d (= y m) :errors ((y 1)))": ("(m)", "`:errors` without starts"),
     "(observe d (= y m)) (solve :starts (random 3))": ("(m :init 0)", "`:starts`"),
+    "(observe d (= y m)) (solve :robust (gnc :quantile 99%))": ("(m :init 0)", "`gnc` with `:quantile` or `:trust`"),
     "(observe d (= y m)) (window t :length 1 :step 1)": ("(m :init 0)", "`window`"),
     "(observe d (= y m)) (for-each t)": ("(m)", "`for-each` with `m`"),
 }

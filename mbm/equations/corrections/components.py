@@ -159,6 +159,7 @@ class Builder:
             columns=group.columns[rows],
             parameters=group.parameters[rows],
             whiteners=whiteners,
+            trusted=group.trusted[rows] if group.trusted is not None else None,
         )
 
     def _finished(self, parts: tuple[Part, ...], count: int, k: int, q: int) -> System:

@@ -204,6 +204,8 @@ def stream_of(
         "`:method` names a way of its own": settings.routine is not None or not settings.iterative,
         "the equations are large and sparse": sparse_suits(equations),
         "a robust loss is looked at from several sides": equations.lossy,
+        "trusted rows, and those kept, are looked at by more than one fit": settings.robust is not None
+        and settings.robust.literal,
         "consensus beside `:errors` takes several passes": corrected and settings.robust is not None,
         "several noises are unknown": settings.robust is None and problem.estimates_noise and len(problem.blocks) > 1,
     }

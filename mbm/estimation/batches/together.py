@@ -67,7 +67,7 @@ def together(
     """
     window = problem.request.window
     names = problem.request.for_each if window is None else (*problem.request.for_each, window.column)
-    if not names or not asks_for_one_search(settings):
+    if not names or not asks_for_one_search(settings) or (settings.robust is not None and settings.robust.literal):
         return None
     if not suits(problem, kernels, _divided(problem, tables, names)):
         return None

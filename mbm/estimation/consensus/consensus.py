@@ -54,6 +54,8 @@ def agreeing(
     # graduated non-convexity narrows down from fits to all rows: which of the closed form's roots it begins at decides
     anywhere = settings.starts is None and consensus.kind is not ConsensusKind.GNC
     asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=observed)
+    if _by_truncation(consensus, equations):
+        return _truncated(asked, equations, starts)
     found = _startless(asked, equations) if anywhere else None
     beginnings: tuple[Beginning, ...] = ()
     if found is None or found.share < LEAST_SHARE:  # what it began with may have been wrong itself
@@ -70,11 +72,62 @@ def agreeing(
         found = _agreed(asked, equations, units, beginnings)
     if not found.inliers.any():  # no equation has a value anywhere near: the minimisation says which
         return Prepared(equations=equations, starts=beginnings or starts())
+    return _prepared(asked, equations, units, found, beginnings)
+
+
+def _by_truncation(consensus: Consensus, equations: Assembled) -> bool:
+    """Whether graduated non-convexity leads to truncated least squares by fits of all rows that are left."""
+    if consensus.kind is not ConsensusKind.GNC or not equations.dimension:
+        return False
+    large = equations.dimension > MANY_CONNECTED and max(len(p.columns) for p in parts_of(equations)) > MANY_CONNECTED
+    return consensus.literal or large
+
+
+def _truncated(asked: Asked, equations: Assembled, starts: Starts) -> Prepared:
+    """The units that agree, by truncated least squares."""
+    # Loaded by the problems that ask for it, so that others begin at once.
+    from mbm.estimation.consensus.foremost import foremost_way, trusted_units
+    from mbm.estimation.consensus.truncated import Way, agree_by_truncation
+
+    units = units_of(equations, asked.problem, equations.numbers, asked.ruled)
+    trusted = trusted_units(equations, units)
+    first = foremost_way(equations, units, trusted, asked.settings)
+    beginnings: tuple[Beginning, ...] = ()
+    stated = asked.settings.starts is not None or not _without_start(equations)
+    if first is None or stated or not trusted.any():
+        beginnings = _told_apart(asked, equations, starts)
+    ways = [] if first is None else [first]
+    ways += [Way(start=each.point, origin=each.origin, held=trusted) for each in beginnings]
+    if units.scalars == 0:
+        return Prepared(equations=equations, starts=beginnings or starts())
+    units = units_of(equations, asked.problem, ways[0].start, asked.ruled)
+    found = agree_by_truncation(asked, equations, units, ways, trusted)
+    if not found.inliers.any():
+        return Prepared(equations=equations, starts=tuple(Beginning(point=w.start, origin=w.origin) for w in ways))
+    settled = first is not None and not bool((first.held & ~trusted).any())
+    return _prepared(asked, equations, units, found, beginnings, settled=settled)
+
+
+def _prepared(
+    asked: Asked,
+    equations: Assembled,
+    units: Units,
+    found: Agreed,
+    beginnings: tuple[Beginning, ...],
+    *,
+    settled: bool = False,
+) -> Prepared:
+    """The equations of the units that agree, to be minimised from where they do.
+
+    ``settled``: those that are trusted determine all unknowns, so that it needs no majority to tell which are wrong.
+    """
+    problem, consensus, settings = asked.problem, asked.consensus, asked.settings
     keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
     keep[units.number] = found.inliers
     factors, noise = _loss_noise(problem, equations, units, found)
     diagnostics: list[Diagnostic] = []
-    if found.share < LEAST_SHARE:
+    told = settled or found.share >= LEAST_SHARE
+    if not told:
         diagnostics.append(faults.too_few_agree(problem.span, int(found.inliers.sum()), units.count))
     elif found.ambiguous:
         diagnostics.append(faults.ambiguous_consensus(problem.span))
@@ -83,8 +136,9 @@ def agreeing(
         starts=_from_agreement(found, consensus, settings, beginnings),
         factors=factors,
         noise=noise,
+        literal=consensus.literal,
         truncation=_truncation(equations, units, consistency(units.components, found.limits / found.variances)),
-        agreed=found.share >= LEAST_SHARE,
+        agreed=told,
         cut_short=found.cut_short,
         diagnostics=tuple(diagnostics),
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.types import Floats
-from mbm.estimation.consensus.units import CUT, Units, limits, robust_variance
+from mbm.estimation.consensus.units import CUT, Units, by_components, limits, quantile, robust_variance
+from mbm.problem.types import Consensus
 from mbm.solver.decisions import STATED
 
 STATED_CUT = 3.0
@@ -18,6 +19,14 @@ def cuts(units: Units, threshold: float | None) -> Floats:
         return limits(units.components, threshold)
     stated = limits(units.components, STATED_CUT)
     return np.where(units.group == STATED, stated, limits(units.components, CUT))
+
+
+def limits_of(units: Units, consensus: Consensus) -> Floats:
+    """Squared limits (U,) for unit variance, as `:quantile` or `:threshold` state them, else as `cuts` has them."""
+    if consensus.quantile is None:
+        return cuts(units, consensus.threshold)
+    tail = 1.0 - consensus.quantile
+    return by_components(units.components, {d: quantile(tail, d) for d in np.unique(units.components).tolist()})
 
 
 def variances_at(squares: Floats, units: Units, dimension: int) -> Floats:

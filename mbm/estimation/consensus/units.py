@@ -130,7 +130,8 @@ def consistency(components: Indices, limit: Floats) -> Floats:
     for size in _distinct(components):
         of_size = components == size
         for value in _distinct(limit[of_size]):
-            result[of_size & (limit == value)] = chi_square.consistency(value, int(size))
+            if np.isfinite(value):
+                result[of_size & (limit == value)] = chi_square.consistency(value, int(size))
     return result
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
+from itertools import pairwise
 from types import MappingProxyType
 
 from mbm.expression.nodes import nearest
@@ -18,10 +19,10 @@ from mbm.problem.options import split_options
 from mbm.problem.reading.declarations import Declaration
 from mbm.problem.reading.estimators import METHODS, is_of_sequences, named_estimator
 from mbm.problem.reading.intervals import read_enclosing
-from mbm.problem.reading.robust import read_consensus
+from mbm.problem.reading.robust import read_consensus, read_trust
 from mbm.problem.reading.unknowns import stated_numbers
-from mbm.problem.types import GivenStarts, Method, Problem, RandomStarts, Request
-from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
+from mbm.problem.types import Block, GivenStarts, Method, Problem, RandomStarts, Request
+from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol
 
 USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1])"
 MAXIMUM_ITERATIONS = 1_000_000
@@ -75,6 +76,13 @@ def read_request(
         tolerance=_tolerance(work, options.get("tolerance")),
         for_each=columns,
     )
+
+
+def trusting(work: Workspace, solves: list[Sequence], blocks: tuple[Block, ...]) -> tuple[Block, ...]:
+    """The blocks with the rows that ``(gnc :trust FORM)`` of the ``solve`` clause means."""
+    items = solves[0].items[1:] if solves else ()
+    robust = next((b for a, b in pairwise(items) if isinstance(a, Keyword) and a.name == "robust"), None)
+    return read_trust(work, robust, blocks)
 
 
 def _columns(work: Workspace, clauses: list[Sequence]) -> dict[str, Span]:

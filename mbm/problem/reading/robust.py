@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 
 from mbm.expression.dimension import NONE as DIMENSIONLESS
@@ -12,15 +13,20 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.kinds import LossKind
 from mbm.problem.options import split_options
-from mbm.problem.types import Consensus, ConsensusKind, Loss
+from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Loss
 from mbm.solver.losses import LOSSES
-from mbm.text.types import Form, MbmError, Sequence, Symbol
+from mbm.text.types import Form, Keyword, MbmError, Sequence, Symbol
 
 _NAMES = [f"({kind.value} a [c])" if LOSSES[kind].shaped else kind.value for kind in LossKind]
 LOSS_USAGE = f":loss none | {_NAMES[0]} | ({_NAMES[0]} c) | {' | '.join(_NAMES[1:])}"
-CONSENSUS_USAGE = ":robust none | lmeds | (lmeds :trials n) | (ransac :threshold t :trials n) | (msac …) | (gnc …)"
+CONSENSUS_USAGE = (
+    ":robust none | lmeds | (lmeds :trials n) | (ransac :threshold t :trials n) | (msac …) | "
+    "(gnc :threshold t | :quantile 99% :trust form)"
+)
 NONE = "none"
 MAXIMUM_TRIALS = 100_000
+LARGEST_QUANTILE = 1.0 - 1e-12
+"""Beyond it χ² has no limit that could be told from none."""
 LARGEST_SHAPE = 2.0
 
 
@@ -67,7 +73,7 @@ def read_consensus(work: Workspace, form: Form | None) -> Consensus | None:
     if kind is None:
         known = (NONE, *(k.value for k in ConsensusKind))
         raise MbmError(faults.unknown_consensus(form.span, name, known))
-    allowed = {ConsensusKind.LMEDS: ("trials",), ConsensusKind.GNC: ("threshold",)}
+    allowed = {ConsensusKind.LMEDS: ("trials",), ConsensusKind.GNC: ("threshold", "quantile", "trust")}
     options = split_options(
         items, form.span, owner=f"`{name}`", known=allowed.get(kind, ("threshold", "trials"))
     )  # fmt: skip
@@ -75,7 +81,7 @@ def read_consensus(work: Workspace, form: Form | None) -> Consensus | None:
         raise MbmError(
             language_faults.bad_form(options.positional[0].span, f"`{name}` takes options only", CONSENSUS_USAGE)
         )
-    trials = threshold = None
+    trials = threshold = quantile = None
     if (given := options.get("trials")) is not None:
         trials = integer(work.evaluator.wanted(given, work.scope), given.span, "`:trials` (a whole number)")
         if not 1 <= trials <= MAXIMUM_TRIALS:
@@ -84,7 +90,44 @@ def read_consensus(work: Workspace, form: Form | None) -> Consensus | None:
     if (given := options.get("threshold")) is not None:
         wrong = "`:threshold` is a number of standard deviations above 0"
         threshold = number_within(work, given, 0.0, inf, wrong, usage=CONSENSUS_USAGE)
-    return Consensus(kind=kind, trials=trials, threshold=threshold)
+    if (given := options.get("quantile")) is not None:
+        if threshold is not None:
+            wrong = "`:quantile` and `:threshold` say the same in two ways"
+            raise MbmError(language_faults.bad_form(given.span, wrong, CONSENSUS_USAGE))
+        wrong = "`:quantile` is a probability between 0 and 1, such as `99%`"
+        quantile = number_within(work, given, 0.0, LARGEST_QUANTILE, wrong, usage=CONSENSUS_USAGE)
+    trusting = options.get("trust") is not None
+    return Consensus(kind=kind, trials=trials, threshold=threshold, quantile=quantile, trusting=trusting)
+
+
+def read_trust(work: Workspace, form: Form | None, blocks: tuple[Block, ...]) -> tuple[Block, ...]:
+    """The blocks with the rows that ``:trust`` of ``:robust`` means; of tables without its columns no row.
+
+    Raises:
+        MbmError: no table has its columns, or it is no condition.
+
+    """
+    _, items = named(form, CONSENSUS_USAGE)
+    given = next(
+        (items[i + 1] for i, item in enumerate(items) if isinstance(item, Keyword) and item.name == "trust"), None
+    )
+    if given is None:
+        return blocks
+    found, missed = list(blocks), list[MbmError]()
+    observed = [i for i, block in enumerate(blocks) if block.role is BlockRole.OBSERVATION]
+    for i in observed:
+        table = blocks[i].table
+        try:
+            trust = work.conditions(given, None if table is None else work.tables[table], 1, wanted="`:trust`")
+        except MbmError as error:
+            if any(d.code is not language_faults.UNKNOWN_NAME for d in error.diagnostics):
+                raise
+            missed.append(error)
+        else:
+            found[i] = replace(blocks[i], trust=trust)
+    if missed and len(missed) == len(observed):
+        raise missed[0]
+    return tuple(found)
 
 
 def named(form: Form | None, usage: str) -> tuple[str, tuple[Form, ...]]:

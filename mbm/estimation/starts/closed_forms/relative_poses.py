@@ -140,6 +140,16 @@ def relates(group: Group, entry: Entry) -> bool:
     return entry.unknown.kind in KINDS and len(members) == 2 and kernel.outputs == entry.unknown.freedom
 
 
+def related(group: Group, entry: Entry) -> tuple[Indices, Indices]:
+    """The two members (rows,) that each row of a group relates."""
+    first: dict[object, int] = {}
+    for j, slot in enumerate(group.kernel.variables):
+        if slot.unknown == entry.unknown.name:
+            first.setdefault(slot.member, j)
+    one, other = ((group.index[:, j] - entry.offset) // entry.unknown.size for j in first.values())
+    return one, other
+
+
 def _pairs(situation: Situation, entry: Entry) -> list[Pairs]:
     """The rows of each group that two members of the family meet in, and no other unknown without a value."""
     found = []
@@ -160,11 +170,7 @@ def _pairs(situation: Situation, entry: Entry) -> list[Pairs]:
             [members.index(s.member) * freedom + s.component if s.unknown == entry.unknown.name else -1
              for s in kernel.tangents]
         )  # fmt: skip
-        numbers = [
-            (group.index[:, next(j for j, r in enumerate(roles) if r >= 0 and r // size == which)] - entry.offset)
-            // size
-            for which in (0, 1)
-        ]
+        numbers = related(group, entry)
         lines = np.flatnonzero(numbers[0] != numbers[1])
         found.append(
             Pairs(
