@@ -14,11 +14,12 @@ from mbm.equations.members import picked_members
 from mbm.equations.types import Indices, Mask
 from mbm.estimation.intervals import arithmetic as of
 from mbm.estimation.intervals import faults
-from mbm.estimation.intervals.arithmetic import PI_HIGH, Floats
+from mbm.estimation.intervals.arithmetic import EXTENSIONS, PI_HIGH, Floats
 from mbm.estimation.intervals.contraction import extension
 from mbm.estimation.intervals.network import Demand, Network, Node, Wanted
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Number, Operation, nearest, postorder
+from mbm.problem import faults as problem_faults
 from mbm.problem.checks import used_rows
 from mbm.problem.kinds import Relation
 from mbm.problem.naming import place_of
@@ -58,7 +59,7 @@ def network(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, 
     """The network of one solve; ``starts`` (SI, by name) take the place of what the problem says of fixed unknowns.
 
     Raises:
-        MbmError: a bound that is no number ≥ 0.
+        MbmError: an operation without an interval extension, or a bound that is no number ≥ 0.
 
     """
     found = layout(problem, tables, starts)
@@ -200,6 +201,9 @@ class _Builder:
             return self._made(Operation.WRAP, (angle,))
         if operation is Operation.MULTIPLY and arguments[0] == arguments[1]:
             return self._square(arguments[0])
+        if operation not in EXTENSIONS and operation is not Operation.POWER:
+            what, hint = f"`{operation.value}`, whose bounds are not known", "use another `:method`"
+            raise MbmError(problem_faults.not_for_intervals(node.span, what, hint))
         return self._made(operation, arguments)
 
     def _angle_of(self, arguments: tuple[int, ...]) -> int | None:

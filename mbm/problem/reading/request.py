@@ -11,7 +11,6 @@ from mbm.expression.nodes import nearest
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
-from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.kinds import Gauge
 from mbm.problem.options import split_options
@@ -121,9 +120,7 @@ def requested(
     if method is not None:
         chosen, routine = _named_method(method, None, routines)
         request = replace(request, method=chosen, routine=routine)
-    asked = replace(problem, request=request)
-    refuse_mixed_bounds(asked)
-    return asked
+    return replace(problem, request=request)
 
 
 def _method(form: Form | None, routines: Routines) -> tuple[Method, str | None]:
