@@ -19,6 +19,7 @@ from mbm.estimation.intervals.contraction import extension
 from mbm.estimation.intervals.network import Demand, Network, Node, Wanted
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Number, Operation, nearest, postorder
+from mbm.files.memory import check_memory
 from mbm.problem import faults as problem_faults
 from mbm.problem.checks import used_rows
 from mbm.problem.kinds import Relation
@@ -33,6 +34,9 @@ TURNING = frozenset({Operation.WRAP, Operation.SIN, Operation.COS, Operation.TAN
 """Operations for which an angle counts but for whole turns."""
 SUMS = frozenset({Operation.ADD, Operation.SUBTRACT, Operation.NEGATE, Operation.AS_ANGLE, Operation.HELD})
 """Operations that keep whole turns whole."""
+
+PER_NUMBER = 200
+"""Bytes for one intermediate value of a box: its interval, and what is at work in a sweep."""
 
 Key: TypeAlias = tuple[object, ...]
 
@@ -59,7 +63,7 @@ def network(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, 
     """The network of one solve; ``starts`` (SI, by name) take the place of what the problem says of fixed unknowns.
 
     Raises:
-        MbmError: an operation without an interval extension, or a bound that is no number ≥ 0.
+        MbmError: an operation without an interval extension, a bound that is no number ≥ 0, too-much-memory.
 
     """
     found = layout(problem, tables, starts)
@@ -85,6 +89,8 @@ def network(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, 
             if rows.count:
                 nodes = tuple(made.node(value, rows) for value in each.values)
                 wanted.append(Wanted(owner=owner, nodes=nodes, positions=positions, angle=derived.turns))
+    numbers = sum(node.rows for node in made.nodes)
+    check_memory(PER_NUMBER * numbers, f"one box of {numbers:,} intermediate values", problem.span)
     low, high, full_turn = _stated(found)
     free = np.zeros(len(low), dtype=bool)
     free[found.number[~found.fixed]] = True
