@@ -34,6 +34,7 @@ from mbm.language.vocabulary import (
     rotations,
     vectors,
 )
+from mbm.problem.enclosing import MOST_BOXES
 from mbm.problem.reading.aggregates import OVER_ROWS
 from mbm.problem.vocabulary import FUNCTIONS as PROBLEM_FUNCTIONS
 from mbm.problem.vocabulary import SPECIAL_FORMS as PROBLEM_FORMS
@@ -248,6 +249,7 @@ def bounds() -> str:
         ("columns of a table", _count(MOST_COLUMNS), "too-many-columns", "rows in place of columns"),
         ("numbers of a dense Jacobian", _count(DENSE_LIMIT), "too-many-unknowns", "`:method auto`"),
         ("solves of `for-each`", _count(MAXIMUM_SOLVES), "too-many-solves", "its columns in one table"),
+        ("boxes that interval methods examine", _count(MOST_BOXES), "", "`(interval :boxes n)`"),
         ("windows", _count(MAXIMUM_WINDOWS), "too-many-solves", "a longer step"),
     )
     known = diagnostic_codes()

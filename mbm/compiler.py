@@ -312,12 +312,20 @@ def jacobian_doubts(found: Elaborated, kernels: KernelSet, cache: EvaluationCach
 
 
 def _requested(found: Elaborated, settings: SolveSettings, registry: Registry) -> Elaborated:
-    """The problem as the caller wants it solved."""
+    """The problem as the caller wants it solved.
+
+    Raises:
+        MbmError: the method cannot use what the observations say of their errors.
+
+    """
+    from mbm.problem.bounded import refuse_mixed_bounds
+
     keys = (*found.problem.request.for_each, *settings.for_each)
     if keys != found.problem.request.for_each:
         request = replace(found.problem.request, for_each=keys)
         found = replace(found, problem=replace(found.problem, request=request))
     if settings.seed is None and settings.method is None and settings.starts is None:
+        refuse_mixed_bounds(found.problem)
         return found
     from mbm.problem.reading.request import requested
 
@@ -328,6 +336,7 @@ def _requested(found: Elaborated, settings: SolveSettings, registry: Registry) -
         starts=settings.starts,
         routines=lambda: tuple(form.name for form in registry.closed_forms()),
     )
+    refuse_mixed_bounds(asked)
     return replace(found, problem=asked)
 
 
@@ -342,11 +351,13 @@ def emitted(
     from mbm.emit.types import Target
     from mbm.equations.binding import EvaluationCache
     from mbm.kernels.derive import derive
+    from mbm.problem.bounded import refuse_mixed_bounds
     from mbm.report.references import answers as answered
     from mbm.report.references import loss_scale
     from mbm.version import __version__
 
     made = Target(target)
+    refuse_mixed_bounds(found.problem)
     if init is not None:
         from mbm.report.beginnings import with_beginnings
 

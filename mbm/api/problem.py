@@ -282,12 +282,14 @@ class Problem:
     def diagnostics(self, inputs: Inputs, *, strict_units: bool = False) -> tuple[Diagnostic, ...]:
         """As ``check``, for everything that may come from outside; ``strict_units`` names what has no unit, too."""
         from mbm.estimation.search.precheck import refusals
+        from mbm.problem.bounded import refuse_mixed_bounds
         from mbm.problem.dimensions import missing_units
         from mbm.problem.structure import structural_warnings
         from mbm.problem.types import Method
 
         try:
             found = compiler.elaborated(self.program, self.name, inputs, self.registry)
+            refuse_mixed_bounds(found.problem)
         except MbmError as error:
             return error.diagnostics
         problem, tables = found.problem, found.tables

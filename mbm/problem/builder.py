@@ -14,7 +14,6 @@ from mbm.language.session import Session, open_session
 from mbm.language.values import Vocabulary
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
-from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
 from mbm.problem.dimensions import infer
@@ -160,7 +159,6 @@ def _checked(
     consulted: Consulted,
 ) -> Elaborated:
     """The problem with what its data make doubtful; raises what they make wrong."""
-    refuse_mixed_bounds(problem)
     errors, warnings = check_data(problem, tables)
     if errors:
         raise MbmError(*errors)

@@ -10,6 +10,7 @@ from mbm.estimation.solve.choice import chosen_solver
 from mbm.estimation.starts.closed_forms.types import ClosedForm
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet, WithoutMachineCode
+from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.enclosing import Contractor, Enclosing
 from mbm.problem.kinds import ConstraintKind
@@ -207,6 +208,11 @@ def _structure(block: ResidualBlock) -> Iterator[str]:
 def _solver(
     found: Elaborated, kernels: KernelSet, cache: EvaluationCache, closed_forms: tuple[ClosedForm, ...]
 ) -> Iterator[str]:
+    try:
+        refuse_mixed_bounds(found.problem)
+    except MbmError as error:
+        yield from _refused(error)
+        return
     if found.problem.request.method is Method.INTERVAL:
         yield from enclosing_texts(found.problem.request.enclosing or Enclosing())
         yield from _keys(found)
@@ -214,8 +220,7 @@ def _solver(
     try:
         choice = chosen_solver(found, kernels, cache, closed_forms)
     except MbmError as error:
-        for each in error.diagnostics:
-            yield f"none: {each.message}" + (f". {each.hint}" if each.hint else "")
+        yield from _refused(error)
         return
     if choice is None:
         yield "none: the data ask for no solve"
@@ -227,6 +232,11 @@ def _solver(
     if found.problem.request.robust is not None:
         yield f"outliers: {consensus_text(found.problem.request.robust)}"
     yield from _keys(found)
+
+
+def _refused(error: MbmError) -> Iterator[str]:
+    for each in error.diagnostics:
+        yield f"none: {each.message}" + (f". {each.hint}" if each.hint else "")
 
 
 def _keys(found: Elaborated) -> Iterator[str]:

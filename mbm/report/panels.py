@@ -47,7 +47,12 @@ def estimate_panels(result: Result) -> Iterator[Panel]:
     first = solved[0].estimates if solved else ()
     for estimate in first:
         size = estimate.quantity.shape[0] if len(estimate.quantity.shape) == 1 else 0
-        if estimate.quantity.kind is Kind.VECTOR and size in (2, 3) and not bool(np.all(estimate.fixed)):
+        if (
+            estimate.bounds is None
+            and estimate.quantity.kind is Kind.VECTOR
+            and size in (2, 3)
+            and not bool(np.all(estimate.fixed))
+        ):
             for pair in combinations(range(size), 2):
                 yield partial(_draw_ellipses, solved, estimate.quantity.name, pair)
 
@@ -134,17 +139,19 @@ def _over_key(solves: Sequence[SolveReport]) -> Iterator[Panel]:
 
 
 def _draw_over_key(key: str, name: str, points: Sequence[tuple[object, Scalar]], axes: Axes) -> None:
-    """Estimates with bars of one standard deviation."""
+    """Estimates with bars of one standard deviation, or from bound to bound."""
     numbers = [float(where) for where, _ in points if isinstance(where, int | float)]
     numeric = len(numbers) == len(points)
     x = np.array(numbers if numeric else range(len(points)), dtype=float)
     y = np.array([scalar.value for _, scalar in points])
-    sigma = np.nan_to_num(np.array([scalar.sigma for _, scalar in points]), nan=0.0)
-    axes.errorbar(x, y, yerr=sigma, fmt="o", color=BLUE, ecolor=GREY, markersize=3, elinewidth=0.9)
+    bounded = points[0][1].bounds is not None
+    spread = [np.subtract(s.bounds, s.value) if s.bounds is not None else (-s.sigma, s.sigma) for _, s in points]
+    away = np.nan_to_num(np.abs(np.array(spread, dtype=float)), nan=0.0).T
+    axes.errorbar(x, y, yerr=away, fmt="o", color=BLUE, ecolor=GREY, markersize=3, elinewidth=0.9)
     if not numeric and len(points) <= 20:
         axes.set_xticks(x, [cut(str(where), LONGEST_MARK) for where, _ in points], rotation=45, ha="right")
     unit = unit_text(points[0][1].quantity)
-    axes.set_title(f"{name} ± standard deviation", fontsize=10)
+    axes.set_title(f"{name}: guaranteed bounds" if bounded else f"{name} ± standard deviation", fontsize=10)
     axes.set_xlabel(key or "solve")
     axes.set_ylabel(f"{name} ({unit})" if unit else name)
     _finish(axes, legend=False)

@@ -101,10 +101,10 @@ def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, ful
 
 
 def _how(solve: SolveReport) -> str:
-    return (
-        f"{solve.method or 'no method'}: {solve.iterations} iterations, {solve.evaluations} evaluations, "
-        f"{plain(solve.seconds * 1e3, 3)} ms; {solve.message}"
-    )
+    done = f"{solve.iterations} iterations, {solve.evaluations} evaluations"
+    if solve.boxes is not None:
+        done = f"{solve.boxes:,} boxes"
+    return f"{solve.method or 'no method'}: {done}, {plain(solve.seconds * 1e3, 3)} ms; {solve.message}"
 
 
 def estimate_lines(items: Iterable[Estimate | DerivedValue], width: int, paint: Paint, full: bool) -> Iterator[str]:

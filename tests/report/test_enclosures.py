@@ -97,6 +97,24 @@ def test_csv(tmp_path) -> None:
     assert [float(rows[0][end]) for end in ("low", "high")] == pytest.approx(100 * np.sqrt([3, 5]))
 
 
+def test_pictures_draw_them(result) -> None:
+    """A bar for each scalar, in parts where the set is in pieces; of many solves, from bound to bound over the key."""
+    (panel,) = result.plot().axes
+    assert panel.get_title() == "guaranteed bounds"
+    scalars = 9 - 1  # one derived quantity is not bounded
+    assert len(panel.patches) == scalars
+    assert any("x  [173.2, 223.7] cm" in text.get_text() for text in panel.texts)
+    two = mbm.loads("(problem p (unknowns (x :in (-3 3))) (observe (= 4 (* x x)) :bound 1) (solve :method (interval)))")
+    bars = two.solve().plot().axes[0].patches
+    inner = np.sqrt(3 / 5)
+    drawn = sorted((b.get_x(), b.get_width()) for b in bars)
+    np.testing.assert_allclose(drawn, [(0, (1 - inner) / 2), ((1 + inner) / 2, (1 - inner) / 2)], atol=1e-6)
+    many = mbm.loads("""(problem p (data t (table (k v) (1 1) (2 3))) (unknowns (x :in (0 9)))
+      (observe t (= v x) :bound 0.5) (for-each k) (solve :method (interval)))""").solve()
+    (axes,) = many.plot().axes
+    assert axes.get_title() == "x: guaranteed bounds"
+
+
 def test_the_command_ends_with_the_status_of_the_set(tmp_path, capsys) -> None:
     file = tmp_path / "p.mbm"
     file.write_text("(problem p (unknowns (x :in (0 1))) (observe (= 5 x) :bound 1) (solve :method (interval)))")

@@ -14,11 +14,13 @@ from mbm.equations.members import picked_members
 from mbm.equations.types import Indices, Mask
 from mbm.estimation.intervals import arithmetic as of
 from mbm.estimation.intervals import faults
-from mbm.estimation.intervals.arithmetic import PI_HIGH, Floats
+from mbm.estimation.intervals.arithmetic import EXTENSIONS, PI_HIGH, Floats
 from mbm.estimation.intervals.contraction import extension
 from mbm.estimation.intervals.network import Demand, Network, Node, Wanted
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Number, Operation, nearest, postorder
+from mbm.files.memory import check_memory
+from mbm.problem import faults as problem_faults
 from mbm.problem.checks import used_rows
 from mbm.problem.kinds import Relation
 from mbm.problem.naming import place_of
@@ -32,6 +34,9 @@ TURNING = frozenset({Operation.WRAP, Operation.SIN, Operation.COS, Operation.TAN
 """Operations for which an angle counts but for whole turns."""
 SUMS = frozenset({Operation.ADD, Operation.SUBTRACT, Operation.NEGATE, Operation.AS_ANGLE, Operation.HELD})
 """Operations that keep whole turns whole."""
+
+PER_NUMBER = 200
+"""Bytes for one intermediate value of a box: its interval, and what is at work in a sweep."""
 
 Key: TypeAlias = tuple[object, ...]
 
@@ -58,7 +63,7 @@ def network(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, 
     """The network of one solve; ``starts`` (SI, by name) take the place of what the problem says of fixed unknowns.
 
     Raises:
-        MbmError: a bound that is no number ≥ 0.
+        MbmError: an operation without an interval extension, a bound that is no number ≥ 0, too-much-memory.
 
     """
     found = layout(problem, tables, starts)
@@ -84,6 +89,8 @@ def network(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, 
             if rows.count:
                 nodes = tuple(made.node(value, rows) for value in each.values)
                 wanted.append(Wanted(owner=owner, nodes=nodes, positions=positions, angle=derived.turns))
+    numbers = sum(node.rows for node in made.nodes)
+    check_memory(PER_NUMBER * numbers, f"one box of {numbers:,} intermediate values", problem.span)
     low, high, full_turn = _stated(found)
     free = np.zeros(len(low), dtype=bool)
     free[found.number[~found.fixed]] = True
@@ -200,6 +207,9 @@ class _Builder:
             return self._made(Operation.WRAP, (angle,))
         if operation is Operation.MULTIPLY and arguments[0] == arguments[1]:
             return self._square(arguments[0])
+        if operation not in EXTENSIONS and operation is not Operation.POWER:
+            what, hint = f"`{operation.value}`, whose bounds are not known", "use another `:method`"
+            raise MbmError(problem_faults.not_for_intervals(node.span, what, hint))
         return self._made(operation, arguments)
 
     def _angle_of(self, arguments: tuple[int, ...]) -> int | None:

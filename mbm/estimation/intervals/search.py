@@ -55,6 +55,7 @@ class Paving:
     reached: bool
 
 
+@np.errstate(all="ignore")  # infinite values and undefined slopes are results here
 def paved(network: Network, first: Boxes, aims: Aims, stopped: Callable[[], bool]) -> Paving:
     """The set within the ``first`` box (1, N), which is contracted."""
     searching = _Search(network, first, aims, stopped)

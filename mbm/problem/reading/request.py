@@ -12,7 +12,6 @@ from mbm.expression.nodes import nearest
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
-from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.kinds import ConstraintMethod, Gauge
 from mbm.problem.options import split_options
@@ -136,15 +135,11 @@ def requested(
     if estimator is None:
         chosen, routine = _named_method(method, None, routines)
         request = replace(request, method=chosen, routine=routine)
-        asked = replace(problem, request=request)
-        refuse_mixed_bounds(asked)
-        return asked
+        return replace(problem, request=request)
     if problem.sequence is None:
         raise MbmError(faults.no_states(None, f"`--method {method}`"))
     sequence = replace(problem.sequence, estimator=replace(estimator, hypotheses=problem.sequence.estimator.hypotheses))
-    asked = replace(problem, request=replace(request, method=Method.AUTO, routine=None), sequence=sequence)
-    refuse_mixed_bounds(asked)
-    return asked
+    return replace(problem, request=replace(request, method=Method.AUTO, routine=None), sequence=sequence)
 
 
 def _method(form: Form | None, routines: Routines) -> tuple[Method, str | None]:

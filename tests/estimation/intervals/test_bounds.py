@@ -12,6 +12,9 @@ import pytest
 
 import mbm
 from mbm import MbmError
+from mbm.estimation.intervals.arithmetic import EXTENSIONS
+from mbm.estimation.intervals.inverses import INVERSES
+from mbm.expression.nodes import Operation
 
 ROUNDING = 1e-12
 """Outward rounding of some dozen operations on numbers around one."""
@@ -301,12 +304,12 @@ def test_many_solves() -> None:
         ("(observe (= 1 x) :bound 1) (unknowns (R (rotation 3)))", "`(rotation 3)`"),
         ("(observe (= 1 x) :bound 1) (unknowns (d direction))", "`direction`"),
         ("(observe (= 1 x) :bound 1) (derive (T (pose2 x x 0)))", "a derived pose"),
-        ("(observe (= 1 (external \"m:f\" x :size 1)) :bound 1)", "`m:f`"),
+        ("(observe (= 1 (external \"math:sqrt\" x :size 1)) :bound 1)", "`math:sqrt`"),
     ],
 )  # fmt: skip
 def test_what_has_no_bounds_is_refused_with_what_to_write(clauses: str, says: str) -> None:
     with pytest.raises(MbmError) as caught:
-        solved(f"(problem p (unknowns (x :in (0 1))) {clauses}")
+        solved(f"(problem p (unknowns (x :in (0 1))) {clauses}", allow_external=True)
     assert [d.code.name for d in caught.value.diagnostics][:1] == ["not-for-intervals"]
     assert any(says in d.message and d.hint for d in caught.value.diagnostics)
 
@@ -339,6 +342,21 @@ def test_widths_have_the_unit_of_their_unknown() -> None:
     with pytest.raises(MbmError) as caught:
         solved("(problem p (unknowns (x :in (0m 1m))) (observe (= 1m x) :bound 1m)", "(interval :width ((x 2s)))")
     assert caught.value.diagnostics[0].code.name == "unit-clash"
+
+
+def test_an_operation_without_an_extension_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of an operation that is new, and has none yet."""
+    monkeypatch.delitem(INVERSES, Operation.TANH)
+    monkeypatch.delitem(EXTENSIONS, Operation.TANH)
+    with pytest.raises(MbmError, match="`tanh`, whose bounds are not known"):
+        solved("(problem p (unknowns (x :in (0 1))) (observe (= 0.5 (tanh x)) :bound 0.1)")
+
+
+def test_the_caller_may_ask_for_bounds() -> None:
+    problem = mbm.loads("(problem p (unknowns (x :in (0 9))) (observe (= 4 (* x x)) :bound 1))")
+    with pytest.raises(MbmError, match="which the method `auto` cannot use"):
+        problem.solve()
+    assert problem.solve(method="interval")["x"].bounds == pytest.approx(np.sqrt([3, 5]), rel=ROUNDING)
 
 
 def test_bounds_are_nothing_for_other_ways() -> None:
