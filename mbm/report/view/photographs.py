@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from mbm.data.images.header import EXTENSIONS
 from mbm.estimation.search.solution import Solution
 from mbm.report.types import Floats, Mask
 from mbm.report.view.hidden import Faces
@@ -30,7 +32,8 @@ class Photograph:
     """Image points (n, 2) measured and predicted, covariances (n, 2, 2) of the predictions, and lines of bodies.
 
     ``labels`` are the columns that hold the two coordinates, ``down`` tells whether the second grows downward and
-    ``left`` whether the first grows to the left. ``file`` is the name of the photograph's file, if the data name one.
+    ``left`` whether the first grows to the left. ``file`` is the name of the photograph's file, if the data name one;
+    ``path`` that of the photograph itself, if the data were read from it.
     """
 
     name: str
@@ -44,6 +47,7 @@ class Photograph:
     down: bool
     left: bool
     file: str | None = None
+    path: Path | None = None
 
 
 def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozenset[str]) -> tuple[Photograph, ...]:
@@ -79,6 +83,7 @@ def _photograph(
         down=not paper if placed is None else placed.down,
         left=paper,
         file=_file(first, parts[0][1]),
+        path=_path(first, parts[0][1]),
     )
 
 
@@ -93,6 +98,14 @@ def _file(row: ImageRows, mask: Mask) -> str | None:
             if "." in text:
                 return text
     return None
+
+
+def _path(row: ImageRows, mask: Mask) -> Path | None:
+    """The image that rows were read from."""
+    if row.table is None or row.positions is None or row.table.provenance.inline:
+        return None
+    path = Path(row.table.place(int(row.positions[mask][0])).file)
+    return path if path.suffix.lower() in EXTENSIONS else None
 
 
 def _body_lines(

@@ -66,6 +66,14 @@ class Seeing:
     sight: Sight
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seen:
+    """The equations of a problem that compare images; ``library``: models of the package that no definition hides."""
+
+    seeings: tuple[Seeing, ...]
+    library: frozenset[str]
+
+
 class Trace:
     """What was noted in one elaboration."""
 
