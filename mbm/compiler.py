@@ -300,6 +300,7 @@ def seen(found: Elaborated, program: Program, inputs: Inputs, registry: Registry
     noted = elaborated(program, found.problem.name, inputs, replace(registry, vocabulary=lambda: traced), found.raw)
     return Seen(
         seeings=tuple(trace.seeings(noted.problem)) or tuple(implied_seeings(found.problem)),
+        contours=tuple(trace.contours(noted.problem)),
         library=library_of({**words.functions, **dict.fromkeys(program.models)}),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from mbm.data.images.header import EXTENSIONS
 from mbm.estimation.search.solution import Solution
+from mbm.problem.tables import Table
 from mbm.report.types import Floats, Mask
 from mbm.report.view.hidden import Faces
 from mbm.report.view.images import ImageRows, right_up_forward
@@ -63,6 +65,28 @@ def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozense
     return tuple(_photograph(name, groups[name], solution, library) for name in order)
 
 
+def together(found: Sequence[Photograph]) -> tuple[Photograph, ...]:
+    """The photographs, those of one name as one."""
+    made: dict[str, Photograph] = {}
+    for each in found:
+        known = made.get(each.name)
+        made[each.name] = each if known is None else _united(known, each)
+    return tuple(made.values())
+
+
+def _united(a: Photograph, b: Photograph) -> Photograph:
+    return replace(
+        a,
+        measured=np.concatenate([a.measured, b.measured]),
+        predicted=np.concatenate([a.predicted, b.predicted]),
+        covariance=np.concatenate([a.covariance, b.covariance]),
+        used=np.concatenate([a.used, b.used]),
+        outlier=np.concatenate([a.outlier, b.outlier]),
+        lines=(*a.lines, *b.lines),
+        path=a.path or b.path,
+    )
+
+
 def _photograph(
     name: str, parts: Sequence[tuple[ImageRows, Mask]], solution: Solution, library: frozenset[str]
 ) -> Photograph:
@@ -83,7 +107,7 @@ def _photograph(
         down=not paper if placed is None else placed.down,
         left=paper,
         file=_file(first, parts[0][1]),
-        path=_path(first, parts[0][1]),
+        path=path_of(first.table, first.positions, parts[0][1]),
     )
 
 
@@ -100,11 +124,11 @@ def _file(row: ImageRows, mask: Mask) -> str | None:
     return None
 
 
-def _path(row: ImageRows, mask: Mask) -> Path | None:
-    """The image that rows were read from."""
-    if row.table is None or row.positions is None or row.table.provenance.inline:
+def path_of(table: Table | None, positions: np.ndarray | None, mask: Mask) -> Path | None:
+    """The image that the rows of a mask were read from."""
+    if table is None or positions is None or table.provenance.inline:
         return None
-    path = Path(row.table.place(int(row.positions[mask][0])).file)
+    path = Path(table.place(int(positions[mask][0])).file)
     return path if path.suffix.lower() in EXTENSIONS else None
 
 

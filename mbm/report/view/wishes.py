@@ -14,11 +14,12 @@ from mbm.report.plots import MOST_PANELS
 from mbm.report.view import faults
 from mbm.report.view.answers import Viewed, view_of_result
 from mbm.report.view.beneath import beneath
+from mbm.report.view.contours import contour_photographs
 from mbm.report.view.images import ImageRows, image_rows
 from mbm.report.view.model_panels import draw_model
 from mbm.report.view.overlay import draw_overlay, overlay_of
 from mbm.report.view.pages import Panel, page_bytes
-from mbm.report.view.photographs import Photograph, photographs
+from mbm.report.view.photographs import Photograph, photographs, together
 from mbm.report.view.scene import Scene, scene_of
 from mbm.report.view.solids import solid_of
 from mbm.report.view.sources import source_of
@@ -78,21 +79,24 @@ def problem_panels(viewed: Viewed, wishes: Wishes) -> Panels:
     """
     rows = tuple(image_rows(viewed.problem, viewed.solution, viewed.seen.seeings))
     scene = scene_of(viewed.problem, rows, viewed.solution, viewed.seen.library) if rows else None
-    show = wishes.show or ((Show.OVERLAY, Show.SCENE) if rows else (Show.MAP,))
+    contours = tuple(contour_photographs(viewed.problem, viewed.solution, viewed.seen))
+    usual = (Show.OVERLAY, Show.SCENE) if rows else (Show.OVERLAY,) if contours else (Show.MAP,)
+    show = wishes.show or usual
     notes: list[str] = []
     panels: list[Panel] = []
     for kind in dict.fromkeys(show):
         if kind is Show.OVERLAY:
             room = MOST_PANELS - len(panels) - (len(show) - 1)
-            panels += _overlays(photographs(rows, viewed.solution, viewed.seen.library), wishes, room, notes)
+            found = together((*photographs(rows, viewed.solution, viewed.seen.library), *contours))
+            panels += _overlays(found, wishes, room, notes)
         elif kind is Show.SCENE and scene is not None:
             panels.append(partial(_draw_scene, scene))
             notes += scene.notes
         elif kind is Show.MODELS:
             panels += model_panels(tuple(_bodies(rows, viewed))).panels
         elif kind is Show.MAP:
-            for found in maps_of(viewed.problem, viewed.solution):
-                panels += map_panels(found)
+            for each in maps_of(viewed.problem, viewed.solution):
+                panels += map_panels(each)
     if not panels:
         raise MbmError(_nothing(viewed, show))
     if viewed.count > 1:
