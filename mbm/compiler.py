@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from mbm.report.simulated import Simulator
     from mbm.report.types import Result
     from mbm.report.view.answers import Viewed
+    from mbm.report.view.tracing import Seen
     from mbm.symbolic.types import SymbolicModel
     from mbm.text.types import Diagnostic, Source
 
@@ -85,8 +86,10 @@ def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = 
         return read_program(source, path, sandbox=sandbox, limits=registry.limits, reserved=reserved)
 
 
-def elaborated(program: Program, name: str | None, inputs: Inputs, registry: Registry) -> Elaborated:
-    """Definitions and tables → typed equations, checked as far as no number decides."""
+def elaborated(
+    program: Program, name: str | None, inputs: Inputs, registry: Registry, raw: Mapping[str, Table] | None = None
+) -> Elaborated:
+    """Definitions and tables → typed equations, checked as far as no number decides; ``raw`` are tables read before."""
     from mbm.data.types import Formats
     from mbm.language.limits import recursion_room
     from mbm.problem.builder import Front, elaborate
@@ -104,7 +107,11 @@ def elaborated(program: Program, name: str | None, inputs: Inputs, registry: Reg
                 routines=lambda: tuple(form.name for form in registry.closed_forms()),
             ),
             inputs.overrides,
-            lambda declarations: loaded(declarations, program.base, inputs, registry),
+            lambda declarations: (
+                loaded(declarations, program.base, inputs, registry)
+                if raw is None
+                else {each.name: raw[each.name] for each in declarations}
+            ),
         )
 
 
@@ -280,9 +287,6 @@ def viewed(
     """
     from mbm.estimation.run import solutions
     from mbm.report.view.answers import view_of
-    from mbm.report.view.models import library_of
-    from mbm.report.view.rays import implied_seeings
-    from mbm.report.view.tracing import Trace
 
     found = _requested(found, settings, registry)
     starts = None
@@ -291,12 +295,23 @@ def viewed(
 
         starts = given_starts(found.problem, found.tables, settings.init)
     made = solutions(found, kernels, cache, starts, settings.interruption, registry.closed_forms, settings.workers)
+    return view_of(found.problem, made, number, seen(found, program, inputs, registry))
+
+
+def seen(found: Elaborated, program: Program, inputs: Inputs, registry: Registry) -> Seen:
+    """Which equations compare images, and the models of the package that no definition hides."""
+    from mbm.report.view.models import library_of
+    from mbm.report.view.rays import implied_seeings
+    from mbm.report.view.tracing import Seen, Trace
+
     trace, words = Trace(), registry.vocabulary()
     traced = trace.vocabulary(words)
-    noted = elaborated(program, found.problem.name, inputs, replace(registry, vocabulary=lambda: traced))
-    library = library_of({**words.functions, **dict.fromkeys(program.models)})
-    seeings = tuple(trace.seeings(noted.problem)) or tuple(implied_seeings(found.problem))
-    return view_of(found.problem, made, number, seeings, library)
+    noted = elaborated(program, found.problem.name, inputs, replace(registry, vocabulary=lambda: traced), found.raw)
+    return Seen(
+        seeings=tuple(trace.seeings(noted.problem)) or tuple(implied_seeings(found.problem)),
+        contours=tuple(trace.contours(noted.problem)),
+        library=library_of({**words.functions, **dict.fromkeys(program.models)}),
+    )
 
 
 def jacobian_doubts(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> tuple[Diagnostic, ...]:

@@ -57,6 +57,28 @@ def desk_as_printed(axes: Axes) -> None:
     image_of_desk(axes, "desk-as-printed", ("p", "xg", "yg"), "desk-as-printed")
 
 
+def desk_in_a_photograph(axes: Axes) -> None:
+    """The photograph with the measured lines and corners, and the board as estimated."""
+    folder = "desk-in-a-photograph"
+    found = solve(folder, folder)
+    pitch, yaw, place = (np.asarray(found[name].value, dtype=float) for name in ("pitch", "yaw", "p"))
+    board = np.array([(0.6, 0.35, 0.7), (-0.6, 0.35, 0.7), (-0.6, -0.35, 0.7), (0.6, -0.35, 0.7), (0.6, 0.35, 0.7)])
+    turn = rotation_of([np.cos(pitch / 2), np.sin(pitch / 2), 0, 0])
+    turn = turn @ rotation_of([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)])
+    x, y, z = (board @ turn.T + place).T
+    axes.imshow(plt.imread(HERE / folder / "desk.png"), cmap="gray", vmin=0, vmax=1)
+    for number, row in enumerate(rows(folder, "edges.csv")):
+        alpha, rho = float(row["alpha"]), float(row["rho"])
+        foot, way = rho * np.array([-np.sin(alpha), np.cos(alpha)]), np.array([np.cos(alpha), np.sin(alpha)])
+        line = foot + np.array([[-1000], [1000]]) * way
+        axes.plot(*line.T, color=BLUE, linewidth=0.8, label="" if number else "measured lines")
+    seen = rows(folder, "corners.csv")
+    axes.plot(240 + 600 * x / z, 180 + 600 * y / z, color=ORANGE, label="board as estimated")
+    axes.plot(column(seen, "u"), column(seen, "v"), "o", color=BLUE, markerfacecolor="none", label="marked points")
+    axes.set(xlabel="u (px)", ylabel="v (px)", xlim=(0, 480), ylim=(360, 0))
+    axes.legend(loc="upper left")
+
+
 def skeleton(axes: Axes) -> None:
     """The figure in the image: joints as seen, and the model's."""
     found = solve("skeleton", "skeleton-near")["joint-at"].value

@@ -208,6 +208,7 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
         decay,
         image_pictures.can,
         image_pictures.desk,
+        image_pictures.desk_in_a_photograph,
         image_pictures.desk_as_printed,
         echoes,
         loop,

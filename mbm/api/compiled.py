@@ -126,7 +126,11 @@ class CompiledProblem:
         )
         if now.key is not None:
             self.origin.reading.learned(now.key, now.cache.without_closed_form, known)
-        return replace(result, reads=self.origin.reading.journal.reads())
+        return replace(
+            result,
+            reads=self.origin.reading.journal.reads(),
+            seen=lambda: compiler.seen(now.elaborated, self.origin.reading.program, self.inputs, self.origin.registry),
+        )
 
     def estimator(self, *columns: str) -> Estimator:
         """The bare estimator for a stream of data sets of one shape: a function from columns to estimates.

@@ -43,6 +43,8 @@ def outputs_of(given: Mapping[str, Any]) -> tuple[Output, ...]:
         found.append(Output(path=given["residuals_path"], content=_residuals))
     if given["plot_path"] is not None:
         found.append(Output(path=given["plot_path"], content=_picture(given["plot_path"])))
+    if given["overlay_path"] is not None:
+        found.append(Output(path=given["overlay_path"], content=_overlay(given["overlay_path"])))
     return tuple(found)
 
 
@@ -124,3 +126,12 @@ def _picture(path: str) -> Callable[[Result], bytes]:
 
     ending = format_of(path)
     return lambda result: picture(result, ending)
+
+
+def _overlay(path: str) -> Callable[[Result], bytes]:
+    """What draws the images of a result in the format that the name of a file says."""
+    from mbm.report.plots import format_of
+    from mbm.report.view.wishes import overlay_bytes
+
+    ending = format_of(path)
+    return lambda result: overlay_bytes(result, ending)

@@ -24,6 +24,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.estimation.search.solution import Solution
     from mbm.problem.types import Problem
+    from mbm.report.view.tracing import Seen
 
 Floats: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -100,10 +101,9 @@ class Estimate:
 
     ``value``, ``sigma``, ``fixed``, ``at_bound`` all have ``quantity.shape``, for a family with a leading axis over
     ``keys``; of directions, rotations, poses and similarities all but ``value`` have the tangent coordinates instead.
-    ``sigma`` is the standard deviation (SI); NaN where the data do not determine one, None if none was
-    computed; ``reason`` then says why in words. ``fixed`` elements were not estimated. ``at_bound`` elements (None: no
-    element) are held at a hard bound. Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound,
-    whatever ``sigma`` holds there. Angles are wrapped to (-pi, pi].
+    ``sigma`` is the standard deviation (SI); NaN where the data do not determine one, None if none was computed;
+    ``reason`` then says why. ``fixed`` elements were not estimated. ``at_bound`` ones (None: none) are at a hard bound.
+    Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound. Angles are wrapped to (-pi, pi].
     ``per`` is what the family ranges over (a table, or ``table.column``).
     ``bounds`` (SI) has the shape of ``sigma`` and a last axis [low, high]: guaranteed ones, in place of ``sigma``.
     """
@@ -372,7 +372,7 @@ class Stated(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputFile:
-    """A file that was read: the path as messages print it, SHA-256 (None for tables given through the API), rows."""
+    """A file that was read: path in messages, SHA-256 (None for tables given through the API), rows."""
 
     path: str
     sha256: str | None
@@ -383,9 +383,8 @@ class InputFile:
 class Result:
     """Everything that a run of one problem answers. ``file`` is None for problems that were built without one.
 
-    ``solves`` may make a report when it is asked for: keep it where it is needed again. ``complete`` is False where the
-    run was interrupted before all solves were made. ``reads`` are the files that it was made from: nothing of it is
-    written onto one of them.
+    ``solves`` may make a report when it is asked for. ``complete`` is False where the run was interrupted before all
+    were made. ``reads`` are the files that it was made from. ``seen`` tells which equations compare images.
     """
 
     version: str
@@ -398,6 +397,7 @@ class Result:
     diagnostics: tuple[Diagnostic, ...] = ()
     complete: bool = True
     reads: tuple[Read, ...] = ()
+    seen: Callable[[], Seen] | None = None
 
     @property
     def status(self) -> ResultStatus:

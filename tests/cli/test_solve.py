@@ -150,7 +150,7 @@ def test_quiet_prints_one_line(mbm: Run, tmp_path: Path) -> None:
         (("--json", "no/such/folder/x.json"), "its folder does not exist"),
         (("--init", "no-such.json"), "`no-such.json` does not exist"),
         (("--starts", "0"), "invalid value for '--starts'"),
-        (("--overlay", "o.png"), "`--overlay` is not available yet"),
+        (("--overlay", "o.txt"), "error[plot-format]"),
         (("--scheduler", "tcp://a"), "`--scheduler` is not available yet"),
         (("--nonsense",), "no such option"),
     ],

@@ -78,6 +78,36 @@ def test_a_problem_is_solved_and_its_images_and_scene_are_drawn(mbm: Run, tmp_pa
     assert "<!-- photo1 -->" not in texts(out)
 
 
+def test_a_solve_draws_its_images_as_view_does(mbm: Run, tmp_path: Path) -> None:
+    solved, viewed = tmp_path / "solved.svg", tmp_path / "viewed.svg"
+    desk = PROBLEMS / "desk/desk.mbm"
+    outcome = mbm("solve", desk, "--problem", "desk", "--overlay", solved, "-q")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert mbm("view", desk, "--problem", "desk", "--show", "overlay", "-o", viewed).status == 0
+    assert solved.read_bytes() == viewed.read_bytes()
+    assert "model at the estimates" in texts(solved)
+
+
+def test_photographs_that_the_data_were_read_from_lie_beneath(mbm: Run, tmp_path: Path) -> None:
+    pytest.importorskip("cv2")
+    out = tmp_path / "boards.svg"
+    outcome = mbm("solve", PROBLEMS / "photographs/photographs.mbm", "--overlay", out, "-q")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert texts(out).count("<image ") == 7
+    assert "<!-- board7 -->" in texts(out)
+    outcome = mbm("solve", PROBLEMS / "photographs/photographs.mbm", "--overlay", PROBLEMS / "photographs/board1.png")
+    assert (outcome.status, "error[would-overwrite]" in outcome.err) == (2, True)
+
+
+def test_an_overlay_of_a_problem_without_images(mbm: Run, tmp_path: Path) -> None:
+    estimates, out = tmp_path / "a.csv", tmp_path / "o.png"
+    outcome = mbm("solve", PROBLEMS / "triangle/triangle.mbm", "--estimates", estimates, "--overlay", out)
+    assert outcome.status == 2
+    assert "error[nothing-to-draw]" in outcome.err
+    assert estimates.exists()  # what can be written is
+    assert not out.exists()
+
+
 def test_a_pose_graph_is_a_map(mbm: Run, tmp_path: Path) -> None:
     out = tmp_path / "map.svg"
     assert mbm("view", PROBLEMS / "loop/loop.mbm", "-o", out).status == 0

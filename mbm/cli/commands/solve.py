@@ -25,7 +25,7 @@ from mbm.text.types import MbmError
 if TYPE_CHECKING:
     from mbm.report.types import Result
 
-NOT_YET = ("overlay", "scheduler")
+NOT_YET = ("scheduler",)
 BACKENDS = ("auto", "native", "casadi", "numpy")
 
 
@@ -39,6 +39,7 @@ BACKENDS = ("auto", "native", "casadi", "numpy")
 @click.option("--estimates", "estimates_path", metavar="PATH", help="Write the estimates, one row each, as CSV.")
 @click.option("--residuals", "residuals_path", metavar="PATH", help="Write the residuals, one row each, as CSV.")
 @click.option("--plot", "plot_path", metavar="PATH", help="Draw residuals, ellipses, data and model (.png .svg .pdf).")
+@click.option("--overlay", "overlay_path", metavar="PATH", help="Draw the images: measured and predicted features.")
 @click.option("--init", metavar="VALUES.json", help="Initial values: name → value, or a result document.")
 @click.option("--starts", type=click.IntRange(min=1), metavar="N", help="Random start points, for the best minimum.")
 @click.option("--seed", type=int, metavar="N", help="Seed of all random numbers.")
@@ -59,7 +60,6 @@ BACKENDS = ("auto", "native", "casadi", "numpy")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @allow_external_option
 @click.option("--covariance", type=click.Choice(("full",)), help="Write covariance matrices of any size.")
-@click.option("--overlay", metavar="PATH", hidden=True)
 @click.option("--scheduler", metavar="ADDRESS", hidden=True)
 @verbosity_options
 def command(**given: Any) -> int:

@@ -17,9 +17,13 @@ from mbm.kernels.outlines.measures import Measured, area, centroid, perimeter
 from mbm.kernels.outlines.outline import Indices, NoOutline, Outline, outline_of
 from mbm.kernels.outlines.surveyor import Surveyor
 from mbm.kernels.types import Floats, SheetPrograms
+from mbm.values import dataclass
 
 KEPT = 64
 """Outlines that are kept: values and derivatives are asked for one after the other, by several equations."""
+
+BETWEEN = 4
+"""Points on a chord of an arc in the lines of an outline."""
 
 _WHOLE: Mapping[str, Callable[[Outline], Measured]] = {
     "area": area,
@@ -28,6 +32,14 @@ _WHOLE: Mapping[str, Callable[[Outline], Measured]] = {
     "extent": extent,
     **{f"extreme {side}": partial(extreme, side=side) for side in SIDES},
 }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Traced:
+    """An outline as lines (k, 2), and the points (n, 2) of it that are nearest to others."""
+
+    lines: tuple[Floats, ...]
+    feet: Floats
 
 
 class Outlines:
@@ -71,6 +83,14 @@ class Outlines:
                 else:
                     found[rows] = self._whole(call, outline, key)[1][:, wanted]
             return found
+
+    def traced(self, call: Outlined, arguments: Floats) -> Iterator[tuple[Indices, Traced]]:
+        """The rows of each outline that there is, with its lines and the points of it nearest to theirs."""
+        with self._lock, np.errstate(all="ignore"):
+            for rows, outline, _ in self._outlines(call.figure, arguments):
+                if isinstance(outline, Outline):
+                    feet = feet_of(outline, arguments[rows, call.figure.size :])
+                    yield rows, Traced(lines=_lines(outline), feet=feet.spots.x)
 
     def reason(self, call: Outlined, arguments: Floats) -> str | None:
         """Why there is no outline for arguments (1, m); None if there is one."""
@@ -117,6 +137,15 @@ class Outlines:
 
             self._surveyors[figure] = Surveyor(programs_of(figure))
         return self._surveyors[figure]
+
+
+def _lines(outline: Outline) -> tuple[Floats, ...]:
+    """The pieces of an outline, curved ones with `BETWEEN` points on each chord."""
+    found = []
+    for arc, first, last in zip(outline.arc, outline.first, outline.last, strict=True):
+        count = 2 if outline.arcs.straight[arc] else 2 + int(np.ceil(abs(last - first) * BETWEEN))
+        found.append(outline.spots(np.full(count, arc), np.linspace(first, last, count)).x)
+    return tuple(found)
 
 
 def _keep(kept: OrderedDict[Any, Any], key: object, value: object) -> None:

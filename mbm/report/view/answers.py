@@ -12,9 +12,9 @@ from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.problem.types import Problem
 from mbm.report.from_solution import solve_report
-from mbm.report.types import SolveReport
+from mbm.report.types import Result, SolveReport
 from mbm.report.view import faults
-from mbm.report.view.tracing import Seeing
+from mbm.report.view.tracing import Seen
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -23,20 +23,17 @@ Part = Solution | Enclosure | Failure | Skipped | Alone | Block
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Viewed:
-    """A solve of ``count``; ``library`` are the models of the package that no definition hides."""
+    """A solve of ``count``, and what is ``seen`` in the problem."""
 
     problem: Problem
     solution: Solution
-    seeings: tuple[Seeing, ...]
-    library: frozenset[str]
+    seen: Seen
     count: int
     report: SolveReport
 
 
 @np.errstate(all="ignore")  # overflow and NaN are results here, as in `mbm.report.run.result_of`
-def view_of(
-    problem: Problem, made: Solutions, number: int, seeings: tuple[Seeing, ...], library: frozenset[str]
-) -> Viewed:
+def view_of(problem: Problem, made: Solutions, number: int, seen: Seen) -> Viewed:
     """Solve ``number`` (from 1) of those that are made.
 
     Raises:
@@ -45,7 +42,22 @@ def view_of(
     """
     solution = solve_number(made.parts, number, made.count)
     report = solve_report(problem, solution, covariance_full=False)
-    return Viewed(problem=problem, solution=solution, seeings=seeings, library=library, count=made.count, report=report)
+    return Viewed(problem=problem, solution=solution, seen=seen, count=made.count, report=report)
+
+
+def view_of_result(result: Result) -> Viewed:
+    """The first solve of a result.
+
+    Raises:
+        MbmError: nothing-to-draw, nothing was solved in it.
+
+    """
+    first = result.solves[0] if result.solves else None
+    if first is None or first.made_from is None or result.seen is None:
+        reason = "no solve was made" if first is None else first.message
+        raise MbmError(faults.nothing_to_draw(reason, "look at the diagnostics of the solve"))
+    problem, solution = first.made_from()
+    return Viewed(problem=problem, solution=solution, seen=result.seen(), count=len(result.solves), report=first)
 
 
 def solve_number(parts: Iterable[Part], number: int, count: int) -> Solution:

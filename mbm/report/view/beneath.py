@@ -39,12 +39,14 @@ class Beneath:
 def beneath(where: Path | None, photograph: Photograph) -> Beneath | None:
     """The photograph at ``where``, a file or a folder of them; None if there is none of this name in the folder.
 
+    Without ``where`` it is that which the data were read from.
+
     Raises:
         MbmError: bad-photograph, and as `mbm.files.reading.read_bytes` does.
 
     """
     if where is None:
-        return None
+        return None if photograph.path is None else read_photograph(photograph.path)
     if not where.is_dir():
         return read_photograph(where)
     name = photograph.file or photograph.name

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from mbm.data.images.header import EXTENSIONS
 from mbm.estimation.search.solution import Solution
+from mbm.problem.tables import Table
 from mbm.report.types import Floats, Mask
 from mbm.report.view.hidden import Faces
 from mbm.report.view.images import ImageRows, right_up_forward
@@ -30,7 +34,8 @@ class Photograph:
     """Image points (n, 2) measured and predicted, covariances (n, 2, 2) of the predictions, and lines of bodies.
 
     ``labels`` are the columns that hold the two coordinates, ``down`` tells whether the second grows downward and
-    ``left`` whether the first grows to the left. ``file`` is the name of the photograph's file, if the data name one.
+    ``left`` whether the first grows to the left. ``file`` is the name of the photograph's file, if the data name one;
+    ``path`` that of the photograph itself, if the data were read from it.
     """
 
     name: str
@@ -44,6 +49,7 @@ class Photograph:
     down: bool
     left: bool
     file: str | None = None
+    path: Path | None = None
 
 
 def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozenset[str]) -> tuple[Photograph, ...]:
@@ -57,6 +63,28 @@ def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozense
             groups.setdefault(" ".join(filter(None, (camera, name))), []).append((row, names == name))
     order = sorted(groups, key=int) if all(name.isdecimal() for name in groups) else list(groups)
     return tuple(_photograph(name, groups[name], solution, library) for name in order)
+
+
+def together(found: Sequence[Photograph]) -> tuple[Photograph, ...]:
+    """The photographs, those of one name as one."""
+    made: dict[str, Photograph] = {}
+    for each in found:
+        known = made.get(each.name)
+        made[each.name] = each if known is None else _united(known, each)
+    return tuple(made.values())
+
+
+def _united(a: Photograph, b: Photograph) -> Photograph:
+    return replace(
+        a,
+        measured=np.concatenate([a.measured, b.measured]),
+        predicted=np.concatenate([a.predicted, b.predicted]),
+        covariance=np.concatenate([a.covariance, b.covariance]),
+        used=np.concatenate([a.used, b.used]),
+        outlier=np.concatenate([a.outlier, b.outlier]),
+        lines=(*a.lines, *b.lines),
+        path=a.path or b.path,
+    )
 
 
 def _photograph(
@@ -79,6 +107,7 @@ def _photograph(
         down=not paper if placed is None else placed.down,
         left=paper,
         file=_file(first, parts[0][1]),
+        path=path_of(first.table, first.positions, parts[0][1]),
     )
 
 
@@ -93,6 +122,14 @@ def _file(row: ImageRows, mask: Mask) -> str | None:
             if "." in text:
                 return text
     return None
+
+
+def path_of(table: Table | None, positions: np.ndarray | None, mask: Mask) -> Path | None:
+    """The image that the rows of a mask were read from."""
+    if table is None or positions is None or table.provenance.inline:
+        return None
+    path = Path(table.place(int(positions[mask][0])).file)
+    return path if path.suffix.lower() in EXTENSIONS else None
 
 
 def _body_lines(

@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from types import MappingProxyType
 
-from mbm.expression.nodes import Apply, Expression, Operation, Parameter
+from mbm.expression.nodes import Apply, Expression, Operation, Outlined, Parameter
 from mbm.language.coerce import vector
 from mbm.language.values import Array, Builtin, Call, Callable_, CameraValue, Value, Vocabulary
 from mbm.problem.types import BlockRole, Problem
+from mbm.shapes.silhouettes import Silhouette
 from mbm.shapes.types import Shape
 from mbm.shapes.vocabulary import FeatureFunction
 from mbm.text.types import Form, MbmError
@@ -21,6 +22,7 @@ from mbm.values import dataclass
 
 MOVING = ("trans", "rotate", "scale", "transform")
 SEEING = ("project", "perse", "vertex-on-image")
+MEASURING = "contour-distance"
 
 Feature = Callable[[Call, Shape, tuple[Form, ...]], Value]
 
@@ -66,11 +68,40 @@ class Seeing:
     sight: Sight
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ContourSeeing:
+    """An equation that is about the ``distance`` of an image point from the outline of a body.
+
+    ``block``, ``case`` and ``output`` are as in `Seeing`. The arguments of the distance are numbers of the outline and,
+    last, the point. ``upward``: the second coordinate of the image grows upwards.
+    """
+
+    block: int
+    case: int
+    output: int
+    distance: Apply
+    outlined: Outlined
+    upward: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seen:
+    """The equations of a problem that compare images, and those that measure distances from outlines in images.
+
+    ``library``: models of the package that no definition hides.
+    """
+
+    seeings: tuple[Seeing, ...]
+    contours: tuple[ContourSeeing, ...]
+    library: frozenset[str]
+
+
 class Trace:
     """What was noted in one elaboration."""
 
     def __init__(self) -> None:
         self.sights: list[Sight] = []
+        self._distances: list[tuple[Apply, Outlined, bool]] = []
         self._shapes: dict[int, tuple[Array, Shape]] = {}
 
     def vocabulary(self, words: Vocabulary) -> Vocabulary:
@@ -81,6 +112,8 @@ class Trace:
                 functions[name] = replace(function, function=self._moving(function.function))
             elif isinstance(function, Builtin) and name in SEEING:
                 functions[name] = replace(function, function=self._seeing(function.function))
+            elif isinstance(function, Builtin) and name == MEASURING:
+                functions[name] = replace(function, function=self._measuring(function.function))
             elif isinstance(function, Builtin) and name == "feature":
                 functions[name] = replace(function, function=self._picking(function.function))
             elif isinstance(function, FeatureFunction):
@@ -90,16 +123,21 @@ class Trace:
     def seeings(self, problem: Problem) -> Iterator[Seeing]:
         """The equations of ``problem``, as elaborated with the traced words, that compare images of points."""
         of_image = {id(s.image[0]): s for s in self.sights}
-        for i, block in enumerate(problem.blocks):
-            if block.role is not BlockRole.OBSERVATION:
-                continue
-            for k, case in enumerate(block.cases):
-                output = 0
-                for equation in case.equations:
-                    found = _compared(equation.components, of_image)
-                    if found is not None:
-                        yield Seeing(block=i, case=k, output=output, sign=found[1], sight=found[0])
-                    output += len(equation.components)
+        for block, case, output, components in _equations(problem):
+            found = _compared(components, of_image)
+            if found is not None:
+                yield Seeing(block=block, case=case, output=output, sign=found[1], sight=found[0])
+
+    def contours(self, problem: Problem) -> Iterator[ContourSeeing]:
+        """Those that are about the distance from an outline."""
+        known = {id(distance): (distance, outlined, upward) for distance, outlined, upward in self._distances}
+        for block, case, output, components in _equations(problem):
+            sides = [_side(components[0], place) for place in (0, 1)] if len(components) == 1 else []
+            for distance, outlined, upward in (known[id(side)] for side in sides[:2] if id(side) in known):
+                yield ContourSeeing(
+                    block=block, case=case, output=output, distance=distance, outlined=outlined, upward=upward
+                )
+                break
 
     def _shape_of(self, value: Value) -> Shape | None:
         noted = self._shapes.get(id(value))
@@ -109,6 +147,16 @@ class Trace:
         if isinstance(value, Array):
             self._shapes[id(value)] = (value, shape)
         return value
+
+    def _measuring(self, function: Callable[[Call], Value]) -> Callable[[Call], Value]:
+        def traced(call: Call) -> Value:
+            found, seen = function(call), call.arguments[0]
+            outlined = found.output.external if isinstance(found, Apply) and found.output is not None else None
+            if isinstance(found, Apply) and isinstance(outlined, Outlined) and isinstance(seen, Silhouette):
+                self._distances.append((found, outlined, seen.upward))
+            return found
+
+        return traced
 
     def _picking(self, function: Callable[[Call], Value]) -> Callable[[Call], Value]:
         def traced(call: Call) -> Value:
@@ -161,6 +209,18 @@ class Trace:
                     lens=lens.elements,
                 )
             )
+
+
+def _equations(problem: Problem) -> Iterator[tuple[int, int, int, tuple[Expression, ...]]]:
+    """The components of all equations of observations, with the numbers of block and case, and of their first one."""
+    for i, block in enumerate(problem.blocks):
+        if block.role is not BlockRole.OBSERVATION:
+            continue
+        for k, case in enumerate(block.cases):
+            output = 0
+            for equation in case.equations:
+                yield i, k, output, equation.components
+                output += len(equation.components)
 
 
 def _compared(components: tuple[Expression, ...], of_image: dict[int, Sight]) -> tuple[Sight, float] | None:

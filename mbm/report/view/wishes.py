@@ -12,13 +12,14 @@ from mbm.report.map_panels import map_panels
 from mbm.report.maps import maps_of
 from mbm.report.plots import MOST_PANELS
 from mbm.report.view import faults
-from mbm.report.view.answers import Viewed
+from mbm.report.view.answers import Viewed, view_of_result
 from mbm.report.view.beneath import beneath
+from mbm.report.view.contours import contour_photographs
 from mbm.report.view.images import ImageRows, image_rows
 from mbm.report.view.model_panels import draw_model
 from mbm.report.view.overlay import draw_overlay, overlay_of
-from mbm.report.view.pages import Panel
-from mbm.report.view.photographs import Photograph, photographs
+from mbm.report.view.pages import Panel, page_bytes
+from mbm.report.view.photographs import Photograph, photographs, together
 from mbm.report.view.scene import Scene, scene_of
 from mbm.report.view.solids import solid_of
 from mbm.report.view.sources import source_of
@@ -30,6 +31,8 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from mbm.report.types import Result
 
 
 class Show(StrEnum):
@@ -74,28 +77,41 @@ def problem_panels(viewed: Viewed, wishes: Wishes) -> Panels:
         MbmError: nothing-to-draw, unknown-photo, bad-photograph, too-much-to-draw.
 
     """
-    rows = tuple(image_rows(viewed.problem, viewed.solution, viewed.seeings))
-    scene = scene_of(viewed.problem, rows, viewed.solution, viewed.library) if rows else None
-    show = wishes.show or ((Show.OVERLAY, Show.SCENE) if rows else (Show.MAP,))
+    rows = tuple(image_rows(viewed.problem, viewed.solution, viewed.seen.seeings))
+    scene = scene_of(viewed.problem, rows, viewed.solution, viewed.seen.library) if rows else None
+    contours = tuple(contour_photographs(viewed.problem, viewed.solution, viewed.seen))
+    usual = (Show.OVERLAY, Show.SCENE) if rows else (Show.OVERLAY,) if contours else (Show.MAP,)
+    show = wishes.show or usual
     notes: list[str] = []
     panels: list[Panel] = []
     for kind in dict.fromkeys(show):
         if kind is Show.OVERLAY:
             room = MOST_PANELS - len(panels) - (len(show) - 1)
-            panels += _overlays(photographs(rows, viewed.solution, viewed.library), wishes, room, notes)
+            found = together((*photographs(rows, viewed.solution, viewed.seen.library), *contours))
+            panels += _overlays(found, wishes, room, notes)
         elif kind is Show.SCENE and scene is not None:
             panels.append(partial(_draw_scene, scene))
             notes += scene.notes
         elif kind is Show.MODELS:
             panels += model_panels(tuple(_bodies(rows, viewed))).panels
         elif kind is Show.MAP:
-            for found in maps_of(viewed.problem, viewed.solution):
-                panels += map_panels(found)
+            for each in maps_of(viewed.problem, viewed.solution):
+                panels += map_panels(each)
     if not panels:
         raise MbmError(_nothing(viewed, show))
     if viewed.count > 1:
         notes.append(f"solve {wishes.solve} of {viewed.count:,} is drawn; `--solve` chooses another")
     return Panels(panels=tuple(panels), notes=tuple(notes))
+
+
+def overlay_bytes(result: Result, ending: str) -> bytes:
+    """The images of the first solve of a result, as a picture in the format ``ending``.
+
+    Raises:
+        MbmError: as `problem_panels`.
+
+    """
+    return page_bytes(problem_panels(view_of_result(result), Wishes(show=(Show.OVERLAY,))).panels, ending)
 
 
 def _nothing(viewed: Viewed, show: Sequence[Show]) -> Diagnostic:
@@ -135,7 +151,7 @@ def _bodies(rows: Sequence[ImageRows], viewed: Viewed) -> Iterator[Solid]:
             continue
         positions = None if row.positions is None else row.positions[:1]
         lookup = answer_lookup(viewed.solution, row.table, positions)
-        solid = solid_of(source.body, getattr(source.body.content, "name", "the model"), viewed.library, lookup)
+        solid = solid_of(source.body, getattr(source.body.content, "name", "the model"), viewed.seen.library, lookup)
         key = (solid.name, *(number for end in solid.bounds() for number in end.round(9).tolist()))
         if key not in known:
             known.add(key)

@@ -23,8 +23,8 @@ BOARD = """(problem one
 
 def photos(folder: str, name: str) -> tuple[Photograph, ...]:
     found = of_folder(folder, name)
-    rows = tuple(image_rows(found.problem, found.solution, found.seeings))
-    return photographs(rows, found.solution, found.library)
+    rows = tuple(image_rows(found.problem, found.solution, found.seen.seeings))
+    return photographs(rows, found.solution, found.seen.library)
 
 
 def rows(folder: str, file: str) -> list[dict[str, str]]:
@@ -67,16 +67,16 @@ def test_photographs_of_a_calibration_are_told_apart_and_numbered_as_in_the_file
 def test_the_covariance_of_a_prediction_follows_from_the_estimates() -> None:
     """u = cx + 10 x: the prediction varies as the centre does, whose covariance is 1/n."""
     found = of_text(BOARD.format(u=90, more=""))
-    (row,) = image_rows(found.problem, found.solution, found.seeings)
+    (row,) = image_rows(found.problem, found.solution, found.seen.seeings)
     np.testing.assert_allclose(row.covariance, np.broadcast_to(np.eye(2) / 6, (6, 2, 2)), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(row.predicted[4], [100, 100], rtol=0, atol=1e-9)
 
 
 def test_a_point_that_is_far_off_is_an_outlier_with_the_arrow_of_its_residual() -> None:
     found = of_text(BOARD.format(u=150, more="").replace(":sigma 1 )", ":sigma 1) (solve :robust lmeds :seed 1)"))
-    (row,) = image_rows(found.problem, found.solution, found.seeings)
+    (row,) = image_rows(found.problem, found.solution, found.seen.seeings)
     assert row.outlier.tolist() == [True] + [False] * 5
-    (photo,) = photographs([row], found.solution, found.library)
+    (photo,) = photographs([row], found.solution, found.seen.library)
     overlay = overlay_of(photo)
     np.testing.assert_allclose(overlay.tails, row.measured, rtol=0, atol=1e-12)
     np.testing.assert_allclose(overlay.tips - overlay.tails, overlay.factor * (row.predicted - row.measured), atol=1e-9)
@@ -89,14 +89,14 @@ def test_an_image_is_found_whichever_way_its_equation_is_written(sign: str) -> N
         "(= [u v] (project cam [x y 10]))", sign.format(model="(project cam [x y 10])")
     )
     found = of_text(text)
-    (row,) = image_rows(found.problem, found.solution, found.seeings)
+    (row,) = image_rows(found.problem, found.solution, found.seen.seeings)
     np.testing.assert_allclose(row.measured[0], [91, 90], rtol=0, atol=1e-9)
     np.testing.assert_allclose(row.predicted[0], [90 + 1 / 6, 90], rtol=0, atol=1e-6)
 
 
 def test_what_is_no_image_is_none() -> None:
     found = of_text("(problem p (data d (table (x y) (1 2) (2 3))) (unknowns (a :init 0)) (observe d (= y (* a x))))")
-    assert found.seeings == ()
+    assert found.seen.seeings == ()
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,10 @@ def test_cameras_of_a_calibration_stand_where_their_boards_say() -> None:
 
     found = of_folder("calibration", "calibration")
     scene = scene_of(
-        found.problem, tuple(image_rows(found.problem, found.solution, found.seeings)), found.solution, found.library
+        found.problem,
+        tuple(image_rows(found.problem, found.solution, found.seen.seeings)),
+        found.solution,
+        found.seen.library,
     )
     assert scene is not None
     answer = mbm.load(PROBLEMS / "calibration/calibration.mbm").solve()
@@ -147,7 +150,10 @@ def test_the_camera_of_the_desk_stands_at_the_height_of_the_eye() -> None:
 
     found = of_folder("desk", "desk")
     scene = scene_of(
-        found.problem, tuple(image_rows(found.problem, found.solution, found.seeings)), found.solution, found.library
+        found.problem,
+        tuple(image_rows(found.problem, found.solution, found.seen.seeings)),
+        found.solution,
+        found.seen.library,
     )
     assert scene is not None
     (camera,) = scene.cameras
@@ -168,8 +174,8 @@ def test_estimated_points_have_their_ellipsoids() -> None:
       (unknowns (p (vector 3) :per points :init [x y 9]))
       (observe seen
         (= [left v] (project eye (p point))) (= [right v] (project eye (- (p point) [1 0 0]))) :sigma 1))""")
-    rows_ = tuple(image_rows(found.problem, found.solution, found.seeings))
-    scene = scene_of(found.problem, rows_, found.solution, found.library)
+    rows_ = tuple(image_rows(found.problem, found.solution, found.seen.seeings))
+    scene = scene_of(found.problem, rows_, found.solution, found.seen.library)
     assert scene is not None
     centres = sorted(camera.centre.round(9).tolist() for camera in scene.cameras)
     assert centres == [[0, 0, 0], [1, 0, 0]]
@@ -199,10 +205,10 @@ def test_cameras_that_are_functions_of_the_user_are_placed_by_their_rays() -> No
           (* ((f camera) 1) [(/ (+ ((p point) 3) 6) (+ ((p point) 1) 4)) (- (/ ((p point) 2) (+ ((p point) 1) 4)))])
           (* ((f camera) 1) [(/ ((p point) 1) (- ((p point) 3))) (/ ((p point) 2) (- ((p point) 3)))])))
         :sigma 1))""")
-    assert found.seeings
-    assert [s.sight.family for s in implied_seeings(found.problem)] == ["p"] * len(found.seeings)
+    assert found.seen.seeings
+    assert [s.sight.family for s in implied_seeings(found.problem)] == ["p"] * len(found.seen.seeings)
     placed = {}
-    for row in image_rows(found.problem, found.solution, found.seeings):
+    for row in image_rows(found.problem, found.solution, found.seen.seeings):
         for name in dict.fromkeys(row.photo):
             placed[name] = placed_by_rays(row, np.array(row.photo) == name, found.solution)
     first, second = placed["a"], placed["b"]
