@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from mbm.report.document import document, lazy_document
 from mbm.report.elements import shown_sigma
 from mbm.report.encode import encode, to_bytes
 from mbm.report.geometric import GEOMETRIC, number_factors
+from mbm.report.intervals import Intervals, intervals
 from mbm.report.solve_columns import solve_columns
 from mbm.report.table import table as text_table
 from mbm.report.types import (
@@ -41,7 +42,8 @@ class Named:
     ``value`` and ``sigma`` are NumPy arrays of the quantity's shape (0-d for a number), with a leading axis over
     ``keys`` for families; ``sigma`` is 0 where fixed, NaN where held at a bound or not determined by the data.
     Rotations are unit quaternions (w, x, y, z), or angles in the plane; poses add the translation, similarities the
-    scale. Their ``sigma`` is that of rotation vector, translation and logarithm of the scale.
+    scale. Their ``sigma`` is that of rotation vector, translation and logarithm of the scale. ``item`` is what it was
+    made from, ``coverage`` that of the solve.
     """
 
     name: str
@@ -49,6 +51,47 @@ class Named:
     sigma: Floats
     unit: str | None
     keys: tuple[Key, ...] | None
+    item: Estimate | DerivedValue = field(repr=False)
+    coverage: float = 0.95
+
+    @property
+    def dof(self) -> Floats:
+        """Effective degrees of freedom of ``sigma``, of its shape; infinite where the noise was stated."""
+        return self._intervals(self.coverage).dof
+
+    @property
+    def k(self) -> Floats:
+        """The coverage factor at the coverage of the solve, of the shape of ``sigma``."""
+        return self._intervals(self.coverage).k
+
+    @property
+    def U(self) -> Floats:  # noqa: N802 - the GUM's name of it
+        """The expanded uncertainty ``k·sigma``, in the unit of the value."""
+        return self._intervals(self.coverage).expanded
+
+    @property
+    def interval_kind(self) -> NDArray[np.object_]:
+        """How each interval was found: ``t``, ``profile`` or ``limited``; None where there is none."""
+        return self._intervals(self.coverage).names()
+
+    def interval(self, level: float | None = None) -> Floats:
+        """Low and high end along the last axis, in the unit of the value; ``level`` None: the coverage of the solve.
+
+        NaN where no standard deviation is known, infinite where a profile has no end.
+
+        Raises:
+            ValueError: the level does not lie between 0 and 1.
+
+        """
+        level = self.coverage if level is None else level
+        if not 0.0 < level < 1.0:
+            message = f"the level of an interval lies between 0 and 1, and {level!r} does not"
+            raise ValueError(message)
+        found = self._intervals(level)
+        return np.stack([found.low, found.high], axis=-1)
+
+    def _intervals(self, level: float) -> Intervals:
+        return intervals(self.item, level)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +137,7 @@ class Solved:
         items: list[Estimate | DerivedValue] = [*self.first.estimates, *self.first.derived]
         for item in items:
             if item.quantity.name == name:
-                return _named(item)
+                return _named(item, self.first.coverage)
         known = ", ".join(i.quantity.name for i in items)
         message = f"`{name}` is neither estimated nor derived; there are {known}"
         raise KeyError(message)
@@ -201,7 +244,7 @@ def _with_gaps(numbers: Floats, there: Mask) -> NDArray[np.object_]:
     return found
 
 
-def _named(item: Estimate | DerivedValue) -> Named:
+def _named(item: Estimate | DerivedValue, coverage: float) -> Named:
     factor = number_factors(item.quantity) if item.quantity.kind in GEOMETRIC else item.quantity.factor
     value = np.asarray(item.value / factor)
-    return Named(item.quantity.name, value, shown_sigma(item), item.quantity.unit, item.keys)
+    return Named(item.quantity.name, value, shown_sigma(item), item.quantity.unit, item.keys, item, coverage)

@@ -28,6 +28,8 @@ from mbm.report.pictures import plot_data
 from mbm.report.quantities import Shown, shown
 from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries
 from mbm.report.root_means import of_solution
+from mbm.report.solution_spreads import coordinate_spread, derived_spread, entry_spread
+from mbm.report.spreads import Spread
 from mbm.report.types import (
     Alternative,
     ConstraintReport,
@@ -101,6 +103,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         constraints=constraints,
         alternatives=tuple(_alternative(solution, how, each) for each in solution.alternatives),
         starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),
+        coverage=problem.request.coverage,
         diagnostics=(
             *solution.diagnostics,
             *_near_bounds(solution, names),
@@ -179,6 +182,7 @@ class _Each:
     unused: Mask
     estimable: Mask
     unknown: str | None
+    spread: Spread
 
     @staticmethod
     def of(solution: Solution, unknown: str | None) -> _Each:
@@ -198,6 +202,7 @@ class _Each:
             unused=unused,
             estimable=estimable,
             unknown=unknown,
+            spread=coordinate_spread(solution),
         )
 
     def why_missing(self, place: slice) -> str | None:
@@ -231,6 +236,7 @@ def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each)
         per=entry.unknown.family.rows if entry.unknown.family is not None else None,
         at_bound=bound.reshape(shape) if bool(bound.any()) else None,
         reason=each.why_missing(place),
+        spread=entry_spread(solution, each.spread, entry, shape),
     )
 
 
@@ -252,6 +258,7 @@ def _derived(
     leading = () if derived.table is None else (len(found.values),)
     shape = (*leading, *derived.shape)
     sigma = found.sigma if unknown is None else np.full_like(found.sigma, np.nan)
+    stated = shape if derived.kind is None else (*leading, sigma.shape[1])
     keys = None
     if derived.table is not None:
         table = solution.tables[derived.table]
@@ -259,10 +266,11 @@ def _derived(
     return DerivedValue(
         quantity=quantity,
         value=found.values.reshape(shape),
-        sigma=sigma.reshape(shape if derived.kind is None else (*leading, sigma.shape[1])),
+        sigma=sigma.reshape(stated),
         keys=keys,
         over=derived.table,
         reason=_why_derived_missing(solution, found, sigma, unknown),
+        spread=derived_spread(solution, found, stated),
     )
 
 

@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
+from mbm.report.inputs import InputFile
 from mbm.report.map_types import Map
 from mbm.report.means import RawResiduals, no_residuals
+from mbm.report.spreads import Spread
 from mbm.text.types import DataPlace, Diagnostic
 from mbm.values import dataclass
 
@@ -101,7 +103,7 @@ class Estimate:
     computed; ``reason`` then says why in words. ``fixed`` elements were not estimated. ``at_bound`` elements (None: no
     element) are held at a hard bound. Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound,
     whatever ``sigma`` holds there. Angles are wrapped to (-pi, pi].
-    ``per`` is what the family ranges over (a table, or ``table.column``).
+    ``per`` is what the family ranges over (a table, or ``table.column``). ``spread`` (None: unknown) makes intervals.
     """
 
     quantity: Quantity
@@ -112,6 +114,7 @@ class Estimate:
     per: str | None = None
     at_bound: Mask | None = None
     reason: str | None = None
+    spread: Spread | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -124,6 +127,7 @@ class DerivedValue:
     keys: tuple[Key, ...] | None = None
     over: str | None = None
     reason: str | None = None
+    spread: Spread | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -337,6 +341,7 @@ class SolveReport:
     constraints: tuple[ConstraintReport, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     starts: StartsTally | None = None
+    coverage: float = 0.95
     diagnostics: tuple[Diagnostic, ...] = ()
     made_from: Callable[[], tuple[Problem, Solution]] | None = None
 
@@ -360,15 +365,6 @@ class Stated(Protocol):
     def statuses(self) -> Sequence[SolveStatus]:
         """The status of each solve."""
         ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InputFile:
-    """A file that was read: the path as messages print it, SHA-256 (None for tables given through the API), rows."""
-
-    path: str
-    sha256: str | None
-    rows: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -20,7 +20,7 @@ from mbm.problem.reading.unknowns import stated_numbers
 from mbm.problem.types import ConstraintMethod, GivenStarts, Method, Problem, RandomStarts, Request
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
-USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1])"
+USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1] [:coverage 95%])"
 _METHODS_LATER = (
     "interval",
     "ekf",
@@ -51,7 +51,7 @@ def read_request(
         solve.items[1:],
         solve.span,
         owner="`solve`",
-        known=("method", "robust", "starts", "constraints", "gauge", "seed", "max-iterations", "tolerance"),
+        known=("method", "robust", "starts", "constraints", "gauge", "seed", "max-iterations", "tolerance", "coverage"),
         not_yet={"hypotheses": "sequences"},
     )
     if options.positional:
@@ -66,7 +66,8 @@ def read_request(
         starts=read_starts(work, options.get("starts"), declarations),
         seed=_integer(work, options.get("seed"), 1, 0, LARGEST_SEED, "seed"),
         max_iterations=_integer(work, options.get("max-iterations"), 100, 1, MAXIMUM_ITERATIONS, "max-iterations"),
-        tolerance=_tolerance(work, options.get("tolerance")),
+        tolerance=_share(work, options.get("tolerance"), "tolerance", Request().tolerance),
+        coverage=_share(work, options.get("coverage"), "coverage", Request().coverage),
         for_each=columns,
     )
 
@@ -178,12 +179,12 @@ def _integer(work: Workspace, form: Form | None, default: int, low: int, high: i
     return value
 
 
-def _tolerance(work: Workspace, form: Form | None) -> float:
+def _share(work: Workspace, form: Form | None, name: str, default: float) -> float:
     if form is None:
-        return Request().tolerance
+        return default
     value = nearest(static_number(work.evaluator.wanted(form, work.scope), form.span))
     if not 0 < value < 1:
-        raise MbmError(language_faults.bad_form(form.span, "`:tolerance` should lie between 0 and 1", USAGE))
+        raise MbmError(language_faults.bad_form(form.span, f"`:{name}` should lie between 0 and 1", USAGE))
     return value
 
 
