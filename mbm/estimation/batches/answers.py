@@ -50,7 +50,8 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     unknown = [i for i, block in enumerate(problem.blocks) if block.unknown_factor]
     known, cost = not unknown, np.square(residuals).sum(axis=1) if lossy else ends.cost
     common = not known and ends.factors is None
-    solved &= (freedom >= 0) if not common else ((freedom > 0) & (ends.cost > 0.0))
+    if common:
+        solved &= (freedom > 0) & (ends.cost > 0.0)
     noise = np.sqrt(scattered / np.maximum(freedom, 1)) if common else np.ones(len(which))
     if ends.factors is not None and len(unknown) == 1:
         cost = _as_stated(portion, residuals, unknown[0], ends.factors)

@@ -30,7 +30,7 @@ def limited(equations: Assembled, minimum: Minimum, covariance: Covariance) -> L
         slopes = np.asarray(state.slopes)
         single, owner = single_limits(slopes, exact_constraints(equations) & ~state.equality)
         held |= narrow(lower, upper, place, Lines(state.values, slopes, state.forcing, single, owner))
-        tied = slopes[state.equality].any(axis=0)
+        tied = np.asarray(slopes[state.equality].any(axis=0))
     if not (held.any() or np.isfinite(lower).any() or np.isfinite(upper).any()):
         return None
     step, sigma = np.full(len(lower), np.inf), np.full(len(lower), np.nan)

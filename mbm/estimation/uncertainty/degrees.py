@@ -22,6 +22,9 @@ from mbm.values import dataclass
 LEAST = 1.0
 """Least effective degrees of freedom: below, an estimated variance tells next to nothing."""
 
+PLENTY = 1e9
+"""Effective degrees of freedom that are infinitely many: what rounding leaves of an estimated part of the variance."""
+
 UNINFORMED = 1e-10
 """Relative size below which an eigenvalue of the information about variance components is a rounding."""
 
@@ -53,7 +56,7 @@ def effective(images: Floats, grams: Floats, counts: Floats) -> Freedom:
     growth = 1.0 + 2.0 * np.maximum(np.where(variance > 0.0, lost / variance, 0.0), 0.0)
     growth = np.where(np.isfinite(growth), growth, 1.0)
     dof = 2.0 * np.square(variance) / spread / growth
-    dof = np.where((spread > 0.0) & (variance > 0.0), np.maximum(dof, LEAST), inf)
+    dof = np.where((variance > 0.0) & (dof < PLENTY), np.maximum(dof, LEAST), inf)
     return Freedom(dof=dof, inflation=np.sqrt(growth))
 
 
