@@ -20,8 +20,11 @@ from mbm.problem.types import Family, UnknownKind
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
-USAGE = "(name [type] [:init form] [:in (lo hi)] [:unit u] [:sigma s] [:fixed true [:at form]] [:per TABLE])"
-OPTIONS = ("init", "in", "start", "unit", "sigma", "covariance", "fixed", "at", "per", "doc")
+USAGE = (
+    "(name [type] [:init form] [:in (lo hi)] [:unit u] [:sigma s] [:prior (rectangular lo hi)] "
+    "[:fixed true [:at form]] [:per TABLE])"
+)
+OPTIONS = ("init", "in", "start", "unit", "sigma", "covariance", "fixed", "at", "per", "doc", "prior")
 _SCALARS = {"real": UnknownKind.REAL, "positive": UnknownKind.POSITIVE, "angle": UnknownKind.ANGLE}
 _SPATIAL = ("rotation", "pose", "similarity")
 
