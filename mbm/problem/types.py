@@ -373,6 +373,7 @@ class Request:
     seed: int = 1
     max_iterations: int = 100
     tolerance: float = 1e-10
+    coverage: float = 0.95
     for_each: tuple[str, ...] = ()
     window: Window | None = None
 

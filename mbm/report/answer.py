@@ -76,7 +76,7 @@ class Solved:
             raise LookupError(message)
         for item in self._items():
             if item.quantity.name == name:
-                return named(item)
+                return named(item, self.first.coverage)
         message = f"`{name}` is neither estimated nor derived; there are {', '.join(self)}"
         raise KeyError(message)
 

@@ -15,6 +15,7 @@ from mbm.report.elements import plain_key, shown_sigma
 from mbm.report.filled import conditions, own_names, prior_names
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
+from mbm.report.intervals import interval_document, intervals
 from mbm.report.numbers import NUMBERS
 from mbm.report.solve_document import (
     constraint_document,
@@ -54,7 +55,7 @@ class _Filled:
         self._noise = columns.noise.tolist()
         self._rms = np.where(columns.used == 0, np.array(None), columns.rms).tolist()
         self._rows, self._used = block.rows.tolist(), columns.used.tolist()
-        items = [(item, _Item(item)) for item in reports.items]
+        items = [(item, _Item(item, reports.problem.request.coverage)) for item in reports.items]
         self._estimates = {i.quantity.name: each for i, each in items if isinstance(i, Estimate)}
         self._derived = {i.quantity.name: each for i, each in items if isinstance(i, DerivedValue)}
         images = [image for _, _, image in columns.derived]
@@ -93,10 +94,7 @@ class _Filled:
         written["key"] = solve_key(dict(zip(block.names, block.keys[block.which.start + place], strict=True)))
         written["message"] = REASONS[block.columns.reason[place]].sentence
         for kind, items in (("estimates", self._estimates), ("derived", self._derived)):
-            written[kind] = {
-                name: {**entry, "value": items[name].value(place), "sigma": items[name].sigma[place]}
-                for name, entry in model[kind].items()
-            }
+            written[kind] = {name: {**entry, **items[name].numbers(place)} for name, entry in model[kind].items()}
         for entry in block.layout.entries:
             name = entry.unknown.name
             if name in block.members:
@@ -152,7 +150,7 @@ class _Filled:
 class _Item:
     """An estimate or a derived quantity of all solves of a block, as documents hold it: ``finite`` (K,), ``sigma``."""
 
-    def __init__(self, item: Estimate | DerivedValue) -> None:
+    def __init__(self, item: Estimate | DerivedValue, coverage: float) -> None:
         sigma = shown_sigma(item)
         self._quantity = item.quantity
         self._values: Floats | list[Any] = item.value
@@ -160,6 +158,12 @@ class _Item:
             self._values = np.asarray(item.value / item.quantity.factor, dtype=float).tolist()
         self.sigma: list[Any] = sigma.tolist()
         self.finite: Mask = _finite(np.asarray(item.value)) & _finite(sigma)
+        self._intervals = intervals(item, coverage)
+
+    def numbers(self, place: int) -> dict[str, Any]:
+        """Value, sigma and interval of one solve."""
+        found = {"value": self.value(place), "sigma": self.sigma[place]}
+        return found | interval_document(self._intervals.at((place,)))
 
     def value(self, place: int) -> Any:
         """The value of one solve."""

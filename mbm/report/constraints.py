@@ -119,7 +119,10 @@ def constraint_diagnostics(problem: Problem, solution: Solution, names: tuple[st
         return (_conflict(problem, solution, state.conflict, names),)
     pushed = state.forcing & ~state.equality
     blocks = {o: problem.blocks[o] for o in _owners(solution, np.flatnonzero(pushed))}
-    return tuple(faults.active_constraint(block.span, block.name) for block in blocks.values())
+    return tuple(
+        faults.active_constraint(block.span, block.name, uniform=block.constraint is ConstraintKind.UNIFORM)
+        for block in blocks.values()
+    )
 
 
 def _owners(solution: Solution, places: np.ndarray) -> Iterator[int]:

@@ -72,7 +72,7 @@ def shown_sigma(item: Estimate | DerivedValue) -> Floats:
         if item.at_bound is not None:
             sigma = np.where(item.at_bound, math.nan, sigma)
         sigma = np.where(item.fixed, 0.0, sigma)
-    return np.asarray(sigma / _factors(item.quantity), dtype=np.float64)
+    return np.asarray(sigma / factors(item.quantity), dtype=np.float64)
 
 
 def shown_bounds(item: Estimate | DerivedValue) -> Floats | None:
@@ -81,9 +81,9 @@ def shown_bounds(item: Estimate | DerivedValue) -> Floats | None:
     """
     if item.bounds is None:
         return None
-    factors = np.asarray(_factors(item.quantity), dtype=np.float64)
-    found = item.bounds / factors[..., None]
-    if bool((factors != 1.0).any()):
+    units = np.asarray(factors(item.quantity), dtype=np.float64)
+    found = item.bounds / units[..., None]
+    if bool((units != 1.0).any()):
         outward = np.nextafter(found, np.array([-np.inf, np.inf]))
         found = np.where(found == 0.0, 0.0, outward)
     return np.asarray(found, dtype=np.float64)
@@ -91,10 +91,10 @@ def shown_bounds(item: Estimate | DerivedValue) -> Floats | None:
 
 def shown_values(item: Estimate | DerivedValue) -> Floats:
     """The values of the scalars in the unit of the quantity: of rotations and the like, the tangent coordinates."""
-    return np.asarray(_coordinates(item) / _factors(item.quantity), dtype=np.float64)
+    return np.asarray(_coordinates(item) / factors(item.quantity), dtype=np.float64)
 
 
-def _factors(quantity: Quantity) -> Floats | float:
+def factors(quantity: Quantity) -> Floats | float:
     """SI per unit shown, along the last axis of sigmas."""
     return geometric.coordinate_factors(quantity) if quantity.kind in geometric.GEOMETRIC else quantity.factor
 

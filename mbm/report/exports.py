@@ -6,19 +6,22 @@ therefore written by `text_cell`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import TextIO
 
+import numpy as np
+
 from mbm.data.writers import DelimitedLines
 from mbm.report.elements import Scalar, own_name, plain_key, scalars, unit_text
+from mbm.report.intervals import intervals
 from mbm.report.numbers import USUAL
 from mbm.report.solve_columns import solve_columns
 from mbm.report.types import DerivedValue, Estimate, Key, Result, SolveReport
 
 SOLVE_COLUMNS = ("status", *USUAL)
-ESTIMATE_COLUMNS = ("name", "key", "component", "value", "sigma", "unit", "kind", "scalar")
-BOUND_COLUMNS = ("low", "high")
+INTERVAL_COLUMNS = ("dof", "k", "U", "low", "high", "interval_kind")
+ESTIMATE_COLUMNS = ("name", "key", "component", "value", "sigma", "unit", "kind", "scalar", *INTERVAL_COLUMNS)
 RESIDUAL_COLUMNS = ("clause", "row", "value", "residual", "weight", "component", "file_row", "used")
 
 
@@ -66,19 +69,19 @@ def write_estimates(result: Result, stream: TextIO) -> None:
 
     ``name`` is that of the quantity, ``key`` that of the member of a family, ``component`` what tells its scalars apart
     (``[1]``, ``rot[1]``), ``scalar`` all of it as the covariance is named; ``kind`` is `estimate`, `fixed`, `at-bound`
-    or `derived`. Value and sigma are in ``unit``, cells empty where there is no number. Where there are guaranteed
-    bounds, ``BOUND_COLUMNS`` follow. Open ``stream`` with ``newline=""``.
+    or `derived`. Value and sigma are in ``unit``, cells empty where there is no number. ``INTERVAL_COLUMNS`` are as
+    documents have them: dof is empty where there are infinitely many; guaranteed bounds are low and high without the
+    others. Open ``stream`` with ``newline=""``.
     """
     keys = _key_columns(result.solves)
     lines = DelimitedLines(stream)
-    bounded = any(solve.boxes is not None for solve in result.solves)
-    titles = (*ESTIMATE_COLUMNS, *(BOUND_COLUMNS if bounded else ()))
-    lines.row([*_titles(keys, set(titles)), *titles])
+    lines.row([*_titles(keys, set(ESTIMATE_COLUMNS)), *ESTIMATE_COLUMNS])
     for solve in result.solves:
         key = _key_cells(solve.key, keys)
         items: list[Estimate | DerivedValue] = [*solve.estimates, *solve.derived]
         for item in items:
             found = list(scalars(item))
+            cells = list(_interval_cells(item, solve.coverage))
             each = len(found) // max(len(item.keys), 1) if item.keys is not None else len(found)
             for place, scalar in enumerate(found):
                 member = None if item.keys is None else item.keys[place // each]
@@ -94,9 +97,22 @@ def write_estimates(result: Result, stream: TextIO) -> None:
                         text_cell(unit_text(scalar.quantity)),
                         _kind(scalar),
                         text_cell(scalar.name),
-                        *((_cell(end) for end in scalar.bounds or (None, None)) if bounded else ()),
+                        *(cells[place] if scalar.bounds is None else _bound_cells(*scalar.bounds)),
                     ]
                 )
+
+
+def _interval_cells(item: Estimate | DerivedValue, coverage: float) -> Iterator[list[str]]:
+    """The cells of ``INTERVAL_COLUMNS`` of each scalar."""
+    found = intervals(item, coverage)
+    parts = (found.dof, found.k, found.expanded, found.low, found.high)
+    for *numbers, kind in zip(*(np.ravel(part).tolist() for part in (*parts, found.names())), strict=True):
+        yield [*map(_cell, numbers), kind or ""]
+
+
+def _bound_cells(low: float, high: float) -> list[str]:
+    """The cells of ``INTERVAL_COLUMNS`` of guaranteed bounds."""
+    return ["", "", "", _cell(low), _cell(high), ""]
 
 
 def _kind(scalar: Scalar) -> str:

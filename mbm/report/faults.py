@@ -82,13 +82,19 @@ def bad_initial_values(what: str, file: str | None = None) -> Diagnostic:
     )
 
 
-def active_constraint(span: Span, name: str) -> Diagnostic:
-    """The data push against an inequality."""
+UNIFORM_IS_A_LIMIT = (
+    "`uniform` is a hard limit; for a standard deviation of a/√3, with a half the width, "
+    "write `(rectangular form lo hi)`"
+)
+
+
+def active_constraint(span: Span, name: str, *, uniform: bool = False) -> Diagnostic:
+    """The data push against an inequality, or against the limits of a `uniform`."""
     return Diagnostic(
         code=ACTIVE_CONSTRAINT,
         message=f"the estimates are held by the constraint `{name}`",
         place=span,
-        hint=ACTIVE_CONSTRAINT.mend,
+        hint=UNIFORM_IS_A_LIMIT if uniform else ACTIVE_CONSTRAINT.mend,
         severity=Severity.WARNING,
     )
 

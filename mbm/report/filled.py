@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.layout import half_turns
+from mbm.equations.layout import Entry, half_turns
 from mbm.equations.types import Indices
 from mbm.estimation.batches.types import REASONS, Block, Columns
 from mbm.estimation.search.solution import Solution
@@ -22,6 +22,7 @@ from mbm.report.pictures import plot_data
 from mbm.report.plot_data import PlotData
 from mbm.report.quantities import derived_quantity, quantity_of
 from mbm.report.residuals import places_of, residual_rows
+from mbm.report.spreads import Spread
 from mbm.report.types import (
     CorrectionReport,
     CovarianceMatrix,
@@ -56,14 +57,40 @@ def families(problem: Problem, block: Block) -> Iterator[Estimate | DerivedValue
             sigma=every[:, place].reshape(count, *shape),
             fixed=np.broadcast_to(block.layout.fixed[place].reshape(shape), (count, *shape)),
             keys=members,
+            spread=_spread(block, entry, numbers, values).shaped((count, *shape)),
         )
-    for derived, (values, sigma, _) in zip(problem.derived, block.columns.derived, strict=True):
+    degrees = block.columns.degrees.derived
+    for derived, (values, sigma, _), freedom in zip(problem.derived, block.columns.derived, degrees, strict=True):
+        stated = derived.shape if derived.kind is None else (sigma.shape[1],)
         yield DerivedValue(
             quantity=derived_quantity(problem, derived),
             value=values.reshape(count, *derived.shape),
-            sigma=sigma.reshape(count, *(derived.shape if derived.kind is None else (sigma.shape[1],))),
+            sigma=sigma.reshape(count, *stated),
             keys=members,
+            spread=Spread(dof=freedom.dof, inflation=freedom.inflation).shaped((count, *stated)),
         )
+
+
+def _spread(block: Block, entry: Entry, numbers: Floats, values: Floats) -> Spread:
+    """Degrees of freedom and limits (K, coordinates) of an unknown, whose ``numbers`` are reported as ``values``."""
+    degrees, shape = block.columns.degrees, (len(block.which), len(block.layout.number))
+
+    def every(own: Floats, other: float) -> Floats:
+        whole = np.full(shape, other)
+        whole[:, block.free] = own
+        return whole[:, entry.coordinates]
+
+    found = Spread(dof=every(degrees.estimates.dof, np.inf), inflation=every(degrees.estimates.inflation, 1.0))
+    if degrees.limited is None:
+        return found
+    turned = (values - numbers) if entry.unknown.kind is UnknownKind.ANGLE else np.zeros((shape[0], 1))
+    return replace(
+        found,
+        lower=every(degrees.limited.lower, -np.inf) + turned,
+        upper=every(degrees.limited.upper, np.inf) + turned,
+        step=every(degrees.limited.step, np.nan),
+        free=every(degrees.limited.sigma, np.nan),
+    )
 
 
 def filled(
@@ -100,11 +127,19 @@ def filled(
                 sigma=_at(each.sigma, place),
                 fixed=each.fixed[place],
                 keys=block.member_keys(entry, place),
+                spread=None if each.spread is None else each.spread.at(place),
             )
             for like, each, entry in zip(model.estimates, estimates, block.layout.entries, strict=True)
         ),
         derived=tuple(
-            replace(each, value=each.value[place], sigma=_at(each.sigma, place), keys=None) for each in derived
+            replace(
+                each,
+                value=each.value[place],
+                sigma=_at(each.sigma, place),
+                keys=None,
+                spread=None if each.spread is None else each.spread.at(place),
+            )
+            for each in derived
         ),
         covariance=_with_matrix(_renamed(model.covariance, problem, block, place), factor),
         derived_covariance=_with_matrix(model.derived_covariance, np.vstack(images)) if images else None,

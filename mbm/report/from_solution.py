@@ -11,7 +11,7 @@ from mbm.equations.layout import Entry, half_turns
 from mbm.equations.types import NoiseState, Reason
 from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.search import Alternative as OtherMinimum
-from mbm.estimation.search.solution import DerivedSolution, Failure, Followed, Skipped, Solution
+from mbm.estimation.search.solution import DerivedSolution, Failure, Hypothesis, Skipped, Solution
 from mbm.problem.naming import member_name
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report import faults
@@ -29,6 +29,8 @@ from mbm.report.pictures import plot_data
 from mbm.report.quantities import Shown, shown
 from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries
 from mbm.report.root_means import of_solution
+from mbm.report.solution_spreads import coordinate_spread, derived_spread, entry_spread
+from mbm.report.spreads import Spread
 from mbm.report.types import (
     Alternative,
     ConstraintReport,
@@ -110,6 +112,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         hypotheses=tuple(_hypothesis(solution, how, each) for each in solution.hypotheses),
         followed=solution.followed,
         starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),
+        coverage=problem.request.coverage,
         diagnostics=(
             *solution.diagnostics,
             *_near_bounds(solution, names),
@@ -188,6 +191,7 @@ class _Each:
     unused: Mask
     estimable: Mask
     unknown: str | None
+    spread: Spread
 
     @staticmethod
     def of(solution: Solution, unknown: str | None) -> _Each:
@@ -207,6 +211,7 @@ class _Each:
             unused=unused,
             estimable=estimable,
             unknown=unknown,
+            spread=coordinate_spread(solution),
         )
 
     def why_missing(self, place: slice) -> str | None:
@@ -245,6 +250,7 @@ def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each)
         per=entry.unknown.family.rows if entry.unknown.family is not None else None,
         at_bound=np.broadcast_to(bound.reshape(shape), every) if bool(bound.any()) else None,
         reason=each.why_missing(place),
+        spread=entry_spread(solution, each.spread, entry, shape),
     )
 
 
@@ -259,7 +265,7 @@ def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alterna
     )
 
 
-def _hypothesis(solution: Solution, how: Shown, other: Followed) -> Alternative:
+def _hypothesis(solution: Solution, how: Shown, other: Hypothesis) -> Alternative:
     """What a filter follows, at the last step."""
     covariance = replace(solution.covariance, sigma=other.sigma)
     there = replace(solution, numbers=other.numbers, covariance=covariance)
@@ -289,6 +295,7 @@ def _derived(
     leading = () if derived.table is None else (len(found.values),)
     shape = (*leading, *derived.shape)
     sigma = found.sigma if unknown is None else np.full_like(found.sigma, np.nan)
+    stated = shape if derived.kind is None else (*leading, sigma.shape[1])
     keys = None
     if derived.table is not None:
         table = solution.tables[derived.table]
@@ -296,10 +303,11 @@ def _derived(
     return DerivedValue(
         quantity=quantity,
         value=found.values.reshape(shape),
-        sigma=sigma.reshape(shape if derived.kind is None else (*leading, sigma.shape[1])),
+        sigma=sigma.reshape(stated),
         keys=keys,
         over=derived.table,
         reason=_why_derived_missing(solution, found, sigma, unknown),
+        spread=derived_spread(solution, found, stated),
     )
 
 

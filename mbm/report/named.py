@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import field
+from functools import partial
+
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.problem.naming import member_name
 from mbm.report.elements import shown_bounds, shown_sigma
 from mbm.report.geometric import GEOMETRIC, number_factors
+from mbm.report.intervals import Intervals, intervals
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind
 from mbm.rotations import matrix_of_quaternion, planar
 from mbm.values import dataclass
@@ -24,7 +30,8 @@ class Named:
     Rotations are unit quaternions (w, x, y, z), or angles in the plane; poses add the translation, similarities the
     scale. Their ``sigma`` is that of rotation vector, translation and logarithm of the scale.
     ``bounds`` [low, high] along a last axis behind the shape of ``sigma`` are guaranteed ones; None: the method gives
-    none. Then ``value`` is their middle, and ``sigma`` NaN.
+    none. Then ``value`` is their middle, and ``sigma`` NaN. ``coverage`` is that of the solve, ``intervals``
+    makes those of a level.
     """
 
     name: str
@@ -34,6 +41,8 @@ class Named:
     keys: tuple[Key, ...] | None
     kind: Kind
     dimension: int
+    coverage: float
+    intervals: Callable[[float], Intervals] = field(repr=False)
     bounds: Floats | None = None
 
     def __getitem__(self, key: Key) -> Named:
@@ -60,8 +69,46 @@ class Named:
             keys=None,
             kind=self.kind,
             dimension=self.dimension,
+            coverage=self.coverage,
+            intervals=partial(_of_member, self.intervals, place),
             bounds=None if self.bounds is None else self.bounds[place],
         )
+
+    @property
+    def dof(self) -> Floats:
+        """Effective degrees of freedom of ``sigma``, of its shape; infinite where the noise was stated."""
+        return self.intervals(self.coverage).dof
+
+    @property
+    def k(self) -> Floats:
+        """The coverage factor at the coverage of the solve, of the shape of ``sigma``."""
+        return self.intervals(self.coverage).k
+
+    @property
+    def U(self) -> Floats:  # noqa: N802 - the GUM's name of it
+        """The expanded uncertainty ``k·sigma``, in the unit of the value."""
+        return self.intervals(self.coverage).expanded
+
+    @property
+    def interval_kind(self) -> NDArray[np.object_]:
+        """How each interval was found: ``t``, ``profile`` or ``limited``; None where there is none."""
+        return self.intervals(self.coverage).names()
+
+    def interval(self, level: float | None = None) -> Floats:
+        """Low and high end along the last axis, in the unit of the value; ``level`` None: the coverage of the solve.
+
+        NaN where no standard deviation is known, infinite where a profile has no end.
+
+        Raises:
+            ValueError: the level does not lie between 0 and 1.
+
+        """
+        level = self.coverage if level is None else level
+        if not 0.0 < level < 1.0:
+            message = f"the level of an interval lies between 0 and 1, and {level!r} does not"
+            raise ValueError(message)
+        found = self.intervals(level)
+        return np.stack([found.low, found.high], axis=-1)
 
     @property
     def rotation(self) -> Floats:
@@ -117,8 +164,12 @@ class Named:
         return self.value
 
 
-def named(item: Estimate | DerivedValue) -> Named:
-    """An estimate or a derived quantity of a solve."""
+def _of_member(family: Callable[[float], Intervals], place: int, level: float) -> Intervals:
+    return family(level).at((place,))
+
+
+def named(item: Estimate | DerivedValue, coverage: float) -> Named:
+    """An estimate or a derived quantity of a solve with intervals of this ``coverage``."""
     quantity = item.quantity
     factor = number_factors(quantity) if quantity.kind in GEOMETRIC else quantity.factor
     return Named(
@@ -129,5 +180,7 @@ def named(item: Estimate | DerivedValue) -> Named:
         keys=item.keys,
         kind=quantity.kind,
         dimension=quantity.dimension,
+        coverage=coverage,
+        intervals=partial(intervals, item),
         bounds=shown_bounds(item),
     )

@@ -14,8 +14,9 @@ from mbm.problem.overrides import Overrides
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Consensus, GivenStarts, Problem, RandomStarts
 from mbm.report.from_solution import report_of
+from mbm.report.inputs import InputFile
 from mbm.report.options import Progress
-from mbm.report.types import InputFile, Result, SolveReport
+from mbm.report.types import Result, SolveReport
 from mbm.text.types import Code, Diagnostic, MbmError
 from mbm.version import __version__
 
@@ -76,6 +77,7 @@ def result_of(
             "method": request.method.value,
             "max-iterations": request.max_iterations,
             "tolerance": request.tolerance,
+            "coverage": request.coverage,
             **_starts_option(request.starts),
             **_robust_option(request.robust),
             **_constraints_option(problem),

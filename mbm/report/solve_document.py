@@ -12,6 +12,7 @@ import numpy as np
 from mbm.report.elements import plain_key, shown_bounds, shown_sigma, unit_text
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
+from mbm.report.intervals import interval_document, intervals
 from mbm.report.means import RawResiduals
 from mbm.report.numbers import NUMBERS, USUAL
 from mbm.report.types import (
@@ -57,9 +58,11 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         written["reasons"] = reasons
     corrections = {"corrections": corrections_document(solve.corrections)} if solve.corrections else {}
     return written | {
-        "estimates": {item.quantity.name: _with_followed(_estimate(item), item, solve) for item in solve.estimates},
+        "estimates": {
+            item.quantity.name: _with_followed(_estimate(item, solve.coverage), item, solve) for item in solve.estimates
+        },
         "covariance": _covariance(solve.covariance),
-        "derived": {item.quantity.name: _derived(item) for item in solve.derived},
+        "derived": {item.quantity.name: _derived(item, solve.coverage) for item in solve.derived},
         "derived_covariance": _covariance(solve.derived_covariance),
         "observability": _observability(solve.observability, factors),
         "noise": {name: _number(factor) for name, factor in solve.noise.items()},
@@ -100,7 +103,7 @@ def _alternative(found: Alternative) -> dict[str, Any]:
 def _piece(found: Piece) -> dict[str, Any]:
     return {
         "estimates": {item.quantity.name: _estimate(item) for item in found.estimates},
-        "derived": {item.quantity.name: _derived(item) for item in found.derived},
+        "derived": {item.quantity.name: _derived(item, None) for item in found.derived},
     }
 
 
@@ -122,10 +125,13 @@ def _why_missing(solve: SolveReport, name: str) -> str:
     return "it was not computed" if getattr(solve, name) is None else "the value is not finite"
 
 
-def _estimate(item: Estimate) -> dict[str, Any]:
+def _estimate(item: Estimate, coverage: float | None = None) -> dict[str, Any]:
+    """An estimate, with its interval where a ``coverage`` is asked for."""
     over = item.quantity.over
     written = _family("per", item.per, item.keys) if over is None else _family("over", over, item.keys)
     written |= _value_and_sigma(item)
+    if coverage is not None and item.spread is not None:
+        written |= interval_document(intervals(item, coverage))
     if item.fixed.any():
         written["fixed"] = item.fixed.tolist()
     if item.at_bound is not None and item.at_bound.any():
@@ -133,8 +139,10 @@ def _estimate(item: Estimate) -> dict[str, Any]:
     return written
 
 
-def _derived(item: DerivedValue) -> dict[str, Any]:
-    return _family("over", item.quantity.over or item.over, item.keys) | _value_and_sigma(item)
+def _derived(item: DerivedValue, coverage: float | None) -> dict[str, Any]:
+    interval = {} if item.spread is None or coverage is None else interval_document(intervals(item, coverage))
+    family = _family("over", item.quantity.over or item.over, item.keys)
+    return family | _value_and_sigma(item) | interval
 
 
 def _family(word: str, table: str | None, keys: tuple[Key, ...] | None) -> dict[str, Any]:

@@ -38,10 +38,11 @@ NOTHING = 1e-9
 """Numbers that differ by less, relatively, are the same."""
 
 
-def table(result: Result, *, width: int = 80, color: bool = False, full: bool = False) -> str:
+def table(result: Result, *, width: int = 80, color: bool = False, full: bool = False, intervals: bool = False) -> str:
     """The table, lines of at most about ``width`` columns, with a line break at the end.
 
-    ``color`` adds ANSI escapes; ``full`` shows every row of long families and of many solves, and how it was solved.
+    ``color`` adds ANSI escapes; ``full`` shows every row of long families and of many solves, and how it was solved;
+    ``intervals`` adds those of the estimates.
     """
     paint = Paint(color)
     if len(result.solves) == 1 and not result.solves[0].key:
@@ -50,6 +51,10 @@ def table(result: Result, *, width: int = 80, color: bool = False, full: bool = 
         from mbm.report.many import many_solves
 
         lines = [_heading(result, None, paint), "", *many_solves(result.solves, width, paint, full)]
+    if intervals:
+        from mbm.report.interval_table import interval_lines
+
+        lines += ["", *interval_lines(result.solves, paint, full)]
     return joined((line.rstrip() for line in lines), color=color) + "\n"
 
 

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
+from mbm.report.inputs import InputFile
 from mbm.report.map_types import Map
 from mbm.report.means import RawResiduals, no_residuals
 from mbm.report.plot_data import PlotData
+from mbm.report.spreads import Spread
 from mbm.text.types import DataPlace, Diagnostic
 from mbm.values import dataclass
 
@@ -106,6 +108,7 @@ class Estimate:
     Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound. Angles are wrapped to (-pi, pi].
     ``per`` is what the family ranges over (a table, or ``table.column``).
     ``bounds`` (SI) has the shape of ``sigma`` and a last axis [low, high]: guaranteed ones, in place of ``sigma``.
+    ``spread`` (None: unknown) makes intervals.
     """
 
     quantity: Quantity
@@ -117,6 +120,7 @@ class Estimate:
     at_bound: Mask | None = None
     reason: str | None = None
     bounds: Floats | None = None
+    spread: Spread | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,6 +134,7 @@ class DerivedValue:
     over: str | None = None
     reason: str | None = None
     bounds: Floats | None = None
+    spread: Spread | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -345,6 +350,7 @@ class SolveReport:
     hypotheses: tuple[Alternative, ...] = ()
     followed: tuple[int, ...] = ()
     starts: StartsTally | None = None
+    coverage: float = 0.95
     diagnostics: tuple[Diagnostic, ...] = ()
     made_from: Callable[[], tuple[Problem, Solution]] | None = None
 
@@ -368,15 +374,6 @@ class Stated(Protocol):
     def statuses(self) -> Sequence[SolveStatus]:
         """The status of each solve."""
         ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InputFile:
-    """A file that was read: path in messages, SHA-256 (None for tables given through the API), rows."""
-
-    path: str
-    sha256: str | None
-    rows: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

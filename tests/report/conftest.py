@@ -8,12 +8,12 @@ from math import nan
 import numpy as np
 import pytest
 
+from mbm.report.inputs import InputFile
 from mbm.report.types import (
     CovarianceMatrix,
     DerivedValue,
     Estimate,
     FreeDirection,
-    InputFile,
     Kind,
     Observability,
     PriorReport,

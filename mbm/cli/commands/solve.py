@@ -37,6 +37,7 @@ BACKENDS = ("auto", "native", "casadi", "numpy")
 @click.option("--json", "json_path", metavar="PATH|-", help="Write the result document.")
 @click.option("--csv", "csv_path", metavar="PATH", help="Write the estimates, one row per solve.")
 @click.option("--estimates", "estimates_path", metavar="PATH", help="Write the estimates, one row each, as CSV.")
+@click.option("--intervals", is_flag=True, help="Show intervals, coverage factors and degrees of freedom.")
 @click.option("--residuals", "residuals_path", metavar="PATH", help="Write the residuals, one row each, as CSV.")
 @click.option("--plot", "plot_path", metavar="PATH", help="Draw residuals, ellipses, data and model (.png .svg .pdf).")
 @click.option("--overlay", "overlay_path", metavar="PATH", help="Draw the images: measured and predicted features.")
@@ -87,7 +88,7 @@ def command(**given: Any) -> int:
         if given["json_path"] == STANDARD_OUTPUT:
             write_bytes(document_bytes(result))
         else:
-            _print_table(result, screen)
+            _print_table(result, screen, intervals=given["intervals"])
     except MbmError as error:  # the files are there, and stay
         wrong.extend(error.diagnostics)
     print_diagnostics(wrong, color=screen.color_errors)
@@ -122,11 +123,11 @@ def _solve(given: dict[str, Any], screen: Terminal, loaded: Callable[[], None]) 
         return solve_file(given["file"], options)
 
 
-def _print_table(result: Result, screen: Terminal) -> None:
+def _print_table(result: Result, screen: Terminal, *, intervals: bool) -> None:
     from mbm.report.table import headline, table
 
     if screen.quiet:
         text = headline(result, color=screen.color)
     else:
-        text = table(result, width=screen.width, color=screen.color, full=screen.verbose)
+        text = table(result, width=screen.width, color=screen.color, full=screen.verbose, intervals=intervals)
     say(text, color=screen.color, end="")

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.batches.degrees import degrees_columns
 from mbm.estimation.batches.derived import derived_columns
 from mbm.estimation.batches.doubts import doubtful, stationary
 from mbm.estimation.batches.factor import Factors, Spread, factors
+from mbm.estimation.batches.limited import limited_columns
 from mbm.estimation.batches.losses import counted, informed, outlying, rooted_slopes, sandwiches
 from mbm.estimation.batches.portion import Portion, stated
 from mbm.estimation.batches.stack import Stack
@@ -39,19 +42,17 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     surface = _surface(portion, ends, rooted)
     found = factors(rooted, None if surface is None else surface[1])
     solved = _converged(ends) & found.good & np.isfinite(ends.cost) & ~ends.held
-    freedom = count - stack.equations.dimension
-    if surface is not None:
-        freedom = freedom + surface[1].taken
+    freedom = count - stack.equations.dimension + (0 if surface is None else surface[1].taken)
     solved &= (freedom >= 0) & ~stationary(portion, ends, found, rooted)
     # what is left of the variance of residuals whose tails were cut off
     left = np.ones((1, 1)) if ends.kept is None else portion.by_slot(ends.kept.information)
     scattered = ends.cost if ends.kept is None else (np.square(residuals) / left).sum(axis=1)
     unknown = [i for i, block in enumerate(problem.blocks) if block.unknown_factor]
     known, cost = not unknown, np.square(residuals).sum(axis=1) if lossy else ends.cost
-    noise = np.ones(len(which))
-    if not known and ends.factors is None:
+    common = not known and ends.factors is None
+    if common:
         solved &= (freedom > 0) & (ends.cost > 0.0)
-        noise = np.sqrt(scattered / np.maximum(freedom, 1))
+    noise = np.sqrt(scattered / np.maximum(freedom, 1)) if common else np.ones(len(which))
     if ends.factors is not None and len(unknown) == 1:
         cost = _as_stated(portion, residuals, unknown[0], ends.factors)
     spread = _spread(problem, portion, residuals, slopes, found, noise, None if ends.kept is None else left)
@@ -62,10 +63,11 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         derived_columns(quantity, owner, stack, reported, factor) for owner, quantity in enumerate(problem.derived)
     )
     solved &= _all_finite([one.sigma for one in derived], len(which))
-    sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
     chi2_p = _tails(stack, scattered, freedom, solved) if known and not lossy else np.full(len(which), np.nan)
     clean = solved & ~(chi2_p < IMPROBABLE) & _all_finite([one.values for one in derived], len(which))
     clean &= ~doubtful(problem, portion, ends, found, spread, derived, residuals)
+    degrees = degrees_columns(problem, portion, spread, derived, freedom)
+    limited = limited_columns(portion, None if surface is None else surface[0], ends.points, rooted, spread, residuals)
     counting = counted(portion, residuals)
     return Columns(
         points=ends.points,
@@ -76,7 +78,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         iterations=ends.iterations,
         evaluations=ends.evaluations,
         dof=freedom,
-        sigma0=sigma0,
+        sigma0=np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan),
         chi2_p=chi2_p,
         noise=np.where(_unknown(problem), noise[:, None], 1.0) if ends.factors is None else ends.factors,
         sigma=np.sqrt(np.square(factor).sum(axis=2)),
@@ -93,6 +95,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         solved=solved,
         expected=(ends.cost < _usual_costs(freedom)) & known,
         challenged=_challenged(ends, other=lossy or surface is not None),
+        degrees=replace(degrees, limited=limited),
         limits=_limits(problem, stack, which, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )

@@ -15,6 +15,7 @@ from mbm.estimation.batches.factor import Factors, Spread
 from mbm.estimation.batches.losses import rooted_residuals, rooted_slopes
 from mbm.estimation.batches.portion import Portion, stated
 from mbm.estimation.batches.types import Ends
+from mbm.estimation.trust.curvature import MOST_DERIVED
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
     LOOKED_AT,
@@ -24,7 +25,7 @@ from mbm.estimation.trust.nonlinearity import (
     end_ratios,
     too_much,
 )
-from mbm.estimation.trust.plausibility import CHECKED, MOST_DERIVED, STRAINED, innovations
+from mbm.estimation.trust.plausibility import CHECKED, STRAINED, innovations
 from mbm.estimation.uncertainty.stationary import FAR, LEAST, STEP, vanishing
 from mbm.problem.types import BlockRole, Problem
 

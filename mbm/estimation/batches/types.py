@@ -19,6 +19,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.equations.assembly import Assembled
     from mbm.equations.corrections.measured import Measured
+    from mbm.estimation.batches.degree_types import DegreesColumns
 
 REASONS = tuple(Reason)
 """Reasons by number: ``Columns.reason`` counts in this order."""
@@ -157,6 +158,7 @@ class Columns:
     out, or are far off under a loss (None: none are looked for). ``priors`` (T, k): how far estimates are from the k
     means that are known beforehand, not whitened, equation by equation. ``counting`` (T, m): the residuals that count
     (None: all that there are). ``seconds`` (T,).
+    ``degrees`` are those of freedom;
     ``limits`` are the constraints (None: there are none); with these, columns of ``factor`` and ``root`` are zero for
     the dimensions that they take away.
     """
@@ -187,16 +189,18 @@ class Columns:
     priors: Floats
     counting: Mask | None
     seconds: Floats
+    degrees: DegreesColumns
     limits: Limits | None = None
 
     def first(self, count: int) -> Columns:
         """The columns of the first ``count`` solves."""
-        whole = ("derived", "outliers", "limits")  # outliers are looked up by the number of a solve
+        whole = ("derived", "outliers", "degrees", "limits")  # outliers are looked up by the number of a solve
         own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in whole}
         return replace(
             self,
             **{name: each[:count] for name, each in own.items() if each is not None},
             derived=tuple((a[:count], b[:count], c[:count]) for a, b, c in self.derived),
+            degrees=self.degrees.first(count),
             limits=None if self.limits is None else self.limits.first(count),
         )
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mbm.equations.binding import Group
 from mbm.equations.layout import Layout
+from mbm.equations.spreads import Followed, Freedom, Limited
 from mbm.equations.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Noise, Observability
 from mbm.problem.tables import CellKey, Table
 from mbm.text.types import Diagnostic
@@ -24,12 +25,14 @@ if TYPE_CHECKING:
 class DerivedSolution:
     """A derived quantity: ``values`` and ``sigma`` (rows, size), sigma NaN where the data do not determine it.
 
+    ``freedom`` is that of the sigmas.
     ``gradient`` (rows·size, n) is with respect to the free numbers; None where it was left out for its size.
     """
 
     owner: int
     values: Floats
     sigma: Floats
+    freedom: Freedom
     gradient: Floats | None
 
 
@@ -51,7 +54,7 @@ class Skipped:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Followed:
+class Hypothesis:
     """A hypothesis of a filter at the last step: numbers (N,) and sigma (n,) as a `Solution` has them, NaN elsewhere.
 
     ``weight`` is its probability among all that are followed.
@@ -74,7 +77,9 @@ class Solution:
     ``robust_cost`` is the sum of the losses, None without one; ``unused`` are coordinates of members that no equation
     mentions. ``origin`` says where the start came from.
     ``corrections`` has those of measured columns with errors, ``hypotheses`` those that a filter follows at the last
-    step, and ``followed`` says how many there were after each.
+    step, and ``followed`` says how many there were after each. ``freedom`` are the degrees of freedom of the standard
+    deviations, ``limited`` hard limits (None: there are none), ``profiles`` intervals where the linear ones are wrong
+    (None: nowhere).
     """
 
     key: Mapping[str, CellKey]
@@ -100,9 +105,12 @@ class Solution:
     noise: Mapping[int, Noise]
     factors: Floats | None
     sigma_known: bool
+    freedom: Freedom
+    limited: Limited | None
+    profiles: Followed | None
     unused: Indices
     corrections: tuple[CorrectedColumn, ...] = ()
-    hypotheses: tuple[Followed, ...] = ()
+    hypotheses: tuple[Hypothesis, ...] = ()
     followed: tuple[int, ...] = ()
     method: str
     iterations: int

@@ -11,11 +11,12 @@ from mbm.equations.binder import Binder
 from mbm.equations.binding import Group
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Observability, Reason
-from mbm.estimation.search.solution import DerivedSolution, Followed, Solution
+from mbm.estimation.search.solution import DerivedSolution, Hypothesis, Solution
 from mbm.estimation.sequences import faults
 from mbm.estimation.sequences.places import NOT_OF_A_STEP, Places
 from mbm.estimation.sequences.walk import Chained, Prior, Rules, Track
 from mbm.estimation.trust.plausibility import IMPROBABLE
+from mbm.estimation.uncertainty.degrees import common
 from mbm.estimation.uncertainty.derived import reported
 from mbm.estimation.uncertainty.variance import fit_statistics
 from mbm.kernels.types import KernelSet
@@ -92,6 +93,9 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         noise={},
         factors=None,
         sigma_known=True,
+        freedom=common(np.inf, sigma.shape),
+        limited=None,
+        profiles=None,
         unused=np.zeros(0, dtype=np.int64),
         hypotheses=_hypotheses(walked, free),
         followed=() if walked.rules.hypotheses == 1 else tuple(track.followed[: track.made].tolist()),
@@ -122,7 +126,7 @@ def _numbers(walked: Walked) -> Floats:
     return numbers
 
 
-def _hypotheses(walked: Walked, free: Indices) -> tuple[Followed, ...]:
+def _hypotheses(walked: Walked, free: Indices) -> tuple[Hypothesis, ...]:
     """What is followed after the last step, with the probabilities that the costs say."""
     places, crowd = walked.places, walked.track.crowd
     if not crowd or walked.track.made < walked.chained.steps:
@@ -134,7 +138,7 @@ def _hypotheses(walked: Walked, free: Indices) -> tuple[Followed, ...]:
         numbers[places.numbers[-1]] = each.point
         sigma = np.full(len(walked.equations.layout.number), np.nan)
         sigma[places.coordinates[-1, places.free]] = np.sqrt(np.square(each.factor).sum(axis=0))
-        found.append(Followed(cost=each.cost, weight=float(weight), numbers=numbers, sigma=sigma[free]))
+        found.append(Hypothesis(cost=each.cost, weight=float(weight), numbers=numbers, sigma=sigma[free]))
     return tuple(found)
 
 
@@ -239,7 +243,7 @@ def _one(walked: Walked, numbers: Floats, owner: int) -> DerivedSolution:
             values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
             slopes = tangent_slopes(derived.kind, derived.dimension, stated, slopes)
         sigma[positions] = _spread(walked, group, slopes)
-    return DerivedSolution(owner=owner, values=values, sigma=sigma, gradient=None)
+    return DerivedSolution(owner=owner, values=values, sigma=sigma, gradient=None, freedom=common(np.inf, sigma.shape))
 
 
 def _steps_of(walked: Walked, group: Group) -> Indices:

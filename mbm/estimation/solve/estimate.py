@@ -20,6 +20,8 @@ from mbm.equations.types import (
 from mbm.estimation.consensus.preparation import outliers, prepared, robust_cost, unit_weights
 from mbm.estimation.consensus.rivals import rivals
 from mbm.estimation.consensus.types import Prepared
+from mbm.estimation.coverage.limits import limited
+from mbm.estimation.coverage.profiles import profiles
 from mbm.estimation.minimise.minimise import solver_name
 from mbm.estimation.search.agreement import derived_agreement
 from mbm.estimation.search.challenge import Challenge
@@ -29,6 +31,7 @@ from mbm.estimation.search.solution import Solution
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, reached
+from mbm.estimation.trust.curvature import curvature
 from mbm.estimation.trust.plausibility import doubts
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.gauge import with_gauge
@@ -146,10 +149,12 @@ def answered(
     )
     derived, derived_covariance = propagation.all_derived()
     whole = weighted.everything().plain_residuals(minimum.point)
+    bent = curvature(propagation, minimum, derived)
+    freedom = outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
     warnings = (
         *robust.diagnostics,
         *rivals(problem, minimum, end.others, outcome.fit, end.noise),
-        *doubts(propagation, minimum, derived),
+        *doubts(propagation, minimum, derived, bent),
     )
     return Solution(
         key=run.key,
@@ -175,6 +180,9 @@ def answered(
         noise=end.noise,
         factors=end.factors,
         sigma_known=outcome.sigma_known,
+        limited=limited(weighted, minimum, outcome.covariance),
+        freedom=freedom,
+        profiles=profiles(bent, outcome.covariance.sigma, freedom, {one.owner: one.freedom for one in derived}),
         unused=unused,
         corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
         method=solver_name(equations, run.settings),

@@ -17,7 +17,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Covariance, Equations, Floats, Indices, Minimum
-from mbm.estimation.trust.profile import Profile
+from mbm.estimation.trust.profile import END_ACCURACY, Profile
 from mbm.values import dataclass
 
 NORMAL_95 = 1.959963984540054
@@ -91,9 +91,13 @@ class Surroundings:
         both = np.vstack([along, along])
         return end_ratios(residuals, self.tangent, both, self.minimum.cost, self.variance).reshape(2, len(along))
 
-    def followed(self, along: Floats) -> tuple[float, float]:
-        """The true ends in the direction ``along`` (k,), a unit vector, found by following the profile."""
-        step = NORMAL_95 * (self.factor @ along)
+    def followed(self, along: Floats, reach: float = NORMAL_95, accuracy: float = END_ACCURACY) -> tuple[float, float]:
+        """The true ends in the direction ``along`` (k,), a unit vector, found by following the profile.
+
+        They are multiples of the linear ones, which lie ``reach`` standard deviations away, where the cost grows by the
+        square of that.
+        """
+        step = reach * (self.factor @ along)
         others = self.factor @ _complement(along)
         lower, upper = (
             Profile(
@@ -102,8 +106,8 @@ class Surroundings:
                 least=self.minimum.cost,
                 direction=sign * step,
                 others=others,
-                level=NORMAL_95**2 * self.variance,
-            ).end()
+                level=reach**2 * self.variance,
+            ).end(accuracy)
             for sign in (-1.0, 1.0)
         )
         return lower, upper

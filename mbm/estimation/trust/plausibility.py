@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled
-from mbm.equations.binding import Group, affine
-from mbm.equations.types import Covariance, Floats, Indices, Minimum
+from mbm.equations.types import Covariance, Floats, Minimum
 from mbm.estimation.search.solution import DerivedSolution
-from mbm.estimation.trust.nonlinearity import (
-    DETERMINED,
-    IntervalEnds,
-    Surroundings,
-    derived_ends,
-    interval_ends,
-    surroundings,
-)
+from mbm.estimation.trust.curvature import Curvature, DerivedEnds
+from mbm.estimation.trust.nonlinearity import IntervalEnds
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.problem.naming import scalar_name
 from mbm.problem.previous import has_before, looks_back
@@ -35,23 +28,23 @@ STRAINED = 4.0
 CHECKED = 1e-12
 """Redundancy of a prior up to which nothing checks it."""
 
-MOST_DERIVED = 20
-"""Derived numbers whose intervals are looked at."""
-
 
 @np.errstate(all="ignore")
-def doubts(propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSolution, ...]) -> tuple[Diagnostic, ...]:
-    """Warnings about a solve that converged; ``propagation`` holds the equations and covariance at the minimum."""
+def doubts(
+    propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSolution, ...], bent: Curvature | None
+) -> tuple[Diagnostic, ...]:
+    """Warnings about a solve that converged; ``propagation`` holds the equations and covariance at the minimum.
+
+    ``bent`` is what `curvature` found there.
+    """
     if not minimum.reason.converged:
         return ()
     problem, equations, outcome = propagation.problem, propagation.equations, propagation.outcome
     found: list[Diagnostic] = []
-    bent = not equations.linear or bool(derived)
-    around = surroundings(equations, minimum, outcome.covariance) if bent else None
     found += _without_value(propagation, derived)
-    if around is not None:
-        found += _nonlinear(equations, interval_ends(around, outcome.covariance))
-        found += _nonlinear_derived(propagation, around, derived)
+    if bent is not None:
+        found += _nonlinear(equations, bent.ends)
+        found += _nonlinear_derived(problem, bent.derived)
     fit = outcome.fit
     if fit.chi2_p is not None and fit.sigma0 is not None and fit.chi2_p < IMPROBABLE and not equations.lossy:
         found.append(faults.noise_against_data(problem.span, fit.sigma0, fit.chi2_p))
@@ -83,39 +76,14 @@ def _nonlinear(equations: Assembled, ends: IntervalEnds) -> tuple[Diagnostic, ..
     return tuple(faults.too_nonlinear(layout.entry(name).unknown.span, texts) for name, texts in owners.items())
 
 
-def _nonlinear_derived(
-    propagation: Propagation, around: Surroundings, derived: tuple[DerivedSolution, ...]
-) -> Iterator[Diagnostic]:
-    """The same for quantities that are derived once, and are numbers."""
-    left = MOST_DERIVED
-    equations, point = propagation.equations, around.minimum.point
-    turned = equations.layout.reported(point) - point  # quantities are derived from reported angles
-    free = np.zeros(len(equations.layout.number), dtype=bool)
-    free[equations.free] = True
+def _nonlinear_derived(problem: Problem, derived: tuple[DerivedEnds, ...]) -> Iterator[Diagnostic]:
+    """The same for derived quantities."""
     for one in derived:
-        stated = propagation.problem.derived[one.owner]
-        count = one.sigma.size
-        if stated.table is not None or stated.kind is not None or one.gradient is None or count > left:
-            continue
-        groups = propagation.binder.derived(propagation.kernels, one.owner)
-        if len(groups) != 1 or (equations.linear and affine(groups[0], free)):
-            continue
-        left -= count
-        sigma = one.sigma.ravel()
-        parts = np.abs(one.gradient) @ np.nan_to_num(propagation.outcome.covariance.sigma)
-        known = np.flatnonzero(np.isfinite(one.values.ravel()) & np.isfinite(sigma) & (sigma > DETERMINED * parts))
-        if not known.size:
-            continue
-        values = _picked(groups[0], known, turned)
-        ends = derived_ends(around, one.gradient[known], values, stated.angle)
-        names = [scalar_name(stated.name, None, _index(stated.shape, int(i))) for i in known]
-        texts = [_ends(names[i], float(ends.lower[i]), float(ends.upper[i])) for i in ends.doubtful]
+        stated = problem.derived[one.owner]
+        names = [scalar_name(stated.name, None, _index(stated.shape, int(i))) for i in one.known]
+        texts = [_ends(names[i], float(one.ends.lower[i]), float(one.ends.upper[i])) for i in one.ends.doubtful]
         if texts:
             yield faults.too_nonlinear(stated.span, texts)
-
-
-def _picked(group: Group, which: Indices, turned: Floats) -> Callable[[Floats], Floats]:
-    return lambda points: group.values_at(points + turned)[:, 0, which]
 
 
 def _index(shape: tuple[int, ...], place: int) -> tuple[int, ...]:

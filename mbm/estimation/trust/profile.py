@@ -37,10 +37,10 @@ class Profile:
     level: float
 
     @np.errstate(all="ignore")
-    def end(self) -> float:
+    def end(self, accuracy: float = END_ACCURACY) -> float:
         """Where the cost has grown by ``level``, as a multiple of ``direction``; infinite beyond FARTHEST.
 
-        0 where the equations have no value however near.
+        0 where the equations have no value however near. ``accuracy`` is relative.
         """
         inside, outside = 0.0, np.inf
         grown_inside = 0.0
@@ -52,7 +52,7 @@ class Profile:
                 inside, grown_inside, beside = multiple, grown, moved
             else:
                 outside = multiple
-            if abs(grown - 1.0) < END_ACCURACY or outside - inside < END_ACCURACY * inside:
+            if abs(grown - 1.0) < accuracy or outside - inside < accuracy * inside:
                 return multiple if np.isfinite(grown) else inside
             if inside >= FARTHEST:
                 return float("inf")

@@ -12,6 +12,7 @@ from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.uncertainty.covariance import propagate
+from mbm.estimation.uncertainty.degrees import common
 from mbm.estimation.uncertainty.statistics import Statistics, changed
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of
@@ -71,6 +72,7 @@ class Propagation:
             numbers, size = shape.size, shape.tangent
         width = self.equations.dimension
         values, sigma = np.full((rows, numbers), np.nan), np.full((rows, size), np.nan)
+        known = common(self.outcome.freedoms.dof, sigma.shape)
         gradient = np.zeros((rows, size, width)) if rows * size * width <= GRADIENT_LIMIT else None
         for group in self.binder.derived(self.kernels, owner):
             positions = group.positions if group.positions is not None else np.arange(1)
@@ -90,12 +92,15 @@ class Propagation:
                     held = cannot_vary(stated[lines], spread)
                     part, spread = np.where(held[..., None], 0.0, part), np.where(held, 0.0, spread)
                 sigma[chosen] = np.where(unknown[lines], np.nan, spread)
+                found = self.outcome.freedoms.of(part)
+                known.dof[chosen], known.inflation[chosen] = found.dof, found.inflation
                 if gradient is not None:
                     gradient[chosen] = part
         return DerivedSolution(
             owner=owner,
             values=values,
             sigma=sigma,
+            freedom=known,
             gradient=gradient.reshape(-1, width) if gradient is not None else None,
         )
 

@@ -11,6 +11,7 @@ from mbm.equations import faults
 from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
 from mbm.estimation.uncertainty.covariance import covariance
+from mbm.estimation.uncertainty.degrees import Freedoms, freedoms
 from mbm.estimation.uncertainty.observability import observed_at
 from mbm.estimation.uncertainty.variance import fit_statistics
 from mbm.problem.types import Problem
@@ -25,7 +26,7 @@ SAME_COVARIANCES = 1e-9
 class Statistics:
     """``covariance`` holds NaN also for what depends on noise that nothing tells; ``alternative`` is the covariance
     with another assumption about such noise (None: there is none): what differs between the two is not known.
-    ``sigma_known`` is False where no noise at all is known.
+    ``sigma_known`` is False where no noise at all is known. ``freedoms`` says how well standard deviations are known.
     """
 
     observed: Observability
@@ -33,6 +34,7 @@ class Statistics:
     alternative: tuple[Observability, Covariance] | None
     fit: Fit
     sigma_known: bool
+    freedoms: Freedoms
     diagnostics: tuple[Diagnostic, ...]
 
 
@@ -82,19 +84,21 @@ def statistics(
         for i, n in noise.items()
         if n.state is not NoiseState.ESTIMATED
     )
+    fit = fit_statistics(
+        cost,
+        equations.count,
+        observed.rank,
+        noise_stated=not noise and not equations.lossy,
+        equalities=observed.equalities,
+        tested=tested,
+    )
     return Statistics(
         observed=observed,
         covariance=estimated,
         alternative=alternative,
-        fit=fit_statistics(
-            cost,
-            equations.count,
-            observed.rank,
-            noise_stated=not noise and not equations.lossy,
-            equalities=observed.equalities,
-            tested=tested,
-        ),
+        fit=fit,
         sigma_known=known,
+        freedoms=freedoms(equations, minimum, observed, estimated, noise, fit.dof),
         diagnostics=diagnostics,
     )
 

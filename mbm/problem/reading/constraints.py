@@ -18,6 +18,7 @@ from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.kinds import ConstraintKind, Relation
 from mbm.problem.naming import TakenNames
 from mbm.problem.options import Options, split_options
+from mbm.problem.reading.distributions import DISTRIBUTIONS, USAGES, is_distribution, moments
 from mbm.problem.reading.equations import data_only, expanded
 from mbm.problem.reading.relations import Pair, pairs, refuse_contradictions
 from mbm.problem.rows import rows_of
@@ -34,8 +35,11 @@ from mbm.values import dataclass
 T = TypeVar("T")
 
 USAGE = "(= a b …), (<= a b …), (normal form mean sigma) or (uniform form lo hi), each [:over TABLE] [:name n]"
+USAGE = (
+    "(= a b …), (<= a b …), (uniform form lo hi), (normal form mean sigma) or another distribution, "
+    "each [:over TABLE] [:name n]"
+)
 _RELATIONS = {kind.value: kind for kind in ConstraintKind}
-_HEADS = frozenset({*_RELATIONS, "normal"})
 _LONGEST_NAME = 60
 
 
@@ -74,7 +78,7 @@ def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...
     with work.collecting():
         if not isinstance(form, Sequence) or form.head is None:
             raise MbmError(language_faults.bad_form(form.span, "a constraint is a list", USAGE))
-        if form.head != "for" and (form.head in _HEADS or form.head not in work.evaluator.vocabulary.functions):
+        if form.head != "for" and (_is_constraint(work, form.head) or not _is_function(work, form.head)):
             return [_Bound(form, variables)]
         if form.head != "for":
             return _arrived(work, form, variables)
@@ -100,6 +104,14 @@ def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...
     return found
 
 
+def _is_constraint(work: Workspace, head: str) -> bool:
+    return head in _RELATIONS or is_distribution(work, head)
+
+
+def _is_function(work: Workspace, head: str) -> bool:
+    return head in work.evaluator.vocabulary.functions
+
+
 def _arrived(work: Workspace, form: Sequence, variables: tuple[tuple[str, int], ...]) -> list[_Bound]:
     """The constraints in the form that a function or macro gives."""
     value = expanded(work.evaluator, form, _scope(work.scope, variables))
@@ -121,9 +133,9 @@ def _read(work: Workspace, bound: _Bound, taken: TakenNames) -> Block | None:
     form = bound.form
     head = form.head or ""
     kind = _RELATIONS.get(head)
-    if kind is None and head != "normal":
+    if kind is None and not is_distribution(work, head):
         wrong = language_faults.bad_form(form.items[0].span, f"`{head}` is no constraint", USAGE)
-        raise MbmError(replace(wrong, hint=suggestion(head, (*_RELATIONS, "normal"), wrong.hint)))
+        raise MbmError(replace(wrong, hint=suggestion(head, (*_RELATIONS, *DISTRIBUTIONS), wrong.hint)))
     options = split_options(form.items[1:], form.span, owner="a constraint", known=("over", "name", "at"))
     over = options.get("over")
     table = work.table(over) if over is not None else None
@@ -140,7 +152,7 @@ def _read(work: Workspace, bound: _Bound, taken: TakenNames) -> Block | None:
         return _constraint(work, name, kind, where, chains, form.span)
 
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
-        return (normal_equation(work, forms, _scope(scope, bound.variables), form.span),)
+        return (prior_equation(work, head, forms, _scope(scope, bound.variables), form.span),)
 
     where, cases = _where(work, table, evaluate, form.span, first=first)
     return Block(
@@ -220,19 +232,23 @@ def _demand(kind: ConstraintKind, components: tuple[Expression, ...], span: Span
     )
 
 
-def normal_equation(work: Workspace, forms: tuple[Form, ...], scope: Scope, span: Span) -> Equation:
-    """``(normal FORM mean sigma)`` as residuals FORM − mean; a scalar mean or sigma holds for all elements of FORM."""
-    if len(forms) != 3:
-        raise MbmError(language_faults.bad_form(span, "`normal` takes a form, a mean and a sigma", USAGE))
+def prior_equation(work: Workspace, name: str, forms: tuple[Form, ...], scope: Scope, span: Span) -> Equation:
+    """``(normal FORM mean sigma)`` or another distribution as residuals FORM − mean, with its standard deviation.
+
+    Scalar parameters hold for all elements of FORM.
+    """
+    if not forms:
+        raise MbmError(language_faults.bad_form(span, f"`{name}` is about no form", USAGES[name]))
     value = work.evaluator.wanted(forms[0], scope)
     if isinstance(value, RotationValue | PoseValue):
+        if name != "normal" or len(forms) != 3:
+            message = "priors on rotations and poses are `normal`, with a mean and a sigma"
+            raise MbmError(language_faults.bad_form(span, message, USAGES["normal"]))
         return _normal_of_pose(work, value, forms, scope, span)
     shape = value.shape if isinstance(value, Array) else ()
-    elements, mean, sigma = (
-        shaped(given, shape, form.span)
-        for given, form in zip((value, *(work.evaluator.wanted(f, scope) for f in forms[1:])), forms, strict=True)
-    )
-    work.refuse_unknowns(sigma, forms[2].span, "the sigma of `normal`")
+    elements = shaped(value, shape, forms[0].span)
+    mean, sigma = moments(work, name, forms[1:], shape, scope, span)
+    work.refuse_unknowns(sigma, forms[-1].span, f"the {'sigma' if name == 'normal' else 'width'} of `{name}`")
     return Equation(
         components=tuple(difference(a, b, span) for a, b in zip(elements, mean, strict=True)),
         noise_kind=NoiseKind.SIGMA,
@@ -257,8 +273,8 @@ def _name(form: Form | None, bound: _Bound, taken: TakenNames) -> str:
         base = form.name
     elif form is not None and hasattr(form, "value"):
         base = str(form.value)
-    elif bound.form.head == "normal":
-        base = f"normal {bound.form.items[1].span.text}" if len(bound.form.items) > 1 else "normal"
+    elif bound.form.head in DISTRIBUTIONS:
+        base = " ".join(item.span.text for item in bound.form.items[:2])
     else:
         base = print_beginning(bound.form, _LONGEST_NAME)
     base += "".join(f" {name}={value}" for name, value in bound.variables)
@@ -288,7 +304,7 @@ def _of_model(work: Workspace, call: ModelCall, constraint: ModelConstraint, tak
         name = taken.free(f"{call.name} {' '.join(span.text.split())}", span)
         table = _one_table(work, call, constraint, rows)
         return _constraint(work, name, kind, table, [((), chain)], span, _columns(rows))
-    equation = normal_equation(work, constraint.forms, constraint.scope, span)
+    equation = prior_equation(work, constraint.kind, constraint.forms, constraint.scope, span)
     rows = _row_columns((*equation.components, *equation.noise))
     table = _one_table(work, call, constraint, rows)
     return Block(

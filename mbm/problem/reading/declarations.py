@@ -20,9 +20,12 @@ from mbm.problem.types import Family, UnknownKind
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
-USAGE = "(name [type] [:init form] [:in (lo hi)] [:unit u] [:sigma s] [:fixed true [:at form]] [:per TABLE])"
-OPTIONS = ("init", "in", "start", "unit", "sigma", "covariance", "fixed", "at", "per", "doc")
-STATE_OPTIONS = tuple(option for option in OPTIONS if option != "per")
+USAGE = (
+    "(name [type] [:init form] [:in (lo hi)] [:unit u] [:sigma s] [:prior (rectangular lo hi)] "
+    "[:fixed true [:at form]] [:per TABLE])"
+)
+OPTIONS = ("init", "in", "start", "unit", "sigma", "covariance", "fixed", "at", "per", "doc", "prior")
+STATE_OPTIONS = tuple(option for option in OPTIONS if option not in ("per", "prior"))
 _SCALARS = {"real": UnknownKind.REAL, "positive": UnknownKind.POSITIVE, "angle": UnknownKind.ANGLE}
 _SPATIAL = ("rotation", "pose", "similarity")
 

@@ -23,7 +23,7 @@ from mbm.problem.reading.unknowns import stated_numbers
 from mbm.problem.types import Block, GivenStarts, Method, Problem, RandomStarts, Request
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol
 
-USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1])"
+USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1] [:coverage 95%])"
 MAXIMUM_ITERATIONS = 1_000_000
 OPTIONS = (
     "method",
@@ -34,6 +34,7 @@ OPTIONS = (
     "seed",
     "max-iterations",
     "tolerance",
+    "coverage",
     "hypotheses",
 )
 
@@ -72,7 +73,8 @@ def read_request(
         starts=read_starts(work, options.get("starts"), declarations),
         seed=_integer(work, options.get("seed"), 1, 0, LARGEST_SEED, "seed"),
         max_iterations=_integer(work, options.get("max-iterations"), 100, 1, MAXIMUM_ITERATIONS, "max-iterations"),
-        tolerance=_tolerance(work, options.get("tolerance")),
+        tolerance=_share(work, options.get("tolerance"), "tolerance", Request().tolerance),
+        coverage=_share(work, options.get("coverage"), "coverage", Request().coverage),
         for_each=columns,
     )
 
@@ -196,12 +198,12 @@ def _integer(work: Workspace, form: Form | None, default: int, low: int, high: i
     return value
 
 
-def _tolerance(work: Workspace, form: Form | None) -> float:
+def _share(work: Workspace, form: Form | None, name: str, default: float) -> float:
     if form is None:
-        return Request().tolerance
+        return default
     value = nearest(static_number(work.evaluator.wanted(form, work.scope), form.span))
     if not 0 < value < 1:
-        raise MbmError(language_faults.bad_form(form.span, "`:tolerance` should lie between 0 and 1", USAGE))
+        raise MbmError(language_faults.bad_form(form.span, f"`:{name}` should lie between 0 and 1", USAGE))
     return value
 
 

@@ -30,6 +30,7 @@ from mbm.problem.naming import PRIOR
 from mbm.problem.overrides import Override
 from mbm.problem.reading.constants import given_value
 from mbm.problem.reading.declarations import USAGE, Declaration, components, own_member
+from mbm.problem.reading.stated_priors import prior_start, stated_prior
 from mbm.problem.tables import Table
 from mbm.problem.types import (
     Block,
@@ -112,7 +113,7 @@ def _held(
     if init is not None and _numberless(init, work.tables):
         init_form = init = None
     if fixed_form is None:
-        return init, None, None
+        return init or prior_start(work, declaration, table), None, None
     fixed = work.row_values(fixed_form, table, lambda scope: fixed_here(fixed_form, scope))
     if init_form is None:
         at = rows(at_form, "at") if at_form is not None else _neutral(declaration, fixed_form.span)
@@ -217,8 +218,9 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
     """The prior ``(normal NAME init sigma)``; of a state at the first step."""
     options = declaration.options
     form = options.get("sigma") or options.get("covariance")
-    if form is None:
-        return None
+    stated = stated_prior(work, declaration, table)
+    if form is None or stated is not None:
+        return stated
     name, kind = declaration.name.name, NoiseKind.SIGMA if options.get("sigma") else NoiseKind.COVARIANCE
     init_form = options.get("init")
     if init_form is None:

@@ -1,0 +1,50 @@
+"""Effective degrees of freedom in many solves."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+
+from mbm.equations.spreads import Freedom
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.batches.components import several_noises
+from mbm.estimation.batches.degree_types import DegreesColumns
+from mbm.estimation.batches.derived import DerivedColumns
+from mbm.estimation.batches.factor import Spread
+from mbm.estimation.batches.portion import Portion
+from mbm.estimation.uncertainty.degrees import LEAST, effective
+from mbm.problem.types import Problem
+
+
+@np.errstate(all="ignore")
+def degrees_columns(
+    problem: Problem, portion: Portion, spread: Spread, derived: tuple[DerivedColumns, ...], dof: Indices
+) -> DegreesColumns:
+    """The degrees of freedom of K solves, by the rules of `uncertainty.degrees.freedoms`; ``dof`` (K,) the redundancy.
+
+    With several noises the factor of the covariance that is estimated is 1, so that the basis of the ``spread`` is the
+    whitened Jacobian times the factor of the covariance.
+    """
+    basis = spread.basis
+    unknown = [owner for owner, block in enumerate(problem.blocks) if block.unknown_factor]
+    images = [spread.factor, *(one.image for one in derived)]
+    if not unknown or portion.equations.lossy or not several_noises(problem):
+        told = bool(unknown) or portion.equations.lossy
+        of_solve = np.maximum(dof.astype(np.float64), LEAST) if told else np.full(len(dof), inf)
+        found = [_alike(of_solve, image.shape[:2]) for image in images]
+        return DegreesColumns(estimates=found[0], derived=tuple(found[1:]))
+    grams = np.zeros((len(basis), len(unknown), basis.shape[2], basis.shape[2]))
+    counts = np.zeros((len(basis), len(unknown)))
+    for place, owner in enumerate(unknown):
+        own = np.zeros(basis.shape[:2], dtype=bool)
+        own[portion.block_slots(owner)] = True
+        picked = np.where(own[:, :, None], basis, 0.0)
+        grams[:, place] = np.matmul(picked.transpose(0, 2, 1), picked)
+        counts[:, place] = own.sum(axis=1)
+    found = [effective(image, grams, counts) for image in images]
+    return DegreesColumns(estimates=found[0], derived=tuple(found[1:]))
+
+
+def _alike(dof: Floats, shape: tuple[int, ...]) -> Freedom:
+    return Freedom(dof=np.broadcast_to(dof[:, None], shape), inflation=np.broadcast_to(1.0, shape))

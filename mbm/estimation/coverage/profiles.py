@@ -1,0 +1,115 @@
+"""Intervals where curvature misplaces the linear ones: as far as the cost, least over all else, stays low enough.
+
+Of coordinates and of derived quantities alike the profile of the cost is followed to where it has grown by k² variances
+(Bates and Watts 1988, Nonlinear Regression Analysis, chapter 6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import field
+
+import numpy as np
+
+from mbm.equations.spreads import Freedom
+from mbm.equations.types import Floats
+from mbm.estimation.coverage.student import coverage_factors
+from mbm.estimation.trust.curvature import Curvature, DerivedEnds
+from mbm.estimation.trust.derived_profile import DerivedProfile
+from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED, Surroundings
+from mbm.values import dataclass
+
+ACCURACY = 1e-3
+"""Relative accuracy of an end."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Profiles:
+    """Intervals by profile around a minimum: of coordinates with the ``freedom`` (n,), of quantities with ``derived``.
+
+    Both answer how far the ends of intervals of a level lie below and above; NaN where the linear interval is right,
+    infinite where there is no end.
+    """
+
+    curvature: Curvature
+    sigma: Floats
+    freedom: Freedom
+    derived: Mapping[int, Freedom]
+    _found: dict[tuple[int | None, float], tuple[Floats, Floats]] = field(default_factory=dict)
+
+    def of_coordinates(self, level: float) -> tuple[Floats, Floats]:
+        """Those of the coordinates (n,)."""
+        return self._once(None, level, lambda: self._coordinates(level))
+
+    def of_derived(self, owner: int, level: float) -> tuple[Floats, Floats]:
+        """Those of all numbers of a derived quantity."""
+        return self._once(owner, level, lambda: self._derived(owner, level))
+
+    def _once(
+        self, owner: int | None, level: float, find: Callable[[], tuple[Floats, Floats]]
+    ) -> tuple[Floats, Floats]:
+        """What is found first stays: equations with corrections begin where they were evaluated last."""
+        if (owner, level) not in self._found:
+            self._found[owner, level] = find()
+        return self._found[owner, level]
+
+    def _coordinates(self, level: float) -> tuple[Floats, Floats]:
+        around = self.curvature.around
+        below, above = (np.full(len(self.sigma), np.nan) for _ in range(2))
+        reach = _reach(level, self.freedom)
+        for place in self.curvature.ends.doubtful[:MOST_FOLLOWED].tolist():
+            along = around.factor[place] / self.sigma[place]
+            lower, upper = around.followed(along, float(reach[place]), ACCURACY)
+            below[place], above[place] = (end * reach[place] * self.sigma[place] for end in (lower, upper))
+        return below, above
+
+    def _derived(self, owner: int, level: float) -> tuple[Floats, Floats]:
+        freedom = self.derived[owner]
+        reach = _reach(level, freedom).ravel()
+        below, above = (np.full(len(reach), np.nan) for _ in range(2))
+        for one in self.curvature.derived:
+            if one.owner == owner:
+                for doubtful in one.ends.doubtful.tolist():
+                    place = int(one.known[doubtful])
+                    far = float(reach[place])
+                    below[place], above[place] = _ends(self.curvature.around, one, doubtful, far)
+        return below, above
+
+
+def profiles(
+    found: Curvature | None, sigma: Floats, freedom: Freedom, derived: Mapping[int, Freedom]
+) -> Profiles | None:
+    """What follows the intervals that curvature misplaces; None where it misplaces none."""
+    if found is None or not (found.ends.doubtful.size or any(one.ends.doubtful.size for one in found.derived)):
+        return None
+    return Profiles(curvature=found, sigma=sigma, freedom=freedom, derived=derived)
+
+
+def _reach(level: float, freedom: Freedom) -> Floats:
+    return coverage_factors(level, freedom.dof) * freedom.inflation
+
+
+def _ends(around: Surroundings, one: DerivedEnds, which: int, reach: float) -> tuple[float, float]:
+    """How far the interval of a derived number goes below and above; infinite where there is no end."""
+    minimum, image = around.minimum, one.gradient[which] @ around.factor
+    sigma = float(np.linalg.norm(image))
+    begin = float(one.values(minimum.point[None])[0, which])
+
+    def change(points: Floats) -> Floats:
+        moved = one.values(points)[:, which] - begin
+        return moved - 2 * np.pi * np.round(moved / (2 * np.pi)) if one.angle else moved
+
+    lower, upper = (
+        DerivedProfile(
+            equations=around.equations,
+            point=minimum.point,
+            least=minimum.cost,
+            direction=sign * reach * (around.factor @ image) / sigma,
+            others=around.factor,
+            level=reach**2 * around.variance,
+            change=change,
+            target=sign * reach * sigma,
+        ).end(ACCURACY)
+        for sign in (-1.0, 1.0)
+    )
+    return lower * reach * sigma, upper * reach * sigma

@@ -1,0 +1,105 @@
+"""Ends of the interval of a derived quantity: the least cost where it has a value, over all points that give it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mbm.equations.types import Floats
+from mbm.estimation.trust.profile import SETTLED, Profile
+from mbm.values import dataclass
+
+STEPS = 25
+SHORTER = 8
+"""Times that a step is halved that makes neither the cost nor the distance from the target smaller."""
+
+DIFFERENCE = 1e-3
+"""Step in standard deviations of the differences that give slopes and curvature of the quantity."""
+
+REACHED = 1e-6
+"""Distance from its target, as a share of it, at which a quantity has reached it."""
+
+FIRMLY = 10.0
+"""Weight of the distance from the target, as a share of it, beside the growth of the cost at an end. Where the profile
+is a parabola a share of one costs twice that growth, so that the distance always counts for more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DerivedProfile(Profile):
+    """The profile of a quantity with the ``change`` (P,) at P points from its value at the minimum.
+
+    ``target`` is its change at a linear end. ``others`` (n, k) spans all steps here. Each step is that of sequential
+    quadratic programming, with the curvature of the quantity, but not that of the residuals, in its Hessian.
+    """
+
+    change: Callable[[Floats], Floats]
+    target: float
+
+    def _grown(self, multiple: float, beside: Floats) -> tuple[float, Floats]:
+        """As for a coordinate; infinite where the quantity cannot be brought to so many times its target."""
+        step = multiple * self.direction + beside
+        wanted = multiple * self.target
+        merit, cost, point, residuals, gap = self._judged(step, wanted)
+        for _ in range(STEPS):
+            slopes = self.equations.jacobian(point) @ self.others if np.isfinite(merit) else np.full((1, 1), np.nan)
+            gradient, curvature = self._derivatives(point)
+            length = float(np.linalg.norm(gradient))
+            if not (np.isfinite(slopes).all() and np.isfinite(curvature).all() and np.isfinite(length) and length > 0):
+                break
+            move = self.others @ _constrained(residuals, slopes, gradient, curvature, gap)
+            for halving in range(SHORTER):
+                trial = self._judged(step + move / 2**halving, wanted)
+                if trial[0] < merit:
+                    break
+            else:
+                break
+            gain, step = merit - trial[0], step + move / 2**halving
+            merit, cost, point, residuals, gap = trial
+            if gain < SETTLED * self.level and abs(gap) <= REACHED * abs(wanted):
+                break
+        growth = (cost - self.least) / self.level
+        found = abs(gap) <= SETTLED * abs(wanted) and np.isfinite(growth)
+        return (float(np.sqrt(max(growth, 0.0))) if found else float("inf")), step - multiple * self.direction
+
+    def _judged(self, step: Floats, wanted: float) -> tuple[float, float, Floats, Floats, float]:
+        """After a step: what is to be made small, the cost, the point, the residuals, how much the quantity lacks."""
+        cost, point, residuals = self._at(step)
+        gap = wanted - float(self.change(point[None])[0])
+        merit = cost + FIRMLY * self.level * abs(gap / self.target)
+        return (merit if np.isfinite(merit) else float("inf")), cost, point, residuals, gap
+
+    def _derivatives(self, point: Floats) -> tuple[Floats, Floats]:
+        """First (k,) and second (k, k) derivatives of the quantity along the columns of ``others``, by differences."""
+        steps = DIFFERENCE * self.others.T
+        k = len(steps)
+        pairs = [(i, j) for i in range(k) for j in range(i)]
+        tried = np.array([*steps, *-steps, *(sign * (steps[i] + steps[j]) for i, j in pairs for sign in (1.0, -1.0))])
+        values = self.change(np.stack([point, *(self.equations.retract(point, each) for each in tried)]))
+        here, ahead, behind = values[0], values[1 : k + 1], values[k + 1 : 2 * k + 1]
+        bends = (ahead + behind - 2 * here) / DIFFERENCE**2
+        curvature = np.diag(bends)
+        for number, (i, j) in enumerate(pairs):
+            both = values[2 * k + 1 + 2 * number : 2 * k + 3 + 2 * number].sum() - 2 * here
+            curvature[i, j] = curvature[j, i] = (both / DIFFERENCE**2 - bends[i] - bends[j]) / 2
+        return (ahead - behind) / (2 * DIFFERENCE), curvature
+
+
+def _constrained(residuals: Floats, slopes: Floats, gradient: Floats, curvature: Floats, gap: float) -> Floats:
+    """The c (k,) that makes ‖residuals + slopes c‖² − 2λ·curvature(c)/2 least where gradient·c = gap.
+
+    λ is the multiplier at hand. Without the curvature where it would make the Hessian indefinite.
+    """
+    length = float(np.linalg.norm(gradient))
+    first = gradient * gap / length**2
+    basis = np.linalg.qr(np.column_stack([gradient / length, np.eye(len(gradient))]))[0][:, 1:]
+    if not basis.shape[1]:
+        return first
+    multiplier = float(gradient @ (slopes.T @ residuals)) / length**2
+    hessian = slopes.T @ slopes
+    for bent in (hessian - multiplier * curvature, hessian):
+        reduced = basis.T @ bent @ basis
+        if float(np.linalg.eigvalsh(reduced)[0]) > 0.0:
+            pull = basis.T @ (slopes.T @ residuals + bent @ first)
+            return np.asarray(first - basis @ np.linalg.solve(reduced, pull))
+    return first

@@ -1,0 +1,78 @@
+"""The table of intervals: a line for each scalar, with its coverage factor and effective degrees of freedom."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import chain, islice
+from math import isfinite, isinf
+
+import numpy as np
+
+from mbm.problem.naming import key_text
+from mbm.report.columns import aligned, left, right
+from mbm.report.digits import measured, plain
+from mbm.report.elements import Scalar, scalars, unit_text
+from mbm.report.intervals import IntervalKind, intervals
+from mbm.report.types import DerivedValue, Estimate, SolveReport
+from mbm.text.shown import Paint, Style
+from mbm.values import dataclass
+
+MOST_LINES = 60
+"""Lines that are shown unless all are asked for."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Line:
+    name: str
+    low: str
+    high: str
+    unit: str
+    k: str
+    dof: str
+    kind: str
+
+
+def interval_lines(solves: Sequence[SolveReport], paint: Paint, full: bool) -> Iterator[str]:
+    """The intervals of all estimates and derived quantities that have one, solve after solve."""
+    every = chain.from_iterable(map(_of_solve, solves))
+    lines = list(every if full else islice(every, MOST_LINES + 1))
+    shown = lines if full else lines[:MOST_LINES]
+    levels = dict.fromkeys(f"{plain(100 * solve.coverage, 6)} %" for solve in solves[:1])
+    yield f"{next(iter(levels), '')} intervals".lstrip()
+    names, units = left(line.name for line in shown), left(line.unit for line in shown)
+    lows, highs = aligned([line.low for line in shown]), aligned([line.high for line in shown])
+    factors, degrees = aligned([line.k for line in shown]), right(line.dof for line in shown)
+    for i, line in enumerate(shown):
+        note = f"  {paint(line.kind, Style.QUIET)}" if line.kind != IntervalKind.LINEAR else ""
+        text = f"{paint(names[i], Style.HEADING)}  {lows[i]} … {highs[i]}  {units[i]}"
+        yield f"  {text}  k = {factors[i]}  dof = {degrees[i]}{note}"
+    if len(lines) > len(shown):
+        yield paint("  … and more (-v shows all; --estimates and --json have them too)", Style.QUIET)
+
+
+def _of_solve(solve: SolveReport) -> Iterator[_Line]:
+    key = ", ".join(f"{name} = {key_text(value)}" for name, value in solve.key.items())
+    items: tuple[Estimate | DerivedValue, ...] = (*solve.estimates, *solve.derived)
+    for item in items:
+        found = intervals(item, solve.coverage)
+        parts = (found.dof, found.k, found.low, found.high, found.names())
+        columns = (np.ravel(part).tolist() for part in parts)
+        for scalar, dof, k, low, high, kind in zip(scalars(item), *columns, strict=True):
+            if kind is None or scalar.fixed:
+                continue
+            yield _Line(
+                name=f"{key}: {scalar.name}" if key else scalar.name,
+                low=_end(low, scalar),
+                high=_end(high, scalar),
+                unit=unit_text(scalar.quantity),
+                k=f"{k:.2f}" if isfinite(k) else "–",
+                dof="∞" if isinf(dof) else f"{dof:.1f}".removesuffix(".0") if isfinite(dof) else "–",
+                kind=kind,
+            )
+
+
+def _end(value: float, scalar: Scalar) -> str:
+    """An end with the digits of the standard deviation."""
+    if not isfinite(value):
+        return "∞" if value > 0 else "-∞"
+    return measured(value, scalar.sigma, exact=False).value if scalar.sigma > 0 else plain(value, 6)

@@ -1,0 +1,160 @@
+"""Estimates and derived quantities → their coverage intervals, in the unit that is shown.
+
+A linear interval is value ± U with U = k·sigma, and k the quantile of Student's t for the effective degrees of freedom.
+Where a hard limit lies within, the interval is the shortest that holds as much of the distribution between the limits;
+where curvature misplaces the ends, it is that of the profile of the cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from mbm.estimation.coverage.student import coverage_factors, shortest
+from mbm.report.elements import factors, shown_sigma, shown_values
+from mbm.report.types import DerivedValue, Estimate, Floats
+from mbm.values import dataclass
+
+
+class IntervalKind(StrEnum):
+    """How an interval was found."""
+
+    LINEAR = "t"
+    PROFILE = "profile"
+    LIMITED = "limited"
+
+
+KINDS = tuple(IntervalKind)
+"""Kinds by number."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Intervals:
+    """Of the scalars of an estimate or derived quantity, arrays of the shape of its sigmas, in the unit shown.
+
+    ``dof`` are the effective degrees of freedom, ``k`` the coverage factors, ``expanded`` the expanded uncertainties
+    k·sigma, ``low`` and ``high`` the ends of the intervals (infinite where a profile has none), ``kind`` numbers of
+    `KINDS`. NaN where no standard deviation is known.
+    """
+
+    dof: Floats
+    k: Floats
+    expanded: Floats
+    low: Floats
+    high: Floats
+    kind: np.ndarray
+
+    def names(self) -> np.ndarray:
+        """The words for the kinds, None where there is no interval."""
+        nothing = np.isnan(self.low) & np.isnan(self.high)
+        words = np.array([*(each.value for each in KINDS), None], dtype=object)
+        return np.asarray(words[np.where(nothing, len(KINDS), self.kind)])
+
+    def at(self, place: tuple[int, ...]) -> Intervals:
+        """A part along the leading axes."""
+        every = {each.name: np.asarray(getattr(self, each.name)[place]) for each in fields(self)}
+        return replace(self, **every)
+
+
+@np.errstate(all="ignore")
+def intervals(item: Estimate | DerivedValue, level: float) -> Intervals:
+    """The intervals of coverage probability ``level``."""
+    values, sigma = shown_values(item), shown_sigma(item)
+    spread = item.spread
+    known = np.isfinite(sigma)
+    dof, inflation = np.full(sigma.shape, np.inf), np.ones(sigma.shape)
+    if spread is not None:
+        fixed = item.fixed if isinstance(item, Estimate) else np.zeros(sigma.shape, dtype=bool)
+        dof, inflation = np.where(fixed, np.inf, spread.dof), np.where(fixed, 1.0, spread.inflation)
+    k = np.where(known, coverage_factors(level, dof) * inflation, np.nan)
+    expanded = k * sigma
+    found = Intervals(
+        dof=np.where(known, dof, np.nan),
+        k=k,
+        expanded=expanded,
+        low=np.array(values - expanded),
+        high=np.array(values + expanded),
+        kind=np.zeros(sigma.shape, dtype=np.int64),
+    )
+    if spread is not None:
+        _followed(item, found, values, level)
+        _limited(item, found, values, sigma, level)
+    return found
+
+
+def _followed(item: Estimate | DerivedValue, found: Intervals, values: Floats, level: float) -> None:
+    """Put in the intervals of profiles."""
+    spread = item.spread
+    if spread is None or spread.ends is None:
+        return
+    below, above = (np.asarray(each / factors(item.quantity)) for each in spread.ends(level))
+    which = ~np.isnan(below) & ~np.isnan(found.k)
+    found.low[which], found.high[which] = (values - below)[which], (values + above)[which]
+    found.kind[which] = KINDS.index(IntervalKind.PROFILE)
+
+
+def _limited(item: Estimate | DerivedValue, found: Intervals, values: Floats, sigma: Floats, level: float) -> None:
+    """Put in the intervals of values that a limit keeps from spreading as far as they would.
+
+    Of a value that a limit holds, what is between the limits is left of its distribution without them.
+    """
+    spread = item.spread
+    if spread is None or spread.lower is None or spread.upper is None:
+        return
+    unit = factors(item.quantity)
+    lower, upper = (np.asarray(each / unit) for each in (spread.lower, spread.upper))
+    step, free = (np.full(sigma.shape, np.nan) if e is None else e / unit for e in (spread.step, spread.free))
+    held, untold = np.isfinite(step) & (free > 0.0), np.isinf(step)
+    found.low[untold], found.high[untold] = np.nan, np.nan
+    centre, scale = np.where(held, values + step, values), np.where(held, free, sigma) * spread.inflation
+    near = (found.low < lower) | (found.high > upper)
+    for place in np.argwhere((scale > 0.0) & (held | near) & (lower < upper)):
+        at = tuple(place)
+        down, up = ((limit[at] - centre[at]) / scale[at] for limit in (lower, upper))
+        ends = shortest(float(down), float(up), level, float(spread.dof[at]))
+        found.low[at], found.high[at] = (centre[at] + end * scale[at] for end in ends)
+        found.kind[at] = KINDS.index(IntervalKind.LIMITED)
+
+
+def interval_document(found: Intervals) -> dict[str, Any]:
+    """What documents say of intervals: of several numbers, one `dof`, `k` or `interval_kind` that all of them have."""
+    return {
+        "dof": _single(_objects(found.dof)),
+        "k": _single(_objects(found.k)),
+        "U": _plain(found.expanded),
+        "interval": _pairs(found.low, found.high),
+        "interval_kind": _single(found.names()),
+    }
+
+
+def _objects(values: Floats) -> np.ndarray:
+    """Numbers, None where they are not finite."""
+    found = np.asarray(values)
+    if not bool(np.isfinite(found).all()):
+        found = found.astype(object)
+        found[~np.isfinite(values)] = None
+    return found
+
+
+def _plain(values: Floats) -> Any:
+    """(Nested) lists of numbers, None where they are not finite."""
+    return _objects(values).tolist()
+
+
+def _pairs(low: Floats, high: Floats) -> Any:
+    """[low, high] for each; None where nothing is known, and in place of an end that there is not."""
+    found = np.stack([low, high], axis=-1)
+    if bool(np.isfinite(found).all()):
+        return found.tolist()
+    if np.ndim(low) == 0:
+        return None if bool(np.isnan(found).all()) else _plain(found)
+    return [_pairs(*each) for each in zip(low, high, strict=True)]
+
+
+def _single(values: np.ndarray) -> Any:
+    """One value where all are the same, else (nested) lists."""
+    flat = np.ravel(values).tolist()
+    return flat[0] if flat and flat.count(flat[0]) == len(flat) else values.tolist()

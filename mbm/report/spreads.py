@@ -1,0 +1,59 @@
+"""How well a standard deviation is known, and what limits the value that it belongs to; all in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.values import dataclass
+
+Floats: TypeAlias = NDArray[np.float64]
+
+Ends: TypeAlias = Callable[[float], tuple[Floats, Floats]]
+"""From a level to how far intervals of it reach below and above the values, NaN where the linear interval is right."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spread:
+    """Beside the standard deviations of an estimate or derived quantity, arrays of the same shape as these.
+
+    ``dof`` are the effective degrees of freedom (infinite where the noise is stated), ``inflation`` by how much an
+    interval is wider than these say; ``lower`` and ``upper`` are hard limits of the value (None: there are none), and
+    ``step`` leads to where it would be without a limit that holds it, with the standard deviation ``free``. The step is
+    infinite where that is not known, NaN where no limit holds it;
+    ``ends`` finds intervals where the curvature of the model misplaces the linear ones (None: it does nowhere).
+    """
+
+    dof: Floats
+    inflation: Floats
+    lower: Floats | None = None
+    upper: Floats | None = None
+    step: Floats | None = None
+    free: Floats | None = None
+    ends: Ends | None = None
+
+    def at(self, place: int | slice) -> Spread:
+        """A part along the leading axis: one of many solves, or some coordinates."""
+        return self._each(lambda values: np.asarray(values[place]))
+
+    def shaped(self, shape: tuple[int, ...]) -> Spread:
+        """The same in another shape."""
+        return self._each(lambda values: values.reshape(shape))
+
+    def _each(self, change: Callable[[Floats], Floats]) -> Spread:
+        def other(values: Floats | None) -> Floats | None:
+            return None if values is None else change(values)
+
+        return replace(
+            self,
+            dof=change(self.dof),
+            inflation=change(self.inflation),
+            lower=other(self.lower),
+            upper=other(self.upper),
+            step=other(self.step),
+            free=other(self.free),
+        )

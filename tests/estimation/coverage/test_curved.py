@@ -1,0 +1,102 @@
+"""Intervals by profile and between limits, against a grid of costs and against SciPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+import mbm
+
+CURVED = """
+(problem curved
+  (data d (table (x y) (1 1.0) (2 3.1) (3 2.9) (5 4.0) (7 4.2)))
+  (unknowns (a :init 5) (b :init 0.5))
+  (observe d (= y (* a (- 1 (exp (* (- b) x))))) :sigma 0.6)
+  (derive (half (/ 0.69 b)) (r (* a a b))))
+"""
+
+
+@pytest.fixture(scope="module")
+def region() -> dict[str, tuple[float, float]]:
+    """Extremes over the points where the cost has grown by 1.96²: the profile intervals, by their definition."""
+    x, y = np.array([1, 2, 3, 5, 7.0]), np.array([1, 3.1, 2.9, 4, 4.2])
+    a, b = np.meshgrid(np.linspace(3, 9, 1500), np.linspace(0.1, 1.0, 1500))
+    cost = sum(((a * (1 - np.exp(-b * each)) - value) / 0.6) ** 2 for each, value in zip(x, y, strict=True))
+    inside = cost <= cost.min() + norm.ppf(0.975) ** 2
+    every = {"a": a, "b": b, "half": 0.69 / b, "r": a * a * b}
+    return {name: (each[inside].min(), each[inside].max()) for name, each in every.items()}
+
+
+@pytest.mark.parametrize("name", ["a", "b", "half", "r"])
+def test_profiles_end_where_the_cost_has_grown_enough(name: str, region: dict[str, tuple[float, float]]) -> None:
+    found = mbm.loads(CURVED).solve()[name]
+    assert found.interval_kind == "profile"
+    low, high = region[name]
+    # the grid has steps of 1/1500 of its width, ends are found to 1/1000
+    assert found.interval() == pytest.approx([low, high], abs=6e-3 * (high - low))
+
+
+def test_profiles_follow_the_level() -> None:
+    found = mbm.loads(CURVED).solve()["a"]
+    wider, narrower = found.interval(0.95), found.interval(0.5)
+    assert wider[0] < narrower[0] < float(found.value) < narrower[1] < wider[1]
+
+
+LIMITED = """
+(problem limited
+  (data d (table (y) ({y})))
+  (unknowns (d {option}) (e))
+  (observe d (= y d) :sigma 5)
+  (observe again d (= y e) :sigma 1)
+  {constraint})
+"""
+
+
+@pytest.mark.parametrize(
+    ("option", "constraint"),
+    [
+        (":in (-0.5 0.5)", ""),
+        ("", "(constraints (uniform d -0.5 0.5))"),
+        ("", "(constraints (<= d 0.5) (>= (* 2 d) -1))"),
+    ],
+)
+def test_a_limit_within_the_interval_cuts_it(option: str, constraint: str) -> None:
+    """Shortest interval about the mode: to the nearer limit, and as far below as 95 % between the limits ask for."""
+    found = mbm.loads(LIMITED.format(y=0.1, option=option, constraint=constraint)).solve()
+    assert found["d"].interval_kind == "limited"
+    law = norm(0.1, 5)
+    whole = law.cdf(0.5) - law.cdf(-0.5)
+    wanted = law.ppf(law.cdf(0.5) - 0.95 * whole)
+    assert found["d"].interval() == pytest.approx([wanted, 0.5], abs=1e-9)
+    assert found["e"].interval_kind == "t"
+
+
+@pytest.mark.parametrize(("option", "constraint"), [(":in (-0.5 0.5)", ""), ("", "(constraints (uniform d -0.5 0.5))")])
+def test_an_estimate_at_its_limit_has_an_interval(option: str, constraint: str) -> None:
+    found = mbm.loads(LIMITED.format(y=4, option=option, constraint=constraint)).solve()
+    law = norm(4, 5)
+    whole = law.cdf(0.5) - law.cdf(-0.5)
+    assert found["d"].interval_kind == "limited"
+    assert found["d"].interval() == pytest.approx([law.ppf(law.cdf(0.5) - 0.95 * whole), 0.5], abs=1e-6)
+
+
+def test_boxes_on_angles_limit_the_angle_that_is_reported() -> None:
+    text = """(problem p (data d (table (y) (3.1))) (unknowns (w angle :in (170deg 190deg)))
+      (observe d (= y w) :sigma 20deg))"""
+    found = mbm.loads(text).solve()["w"]
+    low, high = np.rad2deg(found.interval())
+    assert low == pytest.approx(170, abs=1e-6)
+    assert 180 < high <= 190
+
+
+def test_limits_in_many_solves_are_those_of_one() -> None:
+    rows = " ".join(f"({g} {0.01 * g})" for g in range(40))
+    for limit in ("(unknowns (d :in (-0.5 0.5)))", "(unknowns (d)) (constraints (uniform d -0.5 0.5))"):
+        text = f"(problem many (data d (table (g y) {rows})) {limit} (observe d (= y d) :sigma 5) (for-each g))"
+        solves = mbm.loads(text).solve().document()["solves"]
+        for g in (0, 10, 39):
+            one = mbm.loads(text.replace(rows, f"({g} {0.01 * g})").replace("(for-each g)", "")).solve()
+            entry = solves[g]["estimates"]["d"]
+            assert entry["interval_kind"] == "limited"
+            assert entry["interval"] == pytest.approx(one["d"].interval(), abs=1e-9)

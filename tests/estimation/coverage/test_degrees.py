@@ -1,0 +1,151 @@
+"""Effective degrees of freedom against closed forms and against the formulas on whole covariance matrices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import t
+
+import mbm
+from mbm.estimation.uncertainty.degrees import effective
+
+Floats = NDArray[np.float64]
+
+DAYS = """
+(problem days
+  (data d (table (day y) {rows}))
+  (unknowns (m) (b :per d.day))
+  (observe d (= y (+ m (b day))) :sigma unknown)
+  (observe days d.day (= 0 (b day)) :sigma unknown)
+  (derive (twice (* 2 m))))
+"""
+
+
+def solved(text: str, data: dict[str, dict[str, list[float]]] | None = None) -> Any:
+    return mbm.loads(text).solve(data=data or {})
+
+
+def _line(sigma: str, rows: int = 5) -> str:
+    points = " ".join(f"({x} {2 + 0.5 * x + 0.1 * (-1) ** x})" for x in range(rows))
+    return f"""(problem line (data d (table (x y) {points})) (unknowns (a) (b))
+      (observe d (= y (+ a (* b x))) :sigma {sigma}) (derive (c (+ a (* 3 b)))))"""
+
+
+@pytest.mark.parametrize("rows", [3, 5])
+def test_one_unknown_noise_has_the_redundancy(rows: int) -> None:
+    found = solved(_line("unknown", rows))
+    x = np.arange(rows)
+    fit, covariance = np.polyfit(x, 2 + 0.5 * x + 0.1 * (-1.0) ** x, 1, cov=True)
+    for name, value, variance in zip("ba", fit, np.diag(covariance), strict=True):
+        k = t.ppf(0.975, rows - 2)
+        assert float(found[name].dof) == pytest.approx(rows - 2)
+        assert float(found[name].k) == pytest.approx(k)
+        assert float(found[name].U) == pytest.approx(k * np.sqrt(variance))
+        assert found[name].interval() == pytest.approx([value - k * np.sqrt(variance), value + k * np.sqrt(variance)])
+        half = t.ppf(0.75, rows - 2) * np.sqrt(variance)
+        assert found[name].interval(0.5) == pytest.approx([value - half, value + half])
+
+
+def test_stated_noise_has_infinitely_many() -> None:
+    found = solved(_line("0.1"))
+    entry = found.document()["solves"][0]["estimates"]["a"]
+    assert np.isinf(found["a"].dof)
+    assert entry["dof"] is None
+    assert entry["interval_kind"] == "t"
+    assert entry["k"] == pytest.approx(1.959963984540054)
+    assert entry["U"] == pytest.approx(entry["k"] * entry["sigma"])
+    assert entry["interval"] == pytest.approx([entry["value"] - entry["U"], entry["value"] + entry["U"]])
+
+
+def test_the_coverage_is_that_of_the_solve() -> None:
+    found = solved(_line("0.1")[:-1] + "(solve :coverage 99%))")
+    assert float(found["c"].k) == pytest.approx(2.5758293035489004)
+    assert found.document()["options"]["coverage"] == pytest.approx(0.99)
+
+
+@pytest.mark.parametrize("text", ["0", "100%", "-5%", "1.5"])
+def test_a_coverage_is_a_probability(text: str) -> None:
+    with pytest.raises(mbm.MbmError) as caught:
+        solved(_line("0.1")[:-1] + f"(solve :coverage {text}))")
+    assert "`:coverage` should lie between 0 and 1" in caught.value.diagnostics[0].message
+
+
+def test_the_mean_of_days_has_as_many_as_days_less_one() -> None:
+    """Balanced one-way analysis of variance: the mean of days has the mean square of days with 3 dof."""
+    rng = np.random.default_rng(5)
+    readings = 10 + 2 * rng.normal(size=(4, 1)) + rng.normal(size=(4, 3))
+    rows = " ".join(f"({day} {y!r})" for day in range(4) for y in readings[day].tolist())
+    found = solved(DAYS.format(rows=rows))
+    means = readings.mean(axis=1)
+    sigma = means.std(ddof=1) / 2
+    for name, times in (("m", 1.0), ("twice", 2.0)):
+        # the rounds of the variance components end at changes of 1e-8 or so
+        assert float(found[name].sigma) == pytest.approx(times * sigma, rel=1e-5)
+        assert float(found[name].dof) == pytest.approx(3.0, rel=1e-4)
+        assert float(found[name].k) == pytest.approx(t.ppf(0.975, 3), rel=1e-4)
+
+
+def _whole(design: Floats, groups: list[Floats]) -> tuple[Floats, Floats]:
+    """Degrees of freedom and inflation from n × n matrices, as Kenward and Roger write them, at V = 1."""
+    count = len(design)
+    known = np.linalg.inv(design.T @ design)
+    projector = np.eye(count) - design @ known @ design.T
+    size = range(len(groups))
+    shares = [np.diag(each) for each in groups]
+    information = np.array([[np.trace(projector @ shares[i] @ projector @ shares[j]) / 2 for j in size] for i in size])
+    spread = np.linalg.inv(information)
+    first = [-design.T @ each @ design for each in shares]
+    second = [[design.T @ shares[i] @ shares[j] @ design for j in size] for i in size]
+    middle = sum(spread[i, j] * (second[i][j] - first[i] @ known @ first[j]) for i in size for j in size)
+    adjusted = known + 2 * known @ middle @ known
+    slopes = np.array([np.diag(known @ -each @ known) for each in first])
+    dof = 2 * np.diag(known) ** 2 / np.einsum("ip,ij,jp->p", slopes, spread, slopes)
+    growth = np.diag(adjusted) / np.diag(known)
+    return np.maximum(dof / growth, 1.0), np.sqrt(growth)
+
+
+def test_small_matrices_give_what_whole_ones_give() -> None:
+    rng = np.random.default_rng(1)
+    design = rng.normal(size=(11, 3))
+    groups = [
+        np.repeat([1.0, 0.0, 0.0], [5, 4, 2]),
+        np.repeat([0.0, 1.0, 0.0], [5, 4, 2]),
+    ]  # two rows have stated noise
+    factor = np.linalg.cholesky(np.linalg.inv(design.T @ design))
+    images = [design[each > 0] @ factor for each in groups]
+    found = effective(factor, np.stack([i.T @ i for i in images]), np.array([5.0, 4.0]))
+    dof, inflation = _whole(design, groups)
+    np.testing.assert_allclose(found.dof, dof, rtol=1e-10)
+    np.testing.assert_allclose(found.inflation, inflation, rtol=1e-10)
+
+
+TWO = """
+(problem two
+  (data d (table (g i x y) {rows}))
+  (unknowns (a) (b))
+  (observe first d (= y (+ a (* b x))) :sigma unknown :when (= i 1))
+  (observe second d (= y (+ a (* b x))) :sigma unknown :when (= i 2))
+  (derive (c (+ a (* 3 b))))
+  {each})
+"""
+
+
+def test_many_solves_have_the_degrees_of_one() -> None:
+    rng = np.random.default_rng(3)
+    y = 1 + 0.5 * np.arange(8) + rng.normal(size=(30, 8)) * np.repeat([0.1, 0.3], 4)
+    rows = [[f"({g} {1 + x // 4} {x} {float(y[g, x])!r})" for x in range(8)] for g in range(30)]
+    many = solved(TWO.format(rows=" ".join(" ".join(each) for each in rows), each="(for-each g)")).document()["solves"]
+    for g in (0, 7, 29):
+        one = solved(TWO.format(rows=" ".join(rows[g]), each="")).document()["solves"][0]
+        for part in ("estimates", "derived"):
+            for name, entry in one[part].items():
+                mine = many[g][part][name]
+                assert mine["interval_kind"] == entry["interval_kind"]
+                # both ways end the rounds of the variance components at changes of 1e-8 or so
+                assert [mine[f] for f in ("dof", "k", "U")] == pytest.approx(
+                    [entry[f] for f in ("dof", "k", "U")], rel=1e-5
+                )
+                assert mine["interval"] == pytest.approx(entry["interval"], rel=1e-5)
