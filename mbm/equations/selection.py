@@ -11,9 +11,10 @@ import numpy as np
 
 from mbm.equations import faults
 from mbm.equations.types import Indices
+from mbm.problem.requests import Window
 from mbm.problem.rows import Positions
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import Problem, Window
+from mbm.problem.types import Problem
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 

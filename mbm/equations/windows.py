@@ -9,9 +9,10 @@ import numpy as np
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem import faults as problem_faults
 from mbm.problem.checks import used_rows
+from mbm.problem.requests import Window
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions
 from mbm.problem.tables import Table
-from mbm.problem.types import BlockRole, Problem, Window
+from mbm.problem.types import BlockRole, Problem
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from mbm.equations.interruption import Interruption
 from mbm.problem.kinds import ConstraintMethod, Gauge
-from mbm.problem.types import Consensus, GivenStarts, Method, RandomStarts, Request
+from mbm.problem.requests import GivenStarts, RandomStarts
+from mbm.problem.types import Consensus, Method, Request
 from mbm.solver.description import RULES
 from mbm.values import dataclass
 

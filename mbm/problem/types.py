@@ -19,6 +19,7 @@ from mbm.problem.enclosing import Enclosing
 from mbm.problem.kinds import ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.overrides import ConstantValue
+from mbm.problem.requests import GivenStarts, RandomStarts, Window
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration
 from mbm.text.types import Diagnostic, Span
@@ -329,32 +330,6 @@ class Consensus:
     def literal(self) -> bool:
         """The answer is that of the rows kept, as if there had been no others."""
         return self.quantile is not None or self.trusting
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RandomStarts:
-    """``:starts (random n :seed s)``; ``seed`` None: that of the solve."""
-
-    count: int
-    seed: int | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GivenStarts:
-    """``:starts (given ((name value)…)…)``: each start names some unknowns, with one number per component in SI."""
-
-    starts: tuple[Mapping[str, tuple[float, ...]], ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Window:
-    """``(window COLUMN :length L :step S :min-rows n)``, in SI: rows with ``end − length < column ≤ end``."""
-
-    column: str
-    length: float
-    step: float
-    min_rows: int = 1
-    span: Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,6 +23,7 @@ from mbm.report.constraints import (
 )
 from mbm.report.covariances import derived_covariance, estimates_covariance
 from mbm.report.freedom import common_directions, free_directions
+from mbm.report.inputs import StartsTally
 from mbm.report.maps import maps_of
 from mbm.report.numbers import nothing_known, numbers_of
 from mbm.report.pictures import plot_data
@@ -42,7 +43,6 @@ from mbm.report.types import (
     Quantity,
     SolveReport,
     SolveStatus,
-    StartsTally,
 )
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass

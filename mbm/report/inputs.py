@@ -12,3 +12,12 @@ class InputFile:
     path: str
     sha256: str | None
     rows: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartsTally:
+    """Starts that were tried, that converged, and that led to the best cost (by whichever minimum has it)."""
+
+    tried: int
+    converged: int
+    best_found: int

@@ -11,8 +11,9 @@ from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.problem.overrides import Overrides
+from mbm.problem.requests import GivenStarts, RandomStarts
 from mbm.problem.tables import Table
-from mbm.problem.types import BlockRole, Consensus, GivenStarts, Problem, RandomStarts
+from mbm.problem.types import BlockRole, Consensus, Problem
 from mbm.report.from_solution import report_of
 from mbm.report.inputs import InputFile
 from mbm.report.options import Progress

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
-from mbm.report.inputs import InputFile
+from mbm.report.inputs import InputFile, StartsTally
 from mbm.report.map_types import Map
 from mbm.report.means import RawResiduals, no_residuals
 from mbm.report.plot_data import PlotData
@@ -293,15 +293,6 @@ class Piece:
 
     estimates: tuple[Estimate, ...]
     derived: tuple[DerivedValue, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StartsTally:
-    """Starts that were tried, that converged, and that led to the best cost (by whichever minimum has it)."""
-
-    tried: int
-    converged: int
-    best_found: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.problem.types import GivenStarts, RandomStarts
+from mbm.problem.requests import GivenStarts, RandomStarts
 
 UNKNOWNS = "(unknowns (a :init 1) (p (vector 2) :in (0 1)) (h angle :init 0) (R (rotation 3)))"
 PROBLEM = "(problem x (defun half (n) (/ n 2)) {unknowns} (observe o (= 1 (+ a h (dot p p)))) (solve {option}))"

@@ -15,7 +15,8 @@ from mbm.estimation.batches.starts import starting_points
 from mbm.estimation.batches.types import Begun
 from mbm.estimation.solve.estimate import assemble
 from mbm.kernels.types import KernelSet
-from mbm.problem.types import Problem, Window
+from mbm.problem.requests import Window
+from mbm.problem.types import Problem
 from mbm.values import dataclass
 
 

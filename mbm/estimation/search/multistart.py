@@ -14,7 +14,7 @@ from mbm.estimation.search.solution import Solution
 from mbm.estimation.search.starting import Beginning, beginnings
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import random_points
-from mbm.problem.types import GivenStarts, RandomStarts
+from mbm.problem.requests import GivenStarts, RandomStarts
 
 RANDOM = "a random start"
 GIVEN = "a given start"

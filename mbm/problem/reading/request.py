@@ -20,7 +20,8 @@ from mbm.problem.reading.estimators import METHODS, is_of_sequences, named_estim
 from mbm.problem.reading.intervals import read_enclosing
 from mbm.problem.reading.robust import read_consensus, read_trust
 from mbm.problem.reading.unknowns import stated_numbers
-from mbm.problem.types import Block, GivenStarts, Method, Problem, RandomStarts, Request
+from mbm.problem.requests import GivenStarts, RandomStarts
+from mbm.problem.types import Block, Method, Problem, Request
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol
 
 USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1] [:coverage 95%])"

@@ -8,7 +8,7 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import split_options
 from mbm.problem.reading.pairs import stretch
-from mbm.problem.types import Window
+from mbm.problem.requests import Window
 from mbm.text.types import MbmError, Sequence, Symbol
 
 USAGE = "(window column :length l :step s [:min-rows n])"
