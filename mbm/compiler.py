@@ -260,15 +260,6 @@ def solved(
     return replace(result, diagnostics=(*result.diagnostics, *jacobian_doubts(found, kernels, cache)))
 
 
-def not_enclosed(found: Elaborated) -> tuple[Diagnostic, ...]:
-    """What interval methods would refuse in the first solve, without searching."""
-    from mbm.equations.selection import selections
-    from mbm.estimation.intervals.enclosing import refusals
-
-    selection = next(selections(found.problem, found.tables)[1], None)
-    return () if selection is None else refusals(found.problem, selection)
-
-
 def viewed(
     found: Elaborated,
     kernels: KernelSet,
@@ -339,20 +330,19 @@ def _requested(found: Elaborated, settings: SolveSettings, registry: Registry) -
     if keys != found.problem.request.for_each:
         request = replace(found.problem.request, for_each=keys)
         found = replace(found, problem=replace(found.problem, request=request))
-    if settings.seed is None and settings.method is None and settings.starts is None:
-        refuse_mixed_bounds(found.problem)
-        return found
-    from mbm.problem.reading.request import requested
+    if not (settings.seed is None and settings.method is None and settings.starts is None):
+        from mbm.problem.reading.request import requested
 
-    asked = requested(
-        found.problem,
-        seed=settings.seed,
-        method=settings.method,
-        starts=settings.starts,
-        routines=lambda: tuple(form.name for form in registry.closed_forms()),
-    )
-    refuse_mixed_bounds(asked)
-    return replace(found, problem=asked)
+        asked = requested(
+            found.problem,
+            seed=settings.seed,
+            method=settings.method,
+            starts=settings.starts,
+            routines=lambda: tuple(form.name for form in registry.closed_forms()),
+        )
+        found = replace(found, problem=asked)
+    refuse_mixed_bounds(found.problem)
+    return found
 
 
 def emitted(

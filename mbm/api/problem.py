@@ -295,7 +295,9 @@ class Problem:
         problem, tables = found.problem, found.tables
         lacking = missing_units(problem.unknowns, problem.blocks, tables) if strict_units else ()
         if problem.request.method is Method.INTERVAL:
-            return (*compiler.not_enclosed(found), *problem.warnings, *lacking)
+            from mbm.estimation.intervals.enclosing import refusals as unbounded
+
+            return (*unbounded(problem, tables), *problem.warnings, *lacking)
         wrong = refusals(problem, tables)
         calls = () if wrong else self._called(found, inputs)
         if not (wrong or calls):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from mbm.equations.selection import Selection
+from mbm.equations.selection import Selection, selections
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.intervals import faults
 from mbm.estimation.intervals.building import network as network_of
@@ -19,6 +19,7 @@ from mbm.estimation.intervals.points import meets
 from mbm.estimation.intervals.search import FINEST, Aims, Paving, paved
 from mbm.estimation.intervals.types import Enclosure, Ranges
 from mbm.problem.enclosing import Contractor, Enclosing
+from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.text.types import Diagnostic, MbmError
 
@@ -67,8 +68,11 @@ def enclose(
     )
 
 
-def refusals(problem: Problem, selection: Selection) -> tuple[Diagnostic, ...]:
-    """What `enclose` would refuse: looked at by contracting the box once."""
+def refusals(problem: Problem, tables: Mapping[str, Table]) -> tuple[Diagnostic, ...]:
+    """What `enclose` would refuse in the first solve: looked at by contracting its box once."""
+    selection = next(selections(problem, tables)[1], None)
+    if selection is None:
+        return ()
     asked = problem.request.enclosing or Enclosing()
     try:
         network = network_of(problem, selection.tables, {})
