@@ -83,8 +83,7 @@ class Quantity:
 
     ``shape`` is ``()`` for a number, ``(n,)`` for a vector, ``(n,)`` or ``(n, m)`` for an array (of one family member);
     directions, rotations, poses and similarities have the shape of the numbers that hold them, and a ``dimension``.
-    ``unit`` is the text documents show (None: none is known); value in that unit = SI value / ``factor``. ``over`` is
-    the column of the steps of what has a value at each.
+    ``unit`` is what documents show (None: none is known); value in it = SI value / ``factor``; ``over`` names steps.
     """
 
     name: str
