@@ -42,7 +42,7 @@ def carried_starts(
     if any(found.guessed[e.offset : e.offset + e.unknown.size].any() for e in changing):
         return {}  # better starts are looked for than the middle of a range
     binder = Binder(problem=problem, layout=found, tables=tables, cache=cache)
-    point, _ = carried(binder, kernels, found.start, lambda group: np.zeros((group.rows, group.kernel.outputs)))
+    point, _ = carried(binder, kernels, found.start, nothing)
     return {e.unknown.name: point[e.range] for e in changing if e.unknown.name not in starts}
 
 
@@ -54,19 +54,31 @@ def carried(
     ``start`` (N,) has those of the first step and all constants; ``left`` gives what the equations of transitions
     (rows, outputs) are to leave: zeros, or draws from their noise.
     """
-    problem, layout = binder.problem, binder.layout
-    entries = [entry for entry in layout.entries if entry.unknown.is_state and entry.steps is None]
-    if problem.sequence is None or not entries:
+    walk = walk_of(binder, kernels, left)
+    if walk is None:
         return start, None
-    groups = _groups(problem, problem.sequence, kernels, binder)
-    point, count = start.copy(), entries[0].members
-    walk = _Walk(layout, entries, [(group, left(group)) for group in groups], count - 1)
-    for step in range(1, count):
+    point = start.copy()
+    for step in range(1, walk.count):
         ahead = walk.next(point, step)
         if ahead is None:
             return point, step
         point = ahead
     return point, None
+
+
+def walk_of(binder: Binder, kernels: KernelSet, left: Callable[[Group], Floats]) -> Walk | None:
+    """What carries states on; None where none changes. ``left`` is that of `carried`."""
+    problem, layout = binder.problem, binder.layout
+    entries = [entry for entry in layout.entries if entry.unknown.is_state and entry.steps is None]
+    if problem.sequence is None or not entries:
+        return None
+    groups = _groups(problem, problem.sequence, kernels, binder)
+    return Walk(layout, entries, [(group, left(group)) for group in groups])
+
+
+def nothing(group: Group) -> Floats:
+    """What is left by transitions without noise (rows, outputs)."""
+    return np.zeros((group.rows, group.kernel.outputs))
 
 
 def _groups(problem: Problem, sequence: Sequence, kernels: KernelSet, binder: Binder) -> list[Group]:
@@ -81,14 +93,15 @@ def _groups(problem: Problem, sequence: Sequence, kernels: KernelSet, binder: Bi
     return [group for group in found if group.rows]
 
 
-class _Walk:
-    """From step to step: which rows reach each, and where its numbers and coordinates stand."""
+class Walk:
+    """From step to step, ``count`` of them: which rows reach each, and where its numbers and coordinates stand."""
 
-    def __init__(self, layout: Layout, entries: list[Entry], groups: list[tuple[Group, Floats]], reached: int) -> None:
+    def __init__(self, layout: Layout, entries: list[Entry], groups: list[tuple[Group, Floats]]) -> None:
         """``groups`` with what their rows are to leave (rows, outputs)."""
         self._layout = layout
         self._entries = entries
-        self._rows: list[list[tuple[Group, int, Floats]]] = [[] for _ in range(reached)]
+        self.count = entries[0].members
+        self._rows: list[list[tuple[Group, int, Floats]]] = [[] for _ in range(self.count - 1)]
         for group, left in groups:
             for row, position in enumerate(np.asarray(group.positions).tolist()):
                 self._rows[position].append((group, row, left[row]))

@@ -299,3 +299,19 @@ def test_other_data_make_other_steps():
         again = compiled.solve(data=data)
         assert list(again["p"].keys) == list(fresh["p"].keys)
         assert again["p"].value == pytest.approx(fresh["p"].value, rel=1e-12)
+
+
+def test_a_start_is_found_step_by_step():
+    """A wheel that turns unseen between sights of its mark: a start at rest fits the first sight alone."""
+    rng = np.random.default_rng(2)
+    t = np.arange(80.0)
+    angle = 0.3 + 0.9 * t + np.cumsum(np.cumsum(rng.normal(0, 0.005, 80)))
+    text = """(problem wheel (data seen external)
+      (states :over t (a :init 0 :sigma 1))
+      (dynamics (constant-velocity a :acceleration 0.01 :velocity 0 :velocity-sigma 1))
+      (observe seen (= [u v] [(cos a) (sin a)]) :sigma 0.02))"""
+    noise = rng.normal(0, 0.02, (2, 80))
+    data = {"seen": {"t": t, "u": np.cos(angle) + noise[0], "v": np.sin(angle) + noise[1]}}
+    result = mbm.loads(text).solve(data=data)
+    assert result.solves[0].chi2_p > 1e-3
+    assert np.abs((result["a"].value - angle) / result["a"].sigma).max() < 5
