@@ -80,7 +80,8 @@ class Quantity:
 
     ``shape`` is ``()`` for a number, ``(n,)`` for a vector, ``(n,)`` or ``(n, m)`` for an array (of one family member);
     directions, rotations, poses and similarities have the shape of the numbers that hold them, and a ``dimension``.
-    ``unit`` is what documents show (None: none is known); value in it = SI value / ``factor``; ``over`` names the steps.
+    ``unit`` is what documents show (None: none is known); value in it = SI value / ``factor``. ``over`` names the
+    steps.
     """
 
     name: str
@@ -100,8 +101,9 @@ class Estimate:
     ``value``, ``sigma``, ``fixed``, ``at_bound`` all have ``quantity.shape``, for a family with a leading axis over
     ``keys``; of directions, rotations, poses and similarities all but ``value`` have the tangent coordinates instead.
     ``sigma`` is the standard deviation (SI); NaN where the data do not determine one, None if none was computed;
-    ``reason`` then says why. ``fixed`` elements were not estimated, ``at_bound`` ones (None: none) are held at a bound. Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound,
-    whatever ``sigma`` holds there. Angles are wrapped to (-pi, pi].
+    ``reason`` then says why. ``fixed`` elements were not estimated, ``at_bound`` ones (None: none) are held at a bound.
+    Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound, whatever ``sigma`` holds there.
+    Angles are wrapped to (-pi, pi].
     ``per`` is what the family ranges over (a table, or ``table.column``).
     """
 

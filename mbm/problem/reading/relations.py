@@ -54,7 +54,7 @@ class Pair:
 
 
 def both_sides(component: Expression) -> tuple[Expression, ...]:
-    """What is not to be above zero where ``component`` is: of ``|a| − b`` first a − b, then −a − b, which have no kink."""
+    """What is not to be above zero where ``component`` is: of ``|a| − b`` first a − b, then −a − b, without a kink."""
     match component:
         case Apply(operation=Operation.SUBTRACT, arguments=(Apply(operation=Operation.ABS, arguments=(inner,)), limit)):
             return subtract(inner, limit, component.span), subtract(negate(inner), limit, component.span)
