@@ -235,6 +235,23 @@ def camera_and_ranges(axes: Axes) -> None:
     axes.legend()
 
 
+def hand(axes: Axes) -> None:
+    """The fingers as the filter has them in some frames, and the joints that were seen."""
+    found = solve("hand", "hand")
+    seen, r = rows("hand", "joints.csv"), found["r"].value
+    for frame, color in ((1, GREY), (7, BLUE), (13, ORANGE)):
+        w, theta = found["w"].value[frame - 1], found["theta"].value[frame - 1]
+        for finger in (0, 1):
+            along = np.cumsum(theta[finger])
+            links = r[finger][:, None] * np.column_stack([np.cos(along), np.sin(along)])
+            chain = np.vstack([np.zeros(2), np.cumsum(links, axis=0)]) + w + [0, 60 * (finger - 0.5)]
+            axes.plot(*chain.T, "-", color=color, label=f"frame {frame}" if finger == 0 else None)
+        mine = [row for row in seen if int(row["frame"]) == frame]
+        axes.plot(column(mine, "u"), column(mine, "v"), "o", color=color)
+    axes.set(xlabel="u (px)", ylabel="v (px)", aspect="equal")
+    axes.legend()
+
+
 def posture(axes: Axes) -> None:
     """The figure from the front, measured and as estimated."""
     seen, found = rows("posture", "joints.csv"), solve("posture", "posture")

@@ -222,6 +222,7 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
         office_walk,
         image_pictures.stereo,
         image_pictures.hand_eye,
+        image_pictures.hand,
         image_pictures.bundle,
         image_pictures.camera_and_ranges,
         image_pictures.posture,

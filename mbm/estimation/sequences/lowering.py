@@ -5,6 +5,7 @@ Kernels, whitening and losses are those of the whole problem: only the places of
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -45,7 +46,7 @@ class _Rows:
 
 
 def lowered(
-    problem: Problem, sequence: Sequence, equations: Assembled, places: Places, tables: dict[str, Table]
+    problem: Problem, sequence: Sequence, equations: Assembled, places: Places, tables: Mapping[str, Table]
 ) -> Lowered:
     """The local problems of a sequence.
 
@@ -138,7 +139,7 @@ def _without_states(group: Group, places: Places) -> bool:
 
 
 def _steps_of(
-    group: Group, block: Block, places: Places, keys: Floats, sequence: Sequence, tables: dict[str, Table]
+    group: Group, block: Block, places: Places, keys: Floats, sequence: Sequence, tables: Mapping[str, Table]
 ) -> Indices:
     """The step (rows,) that each row belongs to: that of the states in it, else by its own column, else the first."""
     steps = places.step_of_number[group.index]
@@ -216,7 +217,7 @@ def _placed(rows: _Rows, places: Places, *, transition: bool) -> Group:
 
 
 def _transitions(
-    problem: Problem, equations: Assembled, places: Places, moving: list[_Rows], tables: dict[str, Table]
+    problem: Problem, equations: Assembled, places: Places, moving: list[_Rows], tables: Mapping[str, Table]
 ) -> tuple[Local, Floats]:
     """The rows of transitions as they are, not whitened, and L of each."""
     found = Spreads(steps=len(places.numbers) - 1, rows=len(places.free) - places.still)

@@ -17,7 +17,7 @@ from mbm.estimation.sequences.places import places_of
 from mbm.estimation.sequences.prior import prior_of
 from mbm.estimation.sequences.walk import Rules
 from mbm.estimation.settings import Settings
-from mbm.estimation.solve.estimate import assemble
+from mbm.estimation.solve.estimate import bound_equations
 from mbm.kernels.types import KernelSet
 from mbm.problem.sequence.types import Estimator, Sequence, SequenceMethod
 from mbm.problem.tables import CellKey, Table
@@ -47,10 +47,10 @@ def walked(
     if sequence is None:
         raise TypeError(problem.name)
     _refuse(sequence, settings)
-    equations, binder = assemble(problem, kernels, tables, starts, cache)
+    equations, binder = bound_equations(problem, kernels, tables, starts, cache)
     method = sequence.estimator.method.value
     places = places_of(equations, len(tables[sequence.steps]), method)
-    low = lowered(problem, sequence, equations, places, dict(tables))
+    low = lowered(problem, sequence, equations, places, tables)
     prior = prior_of(problem, sequence, equations, places, low.priors, tables, low.chained.seen)
     if np.isnan(prior.point).any():
         if not low.chained.linear:

@@ -22,6 +22,7 @@ from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 from mbm.estimation.starts.closed_forms.types import ClosedForm
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
+from mbm.problem.sequence.types import SequenceMethod
 from mbm.problem.types import Method
 from mbm.sparse.description import solved_how
 from mbm.values import dataclass
@@ -54,6 +55,9 @@ def chosen_solver(
     binder = Binder(problem=problem, layout=places, tables=selection.tables, cache=cache)
     equations = blank(binder, kernels)
     settings = settings_of(problem.request, forms=lambda: closed_forms)
+    sequence = problem.sequence
+    if sequence is not None and sequence.estimator.method is not SequenceMethod.BATCH:
+        return Choice(sequence.estimator.method.value, "it is asked for", "the prior of the first step")
     reason = _reason(equations, problem.request.method)
     return Choice(solver_name(equations, settings), reason, _start(equations, settings))
 

@@ -7,6 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
+from mbm.equations import faults
 from mbm.equations.assembling import blank
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
@@ -41,6 +42,7 @@ from mbm.estimation.uncertainty.statistics import statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
+from mbm.text.types import MbmError
 from mbm.values import dataclass
 
 
@@ -57,23 +59,32 @@ def assemble(
         MbmError: weights that are none, bounds the wrong way round.
 
     """
-    equations, binder = _assembled(problem, kernels, tables, starts, cache)
+    equations, binder = bound_equations(problem, kernels, tables, starts, cache)
     if problem.sequence is None or equations.linear:
         return equations, binder
     # Loaded by problems with states only, so that the others start at once.
     from mbm.estimation.starts.carried import carried_starts
 
     carried = carried_starts(problem, kernels, tables, starts, cache)
-    return _assembled(problem, kernels, tables, {**carried, **starts}, cache)
+    return bound_equations(problem, kernels, tables, {**carried, **starts}, cache)
 
 
-def _assembled(
+def bound_equations(
     problem: Problem,
     kernels: KernelSet,
     tables: Mapping[str, Table],
     starts: Mapping[str, Floats],
     cache: EvaluationCache,
 ) -> tuple[Assembled, Binder]:
+    """The same with the starts of states at all steps as they are stated.
+
+    Raises:
+        MbmError: likewise, or there are no steps.
+
+    """
+    sequence = problem.sequence
+    if sequence is not None and not len(tables[sequence.steps]):
+        raise MbmError(faults.no_equations(sum(u.size for u in problem.unknowns), sequence.span))
     places = cache.layouts.of(problem, tables, starts)
     binder = Binder(problem=problem, layout=places, tables=tables, cache=cache)
     return blank(binder, kernels), binder

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbm.expression.algebra import add, constant_value, divide, number, subtract, wrap
+from mbm.expression.algebra import add, constant_value, divide, negate, number, subtract, wrap
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Apply, Component, Expression, Number, Operation, externals, leaves
 from mbm.language import faults as language_faults
@@ -51,6 +51,14 @@ class Pair:
     def known(self) -> bool:
         """No unknown occurs in it."""
         return not holds_unknown(self.component)
+
+
+def both_sides(component: Expression) -> tuple[Expression, ...]:
+    """What is not to be above zero where ``component`` is: of ``|a| − b`` first a − b, then −a − b, without a kink."""
+    match component:
+        case Apply(operation=Operation.SUBTRACT, arguments=(Apply(operation=Operation.ABS, arguments=(inner,)), limit)):
+            return subtract(inner, limit, component.span), subtract(negate(inner), limit, component.span)
+    return (component,)
 
 
 def holds_unknown(node: Expression) -> bool:

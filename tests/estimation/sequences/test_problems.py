@@ -210,3 +210,14 @@ def test_a_curved_problem_without_a_start_says_which():
     text = walk("ekf", more="(c :sigma 1)", observe="(= y (+ x b (exp c))) :sigma s")
     with pytest.raises(mbm.MbmError):
         mbm.loads(text).solve()
+
+
+def test_an_absolute_value_is_cut_on_both_sides_in_order():
+    """``(<= (abs a) b)`` as a ≤ b, then −a ≤ b: linearising |a| would cut on one side only."""
+    given = {"more": "(c :init 0.2 :sigma 1)"}
+    both = solved("truncated-ekf", rest="(constraints (<= (abs c) 0.5))", **given)
+    apart = solved("truncated-ekf", rest="(constraints (<= c 0.5) (<= (- c) 0.5))", **given)
+    assert both["c"].value == pytest.approx(apart["c"].value, rel=1e-13)
+    assert both["c"].sigma == pytest.approx(apart["c"].sigma, rel=1e-13)
+    one = solved("truncated-ekf", rest="(constraints (<= c 0.5))", **given)
+    assert both["c"].sigma < 0.9 * one["c"].sigma
