@@ -138,6 +138,7 @@ class Reason(Enum):
     NOT_FINITE_AT_START = ("not-converged", "an equation has no finite value at the initial values")
     INTERRUPTED = ("not-converged", "the solve was interrupted; this is the best point so far")
     NO_AGREEMENT = ("not-converged", "fewer than half of the measurements agree with any one solution")
+    CONTRADICTION = ("not-converged", "rows contradict one another, and the fit lies between what they say")
     INFEASIBLE = ("infeasible", "no point meets all constraints")
     JACOBIAN_NOT_FINITE_AT_START = ("not-converged", "a derivative of an equation is not finite at the initial values")
     NO_FINITE_STEP = ("not-converged", "every step, however short, leads to an equation without a finite value")

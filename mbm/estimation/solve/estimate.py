@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -17,6 +18,7 @@ from mbm.equations.types import (
     Indices,
     Minimum,
     Observability,
+    Reason,
 )
 from mbm.estimation.consensus.preparation import outliers, prepared, robust_cost, unit_weights
 from mbm.estimation.consensus.rivals import rivals
@@ -32,6 +34,7 @@ from mbm.estimation.search.solution import Solution
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, reached
+from mbm.estimation.trust.contradiction import contradictions
 from mbm.estimation.trust.curvature import curvature
 from mbm.estimation.trust.plausibility import doubts
 from mbm.estimation.uncertainty.derived import Propagation
@@ -167,8 +170,10 @@ def answered(
     whole = weighted.everything().plain_residuals(minimum.point)
     bent = curvature(propagation, minimum, derived)
     freedom = outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
+    against = contradictions(problem, run.tables, weighted, minimum, observed)
     warnings = (
         *robust.diagnostics,
+        *against,
         *rivals(problem, minimum, end.others, outcome.fit, end.noise),
         *doubts(propagation, minimum, derived, bent),
     )
@@ -180,7 +185,7 @@ def answered(
         constraints=equations.constraints,
         numbers=numbers,
         free=equations.free,
-        minimum=robust.judged(minimum),
+        minimum=replace(minimum, reason=Reason.CONTRADICTION) if against else robust.judged(minimum),
         residuals=whole,
         weights=unit_weights(weighted, whole),
         outliers=outliers(weighted, whole),

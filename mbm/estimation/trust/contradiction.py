@@ -1,0 +1,128 @@
+"""Rows of a pose graph that the others contradict: a false loop bends all that it spans, and its own residual is small.
+
+What shows it is the residual over the root of its redundancy (Baarda 1968): its square is what χ² falls by, without
+that number. Under true noise it is a standard normal variate, however little a row is checked by others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import log, sqrt
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import Group
+from mbm.equations.layout import Entry
+from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
+from mbm.estimation.trust import faults
+from mbm.estimation.trust.plausibility import IMPROBABLE
+from mbm.problem.tables import Table
+from mbm.problem.types import Problem, UnknownKind
+from mbm.text.types import Diagnostic, Label
+from mbm.values import dataclass
+
+SCATTER = 30.0
+"""Multiple of the scatter of the other residuals that is beyond any noise, where the noise is stated too large …"""
+
+ESTIMATED = 10.0
+"""… and where it is estimated: residuals of real loop closures have long tails."""
+
+UNCHECKED = 1e-3
+"""Redundancy below which nothing checks a row: rounding is all that is left of it."""
+
+
+FEWEST = 6.0
+"""Degrees of freedom from which the scatter of the others is told well enough for that."""
+
+LEAST_MISFIT, ROUNDED = 1e-3, 1e-6
+"""Misfits in stated deviations, and shares of χ², that are taken for rounding."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Edges:
+    """Rows of a group that join two poses: their misfits (rows,), and whether they join neighbours of ordered keys.
+
+    ``falls`` (rows,) is what χ² falls by without each, but for the correlation of its numbers.
+    """
+
+    group: Group
+    misfits: Floats
+    falls: Floats
+    early: Mask
+
+
+@np.errstate(all="ignore")
+def contradictions(
+    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, observed: Observability
+) -> tuple[Diagnostic, ...]:
+    """A warning for each clause of a pose graph some of whose rows the others contradict, at a minimum."""
+    if not minimum.reason.converged or equations.lossy or len(minimum.residuals) != equations.count:
+        return ()
+    poses = [e for e in equations.layout.entries if e.unknown.kind is UnknownKind.POSE and e.members > 1]
+    if not poses:
+        return ()
+    # Loaded by graphs only, so that other problems start at once.
+    from mbm.estimation.starts.closed_forms.relative_poses import relates
+
+    pairs = [(group, entry) for group in equations.groups for entry in poses if group.rows and relates(group, entry)]
+    if not pairs:
+        return ()
+    from mbm.estimation.uncertainty.variance import redundancy_numbers
+
+    redundancy = redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
+    misfits = np.zeros(equations.whole)
+    misfits[slice(None) if equations.rows is None else equations.rows] = np.where(
+        redundancy > UNCHECKED, np.abs(minimum.residuals) / np.sqrt(redundancy), 0.0
+    )
+    freedom = float(redundancy.sum())
+    every = [_edges(group, entry, misfits) for group, entry in pairs]
+    width = max(group.kernel.outputs for group, _ in pairs)
+    without = max(minimum.cost - max(float(each.falls.max()) for each in every), ROUNDED * minimum.cost)
+    scatter = sqrt(without / (freedom - width)) if freedom >= FEWEST + width else np.inf
+    found = []
+    for owner in sorted({group.kernel.owner for group, _ in pairs}):
+        block = problem.blocks[owner]
+        if block.table is None:
+            continue
+        edges = [each for each in every if each.group.kernel.owner == owner]
+        relative = ESTIMATED if block.unknown_factor else SCATTER
+        stated = np.inf if block.unknown_factor else sqrt(2.0 * log(len(misfits) / IMPROBABLE))
+        wrong, falls = _beyond(edges, max(min(stated, relative * scatter), LEAST_MISFIT))
+        if len(wrong):
+            table = tables[block.table]
+            rows = [
+                (int(table.rows[p]), min(fall, minimum.cost)) for p, fall in zip(wrong, falls.tolist(), strict=True)
+            ]
+            label = Label(table.place(int(wrong[0])), "the worst of them")
+            found.append(faults.contradicting_rows(block.span, block.name, rows, minimum.cost, label))
+    return tuple(found)
+
+
+def _edges(group: Group, entry: Entry, misfits: Floats) -> _Edges:
+    from mbm.estimation.starts.closed_forms.relative_poses import related
+    from mbm.estimation.starts.closed_forms.trees import behind_one_another
+
+    own = misfits[group.first : group.first + group.count].reshape(group.rows, -1)
+    falls = np.square(own).sum(axis=1)
+    return _Edges(
+        group=group, misfits=own.max(axis=1), falls=falls, early=behind_one_another(entry, *related(group, entry))
+    )
+
+
+def _beyond(edges: list[_Edges], limit: float) -> tuple[Indices, Floats]:
+    """Positions in the table of the rows beyond the limit, and what χ² falls by without each, the worst first.
+
+    Loop closures alone if there are some.
+
+    A false loop leaves the steps that it spans with misfits like its own.
+    """
+    misfits = np.concatenate([each.misfits for each in edges])
+    early = np.concatenate([each.early for each in edges])
+    positions = np.concatenate([each.group.positions for each in edges if each.group.positions is not None])
+    wrong = misfits > limit
+    if bool((wrong & ~early).any()):
+        wrong &= ~early
+    order = np.argsort(-misfits[wrong], kind="stable")
+    falls = np.concatenate([each.falls for each in edges])
+    return positions[wrong][order], falls[wrong][order]
