@@ -92,6 +92,13 @@ class CallingStream:
         said = (self.functions.reason(call.external, _arguments(call, steps, whole)) for call, steps in self.calls)
         return next((reason for reason in said if reason is not None), None)
 
+    def arguments(self, number: int, inputs: Floats) -> Floats:
+        """The arguments (rows, m) of call ``number``; earlier ones are made where these depend on their results."""
+        call, steps = self.calls[number]
+        needed = any(value >= 0 for value in call.arguments.inputs[inputs.shape[1] :])
+        earlier = replace(self, calls=self.calls[:number] if needed else ())
+        return _arguments(call, steps, earlier._with_results(inputs, derivatives=False))
+
     def _with_results(self, inputs: Floats, *, derivatives: bool) -> Floats:
         """The inputs with what the calls give behind them; zeros for derivatives that are not wanted."""
         whole = np.zeros((len(inputs), self.width))

@@ -13,6 +13,7 @@ import numpy as np
 from mbm.expression.nodes import Figure, Outlined
 from mbm.kernels.outlines.distances import Feet, feet_of, slopes_of
 from mbm.kernels.outlines.extremes import SIDES, extent, extreme
+from mbm.kernels.outlines.marks import Marks, places_of
 from mbm.kernels.outlines.measures import Measured, area, centroid, perimeter
 from mbm.kernels.outlines.outline import Indices, NoOutline, Outline, outline_of
 from mbm.kernels.outlines.surveyor import Surveyor
@@ -77,6 +78,11 @@ class Outlines:
         with self._lock, np.errstate(all="ignore"):
             (found,) = (outline for _, outline, _ in self._outlines(call.figure, arguments))
             return found.value if isinstance(found, NoOutline) else None
+
+    def places(self, figure: Figure, numbers: Floats, marks: tuple[Marks, ...]) -> Floats:
+        """What `places_of` gives: u, v and depth of points of a figure's surfaces."""
+        with self._lock, np.errstate(all="ignore"):
+            return places_of(marks, self._surveyor(figure), numbers)
 
     def _feet(self, outline: Outline, points: Floats) -> Feet:
         """Those of the last call, if it was about the same points."""
