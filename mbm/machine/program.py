@@ -125,3 +125,11 @@ class Program:
             instructions=tuple(reversed(instructions)),
             outputs=tuple(self.outputs[k] for k in outputs),
         )
+
+    def depends_on(self, inputs: Sequence[bool]) -> list[bool]:
+        """Which outputs depend on any of the inputs that are marked."""
+        touched = {value for value, marked in zip(self.inputs, inputs, strict=False) if marked and value >= 0}
+        for each in self.instructions:
+            if not touched.isdisjoint(each.arguments):
+                touched.add(each.target)
+        return [value in touched for value in self.outputs]

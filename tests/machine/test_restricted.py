@@ -36,3 +36,9 @@ def test_outputs_stand_in_the_order_asked_for():
     run(program, steps_of(program), np.array([[1.0, 10.0]]), found)
     assert found.tolist() == [[0.0, -4.0, 40.0]]
     assert WHOLE.restricted([2]).instructions == ()
+
+
+def test_what_depends_on_an_input():
+    assert WHOLE.depends_on([True, False]) == [True, True, False]
+    assert WHOLE.depends_on([False, True]) == [True, False, False]
+    assert WHOLE.depends_on([False, False]) == [False, False, False]
