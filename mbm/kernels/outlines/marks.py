@@ -18,6 +18,9 @@ Indices = NDArray[np.int64]
 ACROSS = 12
 """Cells of a patch in each direction: chords of a full turn leave out 1 - cos 15°, 3 % of its radius."""
 
+INPUTS_TOGETHER = 1_000_000
+"""Numbers that a sheet takes for many points at a time."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Marks:
@@ -59,9 +62,13 @@ def kept(marks: tuple[Marks, ...], mask: NDArray[np.bool_]) -> tuple[Marks, ...]
 
 def places_of(marks: tuple[Marks, ...], surveyor: Surveyor, numbers: Floats) -> Floats:
     """u, v and depth (S, marks, 3) for sets of the figure's numbers (S, size)."""
-    found = []
+    found = np.empty((len(numbers), sum(len(each) for each in marks), 3))
+    first = 0
     for each in marks:
-        inputs = numbers[:, each.places].reshape(-1, each.places.shape[1])
-        images = surveyor.places(each.sheet, np.tile(each.at, (len(numbers), 1)), inputs)
-        found.append(images.reshape(len(numbers), len(each), 3))
-    return np.concatenate(found, axis=1)
+        step = max(INPUTS_TOGETHER // max(each.places.size, 1), 1)
+        for some in (slice(k, k + step) for k in range(0, len(numbers), step)):
+            inputs = numbers[some][:, each.places].reshape(-1, each.places.shape[1])
+            images = surveyor.places(each.sheet, np.tile(each.at, (len(numbers[some]), 1)), inputs)
+            found[some, first : first + len(each)] = images.reshape(-1, len(each), 3)
+        first += len(each)
+    return found

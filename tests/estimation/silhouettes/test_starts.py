@@ -64,6 +64,17 @@ def test_a_box_in_any_pose_whatever_the_order_of_the_points(seed):
     assert len(alike) == 3, "the half turns are other solutions"
 
 
+def test_a_position_within_a_range():
+    """What was drawn is moved to where the contour is."""
+    R = random_rotation(11)
+    problem = mbm.loads(f"""(problem p (data d external) {CAMERA}
+      (unknowns (T (pose 3) :start ([-0.2 -0.2 0.4] [0.2 0.2 1.0])))
+      (observe d {BOX.format("T")} :sigma 0.1))""")
+    found = problem.solve(data={"d": columns(outline(CORNERS @ R.T + PLACE))})
+    assert found.first.cost < 1e-6
+    assert apart(rotation(found["T"].value), R) < 1e-5
+
+
 def test_a_camera_before_a_box():
     """The pose of the eye is that of the box the other way round; without a unit, as a table would have it."""
     R = random_rotation(4)

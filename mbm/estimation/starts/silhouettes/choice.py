@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.types import Floats
-from mbm.estimation.starts.quasirandom import directions, sobol
-from mbm.estimation.starts.silhouettes.hulls import Hulls
-from mbm.kernels.outlines.arcs import NEAREST_DEPTH
+from mbm.estimation.starts.silhouettes.hulls import IN_SPACE, Hulls, support
+from mbm.estimation.starts.silhouettes.refining import best, refined
 
 MOST = 6
 """Starts with the shape in different places."""
@@ -27,34 +26,46 @@ WORSE = 3.0
 SLACK = 0.01
 """Of the size in the image."""
 
-SIDES = 48
+TURN_STEPS = 16
 
 
-def chosen(hulls: Hulls, points: Floats, costs: Floats) -> Floats:
-    """Some of the points (S, N), which are sorted by their mean square misfits (S,): the most promising first."""
-    if not len(points):
-        return points
-    groups = _groups(hulls, points)
-    misfits = np.array([hulls.picture.misfit(points[group[0]]) for group in groups])
+def chosen(hulls: Hulls, points: Floats, begun: Floats) -> Floats:
+    """Some of the points (S, N), which come the best fitting first, and what looks the same as the best of them.
+
+    This is looked for from the points ``begun`` (T, N).
+    """
+    different = _different(hulls, points)
+    if not different:
+        return points[:0]
+    misfits = np.array([hulls.picture.misfit(points[k]) for k in different])
     limit = (WORSE * np.sqrt(misfits.min()) + SLACK * hulls.size) ** 2
-    order = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit and np.isfinite(misfits[k])]
-    return points[[*groups[order[0]], *(groups[k][0] for k in order[1:MOST])]] if order else points[:0]
+    order = [different[k] for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit and misfits[k] < np.inf]
+    if not order:
+        return points[:0]
+    return np.concatenate([points[order[:1]], _alike(hulls, points[order[0]], begun), points[order[1:MOST]]])
 
 
-def _groups(hulls: Hulls, points: Floats) -> list[list[int]]:
-    """Numbers of points that differ; together those with the same solid in the same place."""
+def _different(hulls: Hulls, points: Floats) -> list[int]:
+    """Numbers of points at which the shape takes different places, as a solid."""
     places = hulls.places(points)
-    extent = max(float(np.ptp(places[..., 2], axis=1).max()), NEAREST_DEPTH * 1e-3)
-    places[..., 2] *= 2 * hulls.size / extent
-    ways = directions(sobol(SIDES, 2, 0))
-    outermost = (places @ ways.T).max(axis=1)
-    least = SAME * hulls.size
-    groups: list[list[int]] = []
+    outermost = support(places, IN_SPACE * np.array([1.0, 1.0, hulls.stretch(places)])[:, None])
+    found: list[int] = []
     for number in range(len(points)):
-        group = next((g for g in groups if np.abs(outermost[g[0]] - outermost[number]).max() < least), None)
-        if group is None:
-            if len(groups) < MOST_SEEN:
-                groups.append([number])
-        elif len(group) < ALIKE and all(np.abs(places[k] - places[number]).max() >= least for k in group):
-            group.append(number)
-    return groups
+        apart = np.abs(outermost[found] - outermost[number]).max(axis=1) >= SAME * hulls.size
+        if apart.all() and len(found) < MOST_SEEN:
+            found.append(number)
+    return found
+
+
+def _alike(hulls: Hulls, point: Floats, begun: Floats) -> Floats:
+    """Points at which the solid is where it is at ``point`` (N,), but turned about its axes of symmetry."""
+    points, costs = best(*refined(hulls.solid(point), begun, TURN_STEPS), len(begun))
+    points = np.concatenate([point[None], points[np.sqrt(costs) < SAME * hulls.size]])
+    places = hulls.places(points)
+    places[..., 2] *= hulls.stretch(places[:1])
+    found = [0]
+    for number in range(1, len(points)):
+        apart = np.abs(places[found] - places[number]).max(axis=(1, 2)) >= SAME * hulls.size
+        if apart.all() and len(found) < ALIKE:
+            found.append(number)
+    return points[found[1:]]

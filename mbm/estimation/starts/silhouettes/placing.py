@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.types import Floats, Mask
-from mbm.estimation.starts.silhouettes.hulls import DIRECTIONS, NORMALS, Hulls, support
+from mbm.estimation.starts.silhouettes.hulls import DIRECTIONS, Hulls, support
 from mbm.kernels.outlines.arcs import NEAREST_DEPTH
 
 STEPS = 4
@@ -69,10 +69,10 @@ def in_front(hulls: Hulls, points: Floats, free: Mask) -> Floats:
 def _aims(hulls: Hulls, points: Floats) -> tuple[Floats, Floats]:
     """What is to vanish (S, 3), and the mean depths (S,)."""
     places = hulls.places(points)
-    found = support(places[..., :2])
+    found = support(places, hulls.ways)
     size, wanted = found.mean(axis=1), hulls.size
     with np.errstate(all="ignore"):
-        center = (found - hulls.wanted) @ NORMALS.T * (2 / DIRECTIONS / wanted)
+        center = (found - hulls.wanted) @ hulls.ways[:2].T * (2 / DIRECTIONS / wanted)
         aims = np.concatenate([center, (wanted / size - 1)[:, None]], axis=1)
     aims[~(places[..., 2] >= NEAREST_DEPTH).all(axis=1)] = np.nan
     return aims, places[..., 2].mean(axis=1)

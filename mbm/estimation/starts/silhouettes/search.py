@@ -14,12 +14,14 @@ from mbm.equations.layout import Layout
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.starts.random_starts import random_points
 from mbm.estimation.starts.silhouettes.choice import chosen
-from mbm.estimation.starts.silhouettes.hulls import Hulls, hulls_of
+from mbm.estimation.starts.silhouettes.hulls import hulls_of
 from mbm.estimation.starts.silhouettes.pictures import Picture, pictures_of
 from mbm.estimation.starts.silhouettes.placing import in_front, placed
+from mbm.estimation.starts.silhouettes.refining import best, refined
 
-DRAWN, THINNING, REFINED, FOLLOWED = 1024, 64, 192, 64
-"""Draws; those by which points of the shape are sorted out; those that are refined, and those to the end."""
+DRAWN, THINNING, REFINED, FOLLOWED, TURNED = 1024, 64, 192, 64, 48
+"""Draws; those by which points of the shape are sorted out; those that are refined, those to the end, and those that
+may lead to what looks the same."""
 
 FIRST_STEPS, LAST_STEPS = 6, 14
 
@@ -63,61 +65,18 @@ def _of_picture(equations: Assembled, picture: Picture, base: Floats, open_ones:
     plain = layout.number >= 0
     drawn = open_ones & (~plain | ranged | layout.angle | layout.positive)
     free = open_ones & ~drawn
+    hulls = hulls_of(picture, layout, open_ones)
     points = random_points(equations, base, drawn, DRAWN if drawn.any() else 1, seed)
     points[:, layout.number[free]] = 0.0
     movable = free if free.any() else open_ones & plain & ~layout.angle
     with np.errstate(all="ignore"):
-        hulls = hulls_of(picture, layout, open_ones)
-        hulls = hulls.thinned(in_front(hulls, points[:THINNING], movable))
-        points, misfits = placed(hulls, points, movable)
-        points, costs = _best(points, np.square(misfits).mean(axis=1), REFINED)
-        points, costs = _refined(hulls, points, FIRST_STEPS)
-        points, costs = _best(points, costs, FOLLOWED)
-        points, costs = _refined(hulls, points, LAST_STEPS)
-        return chosen(hulls, *_best(points, costs, FOLLOWED))
-
-
-def _best(points: Floats, costs: Floats, count: int) -> tuple[Floats, Floats]:
-    order = np.argsort(costs, kind="stable")[:count]
-    order = order[np.isfinite(costs[order])]
-    return points[order], costs[order]
-
-
-def _refined(hulls: Hulls, points: Floats, steps: int) -> tuple[Floats, Floats]:
-    """The points after steps of Marquardt's method, and their mean square misfits."""
-    damping = np.full(len(points), 1e-2)
-    misfits, slopes = hulls.linearised(points)
-    costs = np.square(misfits).mean(axis=1)
-    for _ in range(steps):
-        normal = np.einsum("sdi,sdj->sij", slopes, slopes)
-        right = np.einsum("sdi,sd->si", slopes, misfits)
-        usable = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
-        scale = np.einsum("sii->si", normal)
-        scale = scale + 1e-9 * scale.max(axis=1, keepdims=True) + 1e-30
-        normal += (damping[:, None] * scale)[:, None] * np.eye(scale.shape[1])
-        step = np.zeros(right.shape)
-        step[usable] = -np.linalg.solve(normal[usable], right[usable][..., None])[..., 0]
-        moved = _moved(hulls, points, step)
-        new_misfits, new_slopes = hulls.linearised(moved)
-        new_costs = np.square(new_misfits).mean(axis=1)
-        better = new_costs < costs
-        points = np.where(better[:, None], moved, points)
-        costs = np.where(better, new_costs, costs)
-        misfits = np.where(better[:, None], new_misfits, misfits)
-        slopes = np.where(better[:, None, None], new_slopes, slopes)
-        damping = np.where(better, damping / 5, damping * 5)
-    return points, costs
-
-
-def _moved(hulls: Hulls, points: Floats, step: Floats) -> Floats:
-    """The points after steps of the open coordinates, within the ranges where starts lie, and hard bounds."""
-    layout = hulls.layout
-    every = np.zeros((len(points), len(layout.number)))
-    every[:, hulls.open_ones] = step
-    moved = layout.retract(points, every)
-    plain = hulls.open_ones[layout.number[hulls.open_ones] >= 0]
-    numbers = layout.number[plain]
-    low = np.fmax(layout.start_lower[plain], layout.lower[plain])
-    high = np.fmin(layout.start_upper[plain], layout.upper[plain])
-    moved[:, numbers] = np.fmin(np.fmax(moved[:, numbers], low), high)
-    return moved
+        hulls = hulls.thinned(in_front(hulls, points[: hulls.at_most(THINNING)], movable))
+        points, misfits = placed(hulls, points[: hulls.at_most(DRAWN)], movable)
+        points, costs = best(points, np.square(misfits).mean(axis=1), REFINED)
+        if not len(points):
+            return points
+        begun = points[:: REFINED // TURNED]
+        points, costs = refined(hulls, points, FIRST_STEPS)
+        points, costs = best(points, costs, FOLLOWED)
+        points, costs = refined(hulls, points, LAST_STEPS)
+        return chosen(hulls, best(points, costs, FOLLOWED)[0], begun)
