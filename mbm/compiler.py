@@ -108,9 +108,9 @@ def elaborated(
             ),
             inputs.overrides,
             lambda declarations: (
-                loaded(declarations, program.base, inputs, registry)
-                if raw is None
-                else {each.name: raw[each.name] for each in declarations}
+                {d.name: raw[d.name] for d in declarations}
+                if raw
+                else loaded(declarations, program.base, inputs, registry)
             ),
         )
 

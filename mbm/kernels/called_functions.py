@@ -17,6 +17,7 @@ from mbm.text.faults import missing_extra
 from mbm.text.types import Diagnostic, MbmError
 
 if TYPE_CHECKING:
+    from mbm.kernels.outlines.marks import Marks
     from mbm.kernels.outlines.measuring import Outlines
 
 
@@ -89,6 +90,14 @@ class CalledFunctions:
             MbmError: missing-extra.
         """
         return self._measuring(called).reason(called, arguments) if isinstance(called, Outlined) else None
+
+    def places(self, called: Outlined, numbers: Floats, marks: tuple[Marks, ...]) -> Floats:
+        """u, v and depth (S, marks, 3) of points of a figure's surfaces, for sets of its numbers (S, size).
+
+        Raises:
+            MbmError: missing-extra.
+        """
+        return self._measuring(called).places(called.figure, numbers, marks)
 
     def outputs(self, called: External | Outlined, arguments: tuple[Values, ...]) -> tuple[Values, ...]:
         """As ``values``, for arguments and numbers one by one, each of shape (rows,) or one for all rows."""

@@ -5,6 +5,8 @@ This is the form in which kernels leave CasADi, and from which they are interpre
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from enum import StrEnum
 from typing import Self
 
@@ -107,3 +109,27 @@ class Program:
     constants: tuple[tuple[int, float], ...]
     instructions: tuple[Instruction, ...]
     outputs: tuple[int, ...]
+
+    def restricted(self, outputs: Sequence[int]) -> Program:
+        """The program of some outputs, by their numbers, without what these do not need."""
+        needed = {self.outputs[k] for k in outputs}
+        instructions = []
+        for each in reversed(self.instructions):
+            if each.target in needed:
+                needed.update(each.arguments)
+                instructions.append(each)
+        return replace(
+            self,
+            inputs=tuple(value if value in needed else -1 for value in self.inputs),
+            constants=tuple(each for each in self.constants if each[0] in needed),
+            instructions=tuple(reversed(instructions)),
+            outputs=tuple(self.outputs[k] for k in outputs),
+        )
+
+    def depends_on(self, inputs: Sequence[bool]) -> list[bool]:
+        """Which outputs depend on any of the inputs that are marked."""
+        touched = {value for value, marked in zip(self.inputs, inputs, strict=False) if marked and value >= 0}
+        for each in self.instructions:
+            if not touched.isdisjoint(each.arguments):
+                touched.add(each.target)
+        return [value in touched for value in self.outputs]

@@ -1,7 +1,7 @@
 """Where a solve begins: the starts that are given, and for unknowns without one what the equations themselves tell.
 
-In this order: closed forms; the middle of the range that is stated; linear least squares given the others; random
-points, with the unknowns that enter linearly solved for.
+In this order: closed forms; the middle of the range that is stated; linear least squares given the others; what
+contours of silhouettes tell; random points, with the unknowns that enter linearly solved for.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from mbm.equations.types import Floats, Mask
 from mbm.estimation.search.startless import refuse_guessing
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs, random_points
+from mbm.expression.nodes import Outlined
 from mbm.problem import faults as problem_faults
 from mbm.problem.types import Method
 from mbm.text.types import MbmError
@@ -46,6 +47,8 @@ DIRECT_SEARCH = 30_000
 """Random points of `:method direct-search`: in Nishida's room 99 % of searches then see a point within 10 cm."""
 
 GIVEN = "the initial values"
+
+SILHOUETTES = "silhouettes"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -188,12 +191,30 @@ def _ended(equations: Assembled, completion: Completion, settings: Settings) -> 
     linear = affine_coordinates(equations, missing)
     if bool((linear == missing).all()):
         return (Beginning(point=solved_linearly(equations, numbers, linear), origin="; ".join((*used, "linear"))),)
+    seen = _seen(equations, completion, settings)
+    if seen:
+        return tuple(end for each in seen for end in _ended(equations, each, settings))
     if bool(middle.any()):
         # What is drawn at random for the others would fit the middle only: the ranges are drawn from as well.
         numbers, used = completion.numbers, completion.used
         missing = replace(layout, start=numbers).missing()
         linear = affine_coordinates(equations, missing)
     return _random(equations, numbers, missing, linear, settings, used)
+
+
+def _seen(equations: Assembled, completion: Completion, settings: Settings) -> tuple[Completion, ...]:
+    """What contours of silhouettes add to the numbers that closed forms gave; nothing if they add none."""
+    calls = (call for group in equations.groups for call in group.kernel.calls)
+    if not any(isinstance(call.external, Outlined) for call in calls):
+        return ()
+    from mbm.estimation.starts.silhouettes.search import silhouette_starts
+
+    numbers = completion.numbers
+    missing = replace(equations.layout, start=numbers).missing()
+    found = silhouette_starts(equations, numbers, missing, settings.seed)
+    if np.array_equal(found[0], numbers, equal_nan=True):
+        return ()
+    return tuple(replace(completion, numbers=each, used=(*completion.used, SILHOUETTES)) for each in found)
 
 
 def _random(

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.kernels.backends.numpy_stream import Step, run, steps_of
 from mbm.kernels.called_functions import CalledFunctions
 from mbm.kernels.types import Backend, Evaluation, ExternalCall, Floats, Kernel, Stream
+from mbm.machine.program import Program
 from mbm.symbolic.types import ConstantInput
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
@@ -62,11 +65,61 @@ class _Evaluation:
         return self._stream.values_and_jacobian(self.inputs)
 
 
+class _Arguments:
+    """The arguments of a call: those that are the same in all rows are computed once. Local to one stream."""
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        self._used = np.flatnonzero(np.array(program.inputs, dtype=np.int64) >= 0)
+        self._parts: tuple[NDArray[np.bool_], _Part, _Part] | None = None
+
+    def at(self, whole: Floats) -> Floats:
+        """The arguments (rows, m), where earlier calls have left their results."""
+        found = np.empty((len(whole), len(self._program.outputs)))
+        used = whole[:, self._used]
+        varied = (used != used[:1]).any(axis=0)
+        parts = self._parts
+        if parts is None or not np.array_equal(parts[0], varied):
+            parts = self._parts = varied, *self._split(varied)
+        _, alike, others = parts
+        found[:, alike.outputs] = alike.at(whole[:1])
+        found[:, others.outputs] = others.at(whole)
+        return found
+
+    def _split(self, varied: NDArray[np.bool_]) -> tuple[_Part, _Part]:
+        """What does not depend on the used inputs that are ``varied``, and what does."""
+        inputs = np.zeros(len(self._program.inputs), dtype=bool)
+        inputs[self._used] = varied
+        depends = self._program.depends_on(inputs.tolist())
+        alike, others = ([k for k, each in enumerate(depends) if each is wanted] for wanted in (False, True))
+        return _Part.of(self._program, alike), _Part.of(self._program, others)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """Some outputs of a program."""
+
+    outputs: Sequence[int] | slice
+    program: Program
+    steps: tuple[Step, ...]
+
+    @staticmethod
+    def of(program: Program, outputs: list[int]) -> _Part:
+        own = program.restricted(outputs)
+        together = outputs == list(range(outputs[0], outputs[-1] + 1)) if outputs else False
+        return _Part(slice(outputs[0], outputs[-1] + 1) if together else outputs, own, steps_of(own))
+
+    def at(self, inputs: Floats) -> Floats:
+        found = np.empty((len(inputs), len(self.program.outputs)))
+        run(self.program, self.steps, inputs, found)
+        return found
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CallingStream:
     """A kernel for any number of rows. ``rest`` is the kernel that takes the results of the calls as parameters."""
 
-    calls: tuple[tuple[ExternalCall, tuple[Step, ...]], ...]
+    calls: tuple[tuple[ExternalCall, _Arguments], ...]
     width: int
     rest: Stream
     functions: CalledFunctions
@@ -82,37 +135,39 @@ class CallingStream:
     def doubts(self, inputs: Floats) -> list[Diagnostic]:
         """Warnings about Jacobians of functions that the differences of their values contradict at ``inputs``."""
         whole = self._with_results(inputs, derivatives=False)
-        pairs = [(call, _arguments(call, steps, whole)) for call, steps in self.calls]
+        pairs = [(call, arguments.at(whole)) for call, arguments in self.calls]
         found = (self.functions.doubt(call.external, arguments, call.wanted) for call, arguments in pairs)
         return [doubt for doubt in found if doubt is not None]
 
     def reason(self, inputs: Floats) -> str | None:
         """Why the first call that gives no numbers at ``inputs`` (1, variables + parameters) gives none, if known."""
         whole = self._with_results(inputs, derivatives=False)
-        said = (self.functions.reason(call.external, _arguments(call, steps, whole)) for call, steps in self.calls)
+        said = (self.functions.reason(call.external, arguments.at(whole)) for call, arguments in self.calls)
         return next((reason for reason in said if reason is not None), None)
+
+    def arguments(self, number: int, inputs: Floats) -> Floats:
+        """The arguments (rows, m) of call ``number``; earlier ones are made where these depend on their results."""
+        call, arguments = self.calls[number]
+        needed = any(value >= 0 for value in call.arguments.inputs[inputs.shape[1] :])
+        earlier = replace(self, calls=self.calls[:number] if needed else ())
+        return arguments.at(earlier._with_results(inputs, derivatives=False))
 
     def _with_results(self, inputs: Floats, *, derivatives: bool) -> Floats:
         """The inputs with what the calls give behind them; zeros for derivatives that are not wanted."""
         whole = np.zeros((len(inputs), self.width))
         whole[:, : inputs.shape[1]] = inputs
-        for call, steps in self.calls:
-            arguments = _arguments(call, steps, whole)
+        for call, program in self.calls:
+            arguments, place = program.at(whole), call.first
             parts = [self.functions.values(call.external, arguments)]
             if derivatives and call.wanted:
                 parts.append(self.functions.slopes(call.external, arguments, call.wanted))
                 if call.bent:
                     parts.append(self.functions.bends(call.external, arguments, call.wanted))
-            found = np.hstack([part.reshape(len(inputs), -1) for part in parts])
-            whole[:, call.first : call.first + found.shape[1]] = found
+            for part in parts:
+                width = part[0].size if len(part) else 0
+                whole[:, place : place + width] = part.reshape(len(inputs), width)
+                place += width
         return whole
-
-
-def _arguments(call: ExternalCall, steps: tuple[Step, ...], whole: Floats) -> Floats:
-    """The arguments (rows, m) of a call, where earlier ones have left their results."""
-    found = np.empty((len(whole), len(call.arguments.outputs)))
-    run(call.arguments, steps, whole, found)
-    return found
 
 
 def _stream(kernel: Kernel, backend: CallingBackend) -> CallingStream:
@@ -122,7 +177,7 @@ def _stream(kernel: Kernel, backend: CallingBackend) -> CallingStream:
     results = tuple(ConstantInput(name) for name in names)
     rest = replace(kernel, parameters=(*kernel.parameters, *results), calls=(), corrections=None)
     return CallingStream(
-        tuple((call, steps_of(call.arguments)) for call in kernel.calls),
+        tuple((call, _Arguments(call.arguments)) for call in kernel.calls),
         len(rest.variables) + len(rest.parameters),
         backend.inner.stream(rest),
         backend.functions,

@@ -88,12 +88,7 @@ def _edges(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Iterator[Arc 
     """The lines, each weighed by the faces that it bounds."""
     if not figure.lines:
         return
-    every: list[tuple[Floats, Floats]] = []
-    for sheet, places in figure.lines:
-        count = 1 if figure.sheets[sheet].straight else BENT
-        at = np.stack([np.linspace(0, 1, count + 1), np.zeros(count + 1)], axis=1)
-        inputs = np.broadcast_to(numbers[np.array(places, dtype=np.int64)], (count + 1, len(places)))
-        every.append((at, surveyor.table(sheet, "geometry", at, inputs)))
+    every = _images_of_lines(figure, surveyor, numbers)
     weights = [0] * len(every)
     for face in figure.faces:
         corners = np.array([every[line][1][0 if along else -1, :2] for line, along in face])
@@ -116,10 +111,24 @@ def _edges(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Iterator[Arc 
         )
 
 
+def _images_of_lines(figure: Figure, surveyor: Surveyor, numbers: Floats) -> list[tuple[Floats, Floats]]:
+    """Parameters (n + 1, 2) of the nodes of each line, and their geometry (n + 1, …); those of a sheet at once."""
+    found: dict[int, tuple[Floats, Floats]] = {}
+    owners = np.array([sheet for sheet, _ in figure.lines])
+    for sheet in dict.fromkeys(owners.tolist()):
+        own = np.flatnonzero(owners == sheet)
+        count = 2 if figure.sheets[sheet].straight else BENT + 1
+        at = np.stack([np.linspace(0, 1, count), np.zeros(count)], axis=1)
+        inputs = numbers[np.array([figure.lines[k][1] for k in own.tolist()], dtype=np.int64)]
+        table = surveyor.table(sheet, "geometry", np.tile(at, (len(own), 1)), np.repeat(inputs, count, axis=0))
+        found |= {k: (at, each) for k, each in zip(own.tolist(), np.split(table, len(own)), strict=True)}
+    return [found[k] for k in range(len(owners))]
+
+
 def doubled_area(points: Floats) -> float:
     """Of a polygon (n, 2), positive if it runs counter-clockwise."""
-    x, y = (points - points[0]).T
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y))
+    x, y = (points[1:] - points[0]).T  # the first point adds nothing
+    return float(np.dot(x[:-1], y[1:]) - np.dot(x[1:], y[:-1]))
 
 
 def _patch(surveyor: Surveyor, sheet: int, places: tuple[int, ...], numbers: Floats) -> _Patch | None:

@@ -8,7 +8,6 @@ is the derivative of the distance, with its sign; at a corner that of the corner
 from __future__ import annotations
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from mbm.kernels.outlines.measures import corners
@@ -16,10 +15,16 @@ from mbm.kernels.outlines.outline import PARALLEL, Indices, Outline, Spots
 from mbm.kernels.types import Floats
 from mbm.values import dataclass
 
-CHORDS = 4
+CHORDS = 2
 """Parts that a span of a curved arc is cut into for the search."""
 
-_STEPS = 8
+FEW_CHORDS, LOOKED_AT = 16, 8
+"""Chords of which all are looked at; and those of more that are looked at first."""
+
+TOGETHER = 500_000
+"""Distances of points from chords that are computed together."""
+
+FOOT_STEPS = 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,7 +59,7 @@ def feet_of(outline: Outline, points: Floats) -> Feet:
 
 
 def _lengths(outline: Outline, points: Floats, piece: Indices, place: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(points - outline.spots(outline.arc[piece], place).x, axis=1))
+    return np.asarray(np.hypot(*(points - outline.spots(outline.arc[piece], place).x).T))
 
 
 def _smooth(outline: Outline) -> NDArray[np.bool_]:
@@ -68,35 +73,64 @@ def _nearest_chords(outline: Outline, points: Floats) -> tuple[Indices, Floats]:
     """The piece and the place on it whose chord is nearest to each point."""
     spans = outline.spans
     parts = np.where(outline.arcs.straight[outline.arc[spans.piece]], 1, CHORDS)
-    own = np.repeat(np.arange(len(parts)), parts)
-    number = np.arange(len(own)) - np.repeat(np.cumsum(parts) - parts, parts)
-    length = (spans.last - spans.first) / parts
-    piece, first = spans.piece[own], spans.first[own] + number * length[own]
-    last = first + length[own]
-    starts = outline.spots(outline.arc[piece], first).x
-    ways = outline.spots(outline.arc[piece], last).x - starts
-    if len(piece) <= 16:
-        best = np.argmin(_squared_gaps(points, starts, ways), axis=1)
-    else:
-        tree = shapely.STRtree(shapely.linestrings(np.stack([starts, starts + ways], axis=1)))
-        best = tree.query_nearest(shapely.points(points), all_matches=False)[1]
+    own = np.repeat(np.arange(len(parts)), parts + 1)
+    number = np.arange(len(own)) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)
+    piece, place = spans.piece[own], spans.first[own] + number * ((spans.last - spans.first) / parts)[own]
+    images = outline.spots(outline.arc[piece], place).x
+    begin = np.flatnonzero(number < parts[own])
+    piece, first, last = piece[begin], place[begin], place[begin + 1]
+    starts, ways = images[begin], images[begin + 1] - images[begin]
+    best = _nearest(points, starts, ways)
     share = _shares(points, starts[best], ways[best])
     return piece[best], first[best] + share * (last - first)[best]
 
 
+def _nearest(points: Floats, starts: Floats, ways: Floats) -> Indices:
+    """Which chord is nearest to each point.
+
+    Many chords are cut to about the same length, and those of the nearest middles looked at. What belongs to another
+    middle is farther away if this is farther than the nearest one by half a length; where that is not so, all chords
+    are looked at.
+    """
+    if len(starts) <= FEW_CHORDS:
+        return np.asarray(np.argmin(_squared_gaps(points, starts, ways), axis=0))
+    from scipy.spatial import cKDTree  # by outlines of many chords only
+
+    lengths = np.hypot(*ways.T)
+    cuts = np.ceil(lengths / max(float(lengths.mean()), 1e-300)).astype(np.int64).clip(1)
+    owner = np.repeat(np.arange(len(cuts)), cuts)
+    share = (np.arange(len(owner)) - np.repeat(np.cumsum(cuts) - cuts, cuts) + 0.5) / cuts[owner]
+    far, near = cKDTree(starts[owner] + share[:, None] * ways[owner]).query(points, k=LOOKED_AT)
+    near, half = owner[near], float((lengths / cuts).max()) / 2
+    way = ways[near]
+    gap = points[:, None] - starts[near]
+    gap -= _shares(points[:, None], starts[near], way)[..., None] * way
+    best = np.asarray(near[np.arange(len(points)), np.argmin(_dot(gap, gap), axis=1)])
+    unsure = np.flatnonzero(far[:, -1] < far[:, 0] + half)
+    for some in np.array_split(unsure, len(unsure) * len(starts) // TOGETHER + 1):
+        best[some] = np.argmin(_squared_gaps(points[some], starts, ways), axis=0)
+    return best
+
+
 def _squared_gaps(points: Floats, starts: Floats, ways: Floats) -> Floats:
-    """Squared distances (points, chords)."""
-    dx, dy = points[:, :1] - starts[:, 0], points[:, 1:] - starts[:, 1]
-    share = (dx * ways[:, 0] + dy * ways[:, 1]) / np.maximum(np.sum(ways**2, axis=1), 1e-300)
-    np.clip(share, 0, 1, out=share)
-    dx -= share * ways[:, 0]
-    dy -= share * ways[:, 1]
-    return np.asarray(dx * dx + dy * dy)
+    """Squared distances (chords, points): along each chord beyond its ends, and across it."""
+    lengths = np.maximum(np.hypot(*ways.T), 1e-300)
+    unit = ways / lengths[:, None]
+    normals = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+    along, across = (n @ points.T - _dot(n, starts)[:, None] for n in (unit, normals))
+    along -= np.clip(along, 0, lengths[:, None])
+    along *= along
+    across *= across
+    along += across
+    return np.asarray(along)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1])
 
 
 def _shares(points: Floats, starts: Floats, ways: Floats) -> Floats:
-    squared = np.maximum(np.sum(ways**2, axis=-1), 1e-300)
-    return np.asarray(np.clip(np.sum((points - starts) * ways, axis=-1) / squared, 0, 1))
+    return np.clip(_dot(points - starts, ways) / np.maximum(_dot(ways, ways), 1e-300), 0, 1)
 
 
 def _refined(outline: Outline, points: Floats, piece: Indices, place: Floats) -> tuple[Indices, Floats]:
@@ -105,22 +139,24 @@ def _refined(outline: Outline, points: Floats, piece: Indices, place: Floats) ->
     arc = outline.arc[piece]
     bent = np.flatnonzero(~outline.arcs.straight[arc])
     first, last = outline.first[piece], outline.last[piece]
-    step = np.full(len(place), 0.01)
-    for _ in range(_STEPS if len(bent) else 0):
-        own = arc[bent]
-        here = outline.spots(own, place[bent])
-        gap = np.einsum("ij,ij->i", here.x - points[bent], here.way)
-        beside = np.clip(place[bent] + np.where(place[bent] + 1e-5 > last[bent], -1e-5, 1e-5), first[bent], last[bent])
-        near = outline.spots(own, beside)
-        slope = (np.einsum("ij,ij->i", near.x - points[bent], near.way) - gap) / (beside - place[bent])
-        squared = np.sum(here.way**2, axis=1)
+    here = outline.spots(arc[bent], place[bent])
+    gap = _dot(here.x - points[bent], here.way)
+    beside = np.clip(place[bent] + np.where(place[bent] + 1e-5 > last[bent], -1e-5, 1e-5), first[bent], last[bent])
+    near = outline.spots(arc[bent], beside)
+    slope = (_dot(near.x - points[bent], near.way) - gap) / (beside - place[bent])
+    for _ in range(FOOT_STEPS if len(bent) else 0):
+        squared = _dot(here.way, here.way)
         step = -gap / np.where(slope > 0.05 * squared, slope, squared)
         moved = np.clip(place[bent] + np.clip(step, -1, 1), first[bent], last[bent])
-        still = np.abs(moved - place[bent]) < 1e-9
+        change = moved - place[bent]
         place[bent] = moved
-        bent = bent[~still]
+        moving = np.abs(change) >= 1e-9
+        bent, change, before, slope = bent[moving], change[moving], gap[moving], slope[moving]
         if not len(bent):
             break
+        here = outline.spots(arc[bent], place[bent])
+        gap = _dot(here.x - points[bent], here.way)
+        slope = (gap - before) / change  # the secant's: next to the foot as good as Newton's, by half the points
     return piece, place
 
 
@@ -140,12 +176,12 @@ def _signed(
         both = end.normals()[corner[tips]] + begin.normals()[outline.following[corner[tips]]]
         normals[tips] = both / np.linalg.norm(both, axis=1, keepdims=True)
     gaps = points - spots.x
-    lengths = np.linalg.norm(gaps, axis=1)
-    sign = np.where(np.einsum("ij,ij->i", gaps, normals) >= 0, 1.0, -1.0)
+    lengths = np.hypot(*gaps.T)
+    sign = np.where(_dot(gaps, normals) >= 0, 1.0, -1.0)
     # at a corner the distance grows along the gap; elsewhere the gap is along the normal but for rounding
     far = (corner >= 0) & (lengths > 1e-12 * np.abs(points).max(initial=1.0))
     normals[far] = sign[far, None] * gaps[far] / lengths[far, None]
-    beside = np.einsum("ij,ij->i", gaps, normals)
+    beside = _dot(gaps, normals)
     return Feet(
         piece=piece,
         spots=spots,
@@ -157,11 +193,15 @@ def _signed(
 
 def slopes_of(outline: Outline, feet: Feet) -> Floats:
     """Derivatives (n, size + 2) of the distances by the numbers of the figure, and by the points."""
-    size = len(outline.numbers)
-    found = np.zeros((len(feet.distances), size + 2))
-    found[:, size:] = feet.normals
+    size, count = len(outline.numbers), len(feet.distances)
+    cells, parts = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     for own, places, slopes in outline.velocities(feet.spots):
-        np.add.at(found, (own[:, None], places), -np.einsum("nij,ni->nj", slopes, feet.normals[own]))
+        x, y = feet.normals[own].T
+        cells.append((own[:, None] * (size + 2) + places).ravel())
+        parts.append((-slopes[:, 0] * x[:, None] - slopes[:, 1] * y[:, None]).ravel())
+    sums = np.bincount(np.concatenate(cells), weights=np.concatenate(parts), minlength=count * (size + 2))
+    found = np.asarray(sums.reshape(count, size + 2), dtype=np.float64)
+    found[:, size:] = feet.normals
     tips = np.flatnonzero(feet.corner >= 0)
     if len(tips):
         moved = corners(outline)[feet.corner[tips]]

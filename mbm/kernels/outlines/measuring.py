@@ -13,6 +13,7 @@ import numpy as np
 from mbm.expression.nodes import Figure, Outlined
 from mbm.kernels.outlines.distances import Feet, feet_of, slopes_of
 from mbm.kernels.outlines.extremes import SIDES, extent, extreme
+from mbm.kernels.outlines.marks import Marks, places_of
 from mbm.kernels.outlines.measures import Measured, area, centroid, perimeter
 from mbm.kernels.outlines.outline import Indices, NoOutline, Outline, outline_of
 from mbm.kernels.outlines.surveyor import Surveyor
@@ -79,7 +80,7 @@ class Outlines:
                     continue
                 if call.function == "contour-distance":
                     feet = self._feet(outline, arguments[rows, call.figure.size :])
-                    found[rows, 0] = slopes_of(outline, feet)[:, wanted]
+                    found[rows, 0] = slopes_of(outline, feet)[:, _as_slice(wanted)]
                 else:
                     found[rows] = self._whole(call, outline, key)[1][:, wanted]
             return found
@@ -98,6 +99,11 @@ class Outlines:
             (found,) = (outline for _, outline, _ in self._outlines(call.figure, arguments))
             return found.value if isinstance(found, NoOutline) else None
 
+    def places(self, figure: Figure, numbers: Floats, marks: tuple[Marks, ...]) -> Floats:
+        """What `places_of` gives: u, v and depth of points of a figure's surfaces."""
+        with self._lock, np.errstate(all="ignore"):
+            return places_of(marks, self._surveyor(figure), numbers)
+
     def _feet(self, outline: Outline, points: Floats) -> Feet:
         """Those of the last call, if it was about the same points."""
         known = self._last
@@ -114,22 +120,22 @@ class Outlines:
 
     def _outlines(
         self, figure: Figure, arguments: Floats
-    ) -> Iterator[tuple[Indices, Outline | NoOutline, tuple[Figure, bytes]]]:
+    ) -> Iterator[tuple[Indices | slice, Outline | NoOutline, tuple[Figure, bytes]]]:
         """The rows of each outline."""
-        table = np.ascontiguousarray(arguments[:, : figure.size])
+        table = arguments[:, : figure.size]
+        groups: list[Indices | slice] = []
         if len(table) and (table == table[0]).all():
-            groups = [np.arange(len(table))]
-        else:
+            groups = [slice(0, len(table))]
+        elif len(table):
             _, number = np.unique(table, axis=0, return_inverse=True)
             order = np.argsort(number.ravel(), kind="stable")
-            groups = np.split(order, np.flatnonzero(np.diff(number.ravel()[order])) + 1)
+            groups.extend(np.split(order, np.flatnonzero(np.diff(number.ravel()[order])) + 1))
         for rows in groups:
-            if len(rows):
-                numbers = table[rows[0]]
-                key = figure, numbers.tobytes()
-                if key not in self._kept:
-                    _keep(self._kept, key, outline_of(figure, self._surveyor(figure), numbers))
-                yield rows, self._kept[key], key
+            numbers = table[rows][0].copy()
+            key = figure, numbers.tobytes()
+            if key not in self._kept:
+                _keep(self._kept, key, outline_of(figure, self._surveyor(figure), numbers))
+            yield rows, self._kept[key], key
 
     def _surveyor(self, figure: Figure) -> Surveyor:
         if figure not in self._surveyors:
@@ -146,6 +152,12 @@ def _lines(outline: Outline) -> tuple[Floats, ...]:
         count = 2 if outline.arcs.straight[arc] else 2 + int(np.ceil(abs(last - first) * BETWEEN))
         found.append(outline.spots(np.full(count, arc), np.linspace(first, last, count)).x)
     return tuple(found)
+
+
+def _as_slice(places: tuple[int, ...]) -> tuple[int, ...] | slice:
+    """The same as a slice where they follow each other, which costs no copy."""
+    first = places[0] if places else 0
+    return slice(first, first + len(places)) if places == tuple(range(first, first + len(places))) else places
 
 
 def _keep(kept: OrderedDict[Any, Any], key: object, value: object) -> None:

@@ -41,15 +41,17 @@ class Spots:
 
     def normals(self) -> Floats:
         """Unit normals (n, 2) that point away from what is covered."""
-        unit = self.way / np.linalg.norm(self.way, axis=1, keepdims=True)
-        return np.stack([unit[:, 1], -unit[:, 0]], axis=1)
+        x, y = self.way.T
+        length = np.hypot(x, y)
+        return np.stack([y / length, -x / length], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArcTable:
     """Arcs as columns (arcs,): their sheets, whether they are folds, or straight; chords, and where ``nodes`` begin.
 
-    ``places`` (arcs, most inputs) hold the places of the inputs, as many as the sheet has.
+    ``images`` are those of the nodes. ``places`` (arcs, most inputs) hold the places of the inputs, as many as the
+    sheet has.
     """
 
     sheet: Indices
@@ -58,6 +60,7 @@ class ArcTable:
     chords: Indices
     begin: Indices
     nodes: Floats
+    images: Floats
     places: Indices
 
 
@@ -73,6 +76,7 @@ def _table(arcs: tuple[Arc, ...]) -> ArcTable:
         chords=chords,
         begin=np.concatenate([[0], np.cumsum(chords + 1)[:-1]]),
         nodes=np.concatenate([arc.nodes for arc in arcs]),
+        images=np.concatenate([arc.points for arc in arcs]),
         places=places,
     )
 
@@ -101,8 +105,15 @@ class Outline:
 
     def spots(self, arc: Indices, places: Floats) -> Spots:
         """The points at ``places`` (chord and fraction) of arcs."""
+        straight = self.arcs.straight[arc]
+        if straight.all():
+            return self._straight(arc, places)
         at, x, way = np.empty((len(arc), 2)), np.empty((len(arc), 2)), np.empty((len(arc), 2))
-        for sheet, fold, own in self._groups(arc):
+        own = np.flatnonzero(straight)
+        if len(own):
+            found = self._straight(arc[own], places[own])
+            at[own], x[own], way[own] = found.at, found.x, found.way
+        for sheet, fold, own in self._bent(arc, straight):
             begin, chord, share = self._chords(arc[own], places[own])
             here = begin + share[:, None] * chord
             inputs = self.numbers[self.places(sheet, arc[own])]
@@ -114,6 +125,13 @@ class Outline:
             way[own] = self.pushed(sheet, table, slope)
         return Spots(arc=arc, at=at, x=x, way=way)
 
+    def _straight(self, arc: Indices, places: Floats) -> Spots:
+        """Those of straight arcs, of a single chord, along which the image moves evenly."""
+        nodes, images, first, share = self.arcs.nodes, self.arcs.images, self.arcs.begin[arc], places[:, None]
+        begin, x = nodes[first], images[first]
+        way = images[first + 1] - x
+        return Spots(arc=arc, at=begin + share * (nodes[first + 1] - begin), x=x + share * way, way=way)
+
     def pushed(self, sheet: int, table: Floats, direction: Floats) -> Floats:
         """The image (n, 2) of a direction (n, 2) in the parameters, for rows of geometry."""
         if self.surveyor.sheets[sheet].parameters == 1:
@@ -124,10 +142,10 @@ class Outline:
         """The places (n, inputs) of the inputs of arcs that are all of one sheet."""
         return np.asarray(self.arcs.places[arc, : self.surveyor.sheets[sheet].inputs])
 
-    def _groups(self, arc: Indices) -> Iterator[tuple[int, bool, Indices | slice]]:
-        """The positions of the arcs of each sheet, folds apart."""
-        kinds = (2 * self.arcs.sheet + self.arcs.fold)[arc]
-        for kind in np.unique(kinds).tolist():
+    def _bent(self, arc: Indices, straight: NDArray[np.bool_]) -> Iterator[tuple[int, bool, Indices]]:
+        """The positions of the arcs of each sheet that are not ``straight``, folds apart."""
+        kinds = np.where(straight, -1, (2 * self.arcs.sheet + self.arcs.fold)[arc])
+        for kind in np.unique(kinds[~straight]).tolist():
             yield kind // 2, bool(kind % 2), np.flatnonzero(kinds == kind)
 
     def by_sheet(self, arc: Indices) -> Iterator[tuple[int, Indices]]:
@@ -152,7 +170,7 @@ class Outline:
             step = -jacobian(table) / tilt
             at = at + step[:, None] * across
             table = self.surveyor.table(sheet, "geometry", at, inputs)
-            if np.abs(step).max(initial=0.0) < 1e-14:
+            if np.abs(step).max(initial=0.0) < 1e-9:  # what is left is of the order of its square
                 break
         tilt = np.einsum("ij,ij->i", table[:, 7:9], across)
         drift = -np.einsum("ij,ij->i", table[:, 7:9], chord) / tilt
@@ -236,15 +254,15 @@ def outline_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Outline |
 
 def _spans(outline: Outline) -> Spans:
     """Chord by chord, and halved where the outline turns much: at the tips of a disk that is seen nearly edge on."""
-    pieces, bounds = [], []
-    for k, (arc, first, last) in enumerate(zip(outline.arc.tolist(), outline.first, outline.last, strict=True)):
-        inner = np.arange(np.floor(first) + 1, np.ceil(last)) if not outline.arcs.straight[arc] else np.zeros(0)
-        knots = np.concatenate([[first], inner, [last]])
-        bounds.append(np.stack([knots[:-1], knots[1:]]))
-        pieces.append(np.full(len(knots) - 1, k))
-    piece, (first, last) = np.concatenate(pieces), np.concatenate(bounds, axis=1)
-    done: list[tuple[Indices, Floats, Floats]] = []
-    for _ in range(_HALVINGS):
+    straight = outline.arcs.straight[outline.arc]
+    whole = np.flatnonzero(straight)
+    done: list[tuple[Indices, Floats, Floats]] = [(whole, outline.first[whole], outline.last[whole])]
+    below = np.where(straight, outline.first, np.floor(outline.first))
+    count = np.where(straight, 0, np.ceil(outline.last) - below).astype(np.int64)
+    piece = np.repeat(np.arange(len(count)), count)
+    number = below[piece] + np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count)
+    first, last = np.maximum(number, outline.first[piece]), np.minimum(number + 1, outline.last[piece])
+    for _ in range(_HALVINGS if len(piece) else 0):
         ways = [outline.spots(outline.arc[piece], place).way for place in (first, last)]
         across = ways[0][:, 0] * ways[1][:, 1] - ways[0][:, 1] * ways[1][:, 0]
         turning = np.abs(np.arctan2(across, np.sum(ways[0] * ways[1], axis=1))) > TURN

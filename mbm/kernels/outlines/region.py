@@ -19,6 +19,13 @@ LEAST = 1e-12
 """Of the squared size: smaller regions are gaps between lines that are one but for rounding."""
 
 
+STRAIGHT = 1e-9
+"""Angle in rad up to which a line that turns is straight but for rounding."""
+
+THIN = 1e-6
+"""Of the squared size: what covers less may be seen edge-on."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stretch:
     """Arc ``arc`` from ``first`` to ``last``: the number of a chord and a fraction of it, in one number."""
@@ -30,6 +37,9 @@ class Stretch:
 
 def rings_of(arcs: tuple[Arc, ...]) -> list[list[Stretch]]:
     """The closed lines that bound what is covered, each once around, with it on the left."""
+    convex = _convex_ring(arcs)
+    if convex is not None:
+        return [convex]
     every = _joined_ends([arc.points for arc in arcs])
     starts = np.concatenate([points[:-1] for points in every])
     ends = np.concatenate([points[1:] for points in every])
@@ -59,6 +69,32 @@ def rings_of(arcs: tuple[Arc, ...]) -> list[list[Stretch]]:
                 if stretches:
                     found.append(stretches)
     return found
+
+
+def _convex_ring(arcs: tuple[Arc, ...]) -> list[Stretch] | None:
+    """The arcs one after the other, if each begins where one ends and they turn left all the way round, once.
+
+    Such a line is simple, and bounds what is covered; it needs no arrangement.
+    """
+    if len(arcs) < 2:
+        return None
+    begins, ends = (np.array([arc.points[k] for arc in arcs]) for k in (0, -1))
+    size = float(np.ptp(begins, axis=0).max())
+    meets = np.abs(ends[:, None] - begins[None]).max(axis=2) <= GRID * size
+    if not ((meets.sum(axis=0) == 1) & (meets.sum(axis=1) == 1)).all():
+        return None
+    after = np.argmax(meets, axis=1).tolist()
+    order = [0]
+    while after[order[-1]] != 0:
+        order.append(after[order[-1]])
+    if len(order) < len(arcs):
+        return None
+    points = np.concatenate([arcs[k].points[:-1] for k in order])
+    x, y = (np.concatenate([points[1:], points[:2]]) - np.concatenate([points, points[:1]])).T
+    turns = np.arctan2(x[:-1] * y[1:] - x[1:] * y[:-1], x[:-1] * x[1:] + y[:-1] * y[1:])
+    if turns.min() < -STRAIGHT or abs(turns.sum() - 2 * np.pi) > STRAIGHT or doubled_area(points) < THIN * size**2:
+        return None
+    return [Stretch(arc=k, first=0.0, last=float(len(arcs[k].points) - 1)) for k in order]
 
 
 def _joined_ends(lines: list[Floats]) -> list[Floats]:

@@ -19,6 +19,7 @@ class Surveyor:
         self._steps: list[dict[str, tuple[Step, ...]]] = [
             {name: steps_of(getattr(sheet, name)) for name in _PROGRAMS} for sheet in sheets
         ]
+        self._places = [sheet.geometry.restricted(range(3)) for sheet in sheets]
 
     def table(self, sheet: int, what: str, at: Floats, inputs: Floats) -> Floats:
         """What the program ``what`` of a sheet gives (points, outputs).
@@ -29,9 +30,15 @@ class Surveyor:
             at: parameters (points, 2); of a line the first counts.
             inputs: numbers of the figure (points, inputs).
         """
-        programs = self.sheets[sheet]
-        program: Program = getattr(programs, what)
-        given = np.concatenate([at[:, : programs.parameters], inputs], axis=1)
+        return self._run(sheet, getattr(self.sheets[sheet], what), self._steps[sheet][what], at, inputs)
+
+    def places(self, sheet: int, at: Floats, inputs: Floats) -> Floats:
+        """u, v and depth (points, 3) alone, as for ``table``."""
+        program = self._places[sheet]
+        return self._run(sheet, program, steps_of(program), at, inputs)
+
+    def _run(self, sheet: int, program: Program, steps: tuple[Step, ...], at: Floats, inputs: Floats) -> Floats:
+        given = np.concatenate([at[:, : self.sheets[sheet].parameters], inputs], axis=1)
         found = np.empty((len(at), len(program.outputs)))
-        run(program, self._steps[sheet][what], given, found)
+        run(program, steps, given, found)
         return found

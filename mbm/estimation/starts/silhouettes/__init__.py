@@ -1,0 +1,1 @@
+"""Starts for what is seen by its outline alone."""

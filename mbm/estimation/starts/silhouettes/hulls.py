@@ -1,0 +1,129 @@
+"""How a shape's convex hull is seen for many values of what is unknown, by its support function in the image.
+
+The hull of an image is the image of the hull: no outline has to be found. With n(φ) the directions of the image and
+h(φ) = max x·n over the points x of a region, the mean of h is half its mean width, and that of 2 h n its Steiner point
+(Schneider 1993, Convex bodies, §1.7): where it lies and how large it is, whatever its points are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.equations.layout import Layout
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.starts.quasirandom import directions, sobol
+from mbm.estimation.starts.silhouettes.pictures import Picture
+from mbm.kernels.outlines.arcs import NEAREST_DEPTH
+from mbm.kernels.outlines.marks import Marks, kept, marks_of
+from mbm.values import dataclass
+
+DIRECTIONS = 64
+_TURN = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+IN_IMAGE = np.stack([np.cos(_TURN), np.sin(_TURN), np.zeros(DIRECTIONS)])
+"""The directions (3, DIRECTIONS) of the image, which depth does not matter for."""
+
+IN_SPACE = directions(sobol(DIRECTIONS, 2, 0)).T
+"""Directions (3, DIRECTIONS) of space."""
+
+SMALL_STEP = 1e-6
+"""Of a coordinate, or of 1 where that is more, for differences of images."""
+
+AT_A_TIME = 4_000_000
+"""Numbers of an array of points by directions."""
+
+MOST_MARKS, LEAST_POINTS = 1_000_000, 8
+"""Points of a shape, at all points of unknown numbers together; and of these the least number: 100 MB or so."""
+
+
+def support(places: Floats, ways: Floats) -> Floats:
+    """h (S, DIRECTIONS) of points (S, K, 3) in the directions ``ways`` (3, DIRECTIONS)."""
+    step = max(AT_A_TIME // (places.shape[1] * DIRECTIONS), 1)
+    parts = [(places[i : i + step] @ ways).max(axis=1) for i in range(0, len(places), step)]
+    return np.concatenate(parts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hulls:
+    """What a picture's shape looks like at points (S, N) of all unknown numbers.
+
+    ``wanted`` (DIRECTIONS,) is the support that it is to have in the directions ``ways`` (3, DIRECTIONS) of u, v and
+    depth, ``size`` half the mean width of what was measured in px. ``open_ones`` are the coordinates that are sought.
+    """
+
+    picture: Picture
+    layout: Layout
+    open_ones: Indices
+    size: float
+    wanted: Floats
+    ways: Floats
+    marks: tuple[Marks, ...]
+
+    def at_most(self, count: int) -> int:
+        """So many points of unknown numbers, or fewer if the shape has very many of its own."""
+        return min(count, max(MOST_MARKS // sum(len(each) for each in self.marks), LEAST_POINTS))
+
+    def places(self, points: Floats) -> Floats:
+        """u, v and depth (S, K, 3) of points of the shape."""
+        numbers = self.picture.numbers(points)
+        return self.picture.stream.functions.places(self.picture.called, numbers, self.marks)
+
+    def misfits(self, points: Floats) -> Floats:
+        """The wanted support less the shape's (S, DIRECTIONS); NaN where some of it is not in front of the camera."""
+        places = self.places(points)
+        found = self.wanted - support(places, self.ways)
+        found[~(places[..., 2] >= NEAREST_DEPTH).all(axis=1)] = np.nan
+        return found
+
+    def steps(self, points: Floats, coordinates: Indices) -> tuple[Floats, Floats]:
+        """Each of the points (S, N) after a small step of each coordinate (S·q, N), and the lengths (S, q)."""
+        layout, count = self.layout, len(coordinates)
+        number = layout.number[coordinates]
+        length = np.where(number >= 0, SMALL_STEP * np.maximum(np.abs(points[:, number]), 1.0), SMALL_STEP)
+        step = np.zeros((len(points), count, len(layout.number)))
+        step[:, np.arange(count), coordinates] = length
+        moved = layout.retract(np.repeat(points, count, axis=0), step.reshape(-1, step.shape[2]))
+        return moved, length
+
+    def linearised(self, points: Floats) -> tuple[Floats, Floats]:
+        """``misfits`` and their derivatives (S, DIRECTIONS, q) by the open coordinates."""
+        moved, length = self.steps(points, self.open_ones)
+        found = self.misfits(np.concatenate([points, moved]))
+        here, there = found[: len(points)], found[len(points) :].reshape(*length.shape, DIRECTIONS)
+        return here, np.swapaxes((there - here[:, None]) / length[..., None], 1, 2)
+
+    def thinned(self, points: Floats) -> Hulls:
+        """The same without points of the shape that are never outermost, seen from where ``points`` say."""
+        places = self.places(points)
+        images = places[(places[..., 2] >= NEAREST_DEPTH).all(axis=1)]
+        mask = np.zeros(places.shape[1], dtype=bool)
+        step = max(AT_A_TIME // (images.shape[1] * DIRECTIONS), 1)
+        for i in range(0, len(images), step):
+            mask[np.unique(np.argmax(images[i : i + step] @ self.ways, axis=1))] = True
+        return replace(self, marks=kept(self.marks, mask)) if mask.any() else self
+
+    def solid(self, point: Floats) -> Hulls:
+        """The same, but what is wanted is the solid where it is at ``point`` (N,), in space."""
+        places = self.places(point[None])
+        ways = IN_SPACE * np.array([1.0, 1.0, self.stretch(places)])[:, None]
+        return replace(self, ways=ways, wanted=support(places, ways)[0])
+
+    def stretch(self, places: Floats) -> float:
+        """What depth (S, K, 3) is multiplied by to be about as large as the image."""
+        return 2 * self.size / max(float(np.ptp(places[..., 2], axis=1).max()), NEAREST_DEPTH * 1e-3)
+
+
+def hulls_of(picture: Picture, layout: Layout, open_ones: Mask) -> Hulls:
+    """Those of a picture of which the coordinates ``open_ones`` (M,) are sought."""
+    flat = np.column_stack([picture.points, np.zeros(len(picture.points))])
+    wanted = support(flat[None], IN_IMAGE)[0]
+    return Hulls(
+        picture=picture,
+        layout=layout,
+        open_ones=np.flatnonzero(open_ones),
+        size=float(wanted.mean()),
+        wanted=wanted,
+        ways=IN_IMAGE,
+        marks=marks_of(picture.called.figure),
+    )
