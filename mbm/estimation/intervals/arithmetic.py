@@ -106,6 +106,8 @@ def multiply(a: Interval, b: Interval) -> Interval:
 
 def divide(a: Interval, b: Interval) -> Interval:
     """a / b; the whole line where b holds zeros on both sides."""
+    if not bool(((b[0] <= 0.0) & (b[1] >= 0.0)).any()):
+        return outward(*_extremes((a[0] / b[0], a[0] / b[1], a[1] / b[0], a[1] / b[1])))
     low, high = b[0] + 0.0, np.where(b[1] == 0.0, -0.0, b[1])
     found = outward(*_extremes((a[0] / low, a[0] / high, a[1] / low, a[1] / high)))
     across = (b[0] <= 0.0) & (b[1] >= 0.0) & ~((b[0] == 0.0) ^ (b[1] == 0.0))

@@ -27,7 +27,7 @@ FIXED = 1e-13
 """A sweep that takes less than this part of every side has reached the fixed point, as far as doubles tell."""
 
 CALM = 2
-"""Sweeps one after the other without a gain: the first may have narrowed what lies between, which the next one uses."""
+"""Sweeps without a gain that make a fixed point: the first may have narrowed what lies between, which the next uses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

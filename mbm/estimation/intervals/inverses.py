@@ -25,13 +25,15 @@ TURN = 2 * np.pi
 
 def quotient(y: Interval, b: Interval, x: Interval) -> Interval:
     """What of ``x`` may be such that x · b lies in ``y``: a quotient by an interval with zeros has two parts."""
+    zeros = (b[0] <= 0.0) & (b[1] >= 0.0)
+    if not bool(zeros.any()):
+        return of.meet(of.divide(y, b), x)
     below = of.meet(of.divide(y, (b[0], np.minimum(b[1], 0.0))), x)
     above = of.meet(of.divide(y, (np.maximum(b[0], 0.0), b[1])), x)
     none, other = b[0] >= 0.0, b[1] <= 0.0  # b has no negative numbers, or no positive ones
     below = np.where(none, np.inf, below[0]), np.where(none, -np.inf, below[1])
     above = np.where(other, np.inf, above[0]), np.where(other, -np.inf, above[1])
     low, high = of.hull(below, above)
-    zeros = (b[0] <= 0.0) & (b[1] >= 0.0)
     free = zeros & (y[0] <= 0.0) & (y[1] >= 0.0)
     return np.where(free, x[0], low), np.where(free, x[1], high)
 

@@ -14,8 +14,8 @@ TURN = 2 * np.pi
 ROUNDED = 64 * UNIT
 """What adding whole turns, a few, may be off by."""
 
-MOST_PAIRS = 4_000_000
-"""Pairs of boxes that are compared at a time."""
+TOGETHER_COMPARED = 64
+"""Boxes whose neighbours are looked for together; those found are not looked for again."""
 
 TOUCHING = 1e-12
 """Gaps, as a part of all boxes' extent, that bisection cannot have made: contraction leaves them by rounding."""
@@ -30,37 +30,29 @@ def components(boxes: Boxes, full_turn: Mask) -> Indices:
     moving = np.flatnonzero((size > 0.0) | full_turn)
     low, high = (boxes.low - slack)[:, moving], (boxes.high + slack)[:, moving]
     turning = np.flatnonzero(full_turn[moving])
-    label = 0
-    for first in range(count):
-        if labels[first] >= 0:
-            continue
-        labels[first] = label
-        frontier = np.array([first])
+    rest, label = np.arange(count), 0
+    while len(rest):
+        labels[rest[0]] = label
+        frontier, rest = rest[:1], rest[1:]
         while len(frontier):
-            rest = np.flatnonzero(labels < 0)
-            found = _touching(low, high, turning, frontier, rest)
-            labels[found] = label
-            frontier = found
+            some, frontier = frontier[:TOGETHER_COMPARED], frontier[TOGETHER_COMPARED:]
+            touched = _touching(low, high, turning, some, rest)
+            labels[rest[touched]] = label
+            frontier, rest = np.concatenate([frontier, rest[touched]]), rest[~touched]
         label += 1
     return labels
 
 
-def _touching(low: Floats, high: Floats, turning: Indices, frontier: Indices, rest: Indices) -> Indices:
-    """Those of the ``rest`` that touch one of the ``frontier``."""
-    touched = np.zeros(len(rest), dtype=bool)
-    step = max(MOST_PAIRS // max(len(rest) * low.shape[1], 1), 1)
-    plain = np.ones(low.shape[1], dtype=bool)
-    plain[turning] = False
-    for first in range(0, len(frontier), step):
-        some = frontier[first : first + step, None]
-        meet = (low[some][:, :, plain] <= high[rest][None][:, :, plain]).all(axis=2)
-        meet &= (high[some][:, :, plain] >= low[rest][None][:, :, plain]).all(axis=2)
-        for column in turning:
-            a, b = (low[some, column], high[some, column]), (low[rest, column][None], high[rest, column][None])
-            each = [(a[0] <= b[1] + turn) & (a[1] >= b[0] + turn) for turn in (-TURN, 0.0, TURN)]
-            meet &= each[0] | each[1] | each[2]
-        touched |= meet.any(axis=0)
-    return rest[touched]
+def _touching(low: Floats, high: Floats, turning: Indices, some: Indices, rest: Indices) -> Mask:
+    """Which of the ``rest`` (n,) touch one of ``some``."""
+    meet = np.ones((len(some), len(rest)), dtype=bool)
+    for column in range(low.shape[1]):
+        a = low[some, column][:, None], high[some, column][:, None]
+        b = low[rest, column][None], high[rest, column][None]
+        turns = (-TURN, 0.0, TURN) if column in turning else (0.0,)
+        each = [(a[0] <= b[1] + turn) & (a[1] >= b[0] + turn) for turn in turns]
+        meet &= np.logical_or.reduce(each)
+    return np.asarray(meet.any(axis=0))
 
 
 def ranges(boxes: Boxes, full_turn: Mask, turning: Mask) -> Ranges:
