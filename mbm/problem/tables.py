@@ -220,7 +220,7 @@ class Provenance:
 
     ``origins`` has the columns that came in from another table; ``parts`` are what the rows were taken from, in their
     order, where that was not the file at ``path`` alone. ``remarks`` are warnings of the reader. ``inline``: the table
-    stands in the text of the problem.
+    stands in the text of the problem. ``pixels`` are width and height if it is an image.
     """
 
     path: str
@@ -232,6 +232,7 @@ class Provenance:
     parts: tuple[Part, ...] = field(default=(), repr=False)
     remarks: tuple[Diagnostic, ...] = field(default=(), repr=False)
     inline: bool = False
+    pixels: tuple[int, int] | None = None
 
     def taking(self, rows: NDArray[np.int64]) -> Provenance:
         """The provenance of a table that has these ``rows`` (n,) of this one, which count from 1."""
@@ -246,6 +247,15 @@ class Provenance:
     def origins_of_rows(self) -> tuple[Provenance, ...]:
         """What the rows were read from: the tables that were put end to end, or this one."""
         return tuple(part.provenance for part in self.parts) or (self,)
+
+    def source(self, row: int) -> Provenance:
+        """The file that a row, which counts from 1, was read from."""
+        before = 0
+        for part in self.parts:
+            if before < row <= before + len(part.rows):
+                return part.provenance.source(int(part.rows[row - 1 - before]))
+            before += len(part.rows)
+        return self
 
     def place(self, row: int, column: str | None = None) -> DataPlace:
         """The place of a cell; ``row`` counts the table's rows from 1, ``column`` is the name used in the problem."""
@@ -360,6 +370,10 @@ class Table:
     def place(self, position: int, column: str | None = None) -> DataPlace:
         """Where the row at ``position`` (from 0) stands in its file."""
         return self.provenance.place(int(self.rows[position]), column)
+
+    def source(self, position: int) -> Provenance:
+        """The file that the row at ``position`` (from 0) was read from."""
+        return self.provenance.source(int(self.rows[position]))
 
     def numbers(self, column: str) -> Numbers:
         """A column of numbers, shape (rows,)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -168,3 +169,15 @@ def test_sizes_state_the_unit_of_places_on_the_board(photographs):
     missing = [d.message for d in checked if d.code.name == "missing-unit"]
     assert missing
     assert not [message for message in missing if "column" in message]
+
+
+def test_files_for_opencv_have_the_size_of_the_photographs(photographs, tmp_path):
+    """Also of rows that a condition and a union chose; without photographs the size would be guessed."""
+    problem = write_problem(photographs, ":covariance covariance")
+    chosen = """(data all (chessboard "board*.png" 7 4 25mm)) (data corners (union all) :where (> corner 1))"""
+    text = problem.read_text().replace(f'(data corners (chessboard "board*.png" {COLUMNS} {ROWS} 25mm))', chosen)
+    assert chosen in text
+    mbm.loads(text, base=photographs).solve().write("opencv-yaml", tmp_path / "cameras")
+    storage = cv2.FileStorage(str(tmp_path / "cameras" / "cam.yml"), cv2.FILE_STORAGE_READ)
+    size = [int(storage.getNode(name).real()) for name in ("image_width", "image_height")]
+    assert size == [320, 240]

@@ -45,6 +45,7 @@ class _Seen:
     name: str
     path: str
     sha256: str
+    pixels: tuple[int, int]
     edges: tuple[Fitted, ...]
     reason: str | None = None
 
@@ -64,13 +65,13 @@ def read_outlines(paths: Mapping[str, Path], shown: str, wanted: Wanted) -> RawT
     background = None
     if wanted.background is not None:
         background, digest = read_image(wanted.background, PER_DIFFERENCE)
-        parts.append(part_of(wanted.background.as_posix(), digest, 0))
+        parts.append(part_of(wanted.background.as_posix(), digest, 0, (background.shape[1], background.shape[0])))
     room = Room()
     seen = in_threads(lambda item: _seen(*item, background, wanted, room), list(paths.items()))
     without = [(each.name, each.reason) for each in seen if each.reason is not None]
     if len(without) == len(seen):
         raise MbmError(faults.no_object(place, without))
-    parts = [part_of(each.path, each.sha256, each.rows) for each in seen] + parts
+    parts = [part_of(each.path, each.sha256, each.rows, each.pixels) for each in seen] + parts
     remarks = (faults.object_left_out(place, without, len(seen)),) if without else ()
     return table_of(shown, _columns(shown, seen), parts, remarks)
 
@@ -88,7 +89,7 @@ def _seen(name: str, path: Path, background: Grey | None, wanted: Wanted, room: 
             reason = str(error)
     if edges and edges[0].good.mean() < SHARP:
         edges, reason = (), "its edge is too blurred or too rough to be measured"
-    return _Seen(name=name, path=file.place.file, sha256=file.sha256, edges=edges, reason=reason)
+    return _Seen(name=name, path=file.place.file, sha256=file.sha256, pixels=file.pixels, edges=edges, reason=reason)
 
 
 def _levels(file: ImageFile, background: Grey | None, wanted: Wanted) -> Sequence[Image]:

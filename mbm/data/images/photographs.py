@@ -66,6 +66,7 @@ class _Seen:
     name: str
     path: str
     sha256: str
+    pixels: tuple[int, int]
     found: Found | None
     reason: str | None = None
 
@@ -93,11 +94,12 @@ def flat(places: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageFile:
-    """The content of an image file, its digest, and the bytes that are needed to work on it."""
+    """The content of an image file, its digest, width and height, and the bytes that are needed to work on it."""
 
     place: DataPlace
     content: bytes = field(repr=False)
     sha256: str
+    pixels: tuple[int, int]
     needed: int
 
     def decoded(self) -> Grey:
@@ -119,7 +121,7 @@ def image_file(path: Path, per_pixel: int = PER_PIXEL) -> ImageFile:
     width, height = size_of(content, shown)
     needed = per_pixel * width * height
     check_memory(needed, faults.pixels_of(shown, width, height), place)
-    return ImageFile(place=place, content=content, sha256=digest, needed=needed)
+    return ImageFile(place=place, content=content, sha256=digest, pixels=(width, height), needed=needed)
 
 
 def read_image(path: Path, per_pixel: int = PER_PIXEL) -> tuple[Grey, str]:
@@ -131,10 +133,12 @@ def read_image(path: Path, per_pixel: int = PER_PIXEL) -> tuple[Grey, str]:
     return file.decoded(), file.sha256
 
 
-def part_of(path: str, digest: str, rows: int) -> Part:
+def part_of(path: str, digest: str, rows: int, pixels: tuple[int, int]) -> Part:
     """The rows of a table that are from one image, none if it was only looked at."""
     numbers = row_numbers(1, rows)
-    return Part(provenance=Provenance(path=path, sha256=digest, rows=rows, file_rows=numbers), rows=numbers)
+    return Part(
+        provenance=Provenance(path=path, sha256=digest, rows=rows, file_rows=numbers, pixels=pixels), rows=numbers
+    )
 
 
 def named(shown: str, images: Iterable[tuple[str, str, int]]) -> Iterator[Column]:
@@ -171,7 +175,7 @@ def read_boards(paths: Mapping[str, Path], shown: str, board: Board) -> RawTable
     without = [(each.name, each.reason) for each in seen if each.found is None]
     if len(without) == len(seen):
         raise MbmError(faults.no_board(place, board.words, without))
-    parts = [part_of(each.path, each.sha256, each.rows) for each in seen]
+    parts = [part_of(each.path, each.sha256, each.rows, each.pixels) for each in seen]
     table = table_of(shown, _columns(shown, seen, board), parts, tuple(_remarks(seen, without, board, place)))
     return replace(table, groups={"covariance": GROUP})
 
@@ -185,7 +189,7 @@ def _seen(name: str, path: Path, board: Board, room: Room) -> _Seen:
         except faults.NoBoardError as error:
             reason = error.reason
     whole = found if found is not None and found.fitted.good.any() else None
-    return _Seen(name=name, path=path.as_posix(), sha256=file.sha256, found=whole, reason=reason)
+    return _Seen(name=name, path=path.as_posix(), sha256=file.sha256, pixels=file.pixels, found=whole, reason=reason)
 
 
 def _columns(shown: str, seen: Sequence[_Seen], board: Board) -> Iterator[Column]:

@@ -31,7 +31,10 @@ def read(paths: Mapping[str, Path], shown: str, arguments: Mapping[str, float | 
     columns = [*named(shown, ((name, paths[name].as_posix(), image.size) for name, (image, _) in found.items()))]
     for name, values in (("u", across), ("v", down), ("grey", grey)):
         columns.append(Column(name=name, numbers=frozen(values)))
-    parts = [part_of(paths[name].as_posix(), digest, image.size) for name, (image, digest) in found.items()]
+    parts = [
+        part_of(paths[name].as_posix(), digest, image.size, (image.shape[1], image.shape[0]))
+        for name, (image, digest) in found.items()
+    ]
     return table_of(shown, columns, parts)
 
 

@@ -162,7 +162,7 @@ def _members(numbers: tuple[Expression, ...]) -> list[Member]:
 
 
 def _size(rows: RowsOf, numbers: tuple[Expression, ...]) -> tuple[Floats, Floats] | None:
-    """Width and height (R,) where the table of the cameras has such columns."""
+    """Width and height (R,) where the table of the cameras has such columns, or the rows were read from images."""
     for leaf in leaves(numbers):
         if not isinstance(leaf, Component | Column) or leaf.member is None:
             continue
@@ -173,7 +173,15 @@ def _size(rows: RowsOf, numbers: tuple[Expression, ...]) -> tuple[Floats, Floats
         which = [place.get(key, -1) for key in rows.keys(leaf.member)]
         if min(which, default=-1) >= 0:
             return table.numbers("width")[which], table.numbers("height")[which]
-    return None
+    own, positions = rows.rows.table, rows.group.positions
+    if own is None or positions is None:
+        return None
+    pixels = [own.source(int(position)).pixels for position in positions]
+    known = [each for each in pixels if each is not None]
+    if not known or len(known) < len(pixels):
+        return None
+    width, height = np.array(known, dtype=np.float64).T
+    return width, height
 
 
 def _point_keys(rows: RowsOf, projection: Projection, world: Floats) -> list[str] | None:

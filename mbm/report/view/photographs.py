@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mbm.data.images.header import EXTENSIONS
 from mbm.estimation.search.solution import Solution
 from mbm.problem.tables import Table
 from mbm.report.types import Floats, Mask
@@ -126,10 +125,10 @@ def _file(row: ImageRows, mask: Mask) -> str | None:
 
 def path_of(table: Table | None, positions: np.ndarray | None, mask: Mask) -> Path | None:
     """The image that the rows of a mask were read from."""
-    if table is None or positions is None or table.provenance.inline:
+    if table is None or positions is None:
         return None
-    path = Path(table.place(int(positions[mask][0])).file)
-    return path if path.suffix.lower() in EXTENSIONS else None
+    source = table.source(int(positions[mask][0]))
+    return None if source.pixels is None else Path(source.path)
 
 
 def _body_lines(
