@@ -107,10 +107,8 @@ def elaborated(
                 routines=lambda: tuple(form.name for form in registry.closed_forms()),
             ),
             inputs.overrides,
-            lambda declarations: (
-                {d.name: raw[d.name] for d in declarations}
-                if raw
-                else loaded(declarations, program.base, inputs, registry)
+            lambda wanted: (
+                {d.name: raw[d.name] for d in wanted} if raw else loaded(wanted, program.base, inputs, registry)
             ),
         )
 

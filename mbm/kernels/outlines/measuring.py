@@ -85,7 +85,7 @@ class Outlines:
                     found[rows] = self._whole(call, outline, key)[1][:, wanted]
             return found
 
-    def traced(self, call: Outlined, arguments: Floats) -> Iterator[tuple[Indices, Traced]]:
+    def traced(self, call: Outlined, arguments: Floats) -> Iterator[tuple[Indices | slice, Traced]]:
         """The rows of each outline that there is, with its lines and the points of it nearest to theirs."""
         with self._lock, np.errstate(all="ignore"):
             for rows, outline, _ in self._outlines(call.figure, arguments):
