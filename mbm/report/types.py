@@ -1,6 +1,6 @@
 """Values of the report stage: what a solved problem is, before it becomes a document, a table or a picture.
 
-Numbers are SI throughout; a `Quantity` says in which unit its values are shown, and every output divides by its factor.
+Numbers are SI throughout; a `Quantity` says in which unit they are shown, and every output divides by its factor.
 """
 
 from __future__ import annotations
