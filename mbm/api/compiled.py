@@ -118,6 +118,22 @@ class CompiledProblem:
 
     def result(self, settings: SolveSettings, data: Mapping[str, object] | None = None) -> Result:
         """The report of a solve, as the command line writes it."""
+        result = self._solved(settings, data)
+        constants = self._for(data).elaborated.problem.constants
+        if not any(constant.sigmas for constant in constants):
+            return result
+        # Loaded by problems with uncertain constants only, so that the others start at once.
+        from mbm.api.considered import with_constants
+
+        begun = replace(settings, init=_begun(result), progress=None)
+
+        def again(inputs: Inputs) -> Result:
+            return compiled(self.origin, inputs, self.backend)._solved(begun, data)
+
+        return with_constants(result, constants, self.inputs, again)
+
+    def _solved(self, settings: SolveSettings, data: Mapping[str, object] | None) -> Result:
+        """The report of a solve with constants as they are."""
         settings = replace(settings, workers=threads(settings.workers))
         now = self._for(data)
         known = len(now.cache.without_closed_form)
@@ -275,6 +291,13 @@ def compiled(origin: Origin, inputs: Inputs, backend: str) -> CompiledProblem:
 def compiled_again(written: Written, handed: Handed, backend: str) -> CompiledProblem:
     """The compiled problem that was pickled."""
     return compiled(written.origin(), handed.inputs(), backend)
+
+
+def _begun(result: Result) -> Mapping[str, object]:
+    """A result as what the next solves begin with."""
+    from mbm.report.document import document
+
+    return document(result)
 
 
 def _values(init: object) -> dict[str, object] | None:

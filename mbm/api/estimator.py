@@ -278,7 +278,8 @@ def estimator_again(written: Written, handed: Handed, backend: str, columns: tup
 def _one_descent(problem: Problem) -> None:
     """Refuse what asks for several solves or starts."""
     request = problem.request
-    asked = {"`for-each`": request.for_each, "`window`": request.window, "`:starts`": request.starts}
+    asked: dict[str, object] = {"`for-each`": request.for_each, "`window`": request.window, "`:starts`": request.starts}
+    asked["a constant with an uncertainty"] = any(constant.sigmas for constant in problem.constants)
     for what, stated in asked.items():
         if stated:
             raise MbmError(faults.not_a_stream(what))

@@ -29,6 +29,10 @@ def refuse(found: Elaborated, target: Target) -> None:
     """
     problem = found.problem
     faults_found = [*_sequence(problem), *_data(problem), *_blocks(problem), *_derived(problem, target)]
+    for constant in (each for each in problem.constants if each.sigmas and target.solves):
+        what, why = f"the uncertainty of the constant `{constant.name}`", "generated solvers solve once, for its value"
+        todo = "leave its `:sigma` or `:prior` out, or make it an unknown with a prior"
+        faults_found.append(faults.not_emitted(constant.span, what, why, todo))
     if target.solves:
         faults_found += [*_starts(problem), *_request(problem), *_keys(found), *_constraints(problem)]
     count = sum(

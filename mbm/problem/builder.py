@@ -84,8 +84,9 @@ def elaborate(
         raise TypeError(world)
     work = Workspace(session.evaluator, world, tables, front.formats, front.routines)
     _functions(work, session, clauses)
-    constants = [name for c in _all(clauses, "constants") for name in read_constants(work, c, overrides)]
-    numbers = constant_values(work, constants, definition.span)
+    stated = [each for c in _all(clauses, "constants") for each in read_constants(work, c, overrides)]
+    numbers = constant_values(work, stated, definition.span)
+    constants = [each.name for each in stated]
     earlier = work.scope.earlier = Earlier(work.tables, {}, _names_of(clauses, "for-each"))
     plans, raw = _tables(work, clauses, load, earlier)
     pairs = _pairs(work, clauses)

@@ -23,9 +23,13 @@ Overrides = Mapping[str, Override]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConstantValue:
-    """A constant of the problem with its elements (one for a number) and their names in expressions."""
+    """A constant of the problem with its elements (one for a number) and their names in expressions.
+
+    ``sigmas`` are their standard deviations; empty where it is exact.
+    """
 
     name: str
     values: tuple[float, ...]
     elements: tuple[str, ...]
+    sigmas: tuple[float, ...] = ()
     span: Span

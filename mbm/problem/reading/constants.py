@@ -10,28 +10,42 @@ from mbm.expression.dimension import Dimension
 from mbm.expression.inference import Declared, Inference
 from mbm.expression.nodes import Constant, Expression, Number, leaves, nearest
 from mbm.language import faults as language_faults
-from mbm.language.coerce import vector
+from mbm.language.coerce import static_number, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
 from mbm.problem import faults
-from mbm.problem.elaboration import Workspace
+from mbm.problem.elaboration import Workspace, shaped
+from mbm.problem.options import Options, split_options
 from mbm.problem.overrides import ConstantValue, Override, Overrides
+from mbm.problem.reading.distributions import is_distribution, moments
 from mbm.problem.scopes import Entry
 from mbm.text.reader import read
 from mbm.text.types import Form, MbmError, Sequence, Source, Span, Symbol
+from mbm.values import dataclass
 
-USAGE = "(constants (name form)…)"
+USAGE = "(constants (name form [:sigma s | :prior (rectangular lo hi)])…)"
 
 
-def read_constants(work: Workspace, clause: Sequence, overrides: Overrides) -> list[str]:
-    """Declare the constants of a clause; returns their names in order."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeclaredConstant:
+    """A constant as declared: its name, and what stands behind it."""
+
+    name: str
+    options: Options
+
+
+def read_constants(work: Workspace, clause: Sequence, overrides: Overrides) -> list[DeclaredConstant]:
+    """Declare the constants of a clause, in order."""
     names = []
     for item in clause.items[1:]:
         with work.collecting(item):
-            if not (isinstance(item, Sequence) and len(item.items) == 2 and isinstance(item.items[0], Symbol)):
+            if not (isinstance(item, Sequence) and item.items and isinstance(item.items[0], Symbol)):
                 raise MbmError(language_faults.bad_form(item.span, "a constant is (name form)", USAGE))
-            name, form = item.items[0], item.items[1]
-            _declare(work, name.name, form, name.span, overrides.get(name.name))
-            names.append(name.name)
+            name = item.items[0]
+            options = split_options(item.items[1:], item.span, owner="a constant", known=("sigma", "prior"))
+            if len(options.positional) != 1:
+                raise MbmError(language_faults.bad_form(item.span, "a constant is (name form)", USAGE))
+            _declare(work, name.name, options.positional[0], name.span, overrides.get(name.name))
+            names.append(DeclaredConstant(name=name.name, options=options))
     return names
 
 
@@ -128,16 +142,49 @@ def _dimension(node: Expression) -> Dimension | None:
     return Inference(Declared(components={}, columns={}, same_column={})).dimension(node) if stated else None
 
 
-def constant_values(work: Workspace, names: list[str], span: Span) -> tuple[ConstantValue, ...]:
+def constant_values(work: Workspace, declared: list[DeclaredConstant], span: Span) -> tuple[ConstantValue, ...]:
     """The numeric constants with their values, evaluated now so that faults show even in unused ones."""
     found = []
-    for name in names:
+    for each in declared:
+        name = each.name
         with work.collecting():
             value = work.scope.own(name, span)
             entry = work.scope.entries[name]
             elements = value.elements if isinstance(value, Array) else (value,)
             numbers = [e for e in elements if isinstance(e, Constant)]
-            if numbers:
+            if numbers and value is not None:
                 values, names_of = tuple(e.value for e in numbers), tuple(e.name for e in numbers)
-                found.append(ConstantValue(name=name, values=values, elements=names_of, span=entry.span))
+                sigmas = _sigmas(work, each, value, numbers)
+                found.append(ConstantValue(name=name, values=values, elements=names_of, sigmas=sigmas, span=entry.span))
+            elif each.options.keywords:
+                message = f"`{name}` is no number, and has no standard deviation"
+                raise MbmError(language_faults.bad_form(each.options.span, message, USAGE))
     return tuple(found)
+
+
+def _sigmas(work: Workspace, declared: DeclaredConstant, value: Value, numbers: list[Constant]) -> tuple[float, ...]:
+    """The standard deviations of the elements of a constant; empty where it is exact."""
+    options, shape = declared.options, value.shape if isinstance(value, Array) else ()
+    form, law = options.get("sigma"), options.get("prior")
+    if form is None and law is None:
+        return ()
+    if form is not None and law is not None:
+        raise MbmError(language_faults.bad_form(options.places["prior"], "the uncertainty is stated twice", USAGE))
+    if form is not None:
+        stated, place = shaped(work.evaluator.wanted(form, work.scope), shape, form.span), form.span
+    elif isinstance(law, Sequence) and law.head is not None and is_distribution(work, law.head):
+        stated, place = moments(work, law.head, law.items[1:], shape, work.scope, law.span)[1], law.span
+    else:
+        place = law.span if law is not None else options.span
+        raise MbmError(language_faults.bad_form(place, f"`{place.text}` is no distribution", USAGE))
+    found = []
+    for element, number in zip(stated, numbers, strict=True):
+        own, wanted = _dimension(element), number.dimension
+        if own is not None and wanted is not None and own != wanted:
+            message = f"the standard deviation is {own.describe()}, but the constant is {wanted.describe()}"
+            raise MbmError(language_faults.bad_form(place, message, USAGE))
+        sigma = nearest(static_number(element, place))
+        if not (math.isfinite(sigma) and sigma >= 0.0):
+            raise MbmError(language_faults.bad_form(place, "a standard deviation is not below 0", USAGE))
+        found.append(sigma)
+    return tuple(found) if any(found) else ()

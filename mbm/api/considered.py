@@ -1,0 +1,37 @@
+"""Constants with an uncertainty: the problem is solved again with each of them moved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from mbm.compiler import Inputs
+from mbm.problem.overrides import ConstantValue, Override
+from mbm.report.considered import considered
+from mbm.report.types import Result
+
+SIDES = (-1.0, 1.0)
+
+
+def with_constants(
+    result: Result, constants: tuple[ConstantValue, ...], inputs: Inputs, again: Callable[[Inputs], Result]
+) -> Result:
+    """The ``result`` with the uncertainties of ``constants``, for which the problem is solved ``again`` with others."""
+    moved = []
+    for constant, element in _uncertain(constants):
+        below, above = (again(_moved(inputs, constant, element, side)) for side in SIDES)
+        moved.append((constant.name, below, above))
+    return considered(result, moved)
+
+
+def _uncertain(constants: tuple[ConstantValue, ...]) -> Iterator[tuple[ConstantValue, int]]:
+    """The numbers that have a standard deviation: constants, and places in them."""
+    for constant in constants:
+        yield from ((constant, place) for place, sigma in enumerate(constant.sigmas) if sigma > 0.0)
+
+
+def _moved(inputs: Inputs, constant: ConstantValue, place: int, side: float) -> Inputs:
+    values = list(constant.values)
+    values[place] += side * constant.sigmas[place]
+    override = Override(name=constant.name, values=tuple(values))
+    return replace(inputs, overrides={**inputs.overrides, constant.name: override})

@@ -1,0 +1,163 @@
+"""Constants with an uncertainty: considered, not adjusted (Bierman 1977, Factorization Methods, chapter 8).
+
+The estimates are those of the values. Solved again with a constant moved by its standard deviation u to both sides,
+half of the difference of the answers is S u, with S the derivative of everything that is reported; the covariances gain
+(S u)(S u)ᵀ, which holds what the constant does to estimates, to derived quantities, and to both together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+
+from mbm.equations.layout import half_turns
+from mbm.estimation.coverage.student import coverage_factor
+from mbm.problem.manifold import Piece
+from mbm.report.elements import element_names
+from mbm.report.geometric import GEOMETRIC, manifold
+from mbm.report.spreads import Ends, Floats, Spread
+from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Kind, Result, SolveReport
+from mbm.rotations import hamilton, vector_of_quaternion
+
+Pair = tuple[SolveReport, SolveReport]
+"""A solve with a constant below and above its value."""
+
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def considered(result: Result, moved: Sequence[tuple[str, Result, Result]]) -> Result:
+    """The ``result`` with the uncertainties of constants in it.
+
+    ``moved`` has for each number the name of its constant, and the results below and above, one standard deviation
+    away, of the same solves.
+    """
+    if not moved:
+        return result
+    solves = tuple(
+        _solve(solve, [(name, (below.solves[i], above.solves[i])) for name, below, above in moved])
+        for i, solve in enumerate(result.solves)
+    )
+    return replace(result, solves=solves)
+
+
+def _solve(solve: SolveReport, moved: Sequence[tuple[str, Pair]]) -> SolveReport:
+    lost = next((name for name, pair in moved if not all(each.status.trusted for each in pair)), None)
+    if not solve.status.trusted or lost is not None:
+        reason = f"the solves with `{lost}` moved by its standard deviation did not converge"
+        return _without_sigmas(solve, reason) if solve.status.trusted else solve
+    pairs = [pair for _, pair in moved]
+    estimates = [_moves([(a.estimates[i], b.estimates[i]) for a, b in pairs]) for i in range(len(solve.estimates))]
+    derived = [_moves([(a.derived[i], b.derived[i]) for a, b in pairs]) for i in range(len(solve.derived))]
+    return replace(
+        solve,
+        estimates=tuple(
+            replace(item, sigma=_sigma(item, moves), spread=_spread(item, moves), reason=_reason(item, moves))
+            for item, moves in zip(solve.estimates, estimates, strict=True)
+        ),
+        derived=tuple(
+            replace(item, sigma=_sigma(item, moves), spread=_spread(item, moves))
+            for item, moves in zip(solve.derived, derived, strict=True)
+        ),
+        covariance=_covariance(solve.covariance, solve.estimates, estimates),
+        derived_covariance=_covariance(solve.derived_covariance, solve.derived, derived),
+    )
+
+
+def _without_sigmas(solve: SolveReport, reason: str) -> SolveReport:
+    def bare(matrix: CovarianceMatrix | None) -> CovarianceMatrix | None:
+        return None if matrix is None else replace(matrix, matrix=None, reason=reason)
+
+    return replace(
+        solve,
+        estimates=tuple(replace(item, sigma=None, reason=reason) for item in solve.estimates),
+        derived=tuple(replace(item, sigma=None, reason=reason) for item in solve.derived),
+        covariance=bare(solve.covariance),
+        derived_covariance=bare(solve.derived_covariance),
+    )
+
+
+def _moves(pairs: Sequence[tuple[Estimate | DerivedValue, Estimate | DerivedValue]]) -> Floats:
+    """Half of the differences (constants, …) of an item, of the shape of its sigmas, SI."""
+    return np.stack([_difference(below, above) / 2 for below, above in pairs])
+
+
+def _difference(below: Estimate | DerivedValue, above: Estimate | DerivedValue) -> Floats:
+    first, second = np.asarray(below.value), np.asarray(above.value)
+    if below.quantity.kind not in GEOMETRIC:
+        return half_turns(second - first) if below.quantity.kind is Kind.ANGLE else second - first
+    columns = []
+    found = manifold(below.quantity)
+    for (piece, start, _), angle in zip(found.spans(), found.angles, strict=True):
+        mine, its = (each[..., start : start + piece.size] for each in (first, second))
+        if piece is Piece.QUATERNION:
+            columns.append(_turn(mine, its))
+        elif piece is Piece.SCALE:
+            columns.append(np.log(its / mine))
+        elif piece is Piece.SPHERE:  # along which axes a direction turned is not known here
+            columns.append(np.full((*mine.shape[:-1], piece.tangent), np.nan))
+        else:
+            columns.append(half_turns(its - mine) if angle else its - mine)
+    return np.concatenate(columns, axis=-1)
+
+
+def _turn(first: Floats, second: Floats) -> Floats:
+    """The rotation vectors (…, 3) from one unit quaternion (…, 4) to another, about axes of the body."""
+    flat = hamilton((first * CONJUGATE).reshape(-1, 4), second.reshape(-1, 4))
+    return np.asarray(vector_of_quaternion(flat).reshape(*first.shape[:-1], 3))
+
+
+def _sigma(item: Estimate | DerivedValue, moves: Floats) -> Floats | None:
+    return None if item.sigma is None else np.sqrt(np.square(item.sigma) + np.square(moves).sum(axis=0))
+
+
+def _reason(item: Estimate | DerivedValue, moves: Floats) -> str | None:
+    return "constants with an uncertainty are not considered for directions" if np.isnan(moves).any() else item.reason
+
+
+@np.errstate(all="ignore")
+def _spread(item: Estimate | DerivedValue, moves: Floats) -> Spread | None:
+    """Effective degrees of freedom after Welch and Satterthwaite: those of constants are infinitely many."""
+    spread = item.spread
+    if spread is None or item.sigma is None:
+        return spread
+    own, added = np.square(item.sigma * spread.inflation), np.square(moves).sum(axis=0)
+    whole = np.square(item.sigma) + added
+    some = whole > 0.0
+    return replace(
+        spread,
+        dof=np.where((own > 0.0) & some, spread.dof * np.square((own + added) / own), np.where(some, inf, spread.dof)),
+        inflation=np.where(some, np.sqrt((own + added) / whole), spread.inflation),
+        free=None if spread.free is None else np.sqrt(np.square(spread.free) + added),
+        ends=None if spread.ends is None else _wider(spread.ends, added),
+    )
+
+
+def _wider(ends: Ends, added: Floats) -> Ends:
+    """The ends of profiles with an independent part of the variance ``added``."""
+
+    def wider(level: float) -> tuple[Floats, Floats]:
+        reach = coverage_factor(level, inf) * np.sqrt(added)
+        below, above = ends(level)
+        return np.hypot(below, reach), np.hypot(above, reach)
+
+    return wider
+
+
+def _covariance(
+    found: CovarianceMatrix | None, items: Sequence[Estimate | DerivedValue], moves: Sequence[Floats]
+) -> CovarianceMatrix | None:
+    """The covariance with what the constants add to it, scalar by scalar by its name."""
+    if found is None or found.matrix is None:
+        return found
+    by_name = dict(_named(items, moves))
+    change = np.stack([by_name[name] for name in found.names]) if found.names else np.zeros((0, 0))
+    return replace(found, matrix=found.matrix + change @ change.T)
+
+
+def _named(items: Sequence[Estimate | DerivedValue], moves: Sequence[Floats]) -> Iterator[tuple[str, Floats]]:
+    for item, each in zip(items, moves, strict=True):
+        flat = each.reshape(len(each), -1)
+        yield from zip(element_names(item.quantity, item.keys), flat.T, strict=True)

@@ -1,0 +1,144 @@
+"""Constants with an uncertainty, against the covariance by NumPy and against brute force."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import t
+
+import mbm
+from mbm.cli.main import run
+
+X, Y = np.array([1.0, 2.0, 3.0, 4.0]), np.array([10.1, 20.3, 29.9, 40.0])
+ROWS = " ".join(f"({x} {y})" for x, y in zip(X.tolist(), Y.tolist(), strict=True))
+TEXT = """
+(problem considered
+  (constants (g {g}) (c {c}))
+  (data d (table (x y) {rows}))
+  (unknowns (a) (b))
+  (observe d (= y (+ (* a g x) b c)) :sigma {sigma})
+  (derive (ag (* a g)) (w (+ a (* 3 c) g))))
+"""
+
+
+def solved(g: str = "10 :sigma 0.01", c: str = "1 :prior (rectangular 0.9 1.1)", sigma: str = "0.1") -> Any:
+    return mbm.loads(TEXT.format(g=g, c=c, rows=ROWS, sigma=sigma)).solve()
+
+
+def _closed() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Estimates, covariance of the data alone, S u, and the derivatives of the derived quantities, by hand."""
+    design = np.column_stack([10 * X, np.ones(4)])
+    own = np.linalg.inv(design.T @ design) * 0.1**2
+    a, b = np.linalg.lstsq(design, Y - 1, rcond=None)[0]
+    sensitivity = np.array([[-a / 10 * 0.01, 0.0], [0.0, -0.2 / np.sqrt(12)]])  # rows a, b; columns g, c
+    return np.array([a, b]), own, sensitivity, np.array([[10.0, 0.0], [1.0, 0.0]])
+
+
+def test_estimates_are_those_of_the_value_and_the_covariance_gains() -> None:
+    found, exact = solved(), solved("10", "1")
+    values, own, sensitivity, slopes = _closed()
+    wanted = own + sensitivity @ sensitivity.T
+    assert [float(found[name].value) for name in "ab"] == pytest.approx(values)
+    assert found.first.cost == exact.first.cost
+    # half of a difference over ± u = 0.001 g: off by a third of that squared
+    np.testing.assert_allclose(found.covariance.matrix, wanted, rtol=2e-6)
+    np.testing.assert_allclose([float(found[n].sigma) for n in "ab"], np.sqrt(np.diag(wanted)), rtol=1e-6)
+    direct = np.array([[values[0] * 0.01, 0.0], [0.01, 3 * 0.2 / np.sqrt(12)]])  # what g and c do beside a
+    moves = slopes @ sensitivity + direct
+    derived = slopes @ own @ slopes.T + moves @ moves.T
+    np.testing.assert_allclose(found.first.derived_covariance.matrix, derived, rtol=2e-6, atol=1e-12)
+
+
+def test_a_product_that_the_data_fix_does_not_feel_the_constant() -> None:
+    assert float(solved()["ag"].sigma) == pytest.approx(float(solved("10", "1")["ag"].sigma), rel=1e-9)
+
+
+def test_degrees_of_freedom_are_those_of_welch_and_satterthwaite() -> None:
+    found, exact = solved("10 :sigma 0.5", "1", "unknown"), solved("10", "1", "unknown")
+    own, whole = float(exact["a"].sigma), float(found["a"].sigma)
+    assert float(exact["a"].dof) == pytest.approx(2.0)
+    dof = 2.0 * (whole / own) ** 4
+    assert float(found["a"].dof) == pytest.approx(dof)
+    assert float(found["a"].k) == pytest.approx(t.ppf(0.975, dof))
+    assert float(found["a"].U) == pytest.approx(t.ppf(0.975, dof) * whole)
+
+
+def test_one_value_is_shared_by_all_keys() -> None:
+    rows = " ".join(f"({k} {x} {y * k})" for k in range(1, 30) for x, y in zip(X.tolist(), Y.tolist(), strict=True))
+    text = TEXT.format(g="10 :sigma 0.01", c="1", rows=rows, sigma="0.1").replace("(x y)", "(k x y)")
+    many = mbm.loads(text[: text.rindex(")")] + "(for-each k))").solve()
+    assert len(many.solves) == 29
+    for k in (1, 29):
+        part = " ".join(f"({x} {y * k})" for x, y in zip(X.tolist(), Y.tolist(), strict=True))
+        one = mbm.loads(TEXT.format(g="10 :sigma 0.01", c="1", rows=part, sigma="0.1")).solve()
+        mine = many.document()["solves"][k - 1]["estimates"]["a"]
+        assert mine["sigma"] == pytest.approx(float(one["a"].sigma), rel=1e-9)
+        assert mine["interval"] == pytest.approx(one["a"].interval(), rel=1e-9)
+
+
+def test_vectors_and_rotations() -> None:
+    """A turn by a known angle with an uncertainty: the pose's rotation has it, about the body's axis."""
+    text = """
+    (problem turned
+      (constants (alpha 0.3 :sigma 0.002) (o [1 2 3] :sigma [0.1 0 0.2]))
+      (data p (table (x y z u v w) (1 0 0 0 1 0) (0 1 0 -1 0 0) (0 0 1 0 0 1)))
+      (unknowns (R (rotation 3) :init (rot-z 80deg)) (m (vector 3)))
+      (observe p (= [u v w] (rotate R (rotate (rot-z alpha) [x y z]))) :sigma 1e-6)
+      (observe q (= o m) :sigma 1e-6))"""
+    found = mbm.loads(text).solve()
+    np.testing.assert_allclose(found["R"].sigma, [0.0, 0.0, 0.002], atol=2e-6)
+    np.testing.assert_allclose(found["m"].sigma, [0.1, 0.0, 0.2], atol=2e-6)
+
+
+def test_directions_say_that_they_have_none() -> None:
+    text = """(problem p (constants (g 1 :sigma 0.1)) (unknowns (n direction :init [0 0 1]))
+      (observe (= [0 0.1 1] n) :sigma 0.01))"""
+    entry = mbm.loads(text).solve().document()["solves"][0]["estimates"]["n"]
+    assert entry["sigma"] == [None, None]
+    assert "directions" in entry["reason"]
+
+
+def test_setting_a_constant_changes_its_value_only(tmp_path: Path) -> None:
+    file, out = tmp_path / "p.mbm", tmp_path / "r.json"
+    file.write_text(TEXT.format(g="10 :sigma 0.5", c="1", rows=ROWS, sigma="0.1"), encoding="utf-8")
+    assert run(["solve", str(file), "--set", "g=20", "--json", str(out), "-q"]) == 0
+    entry = json.loads(out.read_text(encoding="utf-8"))["solves"][0]["estimates"]["a"]
+    assert entry["value"] == pytest.approx(_closed()[0][0] / 2)
+    assert entry["sigma"] == pytest.approx(
+        np.hypot(entry["value"] * 0.5 / 20, np.sqrt(_closed()[1][0, 0]) / 2), rel=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("constant", "said"),
+    [
+        ("10 :sigma -1", "not below 0"),
+        ("10 :sigma 1 :prior (normal 10 1)", "stated twice"),
+        ("10 :prior 3", "no distribution"),
+        ("10 :prior (student 10 1 2)", "no variance"),
+        ("1m :sigma 1s", "standard deviation is"),
+        ('"text" :sigma 1', "is no number"),
+        ("10 11", "a constant is (name form)"),
+        ("10 :sigma a", "a"),
+    ],
+)
+def test_what_is_no_uncertainty_says_so(constant: str, said: str) -> None:
+    text = f"(problem p (constants (g {constant})) (unknowns (a :init 1)) (observe (= 3 a) :sigma 1))"
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads(text).solve()
+    assert said in caught.value.diagnostics[0].message
+
+
+def test_what_solves_once_refuses_them(tmp_path: Path) -> None:
+    problem = mbm.loads(TEXT.format(g="10 :sigma 0.5", c="1", rows=ROWS, sigma="0.1"))
+    with pytest.raises(mbm.MbmError) as caught:
+        problem.compile().estimator()
+    assert "constant with an uncertainty" in caught.value.diagnostics[0].message
+    file = tmp_path / "p.mbm"
+    file.write_text(TEXT.format(g="10 :sigma 0.5", c="1", rows=ROWS, sigma="0.1"), encoding="utf-8")
+    assert run(["compile", str(file), "--target", "python", "-o", str(tmp_path / "out")]) == 2
+    assert not (tmp_path / "out").exists()
