@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from mbm.report.map_types import PlotData
+from mbm.report.plot_data import PlotData
 from mbm.report.plots import draw, save
 from mbm.report.types import ResidualRow, Result, SolveReport
 from mbm.text.types import MbmError
