@@ -11,7 +11,7 @@ from mbm.language.functions import bind_definition, parse_definition
 from mbm.language.limits import Limits
 from mbm.language.program import ProblemDefinition, Program
 from mbm.language.session import Session, open_session
-from mbm.language.values import Vocabulary
+from mbm.language.values import FunctionTable, Vocabulary
 from mbm.problem import faults
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
@@ -75,7 +75,7 @@ def elaborate(
     clauses = effective_clauses(program, definition)
     tables: dict[str, Table] = {}
     log = ModelLog()
-    session = _session(program, front, tables, log)
+    session = _session(program, front, tables, log, FUNCTIONS if _all(clauses, "states") else {})
     world = session.evaluator.world
     if not isinstance(world, ProblemScope):
         raise TypeError(world)
@@ -154,10 +154,13 @@ def _checked(
     )
 
 
-def _session(program: Program, front: Front, tables: Mapping[str, Table], log: ModelLog) -> Session:
+def _session(
+    program: Program, front: Front, tables: Mapping[str, Table], log: ModelLog, functions: FunctionTable
+) -> Session:
+    """``functions`` are those of this problem, beside those of the vocabulary."""
     vocabulary = Vocabulary(
         special_forms={**front.vocabulary.special_forms, **SPECIAL_FORMS},
-        functions={**FUNCTIONS, **front.vocabulary.functions},
+        functions={**functions, **front.vocabulary.functions},
         not_yet=front.vocabulary.not_yet,
     )
     return open_session(

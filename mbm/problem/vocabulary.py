@@ -39,9 +39,7 @@ SPECIAL_FORMS: Mapping[str, SpecialForm] = MappingProxyType(
 
 def _interval(call: Call) -> Value:
     world = call.evaluator.world
-    if not isinstance(world, ProblemScope) or world.steps is None:
-        raise MbmError(faults.no_states(call.span, "`(dt)`"))
-    interval = world.here.interval
+    interval = world.here.interval if isinstance(world, ProblemScope) else None
     if interval is None:
         message = "`(dt)` is the time to the step that a transition reaches"
         raise MbmError(language_faults.bad_form(call.span, message, "(= (next x) (+ x (* (dt) v)) :sigma q)"))
@@ -58,12 +56,10 @@ class _Rate(Macro):
     def call(self, call: Call) -> Value:
         """The state that ``constant-velocity`` adds."""
         world, forms = call.evaluator.world, call.forms
-        if not isinstance(world, ProblemScope) or world.steps is None:
-            raise MbmError(faults.no_states(call.span, "`(rate x)`"))
         if len(forms) != 1 or not isinstance(forms[0], Symbol):
             raise MbmError(language_faults.bad_form(call.span, "`rate` takes the name of a state", "(rate x)"))
         name = forms[0].name + RATE
-        if name not in world.entries:
+        if not isinstance(world, ProblemScope) or name not in world.entries:
             raise MbmError(faults.state_without_rate(forms[0].span, forms[0].name))
         return call.evaluator.wanted(Symbol(name=name, span=call.span), call.scope)
 
@@ -74,4 +70,4 @@ FUNCTIONS: FunctionTable = MappingProxyType(
         "rate": _Rate(),
     }
 )
-"""Functions that know the problem's steps; a definition of the user's goes before."""
+"""Functions of problems with states; a definition of the user's goes before."""

@@ -1,6 +1,6 @@
 """Values of the report stage: what a solved problem is, before it becomes a document, a table or a picture.
 
-Numbers are SI throughout; a `Quantity` says in which unit its values are shown, and every output divides by its factor.
+Numbers are SI throughout; a `Quantity` says in which unit they are shown, and every output divides by its factor.
 """
 
 from __future__ import annotations
@@ -80,8 +80,7 @@ class Quantity:
 
     ``shape`` is ``()`` for a number, ``(n,)`` for a vector, ``(n,)`` or ``(n, m)`` for an array (of one family member);
     directions, rotations, poses and similarities have the shape of the numbers that hold them, and a ``dimension``.
-    ``unit`` is what documents show (None: none is known); value in it = SI value / ``factor``. ``over`` names the
-    steps.
+    ``unit`` is what documents show (None: none is known); value in it = SI value / ``factor``; ``over`` names steps.
     """
 
     name: str
@@ -102,8 +101,7 @@ class Estimate:
     ``keys``; of directions, rotations, poses and similarities all but ``value`` have the tangent coordinates instead.
     ``sigma`` is the standard deviation (SI); NaN where the data do not determine one, None if none was computed;
     ``reason`` then says why. ``fixed`` elements were not estimated, ``at_bound`` ones (None: none) are held at a bound.
-    Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound, whatever ``sigma`` holds there.
-    Angles are wrapped to (-pi, pi].
+    Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound. Angles are wrapped to (-pi, pi].
     ``per`` is what the family ranges over (a table, or ``table.column``).
     """
 

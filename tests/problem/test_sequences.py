@@ -134,7 +134,7 @@ def test_what_is_refused(given, code, place):
 
 @pytest.mark.parametrize(
     "rest",
-    ["(dynamics (random-walk a :sigma 1))", "(solve :method ekf)", "(solve :hypotheses 3)", "(derive (b (rate a)))"],
+    ["(dynamics (random-walk a :sigma 1))", "(solve :method ekf)", "(solve :hypotheses 3)"],
 )
 def test_what_is_for_states_needs_some(rest):
     with pytest.raises(mbm.MbmError) as caught:

@@ -29,7 +29,7 @@ UNMATCHED_STEP = Code(
 )
 NO_STATES = Code(
     "no-states",
-    "`dynamics`, `(dt)`, `(rate x)` or a method for sequences stands in a problem without `states`.",
+    "`dynamics`, `:at first`, `:hypotheses` or a method for sequences stands in a problem without `states`.",
     "Add `(states :over COLUMN (name …)…)`.",
 )
 

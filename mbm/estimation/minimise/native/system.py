@@ -51,7 +51,7 @@ ROWS_IN_PYTHON = 8192
 """Residuals that go through kernels in Python at a time: a call takes as long as a thousand of them."""
 
 MANY_ROWS, MANY_ROWS_OFTEN = 500, 32
-"""Rows of a group from which its normal equations are summed: that takes time to compile, so fewer in streams."""
+"""Rows of a group from which its normal equations are summed: that takes time to compile; streams have fewer."""
 
 ITERATIONS_OF_MANY = 20.0
 """Iterations that a solve of many takes, as a guess."""
