@@ -95,7 +95,7 @@ def _refuse(sequence: Sequence, settings: Settings) -> None:
 
 
 def _rules(estimator: Estimator, settings: Settings, lossy: bool) -> Rules:
-    once = estimator.method in (SequenceMethod.EKF, SequenceMethod.TRUNCATED)
+    once = estimator.method in (SequenceMethod.EKF, SequenceMethod.TRUNCATED) and not estimator.iterated
     if once and lossy:
         what = "linearises once, and a loss needs iteration"
         mend = "use `iterated-ekf` or a smoother"

@@ -15,10 +15,10 @@ from mbm.problem.sequence.types import Estimator, SequenceMethod
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
 METHODS = tuple(method.value for method in SequenceMethod)
-USAGE = ":method ekf | iterated-ekf | (truncated-ekf [:skip 3]) | (smoother [:lag n]) | batch"
+USAGE = ":method ekf | iterated-ekf | (truncated-ekf [:skip 3] [:iterated true]) | (smoother [:lag n]) | batch"
 MOST_HYPOTHESES = 1000
 LONGEST_LAG = 1_000_000_000
-_OPTIONS = {SequenceMethod.TRUNCATED: ("skip",), SequenceMethod.SMOOTHER: ("lag",)}
+_OPTIONS = {SequenceMethod.TRUNCATED: ("skip", "iterated"), SequenceMethod.SMOOTHER: ("lag",)}
 
 
 def is_of_sequences(form: Form | None) -> bool:
@@ -71,6 +71,11 @@ def _read(work: Workspace, form: Form) -> Estimator:
     if skip is not None:
         wrong = "`:skip` is a number of standard deviations above 0"
         found = replace(found, skip=number_within(work, skip, 0.0, inf, wrong, usage=USAGE))
+    iterated = options.get("iterated")
+    if iterated is not None:
+        if not isinstance(iterated, Symbol) or iterated.name not in ("true", "false"):
+            raise MbmError(language_faults.bad_form(iterated.span, "`:iterated` is true or false", USAGE))
+        found = replace(found, iterated=iterated.name == "true")
     if lag is not None:
         found = replace(found, lag=_whole(work, lag, LONGEST_LAG, ":lag"))
     return found

@@ -32,12 +32,13 @@ class SequenceMethod(StrEnum):
 class Estimator:
     """The method that the problem asks for.
 
-    ``skip``: a cut farther away than so many standard deviations is left out. ``lag``: the smoother's steps (None:
-    all). ``hypotheses``: how many are kept at most.
+    ``skip``: a cut farther away than so many standard deviations is left out. ``iterated``: updates before cuts are.
+    ``lag``: the smoother's steps (None: all). ``hypotheses``: how many are kept at most.
     """
 
     method: SequenceMethod = SequenceMethod.BATCH
     skip: float = 3.0
+    iterated: bool = False
     lag: int | None = None
     hypotheses: int = 1
     span: Span | None = None

@@ -90,6 +90,35 @@ def spreads(inputs, still=()):
     return np.tile(found, (54, 1, 1))
 
 
+def sequence_text(inputs, mean, covariance, method):
+    """The same in the language of sequences: ``mean`` and ``covariance`` by name and in the order of the reference."""
+    place = inputs["state"].index
+    q = [place(f"q{i}") for i in range(4)]
+    stated = "[" + " ".join("[" + " ".join(repr(float(covariance[i, j])) for j in q) + "]" for i in q) + "]"
+
+    def known(name):
+        return f":init {float(mean[name])!r} :sigma {float(np.sqrt(covariance[place(name), place(name)]))!r}"
+
+    plain = [name for name in MOVING if not name.startswith("q")]
+    states = " ".join(f"({name} {known(name)})" for name in plain)
+    sizes = " ".join(f"({name} {known(name)})" for name in inputs["state"][28:])
+    moved = " ".join(
+        f"(constant-velocity {name} :acceleration {inputs['acc_sd'][place(name)]!r} :velocity 0"
+        f" :velocity-sigma {float(np.sqrt(covariance[14 + place(name), 14 + place(name)]))!r})"
+        for name in plain
+    )
+    spin = float(np.sqrt(covariance[14 + q[0], 14 + q[0]]))
+    return f"""(problem hand (data o external)
+  (unknowns {sizes})
+  (states :over k {states} (q (vector 4) :init [{" ".join(repr(float(mean[f"q{i}"])) for i in range(4))}]
+    :covariance {stated}))
+  (define (q0 (q 1)) (q1 (q 2)) (q2 (q 3)) (q3 (q 4)))
+{MODEL}
+  (dynamics {moved} (constant-velocity q :acceleration {inputs["acc_sd"][2]!r} :velocity 0 :velocity-sigma {spin!r}))
+  {rows_text(inputs)}
+  (solve :method {method}))"""
+
+
 def table(path):
     """Columns of a CSV file, by name."""
     names = path.read_text().splitlines()[0].split(",")

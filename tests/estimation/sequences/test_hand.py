@@ -9,9 +9,18 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+import mbm
 from mbm.estimation.sequences.walk import Prior, Rules
 from tests.estimation.sequences.chains import chained
-from tests.estimation.sequences.hand import hand_text, moves_text, observed, settings, spreads, table
+from tests.estimation.sequences.hand import (
+    hand_text,
+    moves_text,
+    observed,
+    sequence_text,
+    settings,
+    spreads,
+    table,
+)
 
 SIZES = ("r11", "r12", "r13", "r21", "r22", "r23", "rw", "rh")
 
@@ -79,3 +88,29 @@ def test_iterated_cuts_come_closer_to_the_sizes_than_the_printed_filter(folder):
     ours = np.linalg.norm(found.points[-1][:8] - sizes)
     theirs = np.linalg.norm([printed[name][-1] - truth[name][-1] for name in SIZES])
     assert ours < 0.5 * theirs
+
+
+@pytest.mark.parametrize(
+    ("method", "rules"),
+    [
+        ("smoother", Rules(iterations=100, smooth=True)),
+        ("(truncated-ekf :iterated true)", Rules(iterations=100, cut=True, tolerance=1e-6)),
+    ],
+)
+def test_the_language_says_the_same(folder, method, rules):
+    """With states, a first covariance of rank 3, and plain unknowns for the sizes, which are cut once."""
+    inputs = settings(folder)
+    mean = {name: column[0] for name, column in table(folder / "x0_A.csv").items()}
+    text = sequence_text(inputs, mean, np.loadtxt(folder / "P0_A.csv", delimiter=","), method)
+    result = mbm.loads(text).solve(data={"o": observed(folder)})
+    truth = table(folder / "truth_A.csv")
+    error = np.array([result[name].value - truth[name][-1] for name in SIZES])
+    sigma = np.array([result[name].sigma for name in SIZES])
+    assert result.solves[0].dof == 55 * 24
+    assert np.abs(error / sigma).max() < 3.0
+    made, prior, names = sequence(folder, SIZES)
+    walked = made.walk(prior, rules)
+    if rules.smooth:
+        # Gauss-Newton's method ends along a flat valley within 1e-9 of a deviation in the metric of the cost
+        np.testing.assert_allclose(result["th13"].value, walked.points[:, names.index("th13")], rtol=0, atol=1e-5)
+        assert result.solves[0].cost == pytest.approx(walked.cost, rel=1e-9)

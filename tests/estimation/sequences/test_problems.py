@@ -221,3 +221,15 @@ def test_an_absolute_value_is_cut_on_both_sides_in_order():
     assert both["c"].sigma == pytest.approx(apart["c"].sigma, rel=1e-13)
     one = solved("truncated-ekf", rest="(constraints (<= c 0.5))", **given)
     assert both["c"].sigma < 0.9 * one["c"].sigma
+
+
+def test_cuts_may_follow_iterated_updates():
+    """Without a cut that matters it is the iterated filter; a loss is allowed."""
+    curved = {"observe": "(= y (+ (exp x) b)) :sigma s", "rest": "(constraints (<= x 50))"}
+    cut, plain = solved("(truncated-ekf :iterated true)", **curved), solved("iterated-ekf", **curved)
+    np.testing.assert_allclose(cut["x"].value, plain["x"].value, rtol=0, atol=1e-12)
+    assert np.abs(cut["x"].value - solved("truncated-ekf", **curved)["x"].value).max() > 1e-4
+    lossy = solved("(truncated-ekf :iterated true)", observe="(= y (+ x b)) :sigma s :loss (huber 1.5)")
+    assert lossy.status == "converged"
+    with pytest.raises(mbm.MbmError, match="is true or false"):
+        solved("(truncated-ekf :iterated 3)")
