@@ -49,13 +49,13 @@ def write_solves(result: Result, stream: TextIO) -> None:
     keys = found.key_names
     lines = DelimitedLines(stream)
     lines.row(
-        [*_titles(keys, taken), *SOLVE_COLUMNS, *(text_cell(name + end) for name in names for end in ("", ".sigma"))]
+        [*key_titles(keys, taken), *SOLVE_COLUMNS, *(text_cell(name + end) for name in names for end in ("", ".sigma"))]
     )
-    cells = [[_key_cell(key.get(name)) for key in found.keys] for name in keys]
+    cells = [[key_cell(key.get(name)) for key in found.keys] for name in keys]
     cells.append([status.value for status in found.statuses])
-    cells += [[_cell(number) for number in numbers] for numbers in found.fits.values()]
+    cells += [[number_cell(number) for number in numbers] for numbers in found.fits.values()]
     for scalar in found.scalars:  # what is not there is NaN
-        cells += [[_cell(number) for number in numbers.tolist()] for numbers in (scalar.values, scalar.sigmas)]
+        cells += [[number_cell(number) for number in numbers.tolist()] for numbers in (scalar.values, scalar.sigmas)]
     lines.rows(zip(*cells, strict=True))
 
 
@@ -69,7 +69,7 @@ def write_estimates(result: Result, stream: TextIO) -> None:
     """
     keys = _key_columns(result.solves)
     lines = DelimitedLines(stream)
-    lines.row([*_titles(keys, set(ESTIMATE_COLUMNS)), *ESTIMATE_COLUMNS])
+    lines.row([*key_titles(keys, set(ESTIMATE_COLUMNS)), *ESTIMATE_COLUMNS])
     for solve in result.solves:
         key = _key_cells(solve.key, keys)
         items: list[Estimate | DerivedValue] = [*solve.estimates, *solve.derived]
@@ -83,10 +83,10 @@ def write_estimates(result: Result, stream: TextIO) -> None:
                     [
                         *key,
                         text_cell(item.quantity.name),
-                        _key_cell(member),
+                        key_cell(member),
                         scalar.name.removeprefix(beginning).removeprefix("."),
-                        _cell(scalar.value),
-                        _cell(scalar.sigma),
+                        number_cell(scalar.value),
+                        number_cell(scalar.sigma),
                         text_cell(unit_text(scalar.quantity)),
                         _kind(scalar),
                         text_cell(scalar.name),
@@ -108,7 +108,7 @@ def write_residuals(result: Result, stream: TextIO) -> None:
     """
     keys = _key_columns(result.solves)
     lines = DelimitedLines(stream)
-    lines.row([*_titles(keys, set(RESIDUAL_COLUMNS)), *RESIDUAL_COLUMNS])
+    lines.row([*key_titles(keys, set(RESIDUAL_COLUMNS)), *RESIDUAL_COLUMNS])
     for solve in result.solves:
         key = _key_cells(solve.key, keys)
         for row in solve.rows():
@@ -116,12 +116,12 @@ def write_residuals(result: Result, stream: TextIO) -> None:
                 [
                     *key,
                     text_cell(row.clause),
-                    _cell(row.row),
-                    _cell(row.value),
-                    _cell(row.residual),
-                    _cell(row.weight),
+                    number_cell(row.row),
+                    number_cell(row.value),
+                    number_cell(row.residual),
+                    number_cell(row.weight),
                     row.component,
-                    _cell(row.file_row),
+                    number_cell(row.file_row),
                     "true" if row.used else "false",
                 ]
             )
@@ -131,20 +131,23 @@ def _key_columns(solves: Sequence[SolveReport]) -> list[str]:
     return list(dict.fromkeys(name for solve in solves for name in solve.key))
 
 
-def _titles(keys: Iterable[str], taken: set[str]) -> list[str]:
+def key_titles(keys: Iterable[str], taken: set[str]) -> list[str]:
+    """The names of key columns, beside columns called as in ``taken``."""
     return [f"key.{name}" if name in taken else text_cell(name) for name in keys]
 
 
 def _key_cells(key: Mapping[str, Key], columns: Iterable[str]) -> list[str]:
-    return [_key_cell(key.get(name)) for name in columns]
+    return [key_cell(key.get(name)) for name in columns]
 
 
-def _key_cell(key: Key | None) -> str:
+def key_cell(key: Key | None) -> str:
+    """A key as a cell of a CSV file."""
     cell = None if key is None else plain_key(key)
     return "" if cell is None else text_cell(cell) if isinstance(cell, str) else str(cell)
 
 
-def _cell(number: float | int | None) -> str:
+def number_cell(number: float | int | None) -> str:
+    """A number as a cell of a CSV file, empty where there is none."""
     if number is None or not isfinite(number):
         return ""
     return str(number) if isinstance(number, int) else repr(float(number))
