@@ -56,11 +56,11 @@ def write_solves(result: Result, stream: TextIO) -> None:
     taken = {*SOLVE_COLUMNS, *(name for name, _ in columns)}
     keys = found.key_names
     lines = DelimitedLines(stream)
-    lines.row([*_titles(keys, taken), *SOLVE_COLUMNS, *(text_cell(name) for name, _ in columns)])
-    cells = [[_key_cell(key.get(name)) for key in found.keys] for name in keys]
+    lines.row([*key_titles(keys, taken), *SOLVE_COLUMNS, *(text_cell(name) for name, _ in columns)])
+    cells = [[key_cell(key.get(name)) for key in found.keys] for name in keys]
     cells.append([status.value for status in found.statuses])
-    cells += [[_cell(number) for number in numbers] for numbers in found.fits.values()]
-    cells += [[_cell(number) for number in numbers.tolist()] for _, numbers in columns]  # what is not there is NaN
+    cells += [[number_cell(number) for number in numbers] for numbers in found.fits.values()]
+    cells += [[number_cell(number) for number in numbers.tolist()] for _, numbers in columns]  # what is not there is NaN
     lines.rows(zip(*cells, strict=True))
 
 
@@ -75,7 +75,7 @@ def write_estimates(result: Result, stream: TextIO) -> None:
     """
     keys = _key_columns(result.solves)
     lines = DelimitedLines(stream)
-    lines.row([*_titles(keys, set(ESTIMATE_COLUMNS)), *ESTIMATE_COLUMNS])
+    lines.row([*key_titles(keys, set(ESTIMATE_COLUMNS)), *ESTIMATE_COLUMNS])
     for solve in result.solves:
         key = _key_cells(solve.key, keys)
         items: list[Estimate | DerivedValue] = [*solve.estimates, *solve.derived]
@@ -90,10 +90,10 @@ def write_estimates(result: Result, stream: TextIO) -> None:
                     [
                         *key,
                         text_cell(item.quantity.name),
-                        _key_cell(member),
+                        key_cell(member),
                         scalar.name.removeprefix(beginning).removeprefix("."),
-                        _cell(scalar.value),
-                        _cell(scalar.sigma),
+                        number_cell(scalar.value),
+                        number_cell(scalar.sigma),
                         text_cell(unit_text(scalar.quantity)),
                         _kind(scalar),
                         text_cell(scalar.name),
@@ -107,12 +107,12 @@ def _interval_cells(item: Estimate | DerivedValue, coverage: float) -> Iterator[
     found = intervals(item, coverage)
     parts = (found.dof, found.k, found.expanded, found.low, found.high)
     for *numbers, kind in zip(*(np.ravel(part).tolist() for part in (*parts, found.names())), strict=True):
-        yield [*map(_cell, numbers), kind or ""]
+        yield [*map(number_cell, numbers), kind or ""]
 
 
 def _bound_cells(low: float, high: float) -> list[str]:
     """The cells of ``INTERVAL_COLUMNS`` of guaranteed bounds."""
-    return ["", "", "", _cell(low), _cell(high), ""]
+    return ["", "", "", number_cell(low), number_cell(high), ""]
 
 
 def _kind(scalar: Scalar) -> str:
@@ -129,7 +129,7 @@ def write_residuals(result: Result, stream: TextIO) -> None:
     """
     keys = _key_columns(result.solves)
     lines = DelimitedLines(stream)
-    lines.row([*_titles(keys, set(RESIDUAL_COLUMNS)), *RESIDUAL_COLUMNS])
+    lines.row([*key_titles(keys, set(RESIDUAL_COLUMNS)), *RESIDUAL_COLUMNS])
     for solve in result.solves:
         key = _key_cells(solve.key, keys)
         for row in solve.rows():
@@ -137,12 +137,12 @@ def write_residuals(result: Result, stream: TextIO) -> None:
                 [
                     *key,
                     text_cell(row.clause),
-                    _cell(row.row),
-                    _cell(row.value),
-                    _cell(row.residual),
-                    _cell(row.weight),
+                    number_cell(row.row),
+                    number_cell(row.value),
+                    number_cell(row.residual),
+                    number_cell(row.weight),
                     row.component,
-                    _cell(row.file_row),
+                    number_cell(row.file_row),
                     "true" if row.used else "false",
                 ]
             )
@@ -152,20 +152,23 @@ def _key_columns(solves: Sequence[SolveReport]) -> list[str]:
     return list(dict.fromkeys(name for solve in solves for name in solve.key))
 
 
-def _titles(keys: Iterable[str], taken: set[str]) -> list[str]:
+def key_titles(keys: Iterable[str], taken: set[str]) -> list[str]:
+    """The names of key columns, beside columns called as in ``taken``."""
     return [f"key.{name}" if name in taken else text_cell(name) for name in keys]
 
 
 def _key_cells(key: Mapping[str, Key], columns: Iterable[str]) -> list[str]:
-    return [_key_cell(key.get(name)) for name in columns]
+    return [key_cell(key.get(name)) for name in columns]
 
 
-def _key_cell(key: Key | None) -> str:
+def key_cell(key: Key | None) -> str:
+    """A key as a cell of a CSV file."""
     cell = None if key is None else plain_key(key)
     return "" if cell is None else text_cell(cell) if isinstance(cell, str) else str(cell)
 
 
-def _cell(number: float | int | None) -> str:
+def number_cell(number: float | int | None) -> str:
+    """A number as a cell of a CSV file, empty where there is none."""
     if number is None or not isfinite(number):
         return ""
     return str(number) if isinstance(number, int) else repr(float(number))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from io import StringIO
 from typing import Any
 
 import numpy as np
 
+from mbm.data.writers import DelimitedLines
+from mbm.report.exports import key_cell, key_titles, number_cell
 from mbm.report.trajectories.types import DEGREE, Errors, Floats, Segments, Statistics, Trajectory
 
 MAIN = "translation"
@@ -63,27 +64,23 @@ def _statistics(found: Statistics) -> dict[str, Any]:
 def error_rows(trajectories: Sequence[Trajectory]) -> str:
     """One row for each pose, as CSV: keys, row of the table, time, errors of the pose and of the step that ends there.
 
-    Lengths are in the unit of the measurement, rotations in deg.
+    Lengths are in the unit of the measurement, rotations in deg. Cells are empty where there is no number.
     """
     stream = StringIO(newline="")
     keys = tuple(trajectories[0].key) if trajectories else ()
-    steps = trajectories[0].rpe[:1] if trajectories else ()
-    header = [*keys, "row", "t", "ape", "ape_rotation", *(("rpe", "rpe_rotation") if steps else ())]
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
+    header = ["row", "t", "ape", "ape_rotation", "rpe", "rpe_rotation"]
+    lines = DelimitedLines(stream)
+    lines.row([*key_titles(keys, set(header)), *header])
     for found in trajectories:
-        columns = [*_columns(found.ape, np.arange(len(found.rows)), len(found.rows))]
-        for each in found.rpe[:1]:
-            columns += _columns(each.errors, each.end, len(found.rows))
-        times = np.full(len(found.rows), np.nan) if found.times is None else found.times
-        for i, row in enumerate(found.rows.tolist()):
-            cells = [times[i], *(column[i] for column in columns)]
-            writer.writerow([*_key(found.key, keys), row, *("" if np.isnan(c) else repr(float(c)) for c in cells)])
+        count = len(found.rows)
+        columns = [np.full(count, np.nan) if found.times is None else found.times]
+        columns += _columns(found.ape, np.arange(count), count)
+        step = found.rpe[0] if found.rpe else None
+        columns += [np.full(count, np.nan)] * 2 if step is None else _columns(step.errors, step.end, count)
+        own = [key_cell(found.key[name]) for name in keys]
+        for row, *cells in zip(found.rows.tolist(), *(column.tolist() for column in columns), strict=True):
+            lines.row([*own, str(row), *map(number_cell, cells)])
     return stream.getvalue()
-
-
-def _key(key: Mapping[str, Any], names: Sequence[str]) -> list[Any]:
-    return [key.get(name, "") for name in names]
 
 
 def _columns(errors: Errors, places: np.ndarray, count: int) -> list[Floats]:

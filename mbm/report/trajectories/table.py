@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mbm.problem.naming import key_text
 from mbm.report.trajectories.types import Errors, Segments, Statistics, Trajectory
 
 HEADER = ("", "rmse", "mean", "median", "std", "min", "max", "95 %", "unit", "rows")
@@ -19,7 +20,7 @@ def text(trajectories: Sequence[Trajectory], *, full: bool = False) -> str:
     """The table; ``full`` adds the errors of the matrices."""
     lines: list[str] = []
     for found in trajectories:
-        key = "".join(f", {name} = {value}" for name, value in found.key.items())
+        key = "".join(f", {name} = {key_text(value)}" for name, value in found.key.items())
         sides = " against ".join(f"`{side.rstrip('.')}`" for side in found.sides)
         lines += [f"trajectory `{found.clause}`{key}: {sides}, {len(found.rows)} poses", ""]
         rows = [HEADER, *_rows("absolute", found.ape, full=full)]
