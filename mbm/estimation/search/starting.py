@@ -82,11 +82,15 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     if not bool(open_ones.any()):
         return (Beginning(point=numbers, origin=GIVEN),)
     # Here and below: loaded where starts are missing only, so that other problems start at once.
+    from mbm.estimation.search.aligning import aligned
     from mbm.estimation.starts.closed_forms.completion import completions
     from mbm.estimation.starts.closed_forms.situation import Situation
     from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 
     wanted_numbers = np.where(open_ones, np.nan, numbers)
+    tied = aligned(equations, wanted_numbers, settings) if settings.closed_forms else None
+    if tied is not None:
+        return (Beginning(point=tied[0], origin=tied[1]),)
     situation = Situation(layout=layout, groups=equations.groups, numbers=wanted_numbers, most=ENOUGH)
     found = completions(situation, settings.closed_forms)
     most = min(int(np.isnan(c.numbers).sum()) for c in found)
