@@ -39,7 +39,6 @@ def enclosure_report(problem: Problem, found: Enclosure) -> SolveReport:
             Piece(estimates=_estimates(problem, found, each), derived=_derived(problem, found, each))
             for each in found.pieces
         ),
-        diagnostics=found.diagnostics,
     )
 
 

@@ -10,10 +10,11 @@ import numpy as np
 from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
+from mbm.problem.enclosing import Enclosing
 from mbm.problem.overrides import Overrides
 from mbm.problem.requests import GivenStarts, RandomStarts
 from mbm.problem.tables import Table
-from mbm.problem.types import BlockRole, Consensus, Problem
+from mbm.problem.types import BlockRole, Consensus, Method, Problem, Request
 from mbm.report.from_solution import report_of
 from mbm.report.inputs import InputFile
 from mbm.report.options import Progress
@@ -82,6 +83,7 @@ def result_of(
             **_starts_option(request.starts),
             **_robust_option(request.robust),
             **_constraints_option(problem),
+            **_enclosing_option(request),
             **asked,
         },
         inputs=_inputs(raw),
@@ -143,6 +145,16 @@ def _robust_option(consensus: Consensus | None) -> Mapping[str, object]:
         return {}
     given = {"trials": consensus.trials, "threshold": consensus.threshold, "quantile": consensus.quantile}
     return {"robust": {"kind": consensus.kind.value, **{name: x for name, x in given.items() if x is not None}}}
+
+
+def _enclosing_option(request: Request) -> Mapping[str, object]:
+    """What interval methods are asked for; nothing of other methods."""
+    if request.method is not Method.INTERVAL:
+        return {}
+    asked = request.enclosing or Enclosing()
+    widths = {name: [float(each.value) for each in stated] for name, stated in asked.widths.items()}
+    own = {"widths": widths} if widths else {}
+    return {"interval": {"contract": asked.contractor.value, "width": asked.fraction, **own, "boxes": asked.boxes}}
 
 
 def _constraints_option(problem: Problem) -> Mapping[str, object]:

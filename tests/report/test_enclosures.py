@@ -43,6 +43,8 @@ def test_bounds_take_the_place_of_sigma(result) -> None:
     assert (solve["method"], solve["boxes"], solve["covariance"], solve["cost"]) == ("interval-hc4", 1, None, None)
     assert solve["reasons"]["cost"] == "interval methods fit nothing"
     json.dumps(solve, allow_nan=False)
+    asked = result.document()["options"]["interval"]
+    assert asked == {"contract": "hc4", "width": 1.0, "boxes": 50_000}
 
 
 def test_bounds_are_rounded_outwards_in_other_units(result) -> None:

@@ -6,8 +6,7 @@ for all others. A node that the rows of a table share has one value, others one 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import replace
 
 from mbm.equations.layout import Layout
 from mbm.equations.types import Indices, Mask
@@ -74,7 +73,6 @@ class Network:
     high: Floats
     free: Mask
     full_turn: Mask
-    rows: int = field(default=0)
 
     @property
     def numbers(self) -> int:
@@ -83,10 +81,4 @@ class Network:
 
     def without_observations(self) -> Network:
         """The constraints alone."""
-        from dataclasses import replace
-
         return replace(self, demands=tuple(each for each in self.demands if not each.observed))
-
-
-Extents = Mapping[int, Interval]
-"""The intervals of nodes, each (boxes, rows)."""

@@ -8,7 +8,6 @@ from mbm.equations.layout import Layout
 from mbm.estimation.intervals.arithmetic import Floats
 from mbm.estimation.intervals.network import Wanted
 from mbm.problem.tables import CellKey, Table
-from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
 
@@ -42,4 +41,3 @@ class Enclosure:
     boxes: int
     reached: bool
     seconds: float
-    diagnostics: tuple[Diagnostic, ...] = ()
