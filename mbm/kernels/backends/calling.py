@@ -97,21 +97,25 @@ class _Arguments:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """Some outputs of a program."""
+    """Some outputs of a program, which takes the inputs at ``used`` alone."""
 
     outputs: Sequence[int] | slice
+    used: NDArray[np.int64]
     program: Program
     steps: tuple[Step, ...]
 
     @staticmethod
     def of(program: Program, outputs: list[int]) -> _Part:
-        own = program.restricted(outputs)
+        whole = program.restricted(outputs)
+        used = [place for place, value in enumerate(whole.inputs) if value >= 0]
+        own = replace(whole, inputs=tuple(whole.inputs[place] for place in used))
         together = outputs == list(range(outputs[0], outputs[-1] + 1)) if outputs else False
-        return _Part(slice(outputs[0], outputs[-1] + 1) if together else outputs, own, steps_of(own))
+        places = slice(outputs[0], outputs[-1] + 1) if together else outputs
+        return _Part(places, np.array(used, dtype=np.int64), own, steps_of(own))
 
     def at(self, inputs: Floats) -> Floats:
         found = np.empty((len(inputs), len(self.program.outputs)))
-        run(self.program, self.steps, inputs, found)
+        run(self.program, self.steps, inputs[:, self.used], found)
         return found
 
 
