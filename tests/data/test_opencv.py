@@ -167,7 +167,7 @@ def test_what_a_node_may_have_wrong(tables, text, node, reason):
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("a: [ 1, 2\n", "line 2"),
+        ("a: [ 1, 2\n", "line 1"),
         ("a: 1\na: 2\n", "the key `a` stands twice"),
         ("a: *b\n", "has no anchor before it"),
         ("a: &a [ *a ]\n", "has no anchor before it"),

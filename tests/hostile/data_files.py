@@ -63,6 +63,16 @@ def sound(kind: str) -> bytes:
             camera = "500 0 0\n1 0 0\n0 1 0\n0 0 1\n0 0 -4\n"
             points = "".join(f"0.{i} 0 0\n9 9 9\n2 0 {i} {i}.5 1 1 {i} 2 3\n" for i in range(3))
             return ("# Bundle file v0.3\n2 3\n" + 2 * camera + points).encode()
+        case "opencv":
+            matrix = "!!opencv-matrix\n   rows: 3\n   cols: 2\n   dt: d\n   data: [ 1., 2., 3., 4., 5.5, .7 ]\n"
+            return f"%YAML:1.0\n---\nflags: 3\nK: {matrix}sizes: [ 9, 6 ]\n".encode()
+        case "kalibr":
+            pose = "".join(f"  - [{row}]\n" for row in ("1, 0, 0, 0.5", "0, 1, 0, 0.1", "0, 0, 1, 0", "0, 0, 0, 1"))
+            camera = (
+                "  camera_model: pinhole\n  distortion_coeffs: [-0.28, 0.07, 0, 0]\n  distortion_model: radtan\n"
+                "  intrinsics: [458.5, 457.2, 367.5, 248.2]\n  resolution: [752, 480]\n"
+            )
+            return f"cam0:\n{camera}cam1:\n{camera}  T_cn_cnm1:\n{pose}".encode()
         case _:
             nodes = "".join(f"VERTEX_SE2 {i} {i} 0 0.1\n" for i in range(4))
             edges = "".join(f"EDGE_SE2 {i} {i + 1} 1 0 0.1 1 0 0 1 0 1\n" for i in range(3))
@@ -81,6 +91,11 @@ SOURCES = {
     "bundler": (
         '(data c (bundler "d.bundler" :images)) (data d (bundler "d.bundler" :observations))',
         "(observe d (= u (+ a (* b v))) :sigma 1) (observe c (= z a) :sigma 1)",
+    ),
+    "opencv": ('(data d (opencv "d.opencv" "K"))', "(observe d (= c1 (+ a (* b c2))) :sigma 1)"),
+    "kalibr": (
+        '(data d (kalibr "d.kalibr" :cameras)) (data e (kalibr "d.kalibr" :transforms))',
+        "(observe d (= fx (+ a (* b fy))) :sigma 1) (observe e (= x a) :sigma 1)",
     ),
     "g2o": (
         '(data n (g2o "d.g2o" :vertices)) (data d (g2o "d.g2o" :edges))',
@@ -131,6 +146,20 @@ def bomb(kind: str, choices: Choices) -> bytes:
             return f"{many} {choices.one_of((many, 3))} {choices.one_of((many, 6))}\n0 0 1 2\n".encode()
         case "bundler":
             return f"{many} {choices.one_of((many, 3))}\n0 0 0\n".encode()
+        case "opencv" | "kalibr":
+            billions = "a: &a [0, 0, 0, 0, 0, 0, 0, 0, 0, 0]\n" + "".join(
+                f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join([f'*{chr(97 + i)}'] * 10)}]\n" for i in range(9)
+            )
+            return choices.one_of(
+                (
+                    f"K: !!opencv-matrix\n   rows: {many}\n   cols: {many}\n   dt: d\n   data: [ 1. ]\n",
+                    billions,
+                    "cam0: " + "[" * 10 ** choices.below(5),
+                    "K: !!python/object/apply:os.system [ 'true' ]\n",
+                    "cam0:\n  intrinsics: [" + ", ".join(["1"] * 10 ** choices.below(5)) + "]\n",
+                    "K: " + "9" * 10 ** choices.below(6) + "\n",
+                )
+            ).encode()
         case "g2o":
             return f"VERTEX_SE2 {many} 0 0 0\nEDGE_SE2 {many} 0 1 0 0 1 0 0 1 0 1\n".encode()
         case "csv" | "tsv":

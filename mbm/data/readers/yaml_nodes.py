@@ -105,7 +105,8 @@ def read_document(path: Path, what: str) -> Document:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         reason = getattr(error, "problem", None) or str(error).split("\n", 1)[0]
-        place = DataPlace(file=shown, row=None if mark is None else mark.line + 1)
+        last = max(len(text.splitlines()), 1)  # what is missing at the end is missing in the line behind it
+        place = DataPlace(file=shown, row=None if mark is None else min(mark.line + 1, last))
         raise MbmError(format_faults.malformed_yaml(place, reason)) from None
     if builder.root is None:
         raise MbmError(format_faults.malformed_yaml(DataPlace(file=shown), "it holds nothing"))
