@@ -10,8 +10,6 @@ from mbm.problem.overrides import ConstantValue, Override
 from mbm.report.considered import considered
 from mbm.report.types import Result
 
-SIDES = (-1.0, 1.0)
-
 
 def with_constants(
     result: Result, constants: tuple[ConstantValue, ...], inputs: Inputs, again: Callable[[Inputs], Result]
@@ -19,7 +17,7 @@ def with_constants(
     """The ``result`` with the uncertainties of ``constants``, for which the problem is solved ``again`` with others."""
     moved = []
     for constant, element in _uncertain(constants):
-        below, above = (again(_moved(inputs, constant, element, side)) for side in SIDES)
+        below, above = (again(_moved(inputs, constant, element, side)) for side in (-1.0, 1.0))
         moved.append((constant.name, below, above))
     return considered(result, moved)
 
