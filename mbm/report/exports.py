@@ -60,7 +60,7 @@ def write_solves(result: Result, stream: TextIO) -> None:
     cells = [[key_cell(key.get(name)) for key in found.keys] for name in keys]
     cells.append([status.value for status in found.statuses])
     cells += [[number_cell(number) for number in numbers] for numbers in found.fits.values()]
-    cells += [[number_cell(number) for number in numbers.tolist()] for _, numbers in columns]  # what is not there is NaN
+    cells += [[number_cell(number) for number in numbers.tolist()] for _, numbers in columns]  # NaN: not there
     lines.rows(zip(*cells, strict=True))
 
 
