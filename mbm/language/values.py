@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from mbm.expression.nodes import (
@@ -397,4 +396,4 @@ class Vocabulary:
     special_forms: Mapping[str, SpecialForm]
     functions: FunctionTable
     not_yet: Mapping[str, str]
-    late: Mapping[str, Callable[[Evaluator, Sequence, Scope], Value | None]] = MappingProxyType({})
+    late: Mapping[str, Callable[[Evaluator, Sequence, Scope], Value | None]] = field(default_factory=dict)
