@@ -74,9 +74,10 @@ class Solved:
         if len(self.result.solves) > 1:
             message = f"there are {len(self.result.solves)} solves: `{name}` of each is in `.table()`, or in `.solves`"
             raise LookupError(message)
+        first = self.first
         for item in self._items():
             if item.quantity.name == name:
-                return named(item, self.first.coverage)
+                return named(item, first.coverage)
         message = f"`{name}` is neither estimated nor derived; there are {', '.join(self)}"
         raise KeyError(message)
 

@@ -92,10 +92,9 @@ def test_wrong_calls_are_diagnostics(given: dict[str, object], problem: mbm.Prob
     assert all(d.code.name and d.message for d in caught.value.diagnostics)
 
 
-@pytest.mark.parametrize("given", [{"method": "smoother"}], ids=str)
-def test_what_comes_later_says_so(given: dict[str, object], problem: mbm.Problem, ranges: Ranges) -> None:
-    with pytest.raises(mbm.MbmError, match="not-available-yet"):
-        problem.solve(data={"ranges": ranges}, **given)  # type: ignore[arg-type]
+def test_methods_of_sequences_ask_for_states(problem: mbm.Problem, ranges: Ranges) -> None:
+    with pytest.raises(mbm.MbmError, match="no-states"):
+        problem.solve(data={"ranges": ranges}, method="smoother")
 
 
 def test_start_from_values_and_from_a_document(problem: mbm.Problem, ranges: Ranges, solved: mbm.Solved) -> None:

@@ -131,7 +131,7 @@ def test_states_are_not_compiled(walk, tmp_path, target, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_filters_say_that_they_are_not_there_yet(walk, capsys):
-    assert run(["solve", str(walk), "--method", "ekf"]) == 2
-    assert "`:method ekf`" in capsys.readouterr().err
-    assert run(["solve", str(walk), "--method", "batch"]) == 0
+def test_the_command_line_chooses_the_method(walk, capsys):
+    for method, filtered in (("ekf", True), ("batch", False)):
+        run(["solve", str(walk), "--method", method, "--json", "-"])
+        assert (json.loads(capsys.readouterr().out)["solves"][0]["method"] == "ekf") == filtered
