@@ -86,7 +86,6 @@ def elaborate(
     _functions(work, session, clauses)
     stated = [each for c in _all(clauses, "constants") for each in read_constants(work, c, overrides)]
     numbers = constant_values(work, stated, definition.span)
-    constants = [each.name for each in stated]
     earlier = work.scope.earlier = Earlier(work.tables, {}, _names_of(clauses, "for-each"))
     plans, raw = _tables(work, clauses, load, earlier)
     pairs = _pairs(work, clauses)
@@ -99,7 +98,7 @@ def elaborate(
             read_camera(work, clause)
     _definitions(work, clauses)
     unknowns, priors = _unknowns(work, declarations)
-    starts = _starts(work, declarations, constants, overrides)
+    starts = _starts(work, declarations, [each.name for each in stated], overrides)
     taken = TakenNames()
     taken.places.update((prior.name, prior.span) for prior in priors)
     observed, concerns = _observed(work, clauses, taken, plans)
@@ -108,14 +107,11 @@ def elaborate(
     derived, aggregates = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = _request(work, clauses, declarations)
-    bounded = request is not None and request.method is Method.INTERVAL
-    with work.collecting():
-        blocks = trusting(work, _all(clauses, "solve"), blocks)
-    _check_content(work, declarations, bool(blocks) or bounded, definition)
+    blocks = _trusted(work, clauses, blocks)
+    _check_content(work, declarations, (blocks, request), definition)
     blocks = tuple(map(looking_back, blocks)) if earlier.asked else blocks
-    widths = request.enclosing.widths if request is not None and request.enclosing is not None else {}
-    wanted = (derived, aggregates)
-    dimensions, blocks, clashes = infer(unknowns, blocks, wanted, plans, pairs, tables, (starts, widths), sequence)
+    given, wanted = (starts, _widths(request)), (derived, aggregates)
+    dimensions, blocks, clashes = infer(unknowns, blocks, wanted, plans, pairs, tables, given, sequence)
     work.diagnostics.extend(clashes)
     work.finish()
     if request is None:
@@ -142,12 +138,31 @@ def elaborate(
     return replace(_checked(problem, raw, tables, numbers_of, work.reads.consulted()), read=tuple(session.read))
 
 
-def _check_content(work: Workspace, declarations: list[Declaration], told: bool, definition: ProblemDefinition) -> None:
+def _trusted(work: Workspace, clauses: tuple[Sequence, ...], blocks: tuple[Block, ...]) -> tuple[Block, ...]:
+    """The blocks with the rows that no outlier rule may reject."""
+    with work.collecting():
+        blocks = trusting(work, _all(clauses, "solve"), blocks)
+    return blocks
+
+
+def _widths(request: Request | None) -> Mapping[str, tuple[Number, ...]]:
+    """How wide the boxes of interval methods may stay, by unknown."""
+    return {} if request is None or request.enclosing is None else request.enclosing.widths
+
+
+def _check_content(
+    work: Workspace,
+    declarations: list[Declaration],
+    told: tuple[tuple[Block, ...], Request | None],
+    definition: ProblemDefinition,
+) -> None:
     """Raise what was collected, and that there is nothing to estimate, or nothing that is ``told`` of it."""
+    blocks, request = told
+    bounded = request is not None and request.method is Method.INTERVAL
     if not declarations:
         if not work.undeclared:
             work.diagnostics.append(faults.no_unknowns(definition.span))
-    elif not told and not work.diagnostics:
+    elif not blocks and not bounded and not work.diagnostics:
         work.diagnostics.append(faults.no_equations(definition.span))
     work.finish()
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.equations.layout import Entry, half_turns
 from mbm.equations.types import NoiseState, Reason
@@ -238,19 +240,16 @@ def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each)
     own = entry.unknown.shape
     shape = (*leading, *(own if not entry.unknown.dimension else (entry.unknown.freedom,)))
     bound = each.bound[place]
-    every = (*steps, *shape)
     return Estimate(
         quantity=quantity,
-        value=np.broadcast_to(
-            numbers.reshape((*leading, *entry.unknown.shape)), (*steps, *leading, *entry.unknown.shape)
-        ),
-        sigma=np.broadcast_to(each.sigma[place].reshape(shape), every),
-        fixed=np.broadcast_to(each.fixed[place].reshape(shape), every),
+        value=_repeated(numbers.reshape((*leading, *entry.unknown.shape)), steps),
+        sigma=_repeated(each.sigma[place].reshape(shape), steps),
+        fixed=_repeated(each.fixed[place].reshape(shape), steps),
         keys=entry.keys if entry.steps is None else entry.steps,
         per=entry.unknown.family.rows if entry.unknown.family is not None else None,
-        at_bound=np.broadcast_to(bound.reshape(shape), every) if bool(bound.any()) else None,
+        at_bound=_repeated(bound.reshape(shape), steps) if bool(bound.any()) else None,
         reason=each.why_missing(place),
-        spread=entry_spread(solution, each.spread, entry, shape),
+        spread=entry_spread(solution, each.spread, entry, shape).each(lambda values: _repeated(values, steps)),
     )
 
 
@@ -263,6 +262,11 @@ def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alterna
         estimates=_estimates(there, how, _NOT_THE_BEST),
         remark=_MIRRORED if other.mirrored else None,
     )
+
+
+def _repeated(values: NDArray[Any], steps: tuple[int, ...]) -> NDArray[Any]:
+    """The values, for all steps where a state does not change."""
+    return np.tile(values, (*steps, *(1,) * values.ndim)) if steps else values
 
 
 def _hypothesis(solution: Solution, how: Shown, other: Hypothesis) -> Alternative:

@@ -38,13 +38,15 @@ class Spread:
 
     def at(self, place: int | slice) -> Spread:
         """A part along the leading axis: one of many solves, or some coordinates."""
-        return self._each(lambda values: np.asarray(values[place]))
+        return self.each(lambda values: np.asarray(values[place]))
 
     def shaped(self, shape: tuple[int, ...]) -> Spread:
         """The same in another shape."""
-        return self._each(lambda values: values.reshape(shape))
+        return self.each(lambda values: values.reshape(shape))
 
-    def _each(self, change: Callable[[Floats], Floats]) -> Spread:
+    def each(self, change: Callable[[Floats], Floats]) -> Spread:
+        """The same with all arrays changed alike."""
+
         def other(values: Floats | None) -> Floats | None:
             return None if values is None else change(values)
 

@@ -172,6 +172,7 @@ def test_the_options_say_what_was_asked_for() -> None:
         "method": "auto",
         "max-iterations": 100,
         "tolerance": 1e-10,
+        "coverage": 0.95,
         "backend": "auto",
     }
     solved = problem.solve(constants={"c": "3"}, init={"a": np.array(2.0)}, backend="numpy", method="dogleg")

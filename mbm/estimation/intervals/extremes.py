@@ -18,7 +18,7 @@ from mbm.values import dataclass
 MOST_STEPS = 12
 """Linear programmes for one side of one quantity."""
 
-SMALL_STEP = 1e-6
+FINE_STEP = 1e-6
 """Steps of difference quotients as a part of the box."""
 
 SHORTER = (1.0, 0.95, 0.8, 0.5, 0.25, 0.1, 0.03)
@@ -201,7 +201,7 @@ def _feasible(probe: Probe, reach: Reach, low: Floats, high: Floats, free: Indic
 def _linearised(network: Network, point: Floats, box: tuple[Floats, Floats, Indices]) -> tuple[Floats, Floats, Floats]:
     """Demanded values (M,) at a point, their slopes (M, n) and those of the scalars (Q, n), by differences."""
     low, high, free = box
-    step = SMALL_STEP * (high - low)[free]
+    step = FINE_STEP * (high - low)[free]
     moved = np.repeat(point[None], 2 * len(free) + 1, axis=0)
     moved[np.arange(len(free)), free] += step
     moved[len(free) + np.arange(len(free)), free] -= step

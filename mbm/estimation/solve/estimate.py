@@ -154,8 +154,7 @@ def answered(
 
         minimum = confirmed(weighted, minimum)
     observed = _observed(equations, weighted, minimum, robust, run.settings)
-    tested = robust.tested(minimum.residuals)
-    outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, tested)
+    outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, robust.tested(minimum.residuals))
     unused = np.flatnonzero(~equations.used & ~equations.layout.fixed)  # coordinates that no equation depends on
     numbers = _known(equations, minimum.point, unused)
     propagation = Propagation(

@@ -27,7 +27,7 @@ IN_IMAGE = np.stack([np.cos(_TURN), np.sin(_TURN), np.zeros(DIRECTIONS)])
 IN_SPACE = directions(sobol(DIRECTIONS, 2, 0)).T
 """Directions (3, DIRECTIONS) of space."""
 
-SMALL_STEP = 1e-6
+PROBE = 1e-6
 """Of a coordinate, or of 1 where that is more, for differences of images."""
 
 AT_A_TIME = 4_000_000
@@ -80,7 +80,7 @@ class Hulls:
         """Each of the points (S, N) after a small step of each coordinate (S·q, N), and the lengths (S, q)."""
         layout, count = self.layout, len(coordinates)
         number = layout.number[coordinates]
-        length = np.where(number >= 0, SMALL_STEP * np.maximum(np.abs(points[:, number]), 1.0), SMALL_STEP)
+        length = np.where(number >= 0, PROBE * np.maximum(np.abs(points[:, number]), 1.0), PROBE)
         step = np.zeros((len(points), count, len(layout.number)))
         step[:, np.arange(count), coordinates] = length
         moved = layout.retract(np.repeat(points, count, axis=0), step.reshape(-1, step.shape[2]))
