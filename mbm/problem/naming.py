@@ -15,8 +15,8 @@ EXACT_INTEGERS = 2**53
 class TakenNames:
     """The names of equations so far, each with its place. Local to one elaboration."""
 
-    def __init__(self) -> None:
-        self.places: dict[str, Span] = {}
+    def __init__(self, places: dict[str, Span] | None = None) -> None:
+        self.places: dict[str, Span] = places or {}
         self._next: dict[str, int] = {}
 
     def free(self, base: str, span: Span) -> str:
