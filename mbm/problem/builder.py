@@ -141,7 +141,7 @@ def _trusted(work: Workspace, clauses: tuple[Sequence, ...], blocks: tuple[Block
     """The blocks with the rows that no outlier rule may reject."""
     with work.collecting():
         blocks = trusting(work, _all(clauses, "solve"), blocks)
-    return blocks
+    return blocks  # noqa: RET504 - those that were there, where the condition is wrong
 
 
 def _widths(request: Request | None) -> Mapping[str, tuple[Number, ...]]:

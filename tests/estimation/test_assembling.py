@@ -91,7 +91,11 @@ def test_a_problem_solved_twice_says_the_same(path):
         assert said(compiled.solve()) == said(compiled.solve())
 
 
-@pytest.mark.parametrize("path", sorted(PROBLEMS.glob("*/*.mbm")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [path for path in sorted(PROBLEMS.glob("*/*.mbm")) if path.stem != "chain-intervals"],  # bounds are no residuals
+    ids=lambda path: path.stem,
+)
 def test_residuals_at_many_points_are_those_at_each(path):
     """Losses, matrices of weights, sampled tables, families and corrected columns are among the problems."""
     program = mbm.load(path)

@@ -12,7 +12,9 @@ from tests.symbolic.derivatives import LONG, blocks_of, check
 
 ROOT = Path(__file__).parents[2]
 PROBLEMS = ROOT / "problems"
-FILES = [path for path in sorted(PROBLEMS.glob("*/*.mbm")) if path.stem not in LONG]
+AT_A_KINK = ("boat",)
+"""Problems that start where a norm is 0."""
+FILES = [path for path in sorted(PROBLEMS.glob("*/*.mbm")) if path.stem not in (*LONG, *AT_A_KINK)]
 CASES = [(path, name) for path in FILES for name in mbm.load(path).names]
 EXAMPLES = ROOT / "tests" / "problems" / "examples"
 ROWS = 2

@@ -5,6 +5,8 @@ There is no tolerance: a bound that lies on the wrong side by one unit in the la
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 from collections.abc import Callable
 
 import mpmath
@@ -192,8 +194,18 @@ CODAC = {
 }  # fmt: skip
 
 
+@pytest.fixture
+def rounding_mode():
+    """The loaded library sets how the processor rounds, for the whole process: it is set back."""
+    mathematics = ctypes.CDLL(ctypes.util.find_library("m"))
+    before = mathematics.fegetround()
+    yield
+    assert mathematics.fesetround(before) == 0
+
+
 @pytest.mark.parametrize("operation", CODAC, ids=lambda o: o.name.lower())
 @np.errstate(all="ignore")
+@pytest.mark.usefixtures("rounding_mode")
 def test_values_are_those_of_codac(operation: Operation) -> None:
     """Both round outwards, by a few units in the last place of the value (here of the largest number in play)."""
     codac = pytest.importorskip("codac")
