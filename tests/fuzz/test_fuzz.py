@@ -15,7 +15,7 @@ from tests.trials.kinds import Home
 from tests.trials.outcome import known_codes
 from tests.trials.seeds import VARIABLE, base_seed
 
-CASES = int(os.environ.get("MBM_FUZZ_CASES", "10000"))
+CASES = int(os.environ.get("MBM_FUZZ_CASES", "4000"))
 BLOCKS = blocks_of(KINDS, CASES, base_seed())
 
 

@@ -149,7 +149,13 @@ def scripts():
     ]
 
 
-@pytest.mark.parametrize("script", scripts())
+LONG_SCRIPTS = ("photographs", "can")
+"""Those that draw or find images again."""
+
+
+@pytest.mark.parametrize(
+    "script", [pytest.param(s, marks=pytest.mark.slow) if s in LONG_SCRIPTS else s for s in scripts()]
+)
 def test_the_reference_scripts_still_give_the_expected_answers(script, monkeypatch):
     """The files that the scripts of ``problems/reference`` write are the ones that lie in the folders."""
     monkeypatch.syspath_prepend(str(ROOT))
