@@ -14,6 +14,9 @@ STEPS = 25
 SHORTER = 8
 """Times that a step is halved that makes neither the cost nor the distance from the target smaller."""
 
+FLAT = 1e-14
+"""Relative curvature below which a direction along the surface tells nothing."""
+
 DIFFERENCE = 1e-3
 """Step in standard deviations of the differences that give slopes and curvature of the quantity."""
 
@@ -99,7 +102,8 @@ def _constrained(residuals: Floats, slopes: Floats, gradient: Floats, curvature:
     hessian = slopes.T @ slopes
     for bent in (hessian - multiplier * curvature, hessian):
         reduced = basis.T @ bent @ basis
-        if float(np.linalg.eigvalsh(reduced)[0]) > 0.0:
+        values = np.linalg.eigvalsh(reduced)
+        if float(values[0]) > FLAT * float(values[-1]):
             pull = basis.T @ (slopes.T @ residuals + bent @ first)
             return np.asarray(first - basis @ np.linalg.solve(reduced, pull))
     return first
