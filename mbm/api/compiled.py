@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mbm.api.estimator import Estimator
-    from mbm.api.pickled import Handed, Written
+    from mbm.api.pickled import Written
     from mbm.equations.assembly import Assembled
     from mbm.equations.binding import EvaluationCache
     from mbm.kernels.types import KernelSet
@@ -70,9 +70,9 @@ class CompiledProblem:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """It pickles as text and data, and is compiled again from them."""
-        from mbm.api.pickled import Handed, Written
+        from mbm.api.pickled import Written, portable
 
-        return compiled_again, (Written.of(self.origin), Handed.of(self.inputs), self.backend)
+        return compiled_again, (Written.of(self.origin), portable(self.inputs), self.backend)
 
     def solve(
         self,
@@ -288,9 +288,9 @@ def compiled(origin: Origin, inputs: Inputs, backend: str) -> CompiledProblem:
     return CompiledProblem(origin=origin, inputs=inputs, backend=backend, complete=made is not None, kept=Kept(made))
 
 
-def compiled_again(written: Written, handed: Handed, backend: str) -> CompiledProblem:
+def compiled_again(written: Written, inputs: Inputs, backend: str) -> CompiledProblem:
     """The compiled problem that was pickled."""
-    return compiled(written.origin(), handed.inputs(), backend)
+    return compiled(written.origin(), inputs, backend)
 
 
 def _begun(result: Result) -> Mapping[str, object]:

@@ -23,7 +23,7 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.api.compilation import Compilation, Origin
-    from mbm.api.pickled import Handed, Written
+    from mbm.api.pickled import Written
     from mbm.estimation.batches.robust_stream import RobustStream
 
 CONVERGED = SolveStatus.CONVERGED.value
@@ -95,10 +95,10 @@ class Estimator:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """It pickles as text and data, and is compiled again from them."""
-        from mbm.api.pickled import Handed, Written
+        from mbm.api.pickled import Written, portable
 
         origin, inputs, backend = self._made_of
-        return estimator_again, (Written.of(origin), Handed.of(inputs), backend, self.inputs)
+        return estimator_again, (Written.of(origin), portable(inputs), backend, self.inputs)
 
     def __call__(self, *columns: ArrayLike) -> Estimates:
         """Solve for one data set: for each input an array (rows,).
@@ -267,11 +267,11 @@ def estimator(
     )
 
 
-def estimator_again(written: Written, handed: Handed, backend: str, columns: tuple[str, ...]) -> Estimator:
+def estimator_again(written: Written, inputs: Inputs, backend: str, columns: tuple[str, ...]) -> Estimator:
     """The estimator that was pickled."""
     from mbm.api.compilation import compilation_of
 
-    origin, inputs = written.origin(), handed.inputs()
+    origin = written.origin()
     return estimator(compilation_of(origin, inputs, backend), origin, inputs, backend, columns)
 
 

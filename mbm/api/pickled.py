@@ -5,7 +5,7 @@ A pickle holds no code of mbm's and no machine code. Files that the text names a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,6 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.estimation.starts.closed_forms.types import ClosedForm
-    from mbm.problem.overrides import Override
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,33 +45,6 @@ class Written:
         return Origin(reading=Reading(self.text, registry, journal), registry=registry, file=self.file, name=self.name)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Handed:
-    """What came from outside the text, as `Inputs` has it."""
-
-    tables: Mapping[str, object]
-    paths: Mapping[str, str]
-    overrides: Mapping[str, Override]
-    sandbox: Path | None
-    allow_external: bool
-
-    @classmethod
-    def of(cls, inputs: Inputs) -> Handed:
-        """In mappings that pickle."""
-        return cls(
-            tables=dict(inputs.tables),
-            paths=dict(inputs.paths),
-            overrides=dict(inputs.overrides),
-            sandbox=inputs.sandbox,
-            allow_external=inputs.allow_external,
-        )
-
-    def inputs(self) -> Inputs:
-        """As the pipeline takes it."""
-        return Inputs(
-            tables=self.tables,
-            paths=self.paths,
-            overrides=self.overrides,
-            sandbox=self.sandbox,
-            allow_external=self.allow_external,
-        )
+def portable(inputs: Inputs) -> Inputs:
+    """The same in mappings that pickle."""
+    return replace(inputs, tables=dict(inputs.tables), paths=dict(inputs.paths), overrides=dict(inputs.overrides))
