@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.binding import Group, affine
+from mbm.equations.binding import EvaluationCache, Group, affine
 from mbm.equations.types import Indices
 from mbm.estimation.batches.descent import data_sets
 from mbm.estimation.minimise.native.packing import Iteration, rows_of, system_arrays
 from mbm.estimation.minimise.native.system import NativeSystem, kernels_of, nothing
-from mbm.estimation.native.code import native_code
+from mbm.estimation.native.code import NativeCode, native_code
 from mbm.values import dataclass
 
 WORTH_MACHINE_CODE = 2000
@@ -68,12 +68,14 @@ class Local:
         return not equations.lossy and all(affine(group, free) for group in groups)
 
 
-def local(equations: Assembled, first: Indices, counts: Indices) -> Local:
-    """The equations with their data sets; rows of a group stand data set by data set."""
+def local(equations: Assembled, first: Indices, counts: Indices, cache: EvaluationCache) -> Local:
+    """The equations, of which there may be none, with their data sets; rows of a group stand data set by data set."""
     groups = (*equations.groups, *equations.constraints)
-    code = native_code(groups[0].cache)
+    code = native_code(cache)
     calls = int(np.count_nonzero(counts))
-    kernels = kernels_of(code, groups, compiled=equations.machine_code is not None or _worth_compiling(groups, calls))
+    kernels = kernels_of(
+        code, groups, compiled=equations.machine_code is not None or _worth_compiling(groups, calls, code)
+    )
     guard = getattr(kernels, "guard", None)
     addresses = [(kernels.values_address(k), kernels.jacobian_address(k), 0) for k in range(len(groups))]
     most = [int(each.max(initial=0)) for each in counts]
@@ -94,12 +96,12 @@ def local(equations: Assembled, first: Indices, counts: Indices) -> Local:
     )
 
 
-def _worth_compiling(groups: tuple[Group, ...], calls: int) -> bool:
+def _worth_compiling(groups: tuple[Group, ...], calls: int, code: NativeCode) -> bool:
     """Whether so many calls of kernels pay for machine code, where it can be made."""
     from mbm.kernels.native.engine import hindrance
 
     plain = not any(group.kernel.calls for group in groups)
-    return plain and calls >= WORTH_MACHINE_CODE and hindrance(native_code(groups[0].cache).store) is None
+    return plain and calls >= WORTH_MACHINE_CODE and hindrance(code.store) is None
 
 
 def _outputs(groups: tuple[Group, ...]) -> Indices:

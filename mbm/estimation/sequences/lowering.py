@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.binding import Group
+from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
 from mbm.estimation.minimise.native.packing import triangle_kind
@@ -46,7 +46,12 @@ class _Rows:
 
 
 def lowered(
-    problem: Problem, sequence: Sequence, equations: Assembled, places: Places, tables: Mapping[str, Table]
+    problem: Problem,
+    sequence: Sequence,
+    equations: Assembled,
+    places: Places,
+    tables: Mapping[str, Table],
+    cache: EvaluationCache,
 ) -> Lowered:
     """The local problems of a sequence.
 
@@ -71,17 +76,18 @@ def lowered(
             moving.append(_by_step(group, equal, np.asarray(group.positions), steps - 1))
         elif block.name in known:
             priors.append(group)
-        elif block.role is BlockRole.CONSTRAINT and _without_states(group, places):
+        elif block.role is BlockRole.CONSTRAINT and _of_no_step(group, block, places, sequence, tables):
             undivided.append((group, equal))
         else:
             rows = _by_step(group, equal, _steps_of(group, block, places, keys, sequence, tables), steps)
             (limits if block.role is BlockRole.CONSTRAINT else seen).append(rows)
-    counted = sum((each.counts for each in seen), np.zeros(steps, dtype=np.int64))
+    observed = [each for each in seen if problem.blocks[each.group.kernel.owner].role is BlockRole.OBSERVATION]
+    counted = sum((each.counts for each in observed), np.zeros(steps, dtype=np.int64))
     begin = int(np.argmax(counted > 0)) if bool((counted > 0).any()) else 0
     limits += [_by_step(group, equal, np.full(group.rows, begin), steps) for group, equal in undivided]
     limits.sort(key=lambda each: each.group.kernel.owner)
-    step = _local(equations, places, seen, limits, transition=False)
-    transitions = _transitions(problem, equations, places, moving, tables)
+    step = _local(equations, places, seen, limits, cache, transition=False)
+    transitions = _transitions(problem, equations, places, moving, tables, cache)
     return Lowered(
         chained=Chained(
             seen=step,
@@ -133,9 +139,10 @@ def _refuse(block: Block, group: Group, equations: Assembled, method: str) -> No
         raise MbmError(faults.not_for_filters(block.span, method, what, "use `:method batch`"))
 
 
-def _without_states(group: Group, places: Places) -> bool:
+def _of_no_step(group: Group, block: Block, places: Places, sequence: Sequence, tables: Mapping[str, Table]) -> bool:
     """Whether no row mentions what moves, or belongs to a step."""
-    return group.positions is None and bool((places.step_of_number[group.index] == NOT_OF_A_STEP).all())
+    stepped = block.table is not None and sequence.column in tables[block.table].columns
+    return not stepped and bool((places.step_of_number[group.index] == NOT_OF_A_STEP).all())
 
 
 def _steps_of(
@@ -171,7 +178,15 @@ def _by_step(group: Group, equal: Mask, steps: Indices, count: int) -> _Rows:
     return _Rows(group=moved, equal=equal, first=np.cumsum(counts) - counts, counts=counts)
 
 
-def _local(equations: Assembled, places: Places, rows: list[_Rows], limits: list[_Rows], *, transition: bool) -> Local:
+def _local(
+    equations: Assembled,
+    places: Places,
+    rows: list[_Rows],
+    limits: list[_Rows],
+    cache: EvaluationCache,
+    *,
+    transition: bool,
+) -> Local:
     """The equations of a step, or of a transition."""
     layout = (transition_layout if transition else step_layout)(equations.layout, places)
     free = places.free
@@ -200,7 +215,11 @@ def _local(equations: Assembled, places: Places, rows: list[_Rows], limits: list
         _scatters=(),
     )
     every = (*rows, *limits)
-    return local(whole, np.array([each.first for each in every]), np.array([each.counts for each in every]))
+    steps = len(places.numbers) - int(transition)
+    first, counts = np.zeros((2, len(every), steps), dtype=np.int64)
+    for number, each in enumerate(every):
+        first[number], counts[number] = each.first, each.counts
+    return local(whole, first, counts, cache)
 
 
 def _placed(rows: _Rows, places: Places, *, transition: bool) -> Group:
@@ -217,7 +236,12 @@ def _placed(rows: _Rows, places: Places, *, transition: bool) -> Group:
 
 
 def _transitions(
-    problem: Problem, equations: Assembled, places: Places, moving: list[_Rows], tables: Mapping[str, Table]
+    problem: Problem,
+    equations: Assembled,
+    places: Places,
+    moving: list[_Rows],
+    tables: Mapping[str, Table],
+    cache: EvaluationCache,
 ) -> tuple[Local, Floats]:
     """The rows of transitions as they are, not whitened, and L of each."""
     found = Spreads(steps=len(places.numbers) - 1, rows=len(places.free) - places.still)
@@ -229,4 +253,4 @@ def _transitions(
         found.add(spread_of(stated, block.table, group.positions, tables), each.first, each.counts)
         ones = Whitener(0, group.kernel.outputs, np.ones((group.rows, group.kernel.outputs)))
         plain.append(replace(each, group=replace(group, whiteners=(ones,), losses=())))
-    return _local(equations, places, plain, [], transition=True), found.matrices()
+    return _local(equations, places, plain, [], cache, transition=True), found.matrices()

@@ -161,7 +161,7 @@ def _picked(layout: Layout, places: Places, copies: Sequence[int], still: int, s
         by_name={},
         start=layout.start[numbers],
         guessed=layout.guessed[numbers],
-        lower=layout.lower[lasting],
+        lower=np.where(layout.positive[lasting], np.maximum(layout.lower[lasting], 0.0), layout.lower[lasting]),
         upper=layout.upper[lasting],
         start_lower=layout.start_lower[coordinates],
         start_upper=layout.start_upper[coordinates],

@@ -8,6 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from mbm.equations.binding import EvaluationCache
+from mbm.equations.faults import no_unknowns
 from mbm.equations.types import Floats
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.sequences import faults
@@ -50,7 +51,9 @@ def walked(
     equations, binder = bound_equations(problem, kernels, tables, starts, cache)
     method = sequence.estimator.method.value
     places = places_of(equations, len(tables[sequence.steps]), method)
-    low = lowered(problem, sequence, equations, places, tables)
+    if not len(places.free):
+        raise MbmError(no_unknowns(problem.span))
+    low = lowered(problem, sequence, equations, places, tables, cache)
     prior = prior_of(problem, sequence, equations, places, low.priors, tables, low.chained.seen)
     if np.isnan(prior.point).any():
         if not low.chained.linear:

@@ -294,8 +294,8 @@ def _sizes(chained: Chained, rules: Rules) -> Indices:
     n = seen.equations.dimension
     steps = chained.steps
     lines = int(seen.residuals.max(initial=0))
-    lag = steps if rules.lag is None else rules.lag
-    kept = 1 if not rules.smooth else steps if rules.lag is None else rules.lag + 2
+    lag = steps if rules.lag is None else min(rules.lag, steps)
+    kept = 1 if not rules.smooth else steps if rules.lag is None else lag + 2
     values = {
         "steps": steps,
         "n": n,

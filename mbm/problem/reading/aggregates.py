@@ -14,7 +14,17 @@ from typing import TypeAlias
 
 from mbm.expression import algebra
 from mbm.expression.algebra import number
-from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, RowChoice, leaves
+from mbm.expression.nodes import (
+    Apply,
+    Column,
+    Component,
+    Expression,
+    LiteralMember,
+    Number,
+    Operation,
+    RowChoice,
+    leaves,
+)
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, scalar, static_number
 from mbm.language.scope import LocalScope
@@ -23,7 +33,7 @@ from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
 from mbm.problem.elaboration import Workspace
 from mbm.problem.kinds import AggregateKind
-from mbm.problem.scopes import ProblemScope, RowScope
+from mbm.problem.scopes import Here, ProblemScope, RowScope
 from mbm.problem.tables import Table
 from mbm.problem.types import Static
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
@@ -187,11 +197,7 @@ class Writer:
             raise MbmError(faults.too_many_operations(form.span, most))
         work.reads.everything = True  # the cells decide what the formula is
         work.written_out.append(form.span)
-        world = work.scope
-        rows = [
-            _elements(work, asked, RowScope(world, table, _cells(table, i), RowChoice.EACH, scope))
-            for i in range(count)
-        ]
+        rows = [self._of_row(asked, _cells(table, i), scope) for i in range(count)]
         shape = rows[0][0] if rows else None
         if any(isinstance(leaf, Column) and leaf.row is RowChoice.EACH for _, each in rows for leaf in leaves(each)):
             message = "`previous` cannot stand in an aggregate that a constraint writes out"
@@ -200,6 +206,14 @@ class Writer:
             raise MbmError(faults.unequal_branches(form.span))
         columns = zip(*(elements for _, elements in rows), strict=True) if rows else [()]
         return _assembled(shape, tuple(combine(tuple(each), form.span) for each in columns))
+
+    def _of_row(self, asked: _Asked, cells: dict[str, str | float], scope: Scope) -> Elements:
+        """What FORM is in the row with these cells, where states are those of the row's step."""
+        world, table = self.work.scope, asked.table
+        known = world.steps is not None and world.steps.column in cells
+        member = LiteralMember(key=cells[world.steps.column]) if world.steps is not None and known else None
+        with world.at(Here(table=table.name, member=member)):
+            return _elements(self.work, asked, RowScope(world, table, cells, RowChoice.EACH, scope))
 
 
 def _cells(table: Table, position: int) -> dict[str, str | float]:
