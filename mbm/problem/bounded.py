@@ -50,6 +50,12 @@ def _for_intervals(problem: Problem) -> Iterator[Diagnostic]:
                 else f"({unknown.kind.value} {unknown.dimension})"
             )
             yield faults.not_for_intervals(unknown.span, f"an unknown of type `{kind}`", hint)
+    for constant in problem.constants:
+        if any(constant.sigmas):
+            hint = "make it an unknown with `:in (low high)`, or leave the deviation out"
+            yield faults.not_for_intervals(
+                constant.span, f"the standard deviation of the constant `{constant.name}`", hint
+            )
     for derived in problem.derived:
         if derived.kind is not None:
             hint = "derive its numbers, e.g. `(heading P)` or `(translation P)`"

@@ -66,7 +66,7 @@ def enclosed(low: float, high: float) -> str:
     if not (math.isfinite(low) and math.isfinite(high)):
         return "undefined"
     size = max(abs(low), abs(high))
-    if size == 0.0 or high <= low:
+    if size == 0.0 or high <= low or not math.isfinite(high - low):
         return f"[{plain(low, EXACT)}, {plain(high, EXACT)}]"
     place = _place(high - low) - 1
     ends = []

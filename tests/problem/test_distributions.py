@@ -57,6 +57,26 @@ def test_units_go_through() -> None:
     assert float(found["a"].sigma) == pytest.approx(10 / sqrt(12))
 
 
+@pytest.mark.parametrize(
+    "law", ["rectangular 1s 2s", "arcsine 1m 2s", "student 1m 2s 5", "student 1s 2m 5", "lognormal 1s 2"]
+)
+@pytest.mark.parametrize(
+    "clauses", ["(unknowns (a :unit m :prior (LAW)))", "(unknowns (a :unit m)) (constraints (HEAD a REST))"]
+)
+def test_units_that_clash_are_refused_as_those_of_the_normal_distribution_are(law: str, clauses: str) -> None:
+    head, rest = law.split(" ", 1)
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads("(problem p " + clauses.replace("LAW", law).replace("HEAD", head).replace("REST", rest) + ")").solve()
+    assert caught.value.diagnostics[0].code.name == "unit-clash"
+
+
+def test_the_prior_of_a_constant_has_the_dimension_of_the_constant() -> None:
+    text = "(problem p (constants (c 3m :prior (rectangular 2s 4s))) (unknowns (a)) (observe (= c a) :sigma 1m))"
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads(text).solve()
+    assert "a time (s), but the constant is a length (m)" in caught.value.diagnostics[0].message
+
+
 def test_the_start_is_init_where_it_is_given() -> None:
     found = mbm.loads("(problem p (unknowns (a :init 7 :prior (rectangular 1 3))) (observe (= 2 a) :sigma 1))")
     assert float(found.solve()["a"].value) == pytest.approx(2.0)
@@ -84,6 +104,9 @@ def test_words_of_distributions_are_names_elsewhere() -> None:
         ("(unknowns (a :prior (rectangular 3 1)))", "not in order"),
         ("(unknowns (a :prior (trapezoidal 1 3 1.5)))", "from 0 to 1"),
         ("(unknowns (a :prior (lognormal 2 0.9)))", "geometric standard deviation"),
+        ("(unknowns (a :prior (lognormal 2 1e200)))", "geometric standard deviation"),
+        ("(unknowns (a :prior (lognormal 2m 3s)))", "is a pure number, and not a time (s)"),
+        ("(unknowns (a :prior (student 2m 1m 5m)))", "is a pure number, and not a length (m)"),
         ("(unknowns (a :prior (rectangular 1)))", "takes a form, lo and hi"),
         ("(unknowns (a :prior (rectangular 1 2 3)))", "takes a form, lo and hi"),
         ("(unknowns (a :prior 3))", "is no distribution"),

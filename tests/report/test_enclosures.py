@@ -78,6 +78,7 @@ def test_tables_print_them_rounded_outwards(result) -> None:
         (1.2345e-9, 2.3456e-9, "[1.23e-09, 2.35e-09]"),
         (123456.7, 987654.3, "[123456, 987655]"),
         (-2e20, 3e20, "[-2.00e+20, 3.00e+20]"),
+        (-1e308, 1e308, "[-1e+308, 1e+308]"),  # their width is no double
     ],
 )
 def test_digits(low: float, high: float, text: str) -> None:

@@ -32,6 +32,8 @@ from mbm.values import dataclass
 
 TURNING = frozenset({Operation.WRAP, Operation.SIN, Operation.COS, Operation.TAN})
 """Operations for which an angle counts but for whole turns."""
+DIRECTIONS = frozenset({Operation.ATAN2, Operation.WRAP})
+"""Operations whose angle lies in one turn, unless it counts but for whole turns."""
 SUMS = frozenset({Operation.ADD, Operation.SUBTRACT, Operation.NEGATE, Operation.AS_ANGLE, Operation.HELD})
 """Operations that keep whole turns whole."""
 
@@ -262,7 +264,7 @@ def _judged(nodes: list[Node], demands: list[Demand], wanted: list[Wanted]) -> t
     found = []
     for number, node in enumerate(nodes):
         sums = node.operation in SUMS and any(angles[a] for a in node.arguments)
-        angles[number] = turning[number] and used[number] and (node.operation is Operation.ATAN2 or sums)
+        angles[number] = turning[number] and used[number] and (node.operation in DIRECTIONS or sums)
         found.append(replace(node, lenient=not strict[number], turning=angles[number]))
     return tuple(found)
 

@@ -71,6 +71,8 @@ def extension(node: Node, arguments: tuple[Interval, ...]) -> Interval:
         return of.real_power(arguments[0], node.exponent) if power is None else of.whole_power(arguments[0], power)
     if node.turning and node.operation is Operation.ATAN2:
         return of.turning_direction(*arguments)
+    if node.turning and node.operation is Operation.WRAP:
+        return arguments[0]
     if node.operation is None:
         raise TypeError(node)
     return EXTENSIONS[node.operation](*arguments)

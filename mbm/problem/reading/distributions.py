@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping
 from math import exp, expm1, inf, log, sqrt
 from types import MappingProxyType
 
-from mbm.expression.algebra import UndefinedValueError, add, multiply, number, subtract
-from mbm.expression.nodes import Expression, Number, nearest
+from mbm.expression.algebra import UndefinedValueError, add, multiply, subtract
+from mbm.expression.dimension import NONE
+from mbm.expression.nodes import Constant, Expression, Number, nearest
 from mbm.language import faults as language_faults
 from mbm.language.coerce import static_number
 from mbm.language.functions import UserFunction, UserMacro
@@ -41,20 +42,28 @@ def _between(share: Callable[[float], float]) -> Callable[[Expression, Expressio
     """The moments of a symmetric distribution between two limits, whose sigma is a ``share`` of their distance."""
 
     def moments(low: Expression, high: Expression, shape: float) -> Moments:
-        return multiply(number(0.5), add(low, high)), multiply(number(share(shape)), subtract(high, low))
+        return _times(0.5, add(low, high)), _times(share(shape), subtract(high, low))
 
     return moments
 
 
 def _student(mean: Expression, scale: Expression, dof: float) -> Moments:
-    return mean, multiply(number(sqrt(dof / (dof - 2.0))), scale)
+    return mean, _times(sqrt(dof / (dof - 2.0)), scale)
 
 
 def _lognormal(median: Expression, _: Expression, factor: float) -> Moments:
     variance = log(factor) ** 2
-    mean = multiply(number(exp(variance / 2.0)), median)
-    return mean, multiply(number(sqrt(expm1(variance))), mean)
+    mean = _times(exp(variance / 2.0), median)
+    return mean, _times(sqrt(expm1(variance)), mean)
 
+
+def _times(factor: float, value: Expression) -> Expression:
+    """A multiple that keeps the dimension: a plain number in a file could take any."""
+    return multiply(Number(factor, NONE), value)
+
+
+_WIDEST = 1e10
+"""Geometric standard deviations from here on have moments beyond all numbers."""
 
 _NO_VARIANCE = "has no variance for dof ≤ 2, so that it does not count in a linear answer"
 
@@ -78,7 +87,7 @@ DISTRIBUTIONS: Mapping[str, Distribution] = MappingProxyType(
                 "lognormal",
                 ("median", "factor"),
                 _lognormal,
-                (1.0, inf, "wants a geometric standard deviation > 1"),
+                (1.0, _WIDEST, f"wants a geometric standard deviation above 1 and below {_WIDEST:g}"),
             ),
         )
     }
@@ -122,7 +131,11 @@ def moments(
 
 def _shape_parameter(work: Workspace, law: Distribution, form: Form, scope: Scope) -> float:
     low, high, wrong = law.shape or (0.0, 0.0, "")
-    value = nearest(static_number(work.evaluator.wanted(form, scope), form.span))
+    given = work.evaluator.wanted(form, scope)
+    value = nearest(static_number(given, form.span))
+    if isinstance(given, Number | Constant) and given.dimension not in (None, NONE):
+        message = f"the {law.parameters[-1]} of `{law.name}` is a pure number, and not {given.dimension.describe()}"
+        raise MbmError(language_faults.bad_form(form.span, message, USAGES[law.name]))
     inside = low <= value <= high if high == 1.0 else low < value < high
     if not inside:
         raise MbmError(language_faults.bad_form(form.span, f"`{law.name}` {wrong}", USAGES[law.name]))

@@ -156,6 +156,19 @@ def test_a_piece_across_the_cut_is_one() -> None:
     np.testing.assert_allclose(np.degrees(one.estimates[0].bounds), [half, 360 - half], atol=1e-9)
 
 
+def test_the_direction_of_an_angle_across_the_cut_is_one_arc() -> None:
+    text = """(problem turn (unknowns (a angle :unit deg) (r :in (0 5)))
+      (observe (= -1 (* r (cos a))) :bound 0.1)
+      (observe (= 0 (* r (sin a))) :bound 0.2)
+      (derive (back (atan2 (sin a) (cos a)) :unit deg) (side (sin (atan2 (sin a) (cos a)))))"""
+    found = solved(text)
+    low, high = found["back"].bounds
+    outer = np.degrees(np.arctan2(0.2, 0.9))
+    assert high - low == pytest.approx(2 * outer, rel=0.02)
+    assert np.cos(np.radians((low + high) / 2)) == pytest.approx(-1, abs=1e-9)
+    assert found["side"].bounds == pytest.approx(np.sin(np.radians([-outer, outer])), rel=0.02)
+
+
 def test_a_bearing_across_the_cut_tells_as_much_as_any_other() -> None:
     """The same wedge, looked at in eight directions."""
     text = """(problem wedge (constants (d 0deg)) (unknowns (x :in (-10 10)) (y :in (-10 10)))
@@ -299,6 +312,7 @@ def test_many_solves() -> None:
     [
         ("(observe (= 1 x) :sigma 1)", "the standard deviation of `observe`"),
         ("(observe (= 1 x))", "the unknown noise of `observe`"),
+        ("(constants (c 1 :sigma 0.1)) (observe (= c x) :bound 1)", "the standard deviation of the constant `c`"),
         ("(observe (= 1 x) :bound 1 :loss huber)", "the `:loss`"),
         ("(observe (= 1 x) :bound 1) (constraints (normal x 0 1))", "a prior"),
         ("(observe (= 1 x) :bound 1) (unknowns (R (rotation 3)))", "`(rotation 3)`"),
