@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.expression.nodes import Apply, Column, Expression, postorder
+from mbm.expression.nodes import Apply, Column, Component, Expression, postorder
 from mbm.problem import faults
+from mbm.problem.aggregates import is_aggregate
 from mbm.problem.kinds import ConstraintMethod, Gauge
 from mbm.problem.types import Block, BlockRole, Method, NoiseKind, Problem, UnknownKind
 from mbm.text.types import Diagnostic, MbmError
@@ -100,6 +101,10 @@ def _operations(values: tuple[Expression, ...]) -> Iterator[Diagnostic]:
     """What has no interval extension, each function once."""
     seen: set[str] = set()
     for node in postorder(values):
+        if isinstance(node, Component) and is_aggregate(node.unknown) and node.unknown not in seen:
+            seen.add(node.unknown)
+            hint = "derive the form `:over` the table, or constrain the aggregate: there it is written out"
+            yield faults.not_for_intervals(node.span, f"`{node.unknown}`, an aggregate over rows", hint)
         name = None
         if isinstance(node, Apply) and node.output is not None:
             name = node.output.external.function

@@ -39,10 +39,13 @@ def mentions_before(names: Iterable[str]) -> bool:
     return any(name.startswith(_BEFORE) for name in names)
 
 
-def looks_back(nodes: tuple[Expression, ...]) -> bool:
-    """Whether expressions take something of the row before, or a member of a family that it names."""
-    names = []
-    for leaf in leaves(nodes):
+def looks_back(nodes: Iterable[Expression], statics: Iterable[tuple[tuple[str, CellKey], ...]] = ()) -> bool:
+    """Whether expressions take something of the row before, or a member of a family that it names.
+
+    ``statics`` are the values of static columns that tell the expressions of some rows from those of others.
+    """
+    names = [name for static in statics for name, _ in static]
+    for leaf in leaves(tuple(nodes)):
         names += [leaf.name] if isinstance(leaf, Column) else []
         if isinstance(leaf, Column | Component) and isinstance(leaf.member, ColumnMember):
             names.append(leaf.member.column)
@@ -56,14 +59,21 @@ def has_before(table: Table) -> np.ndarray:
 
 
 def with_rows_before(table: Table, keys: tuple[str, ...]) -> Table:
-    """A table as it is before any row is left out, with the columns of the row before; ``keys`` divide it."""
-    if _ROW in table.columns:
+    """A table as it is before any row is left out, with the columns of the row before; ``keys`` divide it.
+
+    Columns of files that happen to be called like these cannot be meant, and are left out.
+    """
+    if _ROW in table.provenance.origins:
         return table
     before = _positions(table, tuple(key for key in (*keys, SOURCE) if key in table.columns))
     there = before >= 0
-    columns, origins = dict(table.columns), dict(table.provenance.origins)
+    own = {name: column for name, column in table.columns.items() if column_before(name) is None}
+    columns, origins = dict(own), dict(table.provenance.origins)
     columns[_ROW] = TableColumn(name=_ROW, numbers=np.where(there, table.rows[before], np.nan))
-    for name, column in table.columns.items():
+    rows = np.zeros(int(table.rows.max(initial=0)), dtype=np.int64)  # also of rows that are not there, as gaps
+    rows[table.rows - 1] = table.rows[before]
+    origins[_ROW] = Origin(provenance=table.provenance, rows=rows, column="row")
+    for name, column in own.items():
         taken, called = column.take(before), name_before(name)
         if taken.numbers is not None:
             taken = replace(taken, numbers=np.where(there, taken.numbers, np.nan))
@@ -71,7 +81,7 @@ def with_rows_before(table: Table, keys: tuple[str, ...]) -> Table:
             texts = (text if known else "" for text, known in zip(taken.texts, there.tolist(), strict=True))
             taken = replace(taken, texts=tuple(texts))
         columns[called] = replace(taken, name=called)
-        origins[called] = Origin(provenance=table.provenance, rows=table.rows[before], column=name)
+        origins[called] = Origin(provenance=table.provenance, rows=rows, column=name)
     return replace(table, columns=columns, provenance=replace(table.provenance, origins=origins))
 
 

@@ -151,12 +151,16 @@ def decided(values: RowValues, tables: Mapping[str, Table]) -> NDArray[np.bool_]
     """
     found = row_values(values, tables)
     undecided = np.flatnonzero(np.isnan(found).any(axis=1))
-    nodes = tuple(node for case in values.cases for node in case.values)
-    if undecided.size and values.table is not None and looks_back(nodes):
+    if undecided.size and values.table is not None and _looks_back(values):
         undecided = undecided[has_before(tables[values.table])[undecided]]
     if undecided.size:
         raise MbmError(*(_gap(values, tables, int(row)) for row in undecided[:MAXIMUM_REPORTED]))
     return np.asarray(found == 1)
+
+
+def _looks_back(values: RowValues) -> bool:
+    nodes = (node for case in values.cases for node in case.values)
+    return looks_back(nodes, (case.static for case in values.cases))
 
 
 def _gap(values: RowValues, tables: Mapping[str, Table], row: int) -> Diagnostic:

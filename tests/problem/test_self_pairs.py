@@ -235,6 +235,42 @@ def test_texts_and_row_numbers_of_the_row_before():
     np.testing.assert_array_equal(solved["r"].value, [np.nan, 1, 2])
 
 
+def test_conditions_on_a_text_of_the_row_before_do_not_hold_without_one():
+    text = """
+    (problem p
+      (data d (table (who x) ("a" 1) ("b" 2) ("b" 5)))
+      (unknowns (v :init 0))
+      (observe d (= x v) :sigma 1 :when (= (previous who) "b"))
+      (derive (f (if (= (previous who) "b") 1 0) :over d)))"""
+    solved = mbm.loads(text).solve()
+    assert float(solved["v"].value) == 5.0
+    np.testing.assert_array_equal(solved["f"].value, [np.nan, 0, 1])
+    assert not [d for d in solved.first.diagnostics if d.code.name == "derived-not-finite"]
+
+
+def test_gaps_that_are_skipped_do_not_move_the_row_before():
+    given = {"x": [1, 2, np.nan, 4, 5, 7], "who": list("abcabc")}
+    text = """
+    (problem p
+      (data d external :missing skip :where (< x 6))
+      (unknowns (v))
+      (observe d (= (- x (previous x)) v) :sigma 0.2)
+      (derive (before (previous x) :over d) (b (if (= (previous who) "b") (previous row) 0) :over d)))"""
+    solved = mbm.loads(text).solve(data={"d": given})
+    np.testing.assert_array_equal(solved["before"].value, [np.nan, 1, 2, 4])
+    np.testing.assert_array_equal(solved["b"].value, [np.nan, 0, 2, 0])
+    assert float(solved["v"].value) == pytest.approx((1 + 2 + 1) / 3)
+
+
+def test_columns_of_a_file_that_are_called_alike_change_nothing(tmp_path):
+    (tmp_path / "d.csv").write_text("previous(),previous(x),x,y\n7,8,3,4\n7,8,4,5\n7,8,6,6\n")
+    (tmp_path / "p.mbm").write_text(
+        '(problem p (data d (csv "d.csv")) (unknowns (v)) (observe d (= (- y (previous y)) (* v (- x (previous x))))))'
+    )
+    # 1 = v and 1 = 2 v
+    assert float(mbm.load(tmp_path / "p.mbm").solve()["v"].value) == pytest.approx((1 + 2) / 5)
+
+
 def test_other_data_have_rows_before_of_their_own():
     compiled = mbm.loads(PREVIOUS.format(options="", more="")).compile()
     for seed in (1, 2):

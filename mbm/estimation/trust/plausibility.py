@@ -58,7 +58,9 @@ def _without_value(propagation: Propagation, derived: tuple[DerivedSolution, ...
     for one in derived:
         stated = propagation.problem.derived[one.owner]
         bad = (~np.isfinite(one.values)).any(axis=1)
-        if stated.table is not None and looks_back(tuple(n for case in stated.cases for n in case.values)):
+        if stated.table is not None and looks_back(
+            (n for case in stated.cases for n in case.values), (case.static for case in stated.cases)
+        ):
             bad &= has_before(propagation.binder.tables[stated.table])
         wrong = int(bad.sum())
         if wrong:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import field, replace
 
+import numpy as np
+
 from mbm.language import faults as language_faults
 from mbm.language.scope import LocalScope
 from mbm.language.values import Evaluator, Scope, Value
-from mbm.problem.previous import column_before, looks_back, mentions_before, name_before, row_before, with_rows_before
+from mbm.problem.previous import column_before, looks_back, name_before, row_before, with_rows_before
 from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.tables import Table
@@ -64,7 +66,7 @@ class Earlier:
             whole = self.unfiltered.get(name, table)
             self.unfiltered[name] = with_rows_before(whole, self.keys)
             own = self.tables.get(name, table)
-            added = self.unfiltered[name].take(own.rows - 1)
+            added = self.unfiltered[name].take(np.searchsorted(self.unfiltered[name].rows, own.rows))
             columns = {n: c for n, c in added.columns.items() if column_before(n) is not None}
             provenance = self.unfiltered[name].provenance
             made = Table(
@@ -83,5 +85,4 @@ def looking_back(block: Block) -> Block:
     """The block; if it mentions the row before, the first rows of keys are unused."""
     nodes = [n for case in block.cases for e in case.equations for n in (*e.components, *e.noise)]
     nodes += [n for case in (block.when.cases if block.when is not None else ()) for n in case.values]
-    statics = [name for case in block.cases for name, _ in case.static]
-    return replace(block, earlier=looks_back(tuple(nodes)) or mentions_before(statics))
+    return replace(block, earlier=looks_back(nodes, (case.static for case in block.cases)))

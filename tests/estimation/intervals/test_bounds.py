@@ -318,6 +318,7 @@ def test_many_solves() -> None:
         ("(observe (= 1 x) :bound 1) (unknowns (R (rotation 3)))", "`(rotation 3)`"),
         ("(observe (= 1 x) :bound 1) (unknowns (d direction))", "`direction`"),
         ("(observe (= 1 x) :bound 1) (derive (T (pose2 x x 0)))", "a derived pose"),
+        ("(data d (table (z) (1))) (observe (= 1 x) :bound 1) (derive (m (mean d (* x z))))", "`mean(d)`"),
         ("(observe (= 1 (external \"math:sqrt\" x :size 1)) :bound 1)", "`math:sqrt`"),
     ],
 )  # fmt: skip
