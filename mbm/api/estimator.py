@@ -280,6 +280,7 @@ def _one_descent(problem: Problem) -> None:
     request = problem.request
     asked: dict[str, object] = {"`for-each`": request.for_each, "`window`": request.window, "`:starts`": request.starts}
     asked["a constant with an uncertainty"] = any(constant.sigmas for constant in problem.constants)
+    asked["nothing to estimate"] = not problem.unknowns
     for what, stated in asked.items():
         if stated:
             raise MbmError(faults.not_a_stream(what))

@@ -33,6 +33,9 @@ def refuse(found: Elaborated, target: Target) -> None:
         what, why = f"the uncertainty of the constant `{constant.name}`", "generated solvers solve once, for its value"
         todo = "leave its `:sigma` or `:prior` out, or make it an unknown with a prior"
         faults_found.append(faults.not_emitted(constant.span, what, why, todo))
+    if target.solves and not problem.unknowns:
+        why, todo = "a generated solver estimates something", "use `mbm solve`, or compile for `casadi`"
+        faults_found.append(faults.not_emitted(problem.span, "a problem without unknowns", why, todo))
     if target.solves:
         faults_found += [*_starts(problem), *_request(problem), *_keys(found), *_constraints(problem)]
     count = sum(

@@ -107,7 +107,7 @@ def elaborate(
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = _request(work, clauses, declarations)
     blocks = _trusted(work, clauses, blocks)
-    _check_content(work, declarations, (blocks, request), definition)
+    _check_content(work, declarations, (blocks, derived, request), definition)
     blocks = tuple(map(looking_back, blocks)) if earlier.asked else blocks
     given, wanted = (starts, _widths(request)), (derived, aggregates)
     dimensions, blocks, clashes = infer(unknowns, blocks, wanted, plans, pairs, tables, given, sequence)
@@ -152,14 +152,14 @@ def _widths(request: Request | None) -> Mapping[str, tuple[Number, ...]]:
 def _check_content(
     work: Workspace,
     declarations: list[Declaration],
-    told: tuple[tuple[Block, ...], Request | None],
+    told: tuple[tuple[Block, ...], tuple[Derived, ...], Request | None],
     definition: ProblemDefinition,
 ) -> None:
-    """Raise what was collected, and that there is nothing to estimate, or nothing that is ``told`` of it."""
-    blocks, request = told
+    """Raise what was collected, and that there is nothing to estimate or derive, or nothing that is ``told`` of it."""
+    blocks, derived, request = told
     bounded = request is not None and request.method is Method.INTERVAL
     if not declarations:
-        if not work.undeclared:
+        if not (blocks or derived or work.undeclared):
             work.diagnostics.append(faults.no_unknowns(definition.span))
     elif not blocks and not bounded and not work.diagnostics:
         work.diagnostics.append(faults.no_equations(definition.span))

@@ -75,7 +75,8 @@ def explanation(
     problem, tables = found.problem, found.tables
     doc = wrapped(problem.doc, WIDEST_PROPERTY - 2) if problem.doc else []
     lines = [f"problem {problem.name}", *(f"  {line}" for line in doc), ""]
-    lines += ["unknowns", *(f"  {line}" for u in problem.unknowns for line in _unknown(u, tables)), ""]
+    if problem.unknowns:
+        lines += ["unknowns", *(f"  {line}" for u in problem.unknowns for line in _unknown(u, tables)), ""]
     if problem.sequence is not None:
         lines += ["sequence", *(f"  {line}" for line in _sequence(problem.sequence, tables)), ""]
     if problem.constants:

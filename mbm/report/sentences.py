@@ -35,7 +35,7 @@ LARGE_PRIOR = 3.0
 
 def fit_sentence(solve: SolveReport) -> str | None:
     """Chi², degrees of freedom and p; without stated noise the sum of squares and sigma0."""
-    if solve.cost is None or solve.dof is None:
+    if solve.cost is None or solve.dof is None or not (solve.estimates or solve.residual_summaries):
         return None
     freedom = f"{solve.dof} degree{'' if solve.dof == 1 else 's'} of freedom"
     if solve.chi2_p is not None:

@@ -55,7 +55,7 @@ def table(result: Result, *, width: int = 80, color: bool = False, full: bool = 
         from mbm.report.interval_table import interval_lines
 
         lines += ["", *interval_lines(result.solves, paint, full)]
-    return joined((line.rstrip() for line in lines), color=color) + "\n"
+    return joined((line.rstrip() for line in lines), color=color).rstrip("\n") + "\n"
 
 
 def headline(result: Result, *, color: bool = False) -> str:

@@ -208,7 +208,7 @@ def test_nothing_to_estimate_and_no_equations_are_said():
         minimise(problem, np.zeros(2), Settings())
     problem.dimension = 0
     with pytest.raises(MbmError, match="no-unknowns"):
-        minimise(problem, np.zeros(0), Settings())
+        minimise(problem, np.zeros(2), Settings())
 
 
 def test_too_large_a_matrix_is_refused():

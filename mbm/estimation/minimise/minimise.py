@@ -6,8 +6,11 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled
+from mbm.equations.metric import first_bad
 from mbm.equations.types import Correctable, Equations, Floats, Minimum, Reason
 from mbm.estimation.minimise.native.minimum import native_minima, native_minimum
 from mbm.estimation.minimise.native.system import one_step_suits
@@ -28,8 +31,8 @@ ROUGH = 20
 ROUGHLY = 0.05
 """Iterations and relative offset of a fit whose end is only a start."""
 
-LINEAR = "linear"
-"""The name of a method that nobody asks for by name."""
+LINEAR, EVALUATION = "linear", "evaluation"
+"""The names of methods that nobody asks for by name; the second is for problems without unknowns."""
 
 SPARSE = {
     # The dogleg: fewer iterations than Marquardt's on every pose graph tried, as many on bundles.
@@ -44,8 +47,10 @@ PENALTY_SPARSE = "penalty-sparse"
 
 def solver_name(equations: Equations, settings: Settings) -> str:
     """The name of the method that ``minimise`` takes: one step for linear equations without bounds, else Marquardt's,
-    where the settings name none that goes on from any start.
+    where the settings name none that goes on from any start; of equations without unknowns, that there is none.
     """
+    if equations.dimension == 0:
+        return EVALUATION
     method = settings.method
     if method is not Method.CLOSED_FORM and _bound(equations, settings) is not None:
         from mbm.estimation.minimise.constrained.solve import method_name
@@ -65,7 +70,7 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
     Raises MbmError (`no-equations`, `no-unknowns`, `too-many-unknowns`), with ``place`` to point at.
     """
     if equations.dimension == 0:
-        raise MbmError(faults.no_unknowns(place))
+        return _unmoved(equations, start, settings, place)
     if equations.count == 0:
         raise MbmError(faults.no_equations(equations.dimension, place))
     size = max(equations.count, equations.dimension) * equations.dimension
@@ -82,6 +87,37 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         others = (_from(equations, bound, point, settings) for point in beside(equations, start, settings.seed))
         found = next((other for other in others if other.reason not in SINGULAR), found)
     return found
+
+
+def _unmoved(equations: Equations, start: Floats, settings: Settings, place: Place | None) -> Minimum:
+    """The point of equations without unknowns, which has no numbers.
+
+    Raises:
+        MbmError: there are unknowns, and all are fixed.
+
+    """
+    if start.size:
+        raise MbmError(faults.no_unknowns(place))
+    residuals = equations.residuals(start)
+    row = first_bad(residuals)
+    found = Minimum(
+        point=start,
+        residuals=residuals,
+        jacobian=np.zeros((len(residuals), 0)),
+        cost=float(residuals @ residuals),
+        reason=Reason.NO_UNKNOWNS if row is None else Reason.NOT_FINITE_AT_START,
+        iterations=0,
+        evaluations=1,
+        offset=0.0,
+        at_bound=np.zeros(0, dtype=np.int8),
+        bad_row=row,
+    )
+    bound = _bound(equations, settings)
+    if bound is None:
+        return found
+    from mbm.estimation.minimise.constrained.solve import with_constraints
+
+    return with_constraints(bound, found)
 
 
 def minima(equations: Equations, starts: Floats, settings: Settings, place: Place | None = None) -> Iterator[Minimum]:

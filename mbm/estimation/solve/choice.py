@@ -77,6 +77,8 @@ def _start(equations: Assembled, settings: Settings) -> str:
 
 
 def _reason(equations: Assembled, method: Method) -> str:
+    if not equations.dimension:
+        return "there is nothing to estimate"
     if method is not Method.AUTO:
         return "it is asked for"
     if equations.equality.size:

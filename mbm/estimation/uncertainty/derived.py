@@ -101,12 +101,12 @@ class Propagation:
             values=values,
             sigma=sigma,
             freedom=known,
-            gradient=gradient.reshape(-1, width) if gradient is not None else None,
+            gradient=None if gradient is None else gradient.reshape(gradient.shape[0] * size, width),
         )
 
     def _sigmas(self, part: Floats) -> Floats:
         """Standard deviations (rows, size) for gradients (rows, size, n), a part of the rows at a time."""
-        flat = part.reshape(-1, part.shape[-1])
+        flat = part.reshape(part.shape[0] * part.shape[1], part.shape[2])
         sigma = np.empty(len(flat))
         for start in range(0, len(flat), COVARIANCE_LIMIT):
             block = self._covariance(flat[start : start + COVARIANCE_LIMIT])

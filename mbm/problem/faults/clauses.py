@@ -47,7 +47,7 @@ UNKNOWN_OVERRIDE = Code(
     "A constant or start is given from outside, but the problem has no constant or unknown of that name.",
     "Correct the name.",
 )
-NO_UNKNOWNS = Code("no-unknowns", "The problem has nothing to estimate.", "Add `(unknowns (name …)…)`.")
+NO_UNKNOWNS = Code("no-unknowns", "The problem estimates and derives nothing.", "Add `(unknowns (name …)…)`.")
 NO_EQUATIONS = Code("no-equations", "The problem has neither observations nor priors.", "Add an `observe` clause.")
 TOO_MANY_STATIC_VALUES = Code(
     "too-many-static-values",
@@ -253,10 +253,10 @@ def bad_override(name: str, message: str) -> Diagnostic:
 
 
 def no_unknowns(span: Span) -> Diagnostic:
-    """Nothing to estimate."""
-    return Diagnostic(
-        code=NO_UNKNOWNS, message="this problem has no unknowns", place=span, hint="add `(unknowns (x)…)`"
-    )
+    """Nothing to estimate, and nothing to compute either."""
+    message = "this problem has no unknowns, derives nothing and observes nothing"
+    hint = "add `(unknowns (x)…)`, or `(derive (q form)…)` of constants"
+    return Diagnostic(code=NO_UNKNOWNS, message=message, place=span, hint=hint)
 
 
 def no_equations(span: Span) -> Diagnostic:
