@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Observability, Reason
 from mbm.estimation.search.solution import DerivedSolution, Hypothesis, Solution
 from mbm.estimation.sequences import faults
-from mbm.estimation.sequences.places import NOT_OF_A_STEP, Places
+from mbm.estimation.sequences.lowering import of_no_step, steps_of
+from mbm.estimation.sequences.own_steps import SEVERAL, OwnSteps
+from mbm.estimation.sequences.places import Places
 from mbm.estimation.sequences.walk import Chained, Prior, Rules, Track
 from mbm.estimation.trust.plausibility import IMPROBABLE
 from mbm.estimation.uncertainty.degrees import common
@@ -22,7 +25,7 @@ from mbm.estimation.uncertainty.variance import fit_statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import Problem
+from mbm.problem.types import BlockRole, Problem
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
@@ -48,14 +51,16 @@ class Walked:
 
 
 def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
-    """The solution that a walk gives. Plain unknowns are those after the last row."""
+    """The solution that a walk gives. Plain unknowns are those after the last row, in rows those of their step."""
     equations, track, places = walked.equations, walked.track, walked.places
-    numbers = _numbers(walked)
+    own = OwnSteps.of(places, track.made)
+    numbers = own.numbers(_numbers(walked), track.points)
+    groups = tuple(own.placed(group, _steps_of(walked, own, group)) for group in equations.groups)
     free = np.union1d(equations.free, _free(places))
     sigma = _sigmas(walked)[free]
     covariance = Covariance(matrix=_matrix(walked, free), sigma=sigma, factor=np.zeros((len(free), 0)))
-    derived = _derived(walked, numbers)
-    residuals = equations.plain_residuals(numbers)
+    derived = _derived(walked, own)
+    residuals = replace(equations, groups=groups).plain_residuals(numbers)
     reason = _reason(walked)
     fit = _fit(walked, reason)
     lost = int(track.opens[max(track.made - 1, 0)])
@@ -63,8 +68,8 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         key=walked.key,
         tables=walked.tables,
         layout=equations.layout,
-        groups=equations.groups,
-        constraints=equations.constraints,
+        groups=groups,
+        constraints=tuple(own.placed(group, _steps_of(walked, own, group)) for group in equations.constraints),
         numbers=numbers,
         free=free,
         minimum=Minimum(
@@ -218,14 +223,30 @@ def _doubts(walked: Walked, fit: Fit) -> tuple[Diagnostic, ...]:
     return (faults.overconfident_filter(walked.problem.span, fit.sigma0, fit.chi2_p),)
 
 
-def _derived(walked: Walked, numbers: Floats) -> tuple[DerivedSolution, ...]:
+def _steps_of(walked: Walked, own: OwnSteps, group: Group) -> Indices:
+    """The step of each row (rows,) of what is observed or constrained."""
+    sequence = walked.problem.sequence
+    block = walked.problem.blocks[group.kernel.owner]
+    observed = block.role is BlockRole.OBSERVATION
+    if sequence is None or not (observed or block.role is BlockRole.CONSTRAINT):
+        return own.reached(group)
+    if not observed and of_no_step(group, block, walked.places, sequence, walked.tables):
+        return own.reached(group)
+    exact = (transition.exact for transition in sequence.transitions)
+    if block.name in exact:
+        return own.reached(group)
+    return steps_of(group, block, walked.places, sequence, walked.tables)
+
+
+def _derived(walked: Walked, own: OwnSteps) -> tuple[DerivedSolution, ...]:
     """Derived quantities, each row with the covariance of the step that it belongs to, else of the last."""
-    shown = walked.equations.layout.reported(numbers)
+    layout, step = walked.equations.layout, walked.chained.seen.equations.layout
+    numbers = own.numbers(layout.reported(_numbers(walked)), step.reported(walked.track.points))
     with np.errstate(all="ignore"):
-        return tuple(_one(walked, shown, owner) for owner in range(len(walked.problem.derived)))
+        return tuple(_one(walked, own, numbers, owner) for owner in range(len(walked.problem.derived)))
 
 
-def _one(walked: Walked, numbers: Floats, owner: int) -> DerivedSolution:
+def _one(walked: Walked, own: OwnSteps, numbers: Floats, owner: int) -> DerivedSolution:
     derived = walked.problem.derived[owner]
     rows = len(walked.tables[derived.table]) if derived.table is not None else 1
     count = size = len(derived.cases[0].values) if derived.cases else 0
@@ -233,51 +254,24 @@ def _one(walked: Walked, numbers: Floats, owner: int) -> DerivedSolution:
         shape = manifold_of(derived.kind.value, derived.dimension, 0)
         count, size = shape.size, shape.tangent
     values, sigma = np.full((rows, count), np.nan), np.full((rows, size), np.nan)
-    for group in walked.binder.derived(walked.kernels, owner):
+    for each in walked.binder.derived(walked.kernels, owner):
+        steps = own.steps(each)
+        group = own.placed(each, steps)
         positions = group.positions if group.positions is not None else np.arange(1)
         stated = group.values(numbers).copy()
-        slopes = _slopes(walked, group, numbers)
+        slopes = group.dense_jacobian(numbers, own.column, len(walked.places.free))
         if derived.kind is None:
             values[positions] = reported(derived, stated)
         else:
             values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
             slopes = tangent_slopes(derived.kind, derived.dimension, stated, slopes)
-        sigma[positions] = _spread(walked, group, slopes)
+        sigma[positions] = _spread(walked.track, steps, slopes)
     return DerivedSolution(owner=owner, values=values, sigma=sigma, gradient=None, freedom=common(np.inf, sigma.shape))
 
 
-def _steps_of(walked: Walked, group: Group) -> Indices:
-    """The step of each row (rows,): that of the states in it; the last one where there are none or several."""
-    steps = walked.places.step_of_coordinate[group.columns]
-    most = steps.max(axis=1, initial=NOT_OF_A_STEP)
-    last = max(walked.track.made - 1, 0)
-    several = ((steps != most[:, None]) & (steps != NOT_OF_A_STEP)).any(axis=1)
-    return np.where(several, -1, np.where(most == NOT_OF_A_STEP, last, most))
-
-
-def _slopes(walked: Walked, group: Group, numbers: Floats) -> Floats:
-    """The derivatives (rows, outputs, n) by the free coordinates of the step of each row."""
-    places = walked.places
-    column = np.full(len(places.coordinates[0]), -1, dtype=np.int64)
-    column[places.free] = np.arange(len(places.free))
-    own = column[places.coordinate[group.columns]]
-    group.fill(numbers)
-    nonzeros = group.evaluation.values_and_jacobian()[1]
-    found = np.zeros((group.rows, group.kernel.outputs, len(places.free)))
-    rows = np.arange(group.rows)
-    pairs = zip(group.kernel.jacobian_rows, group.kernel.jacobian_columns, strict=True)
-    for k, (output, tangent) in enumerate(pairs):
-        at = own[:, tangent]
-        kept = at >= 0
-        np.add.at(found, (rows[kept], output, at[kept]), nonzeros[kept, k])
-    return found
-
-
-def _spread(walked: Walked, group: Group, slopes: Floats) -> Floats:
+def _spread(track: Track, steps: Indices, slopes: Floats) -> Floats:
     """Standard deviations (rows, outputs); NaN where a step is not determined, or several are in one row."""
-    track = walked.track
-    steps = _steps_of(walked, group)
-    known = (steps >= 0) & (steps < track.made)
+    known = (steps != SEVERAL) & (steps < track.made)
     at = np.where(known, steps, 0)
     sigma = np.sqrt(np.square(np.einsum("rfn,ron->rof", track.factors[at], slopes)).sum(axis=2))
     loose = (np.where(track.touched[at][:, None, :], slopes, 0.0) != 0.0).any(axis=2)

@@ -61,7 +61,6 @@ def lowered(
 
     """
     steps = len(places.numbers)
-    keys = tables[sequence.steps].numbers(sequence.column)
     exact = {t.exact for t in sequence.transitions if t.exact is not None}
     known = {state.prior for state in sequence.states if state.prior is not None}
     seen: list[_Rows] = []
@@ -76,10 +75,10 @@ def lowered(
             moving.append(_by_step(group, equal, np.asarray(group.positions), steps - 1))
         elif block.name in known:
             priors.append(group)
-        elif block.role is BlockRole.CONSTRAINT and _of_no_step(group, block, places, sequence, tables):
+        elif block.role is BlockRole.CONSTRAINT and of_no_step(group, block, places, sequence, tables):
             undivided.append((group, equal))
         else:
-            rows = _by_step(group, equal, _steps_of(group, block, places, keys, sequence, tables), steps)
+            rows = _by_step(group, equal, steps_of(group, block, places, sequence, tables), steps)
             (limits if block.role is BlockRole.CONSTRAINT else seen).append(rows)
     observed = [each for each in seen if problem.blocks[each.group.kernel.owner].role is BlockRole.OBSERVATION]
     counted = sum((each.counts for each in observed), np.zeros(steps, dtype=np.int64))
@@ -139,16 +138,19 @@ def _refuse(block: Block, group: Group, equations: Assembled, method: str) -> No
         raise MbmError(faults.not_for_filters(block.span, method, what, "use `:method batch`"))
 
 
-def _of_no_step(group: Group, block: Block, places: Places, sequence: Sequence, tables: Mapping[str, Table]) -> bool:
+def of_no_step(group: Group, block: Block, places: Places, sequence: Sequence, tables: Mapping[str, Table]) -> bool:
     """Whether no row mentions what moves, or belongs to a step."""
     stepped = block.table is not None and sequence.column in tables[block.table].columns
     return not stepped and bool((places.step_of_number[group.index] == NOT_OF_A_STEP).all())
 
 
-def _steps_of(
-    group: Group, block: Block, places: Places, keys: Floats, sequence: Sequence, tables: Mapping[str, Table]
-) -> Indices:
-    """The step (rows,) that each row belongs to: that of the states in it, else by its own column, else the first."""
+def steps_of(group: Group, block: Block, places: Places, sequence: Sequence, tables: Mapping[str, Table]) -> Indices:
+    """The step (rows,) that each row belongs to: that of the states in it, else by its own column, else the first.
+
+    Raises:
+        MbmError: a row mentions states of several steps.
+
+    """
     steps = places.step_of_number[group.index]
     most = steps.max(axis=1, initial=NOT_OF_A_STEP)
     if bool(((steps != most[:, None]) & (steps != NOT_OF_A_STEP)).any()):
@@ -156,6 +158,7 @@ def _steps_of(
         raise MbmError(faults.not_for_filters(block.span, method, what, "use `:method batch`"))
     table = None if block.table is None else tables[block.table]
     if table is not None and group.positions is not None and sequence.column in table.columns:
+        keys = tables[sequence.steps].numbers(sequence.column)
         own = np.searchsorted(keys, table.numbers(sequence.column)[group.positions])
         return np.asarray(np.where(most == NOT_OF_A_STEP, own, most))
     return np.asarray(np.maximum(most, 0))

@@ -89,9 +89,10 @@ def test_each_step_is_given_the_rows_that_its_method_says(method):
     lag = {"smoother": STEPS, "(smoother :lag 3)": 3}.get(method, 0)
     assert found.status == "converged"
     for k in range(STEPS):
-        x, sigma, _, both, _ = known(k + lag)
+        x, sigma, now, both, _ = known(k + lag)
         assert found["x"].value[k] == pytest.approx(x[k], abs=1e-10)
         assert found["x"].sigma[k] == pytest.approx(sigma[k], rel=1e-10)
+        assert found["d"].value[k] == pytest.approx(now[0] + 2 * x[k], abs=1e-10)
         assert found["d"].sigma[k] == pytest.approx(both[k], rel=1e-10)
     _, _, offset, _, cost = known()
     assert (found["b"].value, found["b"].sigma) == pytest.approx(offset, rel=1e-10)
