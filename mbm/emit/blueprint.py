@@ -258,6 +258,7 @@ class _Drafting:
                 self._equations(replace(block, table=table), identifier, kernel, symbolic) for kernel, symbolic in mine
             ),
             unknown_factor=block.unknown_factor,
+            factor=Foreign(block.factor_name.removeprefix(PRIOR)),
             loss=block.loss,
         )
 

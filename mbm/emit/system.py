@@ -24,7 +24,7 @@ _TRIANGLES: Mapping[NoiseKind, int] = {NoiseKind.SIGMA: 0, NoiseKind.COVARIANCE:
 class StaticSystem:
     """``prefix`` is how the array ``system`` begins, ``unknowns`` what the routines are told of the unknowns.
 
-    ``losses`` has the parameter and the shape of each loss, two numbers each. ``noises`` are the clauses with unknown
+    ``losses`` has the parameter and the shape of each loss, two numbers each. ``noises`` are the factors of unknown
     noise, those first whose factors the residuals tell, then those with a loss, which consensus tells. ``scaled``: all
     residuals share one unknown factor of their noise, so that the covariance is multiplied by what the residuals say.
     """
@@ -61,8 +61,8 @@ def static_system(blueprint: Blueprint, chunk: int) -> StaticSystem:
     """What is known of the arrays when a problem is compiled; ``chunk``: residuals to be triangularised at a time."""
     cases = blueprint.cases
     measured = [(b, c) for b, c in cases if b.role is not BlockRole.CONSTRAINT]
-    unknown = [b.name for b in blueprint.blocks if b.unknown_factor and b.loss is None]
-    robust = [b.name for b in blueprint.blocks if b.unknown_factor and b.loss is not None]
+    unknown = list(dict.fromkeys(b.factor for b in blueprint.blocks if b.unknown_factor and b.loss is None))
+    robust = [b.factor for b in blueprint.blocks if b.unknown_factor and b.loss is not None]
     scaled = len(unknown) == 1 and not robust and all(b.unknown_factor for b, _ in measured)
     noises = () if scaled else (*unknown, *robust)
     prefix = [0] * at.HEADER + [0] * (at.BLOCK * len(cases))
@@ -82,7 +82,7 @@ def static_system(blueprint: Blueprint, chunk: int) -> StaticSystem:
     losses: list[float] = []
     for number, (block, case) in enumerate(cases):
         _block(prefix, number, block, case, varies(blueprint, case), losses)
-        group = noises.index(block.name) if block.unknown_factor and block.name in noises else -1
+        group = noises.index(block.factor) if block.unknown_factor and block.factor in noises else -1
         prefix[at.HEADER + number * at.BLOCK + at.Block.noise] = group
     return StaticSystem(
         prefix=tuple(prefix), unknowns=_unknowns(blueprint), losses=tuple(losses), noises=noises, scaled=scaled

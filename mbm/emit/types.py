@@ -245,7 +245,7 @@ class BlockCase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlockShape:
-    """A clause: observation, prior or constraint, with its rows and cases."""
+    """A clause: observation, prior or constraint, with its rows and cases; ``factor`` is what its noise is called."""
 
     name: Foreign
     identifier: str
@@ -255,6 +255,7 @@ class BlockShape:
     distinct: tuple[ColumnValue, ...]
     cases: tuple[BlockCase, ...]
     unknown_factor: bool
+    factor: Foreign
     loss: Loss | None
 
 

@@ -32,6 +32,7 @@ from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.dynamics import read_dynamics
 from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.estimators import read_estimator
+from mbm.problem.reading.noise_structure import check_structures
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.previous import Earlier, looking_back, previous
@@ -157,6 +158,8 @@ def _check_content(
 ) -> None:
     """Raise what was collected, and that there is nothing to estimate or derive, or nothing that is ``told`` of it."""
     blocks, derived, request = told
+    with work.collecting():
+        check_structures(blocks, request)
     bounded = request is not None and request.method is Method.INTERVAL
     if not declarations:
         if not (blocks or derived or work.undeclared):

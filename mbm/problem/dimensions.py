@@ -13,6 +13,7 @@ from mbm.expression.nodes import Apply, Column, Component, Expression, Number, O
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
+from mbm.problem.factor_dimensions import factor_faults
 from mbm.problem.kinds import AggregateKind
 from mbm.problem.previous import column_before
 from mbm.problem.residual_units import with_units
@@ -69,6 +70,7 @@ def infer(
                     inference.equate(value, unit, each.span)
     inference.settle()
     diagnostics += [_diagnostic(clash, inference, unknowns) for clash in inference.clashes]
+    diagnostics += factor_faults(blocks, inference)
     if sequence is not None:
         diagnostics += scale_faults(sequence, unknowns, inference)
     united = blocks if diagnostics else with_units(blocks, inference, tables)

@@ -18,6 +18,7 @@ from mbm.problem.aggregates import Aggregate
 from mbm.problem.enclosing import Enclosing
 from mbm.problem.kinds import ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
+from mbm.problem.noise import PLAIN, NoiseStructure
 from mbm.problem.overrides import ConstantValue
 from mbm.problem.requests import GivenStarts, RandomStarts, Window
 from mbm.problem.sequence.types import Sequence
@@ -244,7 +245,13 @@ class Block:
     earlier: bool = False
     singular: bool = False
     trust: RowValues | None = None
+    structure: NoiseStructure = PLAIN
     span: Span
+
+    @property
+    def factor_name(self) -> str:
+        """What the factor of unknown noise is called."""
+        return self.structure.shared or self.name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

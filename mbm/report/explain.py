@@ -177,6 +177,8 @@ def _noise(block: Block) -> str:
         NoiseKind.BOUND: "stated bounds",
     }
     text = " and ".join(words[k] for k in sorted(kinds)) or "none"
+    if block.structure.shared is not None:
+        return f"{text}, up to the unknown factor `{block.structure.shared}`"
     return f"{text}, up to one unknown factor" if block.unknown_factor else text
 
 

@@ -108,7 +108,7 @@ def filled(
     """
     columns, number = block.columns, block.which.start + place
     factor = columns.factor[place]
-    noise = {each.name: float(columns.noise[place, i]) for i, each in enumerate(problem.blocks)}
+    noise = {each.factor_name: float(columns.noise[place, i]) for i, each in enumerate(problem.blocks)}
     estimates = [item for item in items if isinstance(item, Estimate)]
     derived = [item for item in items if isinstance(item, DerivedValue)]
     images = [image[place] for _, _, image in columns.derived]

@@ -387,5 +387,7 @@ def _noise(problem: Problem, solution: Solution) -> Mapping[str, float | None]:
         if block.role is BlockRole.OBSERVATION:
             noise = solution.noise.get(i)
             estimated = noise is not None and noise.state is NoiseState.ESTIMATED
-            found[block.name] = noise.factor if noise is not None and estimated else None
+            found.setdefault(block.factor_name, None)
+            if noise is not None and estimated:
+                found[block.factor_name] = noise.factor
     return found

@@ -17,8 +17,9 @@ from mbm.expression.evaluate import Calls
 from mbm.expression.units import parse_unit
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
+from mbm.problem.factors import factor_names
 from mbm.problem.tables import CellKey, Column, Table
-from mbm.problem.types import BlockRole, Problem
+from mbm.problem.types import Problem
 from mbm.report import faults
 from mbm.report.elements import plain_key, unit_text
 from mbm.report.geometric import GEOMETRIC, written
@@ -215,7 +216,7 @@ def noise_factors(problem: Problem, at: Mapping[str, object], given: Mapping[str
         MbmError: a name that is no observation, a value that is no number above zero.
 
     """
-    known = [block.name for block in problem.blocks if block.role is BlockRole.OBSERVATION]
+    known = factor_names(problem)
     for name in given:
         if name not in known:
             raise MbmError(simulation_faults.unknown_observation(name, known))

@@ -105,8 +105,8 @@ class _Run:
         masks = {i: used_rows(block, whole) for i, block in enumerate(problem.blocks)}
         for measured in self.equations:
             block = problem.blocks[measured.block]
-            if block.unknown_factor and block.name not in factors:
-                notes.append(faults.assumed_noise(block.span, block.name))
+            if block.unknown_factor and block.factor_name not in factors:
+                notes.append(faults.assumed_noise(block.span, block.factor_name))
             case = block.cases[measured.case]
             table = tables[block.table] if block.table is not None else None
             positions = None
@@ -117,7 +117,7 @@ class _Run:
             rows = Rows(table=table, positions=positions, tables=tables, layout=places, numbers=places.start)
             if table is None or positions is None or len(positions) == 0:
                 continue
-            numbers, hit = self._equation(measured, rows, factors.get(block.name, 1.0))
+            numbers, hit = self._equation(measured, rows, factors.get(block.factor_name, 1.0))
             hits.setdefault(block.name, set()).update(self._rows(table, positions[hit]).tolist())
             for j, column in enumerate(measured.columns):
                 own = self._rows(table, positions)

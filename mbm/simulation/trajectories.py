@@ -69,7 +69,7 @@ def _draws(problem: Problem, group: Group, tables: Mapping[str, Table], drawing:
         size = len(equation.components)
         root = _root(equation, block, group, tables)
         own = normal[group.positions, first : first + size]
-        parts.append(factors.get(block.name, 1.0) * np.einsum("rij,rj->ri", root, own))
+        parts.append(factors.get(block.factor_name, 1.0) * np.einsum("rij,rj->ri", root, own))
         first += size
     return np.hstack(parts)
 

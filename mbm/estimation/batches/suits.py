@@ -9,6 +9,7 @@ from mbm.equations.sampling import samplings
 from mbm.estimation.settings import Settings
 from mbm.expression.nodes import Column, Component, Expression, LiteralMember, Member, RowChoice, leaves
 from mbm.kernels.types import KernelSet
+from mbm.problem.factors import shares_factors
 from mbm.problem.types import Problem, UncertainColumn, Unknown
 from mbm.symbolic.types import ColumnInput
 
@@ -24,7 +25,7 @@ def suits(problem: Problem, kernels: KernelSet, split: frozenset[str]) -> bool:
     for block in problem.blocks:
         if block.distinct or not all(_stated(error, block.table, split) for error in block.errors):
             return False
-    if problem.aggregates or any(derived.table is not None for derived in problem.derived):
+    if problem.aggregates or shares_factors(problem) or any(derived.table is not None for derived in problem.derived):
         return False
     if any(samplings(kernel) for kernel in kernels.kernels):
         return False

@@ -16,6 +16,7 @@ from mbm.estimation.settings import Settings
 from mbm.estimation.uncertainty.observability import observed_at
 from mbm.estimation.uncertainty.stationary import without_stationary
 from mbm.estimation.uncertainty.variance import common_factor, redundancy_numbers, variance_components
+from mbm.problem.factors import factor_groups
 from mbm.problem.types import Problem
 from mbm.values import dataclass
 
@@ -75,18 +76,19 @@ class _Weighing:
         self.iterations = found.iterations
         self.evaluations = found.evaluations
         self._last: tuple[Floats | None, Minimum] = robust.factors, found.minimum
-        self.unknown = [
+        unknown = (
             i
             for i, block in enumerate(problem.blocks)
             if block.unknown_factor and i not in robust.noise and len(self.equations.block_rows(i)) > 0
-        ]
+        )
+        self.unknown = factor_groups(problem.blocks, unknown)
         self._point = found.minimum.point if np.isfinite(found.minimum.cost) else self.equations.numbers
 
     def weighted(self) -> tuple[Minimum, Mapping[int, Noise], Floats | None]:
         """The minimum with the final weights, and the noise of each block whose factor is unknown."""
         robust = self._robust
-        rows = {i: self.equations.block_rows(i) for i in self.unknown}
-        stated = sum(len(r) for r in rows.values()) < self.equations.count
+        groups = [np.concatenate([self.equations.block_rows(i) for i in group]) for group in self.unknown]
+        stated = sum(map(len, groups)) < self.equations.count
         if not self.unknown:
             return self._minimise(robust.factors), robust.noise, robust.factors
         if len(self.unknown) == 1 and not stated:
@@ -94,18 +96,20 @@ class _Weighing:
             observed = self._observed(minimum)
             cost = float(np.square(robust.scattering(minimum.residuals)).sum())
             noise = common_factor(cost, self.equations.count + observed.equalities - observed.rank)
-            return minimum, {self.unknown[0]: noise}, None
-        groups = [rows[i] for i in self.unknown]
+            return minimum, dict.fromkeys(self.unknown[0], noise), None
         components = variance_components(self._reweighted, groups)
         factors = self._row_factors([noise.factor for noise in components.noises])
-        noises = {**robust.noise, **dict(zip(self.unknown, components.noises, strict=True))}
+        noises = dict(robust.noise)
+        for group, noise in zip(self.unknown, components.noises, strict=True):
+            noises |= dict.fromkeys(group, noise)
         return self._minimise(factors), noises, factors
 
     def _row_factors(self, values: Sequence[float] | Floats) -> Floats:
-        """Factors by residual (all of them) from those of the unknown blocks."""
+        """Factors by residual (all of them) from those of the groups of blocks with unknown noise."""
         by_row = np.ones(self.equations.whole) if self._robust.factors is None else self._robust.factors.copy()
-        for number, value in zip(self.unknown, values, strict=True):
-            by_row[block_rows(self.equations.groups, number)] = value
+        for group, value in zip(self.unknown, values, strict=True):
+            for number in group:
+                by_row[block_rows(self.equations.groups, number)] = value
         return by_row
 
     def _reweighted(self, factors: Floats) -> tuple[Floats, Floats] | None:

@@ -8,7 +8,7 @@ the uncertainty of the weights as Kenward and Roger (1997, Biometrics 53, 983–
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from math import inf
 
 import numpy as np
@@ -106,16 +106,17 @@ def freedoms(
     minimum: Minimum,
     observed: Observability,
     covariance: Covariance,
-    noise: Mapping[int, Noise],
+    noises: Iterable[tuple[Noise, tuple[int, ...]]],
     dof: int,
 ) -> Freedoms:
-    """The degrees of freedom at a minimum, whose Jacobian is whitened with the final factors of the ``noise``.
+    """The degrees of freedom at a minimum, whose Jacobian is whitened with the final ``noises``.
 
-    Stated noise leaves infinitely many. Losses, and one noise that all rows share, leave the redundancy ``dof``. Of
-    several noises in sparse problems the least redundancy of any group counts, which is never more than is effective.
+    Each noise comes with the blocks that share it. Stated noise leaves infinitely many. Losses, and one noise that all
+    rows share, leave the redundancy ``dof``. Of several noises in sparse problems the least redundancy of any group
+    counts, which is never more than is effective.
     """
-    told = [number for number, each in noise.items() if each.state is NoiseState.ESTIMATED]
-    rows = [equations.block_rows(number) for number in told]
+    told = [blocks for noise, blocks in noises if noise.state is NoiseState.ESTIMATED]
+    rows = [np.concatenate([equations.block_rows(number) for number in blocks]) for blocks in told]
     every = sum(map(len, rows)) == equations.count
     if equations.lossy or (len(told) == 1 and every):
         return Freedoms(dof=float(max(dof, LEAST)), factor=covariance.factor)

@@ -14,6 +14,7 @@ from mbm.estimation.uncertainty.covariance import covariance
 from mbm.estimation.uncertainty.degrees import Freedoms, freedoms
 from mbm.estimation.uncertainty.observability import observed_at
 from mbm.estimation.uncertainty.variance import fit_statistics
+from mbm.problem.factors import factor_groups
 from mbm.problem.types import Problem
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
@@ -53,12 +54,13 @@ def statistics(
     """
     plain = equations.plain_residuals(minimum.point) if equations.lossy else minimum.residuals
     cost, variance, known = float(plain @ plain) if equations.lossy else minimum.cost, 1.0, True
-    if len(noise) == 1 and factors is not None:
-        rows = equations.block_rows(next(iter(noise)))
+    groups = factor_groups(problem.blocks, noise)
+    if len(groups) == 1 and factors is not None:
+        rows = np.concatenate([equations.block_rows(number) for number in groups[0]])
         residuals = plain.copy()
         residuals[rows] *= equations.picked(factors)[rows]
         cost = float(residuals @ residuals)
-    elif len(noise) == 1:
+    elif len(groups) == 1:
         only = next(iter(noise.values()))
         variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
         known = only.state is not NoiseState.NO_REDUNDANCY
@@ -98,7 +100,7 @@ def statistics(
         alternative=alternative,
         fit=fit,
         sigma_known=known,
-        freedoms=freedoms(equations, minimum, observed, estimated, noise, fit.dof),
+        freedoms=freedoms(equations, minimum, observed, estimated, [(noise[g[0]], g) for g in groups], fit.dof),
         diagnostics=diagnostics,
     )
 

@@ -13,6 +13,7 @@ from mbm.problem.naming import TakenNames
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.equations import Residual, residuals
 from mbm.problem.reading.errors import read_errors
+from mbm.problem.reading.noise_structure import read_structure, read_unknown_noise
 from mbm.problem.reading.robust import read_loss
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
@@ -62,6 +63,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
         unknown_factor=factor and not exact,
         loss=loss,
         errors=errors,
+        structure=read_structure(options),
         span=clause.items[0].span,
     )
 
@@ -124,9 +126,7 @@ def stated_noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:
         if isinstance(form, Symbol) and form.name == "unknown":
             return NoiseKind.SIGMA, None, True
         if isinstance(form, Sequence) and form.head == "unknown":
-            if len(form.items) != 2:
-                raise MbmError(language_faults.bad_form(form.span, "`unknown` takes one form", ":sigma (unknown form)"))
-            return NoiseKind.SIGMA, form.items[1], True
+            return NoiseKind.SIGMA, read_unknown_noise(form).form, True
     return NoiseKind(given[0]), form, False
 
 
