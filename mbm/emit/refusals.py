@@ -233,6 +233,10 @@ def _derived(problem: Problem, target: Target) -> Iterator[Diagnostic]:
         if derived.table in families:
             why = "it is derived for each distinct value of a column"
             yield faults.not_emitted(derived.span, what, why, "derive it over a table with one row for each value")
+        if derived.grid is not None:
+            why = "generated solvers derive for the rows of tables that they are given"
+            todo = f"put the values of `{derived.grid.variable}` into a table, and derive `:over` that"
+            yield faults.not_emitted(derived.span, what, why, todo)
         nodes = [n for case in derived.cases for n in case.values]
         yield from _called(nodes)
         if _sampled(nodes):

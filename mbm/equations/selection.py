@@ -41,9 +41,9 @@ class Selection:
 def selections(problem: Problem, tables: Mapping[str, Table]) -> tuple[int, Iterator[Selection]]:
     """How many solves there are, and their tables one after the other, in the order in which the keys first occur.
 
-    Tables without any of the columns enter whole. A combination occurs if some table that has all the columns holds it;
-    where no table has all of them, every combination of the values that occur is tried. Each combination has windows of
-    its own, from its first row to its last.
+    Tables without any of the columns enter whole, and so do grids. A combination occurs if some table that has all the
+    columns holds it; where no table has all of them, every combination of the values that occur is tried. Each
+    combination has windows of its own, from its first row to its last.
 
     Raises:
         MbmError: more solves than can be meant, or a window's column without a number in some row.
@@ -61,11 +61,13 @@ def selections(problem: Problem, tables: Mapping[str, Table]) -> tuple[int, Iter
     base = {name: table for name, table in tables.items() if name not in families}
     if sequence is not None:
         base.pop(sequence.reached)
-    chosen = list(_chosen(columns, base))
+    grids = {derived.grid.table for derived in problem.derived if derived.grid is not None}
+    keyed = {name: table for name, table in base.items() if name not in grids}
+    chosen = list(_chosen(columns, keyed))
     if window is None:
         made = (Selection(key=key, tables=SelectedTables(base, rows, families, sequence)) for key, rows in chosen)
         return len(chosen), made
-    slid = [(key, windows(problem, window, base, rows)) for key, rows in chosen]
+    slid = [(key, windows(problem, window, keyed, rows)) for key, rows in chosen]
     count = too_many(window, sum(each.count for _, each in slid))
     return count, (selection for key, each in slid for selection in _slid(key, each, base, problem))
 

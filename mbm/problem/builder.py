@@ -19,7 +19,7 @@ from mbm.problem.clauses import effective_clauses
 from mbm.problem.dimensions import infer
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.elaboration import Routines, Workspace
-from mbm.problem.joining import filtered, joined
+from mbm.problem.joining import filtered, grid_tables, joined
 from mbm.problem.naming import TakenNames
 from mbm.problem.overrides import Overrides
 from mbm.problem.pairing import paired
@@ -37,7 +37,7 @@ from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.previous import Earlier, looking_back, previous
 from mbm.problem.reading.request import read_request, trusting
-from mbm.problem.reading.sources import DataClause, Formats, in_join_order, read_source, refuse_overwriting
+from mbm.problem.reading.sources import DataClause, Formats, in_join_order, plan_of, read_source, refuse_overwriting
 from mbm.problem.reading.states import Declared, declare_states, first_states
 from mbm.problem.reading.unions import check_members, check_units
 from mbm.problem.reading.unknowns import given_start, read_unknown
@@ -177,6 +177,7 @@ def _checked(
     consulted: Consulted,
 ) -> Elaborated:
     """The problem with what its data make doubtful; raises what they make wrong."""
+    tables = {**tables, **grid_tables(problem.derived)}
     errors, warnings = check_data(problem, tables)
     if errors:
         raise MbmError(*errors)
@@ -253,7 +254,7 @@ def _tables(
     plans = []
     for data in ordered:
         with work.collecting():
-            plans.append(_plan(work, data))
+            plans.append(plan_of(work, data))
     work.finish()
     for plan in plans:
         tables[plan.name] = filtered(plan, tables, plan.where)
@@ -276,12 +277,6 @@ def _pairs(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[PairDeclarat
 def _names_of(clauses: tuple[Sequence, ...], head: str) -> tuple[str, ...]:
     """The columns that clauses name."""
     return tuple(item.name for c in _all(clauses, head) for item in c.items[1:] if isinstance(item, Symbol))
-
-
-def _plan(work: Workspace, data: DataClause) -> TablePlan:
-    table = work.tables[data.declaration.name]
-    where = None if data.where is None else work.conditions(data.where, table, 1, wanted="`:where`")
-    return TablePlan(declaration=data.declaration, joins=data.joins, where=where)
 
 
 def _definitions(work: Workspace, clauses: tuple[Sequence, ...]) -> None:

@@ -60,6 +60,10 @@ def infer(
             inference.visit((value,))
             inference.equate(Component(aggregate.name, (), None, aggregate.angle), result, aggregate.span)
     for each in derived:
+        if each.grid is not None:
+            variable = Column(each.grid.table, each.grid.variable, span=each.grid.span)
+            for end in each.grid.ends:
+                inference.equate(variable, end, end.span)
         for case in each.cases:
             inference.visit(case.values)
             if each.unit is not None:

@@ -62,7 +62,8 @@ class Workspace:
 
     ``formats`` has what a data clause may say of each format; ``routines`` gives the names of the registered closed
     forms, which may be asked for as methods; ``reads`` keeps account of the values that decided something, ``extent``
-    of what there is to compile; ``written_out`` is where constraints hold aggregates.
+    of what there is to compile; ``written_out`` is where constraints hold aggregates. ``uncertain`` are the names of
+    numbers of constants with a standard deviation.
     """
 
     evaluator: Evaluator
@@ -73,6 +74,7 @@ class Workspace:
     diagnostics: list[Diagnostic] = field(default_factory=list)
     undeclared: set[str] = field(default_factory=set)
     written_out: list[Span] = field(default_factory=list)
+    uncertain: set[str] = field(default_factory=set)
     reads: Reads = field(default_factory=Reads)
     extent: Extent = field(init=False)
 

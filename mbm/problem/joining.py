@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import repeat
 
@@ -12,7 +12,7 @@ from mbm.problem import faults
 from mbm.problem.previous import with_rows_before
 from mbm.problem.rows import MAXIMUM_REPORTED, decided
 from mbm.problem.tables import CellKey, Column, Table
-from mbm.problem.types import Family, Join, Problem, RowValues, TablePlan
+from mbm.problem.types import Derived, Family, Join, Problem, RowValues, TablePlan
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic, MbmError
 
@@ -35,11 +35,18 @@ def prepare(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
         for name in {pair.name for pair in problem.pairs} & set(problem.earlier):
             tables[name] = with_rows_before(tables[name], problem.request.for_each)
     tables = with_families(tables, tuple(u.family for u in problem.unknowns if u.family is not None))
+    tables |= grid_tables(problem.derived)
     if problem.sequence is not None:
         from mbm.problem.sequence.tables import transitions_table
 
         tables[problem.sequence.reached] = transitions_table(problem.sequence, tables)
     return tables
+
+
+def grid_tables(derived: Iterable[Derived]) -> dict[str, Table]:
+    """The tables that the grids of derived quantities make."""
+    grids = {each.grid.table: each.grid for each in derived if each.grid is not None}
+    return {name: grid.rows() for name, grid in grids.items()}
 
 
 def unfiltered(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:

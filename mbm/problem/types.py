@@ -16,6 +16,7 @@ from mbm.expression.projection import Projection
 from mbm.expression.units import Unit
 from mbm.problem.aggregates import Aggregate
 from mbm.problem.enclosing import Enclosing
+from mbm.problem.grids import Grid
 from mbm.problem.kinds import ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.noise import PLAIN, NoiseStructure
@@ -256,7 +257,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Derived:
-    """A quantity computed from the estimates, once or for each row of ``table``.
+    """A quantity computed from the estimates, once or for each row of ``table``, which ``grid`` makes if it is given.
 
     ``cases`` hold the matrix of a rotation (``kind``, ``dimension``) row by row, then translation, then scale.
     """
@@ -267,6 +268,7 @@ class Derived:
     dimension: int = 0
     shape: tuple[int, ...]
     cases: tuple[ValueCase, ...]
+    grid: Grid | None = None
     unit: Unit | None
     angle: bool
     span: Span

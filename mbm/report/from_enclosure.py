@@ -8,7 +8,7 @@ from mbm.equations.layout import Entry, half_turns
 from mbm.estimation.intervals.types import Enclosure, Ranges
 from mbm.problem.types import Derived, Problem, UnknownKind
 from mbm.report.numbers import nothing_known
-from mbm.report.quantities import derived_quantity, quantity_of
+from mbm.report.quantities import derived_quantity, keys_over, quantity_of
 from mbm.report.types import DerivedValue, Estimate, Floats, Piece, SolveReport, SolveStatus
 
 _ENCLOSED = "every solution lies within the bounds"
@@ -100,17 +100,14 @@ def _derived(problem: Problem, found: Enclosure, numbers: Ranges) -> tuple[Deriv
 def _derived_value(problem: Problem, found: Enclosure, derived: Derived, ends: Floats) -> DerivedValue:
     leading = () if derived.table is None else (len(ends),)
     shape = (*leading, *derived.shape)
-    keys = None
-    if derived.table is not None:
-        table = found.tables[derived.table]
-        keys = tuple(table.keys()) if table.key is not None else tuple(float(r) for r in table.rows)
+    over, keys = keys_over(derived, found.tables)
     value = _middle(ends[..., 0], ends[..., 1])
     return DerivedValue(
         quantity=derived_quantity(problem, derived),
         value=(half_turns(value) if derived.turns else value).reshape(shape),
         sigma=None,
         keys=keys,
-        over=derived.table,
+        over=over,
         reason=_EMPTY if found.whole is None else None,
         bounds=ends.reshape((*shape, 2)),
     )

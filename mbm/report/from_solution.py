@@ -29,7 +29,7 @@ from mbm.report.inputs import StartsTally
 from mbm.report.maps import maps_of
 from mbm.report.numbers import nothing_known, numbers_of
 from mbm.report.pictures import plot_data
-from mbm.report.quantities import Shown, shown
+from mbm.report.quantities import Shown, keys_over, shown
 from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries
 from mbm.report.root_means import of_solution
 from mbm.report.solution_spreads import coordinate_spread, derived_spread, entry_spread
@@ -300,16 +300,13 @@ def _derived(
     shape = (*leading, *derived.shape)
     sigma = found.sigma if unknown is None else np.full_like(found.sigma, np.nan)
     stated = shape if derived.kind is None else (*leading, sigma.shape[1])
-    keys = None
-    if derived.table is not None:
-        table = solution.tables[derived.table]
-        keys = tuple(table.keys()) if table.key is not None else tuple(float(r) for r in table.rows)
+    over, keys = keys_over(derived, solution.tables)
     return DerivedValue(
         quantity=quantity,
         value=found.values.reshape(shape),
         sigma=sigma.reshape(stated),
         keys=keys,
-        over=derived.table,
+        over=over,
         reason=_why_derived_missing(solution, found, sigma, unknown),
         spread=derived_spread(solution, found, stated),
     )

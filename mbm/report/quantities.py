@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from mbm.equations.layout import Entry
 from mbm.estimation.search.solution import Solution
 from mbm.expression.dimension import Dimension
 from mbm.expression.units import Unit
+from mbm.problem.tables import Table
 from mbm.problem.types import Derived, Problem, Unknown, UnknownKind
 from mbm.report import geometric
 from mbm.report.elements import element_names
-from mbm.report.types import Floats, Kind, Quantity
+from mbm.report.types import Floats, Key, Kind, Quantity
 from mbm.values import dataclass
 
 UNIT_ONE = "1"
@@ -87,6 +90,16 @@ def derived_quantity(problem: Problem, derived: Derived) -> Quantity:
     unit, factor = _unit(derived.unit, derived.angle, problem, derived.name, range(size))
     kind = Kind.ANGLE if derived.turns else Kind.VECTOR if derived.shape else Kind.REAL
     return Quantity(name=derived.name, kind=kind, shape=derived.shape, unit=unit, factor=factor, over=over)
+
+
+def keys_over(derived: Derived, tables: Mapping[str, Table]) -> tuple[str | None, tuple[Key, ...] | None]:
+    """What a derived quantity ranges over, and where it has its values there; None twice for one value."""
+    if derived.table is None:
+        return None, None
+    if derived.grid is not None:
+        return derived.grid.variable, tuple(derived.grid.shown().tolist())
+    table = tables[derived.table]
+    return derived.table, tuple(table.keys()) if table.key is not None else tuple(float(r) for r in table.rows)
 
 
 def _united(unknown: Unknown) -> range:

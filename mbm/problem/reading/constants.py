@@ -155,6 +155,7 @@ def constant_values(work: Workspace, declared: list[DeclaredConstant], span: Spa
             if numbers and value is not None:
                 values, names_of = tuple(e.value for e in numbers), tuple(e.name for e in numbers)
                 sigmas = _sigmas(work, each, value, numbers)
+                work.uncertain.update(names_of if sigmas else ())
                 found.append(ConstantValue(name=name, values=values, elements=names_of, sigmas=sigmas, span=entry.span))
             elif each.options.keywords:
                 message = f"`{name}` is no number, and has no standard deviation"

@@ -1,4 +1,4 @@
-"""``(derive (NAME FORM [:over TABLE] [:unit u])…)``: quantities computed from the estimates."""
+"""``(derive (NAME FORM [:over TABLE] [:unit u])… [:over TABLE])``: quantities computed from the estimates."""
 
 from __future__ import annotations
 
@@ -10,25 +10,41 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.manifold import manifold_of
 from mbm.problem.options import split_options
+from mbm.problem.reading.grids import read_grid
 from mbm.problem.reading.unknowns import stated_unit
 from mbm.problem.scopes import Entry
 from mbm.problem.types import Derived, UnknownKind, ValueCase
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
-USAGE = "(derive (name form [:over TABLE] [:unit u])…)"
+USAGE = "(derive (name form [:over TABLE] [:unit u])… [:over TABLE])"
 
 
 def read_derived(work: Workspace, clause: Sequence) -> list[Derived]:
     """The derived quantities of a clause; later ones may use earlier ones."""
-    found = []
-    for item in clause.items[1:]:
+    found: list[Derived] = []
+    entries: tuple[Form, ...] = ()
+    common: Form | None = None
+    with work.collecting():
+        entries, common = _entries(clause)
+    for item in entries:
         with work.collecting():
-            found.append(_derived(work, item))
+            found.append(_derived(work, item, common))
             work.extent.add(found[-1])
     return found
 
 
-def _derived(work: Workspace, item: Form) -> Derived:
+def _entries(clause: Sequence) -> tuple[tuple[Form, ...], Form | None]:
+    """The entries of a clause, and what all of them are ``:over`` that say nothing else."""
+    options = split_options(clause.items[1:], clause.span, owner="`derive`", known=("over",))
+    common = options.get("over")
+    if common is not None and clause.items[-1] is not common:
+        message = "`:over` of all quantities stands last in the clause"
+        raise MbmError(language_faults.bad_form(options.places["over"], message, USAGE))
+    return options.positional, common
+
+
+def _derived(work: Workspace, item: Form, common: Form | None) -> Derived:
+    """``common``: the ``:over`` of the clause."""
     if not (isinstance(item, Sequence) and len(item.items) > 1 and isinstance(item.items[0], Symbol)):
         raise MbmError(language_faults.bad_form(item.span, "a derived quantity is (name form)", USAGE))
     name = item.items[0]
@@ -37,7 +53,9 @@ def _derived(work: Workspace, item: Form) -> Derived:
         raise MbmError(language_faults.bad_form(item.span, "a derived quantity has one form", USAGE))
     form = options.positional[0]
     over, unit = options.get("over"), options.get("unit")
-    table = work.table(over) if over is not None else None
+    over = common if over is None else over
+    grid = read_grid(work, over) if over is not None else None
+    table = grid.rows() if grid is not None else work.table(over) if over is not None else None
 
     def evaluate(scope: Scope) -> tuple[Value, tuple[int, ...], tuple[Expression, ...]]:
         value = work.evaluator.wanted(form, scope)
@@ -67,6 +85,7 @@ def _derived(work: Workspace, item: Form) -> Derived:
         shape=(manifold_of(kind.value, dimension, 0).size,) if kind is not None else shape,
         cases=tuple(ValueCase(static=s, values=v) for s, (_, _, v) in cases),
         unit=stated_unit(unit) if unit is not None else None,
+        grid=grid,
         angle=bool(cases) and all(e.angle for _, (_, _, v) in cases for e in v),
         span=name.span,
     )

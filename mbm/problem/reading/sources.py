@@ -11,11 +11,12 @@ from mbm.expression.units import Unit
 from mbm.language import faults as language_faults
 from mbm.language.values import Evaluator, Scope, describe
 from mbm.problem import faults
+from mbm.problem.elaboration import Workspace
 from mbm.problem.options import split_options
 from mbm.problem.reading.source_arguments import read_arguments
 from mbm.problem.reading.unknowns import stated_unit
 from mbm.problem.tables import UNION, ColumnDeclaration, Format, InlineTable, Member, Table, TableDeclaration
-from mbm.problem.types import Join
+from mbm.problem.types import Join, TablePlan
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
@@ -88,6 +89,13 @@ def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence, formats: F
     )
     joins = tuple(_join(form) for form in options.repeated.get("with", ()))
     return DataClause(declaration=declaration, joins=joins, where=options.get("where"))
+
+
+def plan_of(work: Workspace, data: DataClause) -> TablePlan:
+    """How the table of a clause comes to be: which of its rows are kept is known now."""
+    table = work.tables[data.declaration.name]
+    where = None if data.where is None else work.conditions(data.where, table, 1, wanted="`:where`")
+    return TablePlan(declaration=data.declaration, joins=data.joins, where=where)
 
 
 def in_join_order(clauses: Mapping[str, DataClause]) -> list[DataClause]:
