@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from mbm.api.budgets import budget_file
     from mbm.api.compiled import CompiledProblem
     from mbm.api.files import check, expand, explain, simulate_file, solve_file
     from mbm.api.problem import Problem, build, load, loads
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 _ROOMS = MappingProxyType(
     {
+        "mbm.api.budgets": ("budget_file",),
         "mbm.api.compiled": ("CompiledProblem",),
         "mbm.api.files": ("check", "expand", "explain", "simulate_file", "solve_file"),
         "mbm.api.problem": ("Problem", "build", "load", "loads"),
@@ -31,8 +33,8 @@ _ROOMS = MappingProxyType(
         "mbm.text.types": ("MbmError",),
     }
 )
-__all__ = ["CompiledProblem", "MbmError", "Problem", "Solved", "build", "check", "expand", "explain", "keyword"]
-__all__ += ["load", "loads", "simulate_file", "solve_file", "symbol"]
+__all__ = ["CompiledProblem", "MbmError", "Problem", "Solved", "budget_file", "build", "check", "expand", "explain"]
+__all__ += ["keyword", "load", "loads", "simulate_file", "solve_file", "symbol"]
 __all__ += ["trajectory_file", "view_file"]
 
 

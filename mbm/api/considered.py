@@ -8,6 +8,7 @@ from dataclasses import replace
 from mbm.compiler import Inputs
 from mbm.problem.overrides import ConstantValue, Override
 from mbm.report.considered import considered
+from mbm.report.spreads import ConsideredConstant
 from mbm.report.types import Result
 
 
@@ -18,8 +19,19 @@ def with_constants(
     moved = []
     for constant, element in _uncertain(constants):
         below, above = (again(_moved(inputs, constant, element, side)) for side in (-1.0, 1.0))
-        moved.append((constant.name, below, above))
+        moved.append((_named(constant, element), below, above))
     return considered(result, moved)
+
+
+def _named(constant: ConstantValue, place: int) -> ConsideredConstant:
+    unit = constant.unit
+    return ConsideredConstant(
+        name=constant.elements[place],
+        value=constant.values[place],
+        sigma=constant.sigmas[place],
+        unit=None if unit is None else unit.symbol,
+        factor=1.0 if unit is None else unit.factor,
+    )
 
 
 def _uncertain(constants: tuple[ConstantValue, ...]) -> Iterator[tuple[ConstantValue, int]]:

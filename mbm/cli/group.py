@@ -11,6 +11,7 @@ from mbm.version import __version__
 
 COMMANDS = {
     "solve": "Solve a problem: estimates with their uncertainties.",
+    "budget": "The uncertainty of estimates, input by input.",
     "trajectory": "Errors of an aligned trajectory: of each pose, and over steps.",
     "view": "Draw models, scenes, measurements in their images, maps.",
     "simulate": "Write simulated measurements, with noise, as data files.",

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from mbm.equations.types import Floats
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.equations.corrections.types import MeasuredErrors
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,4 +56,32 @@ class Followed(Protocol):
 
     def of_derived(self, owner: int, level: float) -> tuple[Floats, Floats]:
         """Those of all numbers of a derived quantity."""
+        ...
+
+
+class Influence(Protocol):
+    """What the covariance at a minimum is the sum of: the errors of all that was measured or is known beforehand."""
+
+    @property
+    def factors(self) -> Floats:
+        """By how much the standard deviation of each residual (all of them,) is larger than it was stated."""
+        ...
+
+    def of_residuals(self, gradient: Floats) -> Floats:
+        """What an error of one standard deviation in each of all residuals does to k quantities: (k, all residuals).
+
+        ``gradient`` (k, n) is that of the quantities by the free coordinates. The sign is that of a larger measured
+        value, or of a larger number that a form should have instead of zero. 0 for residuals that are left out.
+        """
+        ...
+
+    def of_measured(self, parts: Floats) -> tuple[Floats, MeasuredErrors | None]:
+        """Parts (k, all residuals) as `of_residuals` has them, and what of them is due to errors of measured columns.
+
+        Of equations with such columns the first keep what is due to their own noise.
+        """
+        ...
+
+    def dof_of_noise(self, block: int) -> float:
+        """Degrees of freedom of the variance of a block's rows; infinite where it was not estimated."""
         ...

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from mbm.expression.units import Unit
 from mbm.text.types import Span
 from mbm.values import dataclass
 
@@ -25,11 +26,12 @@ Overrides = Mapping[str, Override]
 class ConstantValue:
     """A constant of the problem with its elements (one for a number) and their names in expressions.
 
-    ``sigmas`` are their standard deviations; empty where it is exact.
+    ``sigmas`` are their standard deviations; empty where it is exact. ``unit`` is one that they are written in.
     """
 
     name: str
     values: tuple[float, ...]
     elements: tuple[str, ...]
     sigmas: tuple[float, ...] = ()
+    unit: Unit | None = None
     span: Span

@@ -20,7 +20,7 @@ _WRITTEN = re.compile(r"[\d.](?P<unit>[^\W\d]+|%)$")
 
 
 def with_units(blocks: Iterable[Block], inference: Inference, tables: Mapping[str, Table]) -> tuple[Block, ...]:
-    """The blocks, those of observations with the units of their equations' components.
+    """The blocks, those of observations, priors and transitions with the units of their equations' components.
 
     A unit is that of the measured columns; where none states one, that of ``:sigma`` if it is SI (``0.3px``); else that
     of the kind of thing (px, rad), or the SI unit of its dimension.
@@ -38,7 +38,7 @@ def with_units(blocks: Iterable[Block], inference: Inference, tables: Mapping[st
             block,
             cases=tuple(replace(case, equations=tuple(map(united, case.equations))) for case in block.cases),
         )
-        if block.role is BlockRole.OBSERVATION
+        if block.role is not BlockRole.CONSTRAINT
         else block
         for block in blocks
     )

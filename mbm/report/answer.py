@@ -26,11 +26,14 @@ from mbm.report.types import (
     Result,
     SolveReport,
 )
+from mbm.text.types import MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from mbm.report.budgets.types import Budget
+    from mbm.report.correlations import Correlation
     from mbm.report.trajectories.types import Trajectory
 
 
@@ -107,6 +110,51 @@ class Solved:
             return found
         factors = np.array(found.factors)
         return replace(found, matrix=found.matrix / np.outer(factors, factors), factors=(1.0,) * len(factors))
+
+    @property
+    def correlation(self) -> Correlation | None:
+        """Names and matrix (n, n) of the correlations of estimates, then derived quantities; None without estimates.
+
+        NaN where one of two has no standard deviation; ``matrix`` is None where it was left out for its size.
+        """
+        from mbm.report.correlations import correlation_of
+
+        return correlation_of(self.first)
+
+    def budget(self, name: str, *, by_row: bool = False) -> Budget:
+        """The uncertainty budget of one number of the only solve: ``h``, ``p[1]``, ``q["waist"]``.
+
+        Args:
+            name: as the covariance names it.
+            by_row: rows of tables one by one; else those of a clause together.
+
+        Raises:
+            LookupError: there is no solve, or there are several.
+            MbmError: unknown-quantity (also of several numbers, see ``budgets``), no-budget.
+
+        """
+        from mbm.report.budgets import faults
+
+        found = self.budgets(name, by_row=by_row)
+        if len(self.result.solves) > 1:
+            message = f"there are {len(self.result.solves)} solves: `.budgets({name!r})` has those of each"
+            raise LookupError(message)
+        if len(found) > 1:
+            raise MbmError(faults.several_quantities(name, [budget.quantity for budget in found]))
+        return found[0]
+
+    def budgets(self, *names: str, by_row: bool = False) -> tuple[Budget, ...]:
+        """The budgets of all numbers of the quantities ``names``, or of all that there are, solve after solve.
+
+        Raises:
+            LookupError: there is no solve.
+            MbmError: unknown-quantity; no-budget: nothing that was asked for has one.
+
+        """
+        from mbm.report.budgets.answer import answer_of
+
+        _ = self.first
+        return answer_of(self.result, names, by_row=by_row).budgets
 
     @property
     def observability(self) -> Observability | None:

@@ -18,7 +18,7 @@ from mbm.estimation.coverage.student import coverage_factor
 from mbm.problem.manifold import Piece
 from mbm.report.elements import element_names
 from mbm.report.geometric import GEOMETRIC, manifold
-from mbm.report.spreads import Ends, Floats, Spread
+from mbm.report.spreads import ConsideredConstant, Ends, Floats, Spread
 from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Kind, Result, SolveReport
 from mbm.rotations import hamilton, vector_of_quaternion
 
@@ -28,23 +28,23 @@ Pair = tuple[SolveReport, SolveReport]
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
-def considered(result: Result, moved: Sequence[tuple[str, Result, Result]]) -> Result:
+def considered(result: Result, moved: Sequence[tuple[ConsideredConstant, Result, Result]]) -> Result:
     """The ``result`` with the uncertainties of constants in it.
 
-    ``moved`` has for each number the name of its constant, and the results below and above, one standard deviation
-    away, of the same solves.
+    ``moved`` has each number of a constant, and the results below and above, one standard deviation away, of the same
+    solves.
     """
     if not moved:
         return result
     solves = tuple(
-        _solve(solve, [(name, (below.solves[i], above.solves[i])) for name, below, above in moved])
+        _solve(solve, [(constant, (below.solves[i], above.solves[i])) for constant, below, above in moved])
         for i, solve in enumerate(result.solves)
     )
     return replace(result, solves=solves)
 
 
-def _solve(solve: SolveReport, moved: Sequence[tuple[str, Pair]]) -> SolveReport:
-    lost = next((name for name, pair in moved if not all(each.status.trusted for each in pair)), None)
+def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> SolveReport:
+    lost = next((constant.name for constant, pair in moved if not all(each.status.trusted for each in pair)), None)
     if not solve.status.trusted or lost is not None:
         reason = f"the solves with `{lost}` moved by its standard deviation did not converge"
         return _without_sigmas(solve, reason) if solve.status.trusted else solve
@@ -63,6 +63,14 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[str, Pair]]) -> SolveReport
         ),
         covariance=_covariance(solve.covariance, solve.estimates, estimates),
         derived_covariance=_covariance(solve.derived_covariance, solve.derived, derived),
+        considered=tuple(
+            replace(
+                constant,
+                estimates=tuple(moves[i] for moves in estimates),
+                derived=tuple(moves[i] for moves in derived),
+            )
+            for i, (constant, _) in enumerate(moved)
+        ),
     )
 
 

@@ -115,7 +115,7 @@ def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
             name=name,
             value=float(values[i]),
             sigma=float(sigmas[i]),
-            quantity=_coordinate_quantity(quantity, i),
+            quantity=coordinate_quantity(quantity, i),
             fixed=fixed[i],
             at_bound=held[i],
             derived=estimate is None,
@@ -131,7 +131,7 @@ def _coordinates(item: Estimate | DerivedValue) -> Floats:
     return np.asarray(item.value)
 
 
-def _coordinate_quantity(quantity: Quantity, place: int) -> Quantity:
+def coordinate_quantity(quantity: Quantity, place: int) -> Quantity:
     """The quantity of one scalar: coordinates of rotations are angles, those of scales pure numbers."""
     if quantity.kind not in geometric.GEOMETRIC:
         return quantity

@@ -157,6 +157,7 @@ def filled(
         residual_rows=lambda: _rows(problem, block, number),
         plot_data=lambda: _pictures(problem, block, number),
         map_data=lambda: _maps(problem, block, number),
+        made_from=lambda: _made_from(problem, block, number),
     )
 
 
@@ -250,3 +251,10 @@ def _pictures(problem: Problem, block: Block, number: int) -> tuple[PlotData, ..
 def _maps(problem: Problem, block: Block, number: int) -> tuple[Map, ...]:
     solution = block.solution(number)
     return maps_of(problem, solution) if isinstance(solution, Solution) else ()
+
+
+def _made_from(problem: Problem, block: Block, number: int) -> tuple[Problem, Solution]:
+    solution = block.solution(number)
+    if not isinstance(solution, Solution):
+        raise TypeError(number)
+    return problem, solution

@@ -161,11 +161,11 @@ def prior_reports(problem: Problem, solution: Solution) -> tuple[PriorReport, ..
         if mean is None:
             continue
         values = group.values(solution.numbers)
-        sigmas = np.hstack([_sigmas(w.weights) for w in group.whiteners])
+        sigmas = np.hstack([stated_sigmas(w.weights) for w in group.whiteners])
         for (i, j), difference in np.ndenumerate(values):
             found.append(
                 PriorReport(
-                    name=_prior_name(solution, group, block.name, int(i), int(j)),
+                    name=prior_name(solution, group, block.name, int(i), int(j)),
                     value=float(mean[i, j] + difference),
                     mean=float(mean[i, j]),
                     sigma=float(sigmas[i, j]),
@@ -210,7 +210,7 @@ def correction_reports(solution: Solution) -> tuple[CorrectionReport, ...]:
     )
 
 
-def _sigmas(weights: Floats) -> Floats:
+def stated_sigmas(weights: Floats) -> Floats:
     """Standard deviations (rows, k): of weights 1/σ, or of matrices W with W C Wᵀ = 1."""
     if weights.ndim == 2:
         return np.asarray(1 / weights)
@@ -218,7 +218,8 @@ def _sigmas(weights: Floats) -> Floats:
     return np.asarray(np.sqrt((roots**2).sum(axis=2)))
 
 
-def _prior_name(solution: Solution, group: Group, name: str, row: int, component: int) -> str:
+def prior_name(solution: Solution, group: Group, name: str, row: int, component: int) -> str:
+    """What a number of the prior called ``name`` is called: after the unknown, where it is of one."""
     if name.startswith(PRIOR) and len(group.kernel.tangents) == group.kernel.outputs:
         return PRIOR + solution.layout.name(int(group.columns[row, component]))
     return name

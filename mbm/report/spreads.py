@@ -59,3 +59,20 @@ class Spread:
             step=other(self.step),
             free=other(self.free),
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ConsideredConstant:
+    """A constant (or an element of one) with a standard deviation ``sigma``: what it does to all that is reported.
+
+    ``estimates`` and ``derived`` hold, for each of these and of the shape of its sigmas, the change that goes with one
+    standard deviation of the constant. All in SI; ``unit`` of ``factor`` SI is how it is shown (None: none is known).
+    """
+
+    name: str
+    value: float
+    sigma: float
+    unit: str | None
+    factor: float
+    estimates: tuple[Floats, ...] = ()
+    derived: tuple[Floats, ...] = ()

@@ -19,7 +19,7 @@ from mbm.report.inputs import InputFile, StartsTally
 from mbm.report.map_types import Map
 from mbm.report.means import RawResiduals, no_residuals
 from mbm.report.plot_data import PlotData
-from mbm.report.spreads import Spread
+from mbm.report.spreads import ConsideredConstant, Spread
 from mbm.text.types import DataPlace, Diagnostic
 from mbm.values import dataclass
 
@@ -304,7 +304,7 @@ class SolveReport:
     the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
     ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for;
     ``raw_residuals`` is said of each observation, ``made_from`` gives what was solved and how. ``hypotheses`` are those
-    of a filter at the last step, ``followed`` how many there were after each.
+    of a filter at the last step, ``followed`` how many there were after each; ``considered`` are uncertain constants.
     """
 
     status: SolveStatus
@@ -342,6 +342,7 @@ class SolveReport:
     starts: StartsTally | None = None
     coverage: float = 0.95
     diagnostics: tuple[Diagnostic, ...] = ()
+    considered: tuple[ConsideredConstant, ...] = ()
     made_from: Callable[[], tuple[Problem, Solution]] | None = None
 
     def rows(self) -> tuple[ResidualRow, ...]:

@@ -23,7 +23,7 @@ from mbm.equations.corrections.roots import Root, root
 from mbm.equations.corrections.sharing import check_sharing
 from mbm.equations.corrections.straight import straight_groups
 from mbm.equations.corrections.system import System, whiten_rows
-from mbm.equations.corrections.types import CorrectedColumn, Feet
+from mbm.equations.corrections.types import CorrectedColumn, Feet, MeasuredErrors
 from mbm.equations.corrections.uncertain import rows_of_groups
 from mbm.equations.scatter import Scatter
 from mbm.equations.types import Floats, Indices, Mask
@@ -156,6 +156,38 @@ class Elimination:
                 whiten_rows(group, rows)
                 slopes[part.equations] = rows
             target[system.residuals] = solved.root.apply(slopes.reshape(*system.noisy.shape, width))
+
+    @np.errstate(all="ignore")
+    def shared_out(self, numbers: Floats, parts: Floats) -> tuple[Floats, MeasuredErrors]:
+        """Parts (k, all residuals) of standard deviations, by what causes them: ``w = h − B v`` whitened is ``r``.
+
+        A part belongs to an error of one standard deviation in a residual. The first array answered has what is due to
+        the equations' own noise instead, the values what is due to the errors of measured columns.
+        """
+        own, every = parts.copy(), np.zeros((len(parts), len(self.measured.sigma)))
+        cells, used = np.full(len(self.measured.sigma), np.nan), np.zeros(len(self.measured.sigma), dtype=bool)
+        for system, solved in zip(self.systems, self._solved(numbers), strict=True):
+            along = parts[:, system.residuals]
+            identity = np.broadcast_to(np.eye(system.noisy.shape[1]), (*system.noisy.shape, system.noisy.shape[1]))
+            of_noise = np.einsum("ark,rkj->arj", along, solved.root.apply(identity))
+            own[:, system.residuals] = np.where(system.noisy, of_noise, 0.0)
+            of_values = -np.einsum("ark,rkq->arq", along, solved.root.apply(solved.feet.slopes))
+            for part in system.parts:
+                there = part.places >= 0
+                every[:, part.ids[there]] = of_values.reshape(len(parts), -1)[:, part.places[there]]
+                cells[part.ids] = part.measured
+                used[part.ids] = True
+        chosen = np.flatnonzero(used & (self.measured.sigma > 0.0))
+        columns = self.measured.columns
+        rows = np.concatenate([column.rows for column in columns])
+        return own, MeasuredErrors(
+            names=tuple((column.table, column.column) for column in columns),
+            columns=np.repeat(np.arange(len(columns)), [len(column.rows) for column in columns])[chosen],
+            rows=rows[chosen],
+            values=cells[chosen],
+            sigma=self.measured.sigma[chosen],
+            parts=every[:, chosen],
+        )
 
     def corrected(self, numbers: Floats) -> tuple[CorrectedColumn, ...]:
         """The corrections of all uncertain values in use, column by column; NaN where none were found."""

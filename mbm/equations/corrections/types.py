@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from mbm.equations.types import Floats, Mask
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem.tables import CellKey
 from mbm.values import dataclass
 
@@ -34,6 +34,23 @@ class CorrectedColumn:
     keys: tuple[CellKey | None, ...] | None
     corrections: Floats
     sigma: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredErrors:
+    """P measured values with errors, of ``columns`` (P,), numbers of ``names``: tables and columns.
+
+    ``rows`` (P,) count from 1 in the unfiltered table (below 1: a filter has left the row out), ``values`` are the
+    cells, ``sigma`` their standard deviations. ``parts`` (k, P) is what an error of one standard deviation in each does
+    to k quantities. All in SI.
+    """
+
+    names: tuple[tuple[str, str], ...]
+    columns: Indices
+    rows: Indices
+    values: Floats
+    sigma: Floats
+    parts: Floats
 
 
 class Conditions(Protocol):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mbm.equations.binding import Group
 from mbm.equations.layout import Layout
-from mbm.equations.spreads import Followed, Freedom, Limited
+from mbm.equations.spreads import Followed, Freedom, Influence, Limited
 from mbm.equations.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Noise, Observability
 from mbm.problem.tables import CellKey, Table
 from mbm.text.types import Diagnostic
@@ -79,7 +79,8 @@ class Solution:
     ``corrections`` has those of measured columns with errors, ``hypotheses`` those that a filter follows at the last
     step, and ``followed`` says how many there were after each. ``freedom`` are the degrees of freedom of the standard
     deviations, ``limited`` hard limits (None: there are none), ``profiles`` intervals where the linear ones are wrong
-    (None: nowhere).
+    (None: nowhere). ``influence`` tells what the covariance is the sum of (None: of a filter, which has no sum over
+    rows).
     """
 
     key: Mapping[str, CellKey]
@@ -117,6 +118,7 @@ class Solution:
     evaluations: int
     seconds: float
     diagnostics: tuple[Diagnostic, ...]
+    influence: Influence | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

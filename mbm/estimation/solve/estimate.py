@@ -210,6 +210,7 @@ def answered(
         evaluations=end.evaluations,
         seconds=seconds(),
         diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
+        influence=replace(outcome.influence, informing=robust.informing),
     )
 
 

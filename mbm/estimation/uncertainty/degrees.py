@@ -79,12 +79,24 @@ class Freedoms:
     """What the degrees of freedom of quantities follow from: ``dof`` of all alike, or groups of unknown noise.
 
     ``factor`` (n, k) is that of the covariance, ``grams`` and ``counts`` as `effective` has them (None: all alike).
+    ``estimated`` are the blocks of each of these groups, or those whose noise has ``dof`` (none: all have).
     """
 
     dof: float
     factor: Floats
     grams: Floats | None = None
     counts: Floats | None = None
+    estimated: tuple[tuple[int, ...], ...] = ()
+
+    def of_noise(self, block: int) -> float:
+        """Those of the variance of the rows of a block; infinite where it was not estimated."""
+        pool = next((i for i, blocks in enumerate(self.estimated) if block in blocks), None)
+        if self.estimated and pool is None:
+            return inf
+        if self.grams is None or self.counts is None or pool is None:
+            return self.dof
+        variance = float(np.diag(_scatter(self.grams, self.counts))[pool])
+        return max(2.0 / variance, LEAST) if variance > 0.0 else inf
 
     def of(self, gradient: Floats) -> Freedom:
         """Those of quantities with the gradient (…, n), of the shape of its leading axes."""
@@ -115,7 +127,7 @@ def freedoms(
     rows share, leave the redundancy ``dof``. Of several noises in sparse problems the least redundancy of any group
     counts, which is never more than is effective.
     """
-    told = [blocks for noise, blocks in noises if noise.state is NoiseState.ESTIMATED]
+    told = tuple(blocks for noise, blocks in noises if noise.state is NoiseState.ESTIMATED)
     rows = [np.concatenate([equations.block_rows(number) for number in blocks]) for blocks in told]
     every = sum(map(len, rows)) == equations.count
     if equations.lossy or (len(told) == 1 and every):
@@ -125,11 +137,12 @@ def freedoms(
     if minimum.blocks is not None:
         redundancy = redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
         least = min(float(redundancy[places].sum()) for places in rows)
-        return Freedoms(dof=max(least, LEAST), factor=covariance.factor)
+        return Freedoms(dof=max(least, LEAST), factor=covariance.factor, estimated=told)
     images = [minimum.jacobian[places] @ covariance.factor for places in rows]
     return Freedoms(
         dof=inf,
         factor=covariance.factor,
         grams=np.stack([image.T @ image for image in images]),
         counts=np.array([len(places) for places in rows], dtype=np.float64),
+        estimated=told,
     )

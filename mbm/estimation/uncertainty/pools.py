@@ -42,9 +42,13 @@ class Sums:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pools:
-    """All losses in K solves, of rows along r directions; ``fixed`` (K, r, r) is the information without a loss."""
+    """All losses in K solves, of rows along r directions; ``fixed`` (K, r, r) is the information without a loss.
+
+    ``weights`` (K, m) are those of the rows without a loss, then those of the rows of each loss; 0 for all others.
+    """
 
     fixed: Floats
+    weights: tuple[Floats, ...]
     losses: tuple[tuple[Sums, Floats], ...]
     """The sums of each loss, and the information A (K, r, r) that its weights leave."""
 
@@ -60,11 +64,19 @@ class Pools:
 
     def spread(self, inverse: Floats) -> Floats:
         """G (K, r, r), where ``inverse`` (K, r, r) is that of H."""
-        found = self.fixed.copy()
-        for sums, information in self.losses:
-            share = sums.curvature * np.einsum("kij,kji->k", inverse, information)
-            found += sums.corrected(share)[:, None, None] * information
-        return found
+        factors = self._corrected(inverse)
+        parts = zip(factors, self.losses, strict=True)
+        return self.fixed + sum(factor[:, None, None] * information for factor, (_, information) in parts)
+
+    def row_spreads(self, inverse: Floats) -> Floats:
+        """The variances (K, m) of the rows in G, which is ``Σ v aᵀa``."""
+        parts = zip(self._corrected(inverse), self.weights[1:], strict=True)
+        return self.weights[0] + sum(factor[:, None] * weights for factor, weights in parts)
+
+    def _corrected(self, inverse: Floats) -> list[Floats]:
+        """The factor (K,) of A in G of each loss."""
+        shares = (s.curvature * np.einsum("kij,kji->k", inverse, information) for s, information in self.losses)
+        return [sums.corrected(share) for (sums, _), share in zip(self.losses, shares, strict=True)]
 
     def within(self, kept: Floats) -> Pools:
         """The same along some of the directions (r, s) alone."""
@@ -82,11 +94,12 @@ def pools(units: Iterable[Units], residuals: Floats, along: Floats, stated: Floa
     for each in units:
         plain[each[1][:, None], each[2]] = 0.0
         by_loss.setdefault(each[0], []).append(each)
-    losses = []
-    for parts in by_loss.values():
-        weights, sums = summed(parts, residuals, stated)
-        losses.append((sums, information(weights, along)))
-    return Pools(fixed=information(plain, along), losses=tuple(losses))
+    found = [summed(parts, residuals, stated) for parts in by_loss.values()]
+    return Pools(
+        fixed=information(plain, along),
+        weights=(plain, *(weights for weights, _ in found)),
+        losses=tuple((sums, information(weights, along)) for weights, sums in found),
+    )
 
 
 def information(weights: Floats, along: Floats) -> Floats:

@@ -23,20 +23,35 @@ from mbm.equations.losses import LossFunction
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Observability
 from mbm.estimation.uncertainty.covariance import of_factor
 from mbm.estimation.uncertainty.freedom import free_combinations, touched_by
-from mbm.estimation.uncertainty.pools import pools
+from mbm.estimation.uncertainty.pools import information, pools
 from mbm.solver.decisions import EPSILON, EXHAUSTED
+from mbm.values import dataclass
 
 
-@np.errstate(all="ignore")
-def sandwich(
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bread:
+    """What the sandwich is made of, along r directions, the columns of ``basis`` (n, r): H⁻¹ is ``inverse`` (r, r).
+
+    ``along`` (m, r) are the derivatives of the plain residuals, and ``spread`` (m,) their variances in G, so that
+    ``G = Σ spread · aᵀa``. ``observed`` is the rank decision with what losses leave free as well.
+    """
+
+    observed: Observability
+    basis: Floats
+    inverse: Floats
+    along: Floats
+    spread: Floats
+
+
+def bread(
     losses: Iterable[tuple[LossFunction, Indices]],
     residuals: Floats,
     jacobian: Floats,
     observed: Observability,
     stated: Mask,
     point: Floats,
-) -> tuple[Covariance, Observability]:
-    """The covariance of the n coordinates ``point`` (n,), and ``observed`` with what losses leave free as well.
+) -> Bread:
+    """The parts of the sandwich at the coordinates ``point`` (n,).
 
     ``losses`` come with the places (units, k) of the residuals they act on.
     ``residuals`` (m,) and ``jacobian`` (m, n) are plain, whitened with the noise that the estimates hold with, which is
@@ -50,12 +65,28 @@ def sandwich(
     free = flat_directions(found.curvature[0], found.weighed[0], observed)
     if free is not None:
         observed, kept = flattened(observed, free, point)
-        basis, found = basis @ kept, found.within(kept)
+        basis, along, found = basis @ kept, along @ kept, found.within(kept)
     inverse = np.asarray(np.linalg.pinv(found.curvature[0], hermitian=True), dtype=np.float64)
-    spread = found.spread(inverse[None])[0]
+    return Bread(
+        observed=observed, basis=basis, inverse=inverse, along=along, spread=found.row_spreads(inverse[None])[0]
+    )
+
+
+@np.errstate(all="ignore")
+def sandwich(
+    losses: Iterable[tuple[LossFunction, Indices]],
+    residuals: Floats,
+    jacobian: Floats,
+    observed: Observability,
+    stated: Mask,
+    point: Floats,
+) -> tuple[Covariance, Observability]:
+    """The covariance of the n coordinates, and ``observed`` with what losses leave free as well; as for `bread`."""
+    found = bread(losses, residuals, jacobian, observed, stated, point)
+    spread = information(found.spread[None], found.along[None])[0]
     lengths, axes = np.linalg.eigh(spread)
-    factor = basis @ inverse @ (axes * np.sqrt(np.maximum(lengths, 0.0)))
-    return of_factor(factor, observed), observed
+    factor = found.basis @ found.inverse @ (axes * np.sqrt(np.maximum(lengths, 0.0)))
+    return of_factor(factor, found.observed), found.observed
 
 
 def flat_directions(curvature: Floats, weighed: Floats, observed: Observability) -> Floats | None:

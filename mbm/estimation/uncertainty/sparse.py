@@ -158,3 +158,14 @@ def sparse_propagate(gradient: Floats, observed: Observability, estimated: Covar
     matrix[~estimable, :] = np.nan
     matrix[:, ~estimable] = np.nan
     return Propagated(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), estimable=estimable)
+
+
+@np.errstate(all="ignore")
+def sparse_rows(gradient: Floats, minimum: Minimum, estimated: Covariance) -> Floats:
+    """``G Σ Jᵀ`` (k, m) of k quantities with the gradient (k, n), Σ without its estimated variance."""
+    blocks, count = blocks_of(minimum), len(minimum.residuals)
+    layout = blocks.plan.structure
+    chosen = slice(count) if layout.rows is None else layout.rows
+    moved = layout.padded(inverse_of(estimated.inverse).solve(gradient.T))
+    found = [blocks.plan.image(blocks.values, column)[chosen] for column in moved.T]
+    return np.stack(found) if found else np.zeros((0, count))

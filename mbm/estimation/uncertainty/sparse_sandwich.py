@@ -27,7 +27,7 @@ from mbm.estimation.uncertainty.sparse import (
 from mbm.sparse.equations import blocked
 from mbm.sparse.inverse import inverse_of
 from mbm.sparse.rank import decided
-from mbm.sparse.system import blocks_of
+from mbm.sparse.system import BlockJacobian, blocks_of
 
 
 @np.errstate(all="ignore")
@@ -39,6 +39,19 @@ def sparse_sandwich(
 
     ``residuals`` (m,) are plain, whitened with the noise that the estimates hold with: ``stated`` (m,) or estimated.
     """
+    blocks = informed(equations, minimum, residuals, observed, stated)
+    held = held_columns(blocks, observed.fixed)
+    point = equations.coordinates(minimum.point)
+    final = decided(blocks.plan, blocks.values, held)
+    settled = _settled(observed, described(final, point, observed.fixed, minimum.constraints), point)
+    return sparse_covariance(settled, 1.0), settled
+
+
+@np.errstate(all="ignore")
+def informed(
+    equations: Assembled, minimum: Minimum, residuals: Floats, observed: Observability, stated: Mask
+) -> BlockJacobian:
+    """The Jacobian, each row as heavy as the information that losses leave of it; parameters as for the sandwich."""
     blocks = blocks_of(minimum)
     own = blocked(equations)
     plain, own_pieces = own.plain_block_jacobian(minimum.point, blocks.plan.arithmetic), len(own.places)
@@ -48,15 +61,12 @@ def sparse_sandwich(
     factors = np.ones(len(residuals))
     for places, weight, sums in losses:
         factors[places] = weight * _curvature(sums)
-    weighted = weighted_rows(blocks, np.sqrt(factors))
-    limits, point = minimum.constraints, equations.coordinates(minimum.point)
+    weighted, limits = weighted_rows(blocks, np.sqrt(factors)), minimum.constraints
     leverages = constrained(decided(blocks.plan, weighted, held), limits).inverse.leverages(weighted, observed.fixed)
     for places, weight, sums in losses:
         spread = float(sums.corrected(leverages[places].sum(keepdims=True))[0])
         factors[places] = weight * _curvature(sums) ** 2 / max(spread, 1e-300)
-    final = decided(blocks.plan, weighted_rows(blocks, np.sqrt(factors)), held)
-    settled = _settled(observed, described(final, point, observed.fixed, limits), point)
-    return sparse_covariance(settled, 1.0), settled
+    return replace(blocks, values=weighted_rows(blocks, np.sqrt(factors)))
 
 
 def _by_loss(equations: Assembled) -> list[list[Units]]:

@@ -12,6 +12,7 @@ from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
 from mbm.estimation.uncertainty.covariance import covariance
 from mbm.estimation.uncertainty.degrees import Freedoms, freedoms
+from mbm.estimation.uncertainty.influence import RowInfluence
 from mbm.estimation.uncertainty.observability import observed_at
 from mbm.estimation.uncertainty.variance import fit_statistics
 from mbm.problem.factors import factor_groups
@@ -27,7 +28,8 @@ SAME_COVARIANCES = 1e-9
 class Statistics:
     """``covariance`` holds NaN also for what depends on noise that nothing tells; ``alternative`` is the covariance
     with another assumption about such noise (None: there is none): what differs between the two is not known.
-    ``sigma_known`` is False where no noise at all is known. ``freedoms`` says how well standard deviations are known.
+    ``sigma_known`` is False where no noise at all is known. ``freedoms`` says how well standard deviations are known,
+    ``influence`` what the covariance is the sum of.
     """
 
     observed: Observability
@@ -36,6 +38,7 @@ class Statistics:
     fit: Fit
     sigma_known: bool
     freedoms: Freedoms
+    influence: RowInfluence
     diagnostics: tuple[Diagnostic, ...]
 
 
@@ -64,7 +67,7 @@ def statistics(
         only = next(iter(noise.values()))
         variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
         known = only.state is not NoiseState.NO_REDUNDANCY
-    stated = _stated(equations, noise)
+    stated, decided = _stated(equations, noise), observed
     if equations.lossy and minimum.blocks is not None:
         # Here and below: loaded by problems with losses only, so that the others start at once.
         from mbm.estimation.uncertainty.sparse_sandwich import sparse_sandwich
@@ -94,13 +97,22 @@ def statistics(
         equalities=observed.equalities,
         tested=tested,
     )
+    known_by = freedoms(equations, minimum, observed, estimated, [(noise[g[0]], g) for g in groups], fit.dof)
     return Statistics(
         observed=observed,
         covariance=estimated,
         alternative=alternative,
         fit=fit,
         sigma_known=known,
-        freedoms=freedoms(equations, minimum, observed, estimated, [(noise[g[0]], g) for g in groups], fit.dof),
+        freedoms=known_by,
+        influence=RowInfluence(
+            equations=equations,
+            minimum=minimum,
+            observed=decided,
+            covariance=estimated,
+            stated=stated,
+            freedoms=known_by,
+        ),
         diagnostics=diagnostics,
     )
 

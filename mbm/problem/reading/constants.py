@@ -9,6 +9,7 @@ from mbm.expression.algebra import UndefinedValueError, constant_value
 from mbm.expression.dimension import Dimension
 from mbm.expression.inference import Declared, Inference
 from mbm.expression.nodes import Constant, Expression, Number, leaves, nearest
+from mbm.expression.units import Unit, parse_unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import static_number, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
@@ -19,7 +20,7 @@ from mbm.problem.overrides import ConstantValue, Override, Overrides
 from mbm.problem.reading.distributions import is_distribution, moments
 from mbm.problem.scopes import Entry
 from mbm.text.reader import read
-from mbm.text.types import Form, MbmError, Sequence, Source, Span, Symbol
+from mbm.text.types import Form, MbmError, Numeral, Sequence, Source, Span, Symbol
 from mbm.values import dataclass
 
 USAGE = "(constants (name form [:sigma s | :prior (rectangular lo hi)])…)"
@@ -156,11 +157,31 @@ def constant_values(work: Workspace, declared: list[DeclaredConstant], span: Spa
                 values, names_of = tuple(e.value for e in numbers), tuple(e.name for e in numbers)
                 sigmas = _sigmas(work, each, value, numbers)
                 work.uncertain.update(names_of if sigmas else ())
-                found.append(ConstantValue(name=name, values=values, elements=names_of, sigmas=sigmas, span=entry.span))
+                unit = _unit(each, numbers[0].dimension) if sigmas else None
+                found.append(
+                    ConstantValue(
+                        name=name, values=values, elements=names_of, sigmas=sigmas, unit=unit, span=entry.span
+                    )
+                )
             elif each.options.keywords:
                 message = f"`{name}` is no number, and has no standard deviation"
                 raise MbmError(language_faults.bad_form(each.options.span, message, USAGE))
     return tuple(found)
+
+
+def _unit(declared: DeclaredConstant, dimension: Dimension | None) -> Unit | None:
+    """The unit in which the uncertainty of a constant is written, else its value; None: in none of its dimension."""
+    options = declared.options
+    forms = [form for form in (options.get("sigma"), options.get("prior"), *options.positional) if form is not None]
+    while forms:
+        form = forms.pop(0)
+        if isinstance(form, Sequence):
+            forms = [*form.items, *forms]
+        elif isinstance(form, Numeral) and form.unit is not None:
+            unit = parse_unit(form.unit)
+            if unit is not None and dimension in (None, unit.dimension) and unit.symbol != "%":
+                return unit
+    return None
 
 
 def _sigmas(work: Workspace, declared: DeclaredConstant, value: Value, numbers: list[Constant]) -> tuple[float, ...]:

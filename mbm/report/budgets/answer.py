@@ -1,0 +1,62 @@
+"""What ``mbm budget`` answers: the result of the solve, and the budgets of its quantities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from mbm.report.budgets.budget import budgets_of
+from mbm.report.budgets.document import budget_document
+from mbm.report.budgets.types import Budget
+from mbm.report.document import document
+from mbm.report.types import Result, ResultStatus
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BudgetAnswer:
+    """The budgets of each solve: ``solves`` has those of each, none where nothing was solved."""
+
+    result: Result
+    solves: tuple[tuple[Budget, ...], ...]
+
+    @property
+    def status(self) -> ResultStatus:
+        """That of the solve."""
+        return self.result.status
+
+    @property
+    def budgets(self) -> tuple[Budget, ...]:
+        """Those of all solves, one after the other."""
+        return tuple(budget for solve in self.solves for budget in solve)
+
+    def document(self) -> dict[str, Any]:
+        """The result document, each solve with its first ``budget``, and all of them in ``budgets``."""
+        found = document(self.result)
+        for solve, budgets in zip(found["solves"], self.solves, strict=True):
+            every = [budget_document(budget) for budget in budgets]
+            solve["budget"], solve["budgets"] = (every[0] if every else None), every
+        return found
+
+
+def answer_of(result: Result, names: Sequence[str] = (), *, by_row: bool = False) -> BudgetAnswer:
+    """The budgets of a result; of several solves, those of each that has one.
+
+    Raises:
+        MbmError: unknown-quantity; no-budget: no solve has one.
+
+    """
+    found: list[tuple[Budget, ...]] = []
+    faults: list[MbmError] = []
+    for solve in result.solves:
+        own: list[Budget] = []
+        for name in names or (None,):
+            try:
+                own.extend(budgets_of(solve, name, by_row=by_row))
+            except MbmError as error:
+                faults.append(error)
+        found.append(tuple(own))
+    if faults and (len(result.solves) == 1 or not any(found)):
+        raise faults[0]
+    return BudgetAnswer(result=result, solves=tuple(found))

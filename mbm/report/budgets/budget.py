@@ -1,0 +1,235 @@
+"""A solve → the uncertainty budgets of its estimates and derived quantities (GUM H.1, table H.1; EA-4/02, 6.2).
+
+Contributions are those that the stated covariance is the sum of (`mbm.estimation.uncertainty.influence`); constants
+with an uncertainty are considered as `mbm.report.considered` does it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import inf, isfinite, nan
+
+import numpy as np
+
+from mbm.equations.spreads import Influence
+from mbm.estimation.coverage.student import coverage_factor
+from mbm.estimation.search.solution import Solution
+from mbm.problem.types import Problem
+from mbm.report.budgets import faults
+from mbm.report.budgets.inputs import Errors, Source, sources
+from mbm.report.budgets.types import Budget, BudgetRow, InputKind
+from mbm.report.elements import element_names, factors, own_name, scalars, shown_sigma, unit_text
+from mbm.report.intervals import Intervals, intervals
+from mbm.report.types import DerivedValue, Estimate, Floats, SolveReport
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+SAME = 1e-12
+"""Relative difference up to which standard deviations are one: roundings of what a unit makes of it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Target:
+    """A scalar: of the item at ``number`` among the estimates, or ``derived`` quantities, the one at ``place``."""
+
+    name: str
+    derived: bool
+    number: int
+    place: int
+
+
+def budgets_of(solve: SolveReport, name: str | None = None, *, by_row: bool = False) -> tuple[Budget, ...]:
+    """The budgets of a solve: of the scalars that are called ``name``, or of all that have a standard deviation.
+
+    Args:
+        solve: one solve.
+        name: an estimate or derived quantity, a member of a family (``cam["left"]``), or one number (``p[1]``).
+        by_row: rows, and values of columns, one by one; else those of a clause or column together.
+
+    Raises:
+        MbmError: unknown-quantity; no-budget: nothing that was asked for has one, and why.
+
+    """
+    targets = list(_targets(solve))
+    if name is not None:
+        targets = _called(solve, name, targets)
+    what = name or next((target.name for target in targets), "the solve")
+    problem, solution, influence = _solved(solve, what)
+    found = [_budget(solve, problem, solution, influence, target, by_row, asked=name) for target in targets]
+    made = tuple(each for each in found if each is not None)
+    if not made:
+        raise MbmError(faults.no_budget(what, "no quantity has a standard deviation"))
+    return made
+
+
+def _solved(solve: SolveReport, name: str) -> tuple[Problem, Solution, Influence]:
+    """What a solve was made from.
+
+    Raises:
+        MbmError: no-budget.
+
+    """
+    if solve.made_from is None:
+        why = "interval methods give bounds" if solve.boxes is not None else solve.message or "nothing was solved"
+        raise MbmError(faults.no_budget(name, why))
+    problem, solution = solve.made_from()
+    if solution.influence is None:
+        why = "a filter goes on with a distribution, not with the rows before"
+        raise MbmError(faults.no_budget(name, why, "solve with `:method batch`, whose covariance is a sum over rows"))
+    return problem, solution, solution.influence
+
+
+def _items(solve: SolveReport) -> Iterator[tuple[bool, int, Estimate | DerivedValue]]:
+    yield from ((False, number, item) for number, item in enumerate(solve.estimates))
+    yield from ((True, number, item) for number, item in enumerate(solve.derived))
+
+
+def _targets(solve: SolveReport) -> Iterator[_Target]:
+    for derived, number, item in _items(solve):
+        for place, name in enumerate(element_names(item.quantity, item.keys)):
+            yield _Target(name=name, derived=derived, number=number, place=place)
+
+
+def _called(solve: SolveReport, name: str, targets: Sequence[_Target]) -> list[_Target]:
+    """The scalars that ``name`` means. Raises MbmError (unknown-quantity)."""
+    exact = [target for target in targets if target.name == name]
+    if exact:
+        return exact[:1]
+    whole: dict[str, list[_Target]] = {}
+    for target in targets:
+        item = _item(solve, target)
+        names = {item.quantity.name}
+        if item.keys is not None:
+            each = max(len(element_names(item.quantity, item.keys)) // max(len(item.keys), 1), 1)
+            names.add(own_name(item.quantity, item.keys[target.place // each]))
+        for each_name in names:
+            whole.setdefault(each_name, []).append(target)
+    if name in whole:
+        return whole[name]
+    raise MbmError(faults.unknown_quantity(name, (*whole, *(target.name for target in targets))))
+
+
+def _item(solve: SolveReport, target: _Target) -> Estimate | DerivedValue:
+    return solve.derived[target.number] if target.derived else solve.estimates[target.number]
+
+
+def _budget(
+    solve: SolveReport,
+    problem: Problem,
+    solution: Solution,
+    influence: Influence,
+    target: _Target,
+    by_row: bool,
+    *,
+    asked: str | None,
+) -> Budget | None:
+    """The budget of a scalar; None where it has none and was not ``asked`` for."""
+    item = _item(solve, target)
+    scalar = list(scalars(item))[target.place]
+    why = None
+    if scalar.fixed:
+        why = "it is fixed"
+    elif scalar.at_bound:
+        why = "it is held at its bound, where no standard deviation is known"
+    elif not isfinite(scalar.sigma):
+        why = scalar.reason or "no standard deviation is known"
+    gradient = None if why is not None else _gradient(solution, target)
+    if why is None and gradient is None:
+        why = "there are too many derived numbers to keep their derivatives"
+    if why is not None or gradient is None:
+        if asked is None:
+            return None
+        raise MbmError(faults.no_budget(target.name, why or ""))
+    factor = float(np.ravel(np.broadcast_to(factors(item.quantity), np.shape(shown_sigma(item))))[target.place])
+    found = list(sources(problem, solution, influence, gradient))
+    constants = list(_constants(solve, target))
+    rows = [row for source in (*found, *constants) for row in _rows(source, factor, scalar.sigma, by_row)]
+    interval = _flat(intervals(item, solve.coverage), target.place)
+    dof = float(interval.dof)
+    return Budget(
+        quantity=target.name,
+        value=scalar.value,
+        sigma=scalar.sigma,
+        unit=unit_text(scalar.quantity) or None,
+        dof=dof,
+        k=float(interval.k),
+        U=float(interval.expanded),
+        coverage=solve.coverage,
+        inflation=float(interval.k) / coverage_factor(solve.coverage, dof),
+        rows=tuple(rows),
+        key=solve.key,
+    )
+
+
+def _flat(found: Intervals, place: int) -> Intervals:
+    return found.at(tuple(int(i) for i in np.unravel_index(place, np.shape(found.dof))))
+
+
+def _gradient(solution: Solution, target: _Target) -> Floats | None:
+    """The derivatives (n,) of a scalar by the free coordinates; None where they were not kept."""
+    if target.derived:
+        kept = solution.derived[target.number].gradient
+        return None if kept is None else kept[target.place]
+    place = solution.layout.entries[target.number].coordinates
+    coordinate = place.start + target.place % max(place.stop - place.start, 1)
+    return np.asarray(solution.free == coordinate, dtype=np.float64)
+
+
+def _constants(solve: SolveReport, target: _Target) -> Iterator[Source]:
+    """The constants that have an uncertainty."""
+    for constant in solve.considered:
+        moves = (constant.derived if target.derived else constant.estimates)[target.number]
+        one = np.zeros(1, dtype=np.int64)
+        errors = Errors(
+            rows=one,
+            components=one,
+            units=np.array([constant.unit], dtype=object),
+            values=np.array([constant.value / constant.factor]),
+            sigma=np.array([constant.sigma / constant.factor]),
+            parts=np.ravel(moves)[target.place : target.place + 1],
+        )
+        yield Source(name=constant.name, kind=InputKind.CONSTANT, dof=inf, errors=errors)
+
+
+def _rows(source: Source, factor: float, sigma: float, by_row: bool) -> Iterator[BudgetRow]:
+    """The lines of a source, whose parts are divided by the ``factor`` of the quantity's unit."""
+    errors = source.errors
+    if not by_row or len(errors.parts) == 1:
+        yield _line(source, factor, sigma, errors, one=len(errors.parts) == 1)
+        return
+    order = np.lexsort((errors.components, errors.rows))
+    for place in order.tolist():
+        which = np.zeros(len(order), dtype=bool)
+        which[place] = True
+        yield _line(source, factor, sigma, errors.some(which), one=True)
+
+
+def _line(source: Source, factor: float, sigma: float, errors: Errors, *, one: bool) -> BudgetRow:
+    """One line for errors that count together."""
+    units = set(errors.units.tolist())
+    contribution = float(np.sqrt(np.square(errors.parts).sum())) / factor
+    u = float(np.sqrt(np.square(errors.sigma).mean())) if len(units) == 1 and len(errors.sigma) else nan
+    if len(errors.sigma) and bool((np.abs(errors.sigma - errors.sigma[0]) <= SAME * errors.sigma[0]).all()):
+        u = float(errors.sigma[0])
+    sensitivity = contribution / u if u > 0.0 else nan
+    if one and errors.parts[0] < 0.0:
+        sensitivity = -sensitivity
+    row, component = (int(errors.rows[0]), int(errors.components[0])) if one else (0, 0)
+    return BudgetRow(
+        input=source.name,
+        kind=source.kind,
+        count=len(np.unique(errors.rows)) if source.kind is not InputKind.ROWS or not one else 1,
+        value=_number(errors.values[0]) if one else None,
+        unit=next(iter(units)) if len(units) == 1 and isfinite(u) else None,
+        u=_number(u),
+        sensitivity=_number(sensitivity),
+        contribution=contribution,
+        share=(contribution / sigma) ** 2 if sigma > 0.0 else 0.0,
+        dof=source.dof,
+        row=row or None,
+        component=component or None,
+    )
+
+
+def _number(value: float) -> float | None:
+    return float(value) if isfinite(value) else None
