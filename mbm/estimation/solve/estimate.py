@@ -147,8 +147,7 @@ def answered(
 ) -> Solution:
     """What is known at a minimum: the rank decision, the covariance, derived quantities, and what is to be doubted."""
     problem, equations = run.problem, run.equations
-    weighted = end.equations
-    minimum = end.minimum
+    weighted, minimum = end.equations, end.minimum
     if weighted.implicit is not None:  # loaded by such equations only, so that the others start at once
         from mbm.estimation.solve.confirmed import confirmed
 

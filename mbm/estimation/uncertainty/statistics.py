@@ -68,19 +68,7 @@ def statistics(
         variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
         known = only.state is not NoiseState.NO_REDUNDANCY
     stated, decided = _stated(equations, noise), observed
-    if equations.lossy and minimum.blocks is not None:
-        # Here and below: loaded by problems with losses only, so that the others start at once.
-        from mbm.estimation.uncertainty.sparse_sandwich import sparse_sandwich
-
-        estimated, observed = sparse_sandwich(equations, minimum, plain, observed, stated)
-    elif equations.lossy:
-        from mbm.estimation.uncertainty.robust import sandwich
-
-        slopes = equations.plain_jacobian(minimum.point)
-        place = equations.coordinates(minimum.point)
-        estimated, observed = sandwich(loss_lines(equations), plain, slopes, observed, stated, place)
-    else:
-        estimated = covariance(observed, variance)
+    estimated, observed = _estimated(equations, minimum, plain, decided, stated, variance)
     alternative = _alternative(equations, minimum, noise) if factors is not None else None
     if alternative is not None:
         estimated = _masked(estimated, changed(estimated.matrix, alternative[1].matrix))
@@ -115,6 +103,23 @@ def statistics(
         ),
         diagnostics=diagnostics,
     )
+
+
+def _estimated(
+    equations: Assembled, minimum: Minimum, plain: Floats, observed: Observability, stated: Mask, variance: float
+) -> tuple[Covariance, Observability]:
+    """The covariance, and the rank decision with what losses leave free as well."""
+    if not equations.lossy:
+        return covariance(observed, variance), observed
+    if minimum.blocks is not None:
+        # Here and below: loaded by problems with losses only, so that the others start at once.
+        from mbm.estimation.uncertainty.sparse_sandwich import sparse_sandwich
+
+        return sparse_sandwich(equations, minimum, plain, observed, stated)
+    from mbm.estimation.uncertainty.robust import sandwich
+
+    slopes, place = equations.plain_jacobian(minimum.point), equations.coordinates(minimum.point)
+    return sandwich(loss_lines(equations), plain, slopes, observed, stated, place)
 
 
 def _stated(equations: Assembled, noise: Mapping[int, Noise]) -> Mask:

@@ -9,12 +9,10 @@ from mbm.problem.naming import key_text
 from mbm.report.budgets.types import Budget, BudgetRow
 from mbm.report.columns import aligned, left, right
 from mbm.report.digits import measured, plain
+from mbm.report.interval_table import MOST_LINES
 from mbm.text.shown import Paint, Style, cut, joined
 
 HEADER = ("input", "kind", "n", "value", "u", "unit", "c", "|c|u", "share", "dof")
-MOST_LINES = 60
-"""Lines of a budget that are shown unless all are asked for: those that contribute most."""
-
 MOST_BUDGETS = 12
 """Budgets that are shown unless all are asked for."""
 
