@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from mbm.api.estimator import Estimator
     from mbm.api.pickled import Written
+    from mbm.api.stream import Stream
     from mbm.equations.assembly import Assembled
     from mbm.equations.binding import EvaluationCache
     from mbm.kernels.types import KernelSet
@@ -164,6 +165,19 @@ class CompiledProblem:
 
         given = {**self.inputs.tables, **self.kept.data}
         return estimator(self._latest(), self.origin, replace(self.inputs, tables=given), self.backend, columns)
+
+    def stream(self) -> Stream:
+        """A filter that is fed step by step: the rows of a step in, its estimate out (`Stream.step`).
+
+        Raises:
+            MbmError: the problem has no states or needs all steps at once (`not-a-stream`), or the tables that it was
+                compiled with are missing or do not go with it.
+
+        """
+        from mbm.api.stream import stream
+
+        given = {**self.inputs.tables, **self.kept.data}
+        return stream(self._latest(), self.origin, replace(self.inputs, tables=given))
 
     def residuals(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
         """Whitened residuals (m,) at tangent coordinates ``x`` (n,) about the start, in covariance order.

@@ -18,8 +18,10 @@ DECIDING_INPUT = Code(
 )
 NOT_A_STREAM = Code(
     "not-a-stream",
-    "An estimator solves one data set at a time from one start; the problem asks for several solves or starts.",
-    "Use `solve`, or a problem without `for-each`, `window` and `:starts`.",
+    "An estimator solves one data set at a time from one start, and a stream takes the steps of one sequence as they "
+    "come; the problem asks for several solves or starts, or for what needs all steps at once.",
+    "Use `solve`, or a problem without `for-each`, `window` and `:starts`; for a stream, one with states and a filter "
+    "or `(smoother :lag n)`, whose rows mention their own step alone.",
 )
 WRONG_INPUT = Code(
     "wrong-input",
@@ -28,6 +30,17 @@ WRONG_INPUT = Code(
     "for each data set. A table may have any number of rows if the inputs are all that equations use of it.",
 )
 
+WRONG_STEP = Code(
+    "wrong-step",
+    "The rows given to a stream are not those of the next step: of a table without steps, of several steps, or of one "
+    "that is over; or their columns are others than those of the compiled data.",
+    "Give the rows of one step at a time, in the order of the steps.",
+)
+STREAM_STOPPED = Code(
+    "stream-stopped",
+    "A stream cannot go on: at a step something was not finite, or a transition led nowhere.",
+    "Begin a new stream with `compiled.stream()`; a start nearer to the truth or smaller deviations may help.",
+)
 WRONG_ARGUMENT = Code(
     "wrong-argument",
     "An argument of a call from Python is of another kind than the call takes.",
@@ -63,6 +76,72 @@ def not_a_stream(what: str) -> Diagnostic:
         message=f"a problem with {what} has no estimator",
         place=None,
         hint="`solve` makes all its solves in one batch",
+    )
+
+
+def no_stream(what: str, hint: str) -> Diagnostic:
+    """A problem whose steps cannot be taken as they come."""
+    return Diagnostic(code=NOT_A_STREAM, message=f"a problem {what} has no stream", place=None, hint=hint)
+
+
+def not_of_a_step(name: str, column: str, known: tuple[str, ...]) -> Diagnostic:
+    """A table whose rows belong to no step."""
+    return Diagnostic(
+        code=WRONG_STEP,
+        message=f"`{name}` is no table with steps: it has no column `{column}`",
+        place=None,
+        hint=suggestion(name, known, f"a step has rows of {_listed(known, ', ')}"),
+    )
+
+
+def not_one_step(column: str, keys: list[float]) -> Diagnostic:
+    """Rows of no step, or of several."""
+    found = "no step is named" if not keys else f"rows of the steps {_listed(tuple(f'{k:g}' for k in keys), ', ')}"
+    return Diagnostic(
+        code=WRONG_STEP,
+        message=f"{found}: all rows have one and the same `{column}`",
+        place=None,
+        hint=f"state `{column}` in the rows, or say `at=`",
+    )
+
+
+def step_is_over(column: str, key: float, before: float) -> Diagnostic:
+    """A step that does not follow on the last one."""
+    return Diagnostic(
+        code=WRONG_STEP,
+        message=f"the step {key:g} does not follow on {before:g}",
+        place=None,
+        hint=f"steps come in the order of `{column}`, and all rows of a step together",
+    )
+
+
+def lacks_columns(name: str, columns: tuple[str, ...]) -> Diagnostic:
+    """Rows that lack columns which those had that the problem was compiled with."""
+    return Diagnostic(
+        code=WRONG_STEP,
+        message=f"the rows of `{name}` lack {_listed(columns, ', ')}",
+        place=None,
+        hint="rows of a step have the columns that the problem was compiled with",
+    )
+
+
+def other_cells(name: str, column: str, *, texts: bool) -> Diagnostic:
+    """Numbers where the problem was compiled with texts, or the other way round."""
+    wanted, found = ("texts", "numbers") if texts else ("numbers", "texts")
+    return Diagnostic(
+        code=WRONG_STEP,
+        message=f"`{column}` of `{name}` holds {found}, and held {wanted} when the problem was compiled",
+        place=None,
+    )
+
+
+def stream_stopped(column: str, key: float) -> Diagnostic:
+    """A stream that cannot go on."""
+    return Diagnostic(
+        code=STREAM_STOPPED,
+        message=f"the stream has ended at `{column}` = {key:g}, where something was not finite",
+        place=None,
+        hint=STREAM_STOPPED.mend,
     )
 
 

@@ -27,12 +27,13 @@ def begin_walk(walk: Walk) -> None:
 def keep_step(walk: Walk, k: Integer) -> None:
     """Let the answer for step k be where the walk is."""
     chain = walk.chain
-    copied(chain.numbers, walk.point, walk.points[k * chain.numbers :])
-    copied(chain.n * chain.n, walk.factor, walk.factors[k * chain.n * chain.n :])
-    walk.costs[k] = walk.last_cost
-    walk.opens[k] = walk.open_count
+    place = k % chain.held
+    copied(chain.numbers, walk.point, walk.points[place * chain.numbers :])
+    copied(chain.n * chain.n, walk.factor, walk.factors[place * chain.n * chain.n :])
+    walk.costs[place] = walk.last_cost
+    walk.opens[place] = walk.open_count
     for j in range(chain.n):
-        walk.touched[k * chain.n + j] = 0
+        walk.touched[place * chain.n + j] = 0
         for i in range(walk.open_count):
             if fabs(walk.open[i * chain.n + j]) > UNTOUCHED:
-                walk.touched[k * chain.n + j] = 1
+                walk.touched[place * chain.n + j] = 1

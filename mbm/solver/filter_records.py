@@ -57,6 +57,9 @@ class Chain:
     """Most hypotheses that are followed."""
     lag: Integer
     """Steps after which a step is reported by a smoother of fixed lag; T: it is none."""
+    held: Integer
+    """Steps whose rows and answers there is room for: step k is at ``k % held``. T, or fewer where steps come singly,
+    in which case T is larger than any step."""
 
 
 @record
@@ -73,7 +76,7 @@ class Walk:
     moves_reals: Reals
     moves_data: ConstantIntegers
     spreads: ConstantReals
-    """L of each transition (T − 1, p, q)."""
+    """L of each transition (T − 1, p, q), of those that are held."""
     skip: Real
     """Deviations beyond which a cut is left out."""
     tolerance: Real
@@ -82,7 +85,7 @@ class Walk:
     integers: Integers
 
     points: Reals
-    """(T, N) the answer for each step …"""
+    """(T, N) the answer for each step that is held …"""
     factors: Reals
     """… (T, n, n), of its covariance …"""
     opens: Integers
@@ -177,6 +180,8 @@ class Walk:
     """What the steps add to the cost that have left it."""
     unsettled: Integer
     """How often a window did not end where its cost is least."""
+    free: Integer
+    """Open vectors that the rows of a window determine."""
     loose: Integer
     """1: the path does not begin at the prior, nor does it follow the transitions: the next step closes the gaps."""
     rates: ConstantIntegers

@@ -16,15 +16,16 @@ from mbm.solver.workspace import Rows
 def load_step(walk: Walk, k: Integer) -> None:
     """The rows of step k."""
     stride = DATA_HEAD + DATA_BLOCK * (walk.seen.residual_blocks + walk.seen.constraint_blocks)
-    walk.rows.data = view(DataSet, walk.seen_data[k * stride :])
+    walk.rows.data = view(DataSet, walk.seen_data[k % walk.chain.held * stride :])
     load_rows(walk.seen, walk.rows)
 
 
 def load_move(walk: Walk, k: Integer) -> None:
     """Those of the transition from step k."""
     stride = DATA_HEAD + DATA_BLOCK * (walk.moving.residual_blocks + walk.moving.constraint_blocks)
-    walk.moves.data = view(DataSet, walk.moves_data[k * stride :])
-    walk.spread = walk.spreads[k * (walk.chain.n - walk.chain.still) * walk.chain.noises :]
+    place = k % walk.chain.held
+    walk.moves.data = view(DataSet, walk.moves_data[place * stride :])
+    walk.spread = walk.spreads[place * (walk.chain.n - walk.chain.still) * walk.chain.noises :]
     load_rows(walk.moving, walk.moves)
 
 

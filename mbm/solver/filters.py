@@ -138,7 +138,7 @@ def filter_step(walk: Walk, k: Integer) -> Integer:
         return 0
     choose(walk, made)
     take_hypothesis(walk, 0)
-    walk.followed[k] = walk.crowd
+    walk.followed[k % chain.held] = walk.crowd
     walk.last_cost = walk.crowd_costs[0] - before
     return 1
 

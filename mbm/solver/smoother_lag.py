@@ -102,6 +102,7 @@ def lag_step(walk: Walk, k: Integer) -> Integer:
     free = smooth(walk, walk.base, k)
     if free < 0:
         return 0
+    walk.free = free
     walk.unsettled += 1 - walk.settled
     if k == chain.steps - 1:
         return spread_path(walk, walk.base, k, free)
@@ -111,6 +112,11 @@ def lag_step(walk: Walk, k: Integer) -> Integer:
         keep_path(walk, walk.base)
         walk.open_count += free
     return 1
+
+
+def lag_end(walk: Walk, k: Integer) -> Integer:
+    """The answers for the steps that are left in the window, of which k is the last; 0 where one is not finite."""
+    return spread_path(walk, walk.base, k, walk.free)
 
 
 def lag_steps(walk: Walk, first: Integer, last: Integer) -> Integer:

@@ -53,6 +53,7 @@ ELSEWHERE = {
     "native-unavailable": "bad/test_made.py",
     "no-board": "images/test_what_is_said.py",
     "no-object": "images/test_contour_faults.py",
+    "no-equation-for-row": "api/test_stream.py",
     "no-such-input": "api/test_estimator.py",
     "no-true-value": "simulation/test_measurements.py",
     "not-a-stream": "api/test_estimator.py",
@@ -85,7 +86,9 @@ ELSEWHERE = {
     "values-against-constraint": "simulation/test_measurements.py",
     "would-overwrite": "cli/test_nothing_lost.py",
     "wrong-argument": "api/test_arguments.py",
+    "stream-stopped": "api/test_stream.py",
     "wrong-input": "api/test_estimator.py",
+    "wrong-step": "api/test_stream.py",
 }
 """Codes that no problem file or table can produce by itself, or whose cases are too large to keep: their test."""
 

@@ -18,6 +18,19 @@ OVERCONFIDENT_FILTER = Code(
     "correct the sigmas and the noise of the transitions.",
 )
 
+OTHER_EQUATIONS = Code(
+    "no-equation-for-row",
+    "A row that a stream is given is of a kind that the data had no row of when the problem was compiled: words in it, "
+    "or numbers that decide which equation holds, are others.",
+    "Compile the problem with data that have a row of each kind.",
+)
+
+
+def other_equations(span: Span | None, name: str) -> Diagnostic:
+    """A row for which no equation of the block ``name`` was compiled."""
+    message = f"no equation of `{name}` was compiled for such a row"
+    return Diagnostic(code=OTHER_EQUATIONS, message=message, place=span, hint=OTHER_EQUATIONS.mend)
+
 
 def not_for_filters(span: Span | None, method: str, what: str, mend: str) -> Diagnostic:
     """Something that a filter or smoother cannot do; ``what`` follows on its name."""

@@ -68,11 +68,16 @@ class Local:
         return not equations.lossy and all(affine(group, free) for group in groups)
 
 
-def local(equations: Assembled, first: Indices, counts: Indices, cache: EvaluationCache) -> Local:
-    """The equations, of which there may be none, with their data sets; rows of a group stand data set by data set."""
+def local(
+    equations: Assembled, first: Indices, counts: Indices, cache: EvaluationCache, *, calls: int | None = None
+) -> Local:
+    """The equations, of which there may be none, with their data sets; rows of a group stand data set by data set.
+
+    ``calls`` of kernels are to come (None: one for each group of a data set).
+    """
     groups = (*equations.groups, *equations.constraints)
     code = native_code(cache)
-    calls = int(np.count_nonzero(counts))
+    calls = int(np.count_nonzero(counts)) if calls is None else calls
     kernels = kernels_of(
         code, groups, compiled=equations.machine_code is not None or _worth_compiling(groups, calls, code)
     )

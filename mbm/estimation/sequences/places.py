@@ -54,7 +54,7 @@ def places_of(equations: Assembled, steps: int, method: str) -> Places:
 
     """
     layout = equations.layout
-    order = sorted(layout.entries, key=lambda entry: _rank(entry))
+    order = spread_entries(layout)
     numbers = np.hstack([_spread(e.offset, e.unknown.size, e, steps) for e in order])
     coordinates = np.hstack([_spread(e.first, e.unknown.freedom, e, steps) for e in order])
     still = [entry for entry in order if _rank(entry) < MOVING]
@@ -80,6 +80,11 @@ def places_of(equations: Assembled, steps: int, method: str) -> Places:
         number=number,
         coordinate=coordinate,
     )
+
+
+def spread_entries(layout: Layout) -> list[Entry]:
+    """The unknowns in the order in which they have the numbers of a step."""
+    return sorted(layout.entries, key=_rank)
 
 
 MOVING = 2

@@ -7,6 +7,8 @@ from time import perf_counter
 
 import numpy as np
 
+from mbm.equations.assembly import Assembled
+from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.faults import no_unknowns
 from mbm.equations.types import Floats
@@ -14,9 +16,9 @@ from mbm.estimation.search.solution import Solution
 from mbm.estimation.sequences import faults
 from mbm.estimation.sequences.answer import Walked, solution_of
 from mbm.estimation.sequences.lowering import lowered
-from mbm.estimation.sequences.places import places_of
+from mbm.estimation.sequences.places import Places, places_of
 from mbm.estimation.sequences.prior import prior_of
-from mbm.estimation.sequences.walk import Rules
+from mbm.estimation.sequences.walk import Chained, Prior, Rules
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.estimate import bound_equations
 from mbm.kernels.types import KernelSet
@@ -24,6 +26,7 @@ from mbm.problem.sequence.types import Estimator, Sequence, SequenceMethod
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 FINE = 1e-9
 """A step, in standard deviations, that ends the iteration over all steps: answers are those of ``batch``."""
@@ -32,18 +35,35 @@ COARSE = 1e-6
 """The same for updates and windows, which are many: what is left of them goes on into the next."""
 
 
-def walked(
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Begun:
+    """A problem made ready for its walk."""
+
+    problem: Problem
+    sequence: Sequence
+    tables: Mapping[str, Table]
+    equations: Assembled
+    binder: Binder
+    places: Places
+    chained: Chained
+    prior: Prior
+    rules: Rules
+
+
+def begun(
     problem: Problem,
     kernels: KernelSet,
     tables: Mapping[str, Table],
-    *,
-    key: Mapping[str, CellKey],
     starts: Mapping[str, Floats],
     settings: Settings,
     cache: EvaluationCache,
-) -> Solution:
-    """As `mbm.estimation.sequences.filtering.filtered`."""
-    began = perf_counter()
+) -> Begun:
+    """What a walk over all steps takes.
+
+    Raises:
+        MbmError: the problem has what filters do not take, or something has no start.
+
+    """
     sequence = problem.sequence
     if sequence is None:
         raise TypeError(problem.name)
@@ -65,20 +85,45 @@ def walked(
     if sequence.estimator.method is SequenceMethod.SMOOTHER and low.chained.seen.equalities:
         what = "takes no equations among the constraints: they couple what it takes one after the other"
         raise MbmError(faults.not_for_filters(sequence.estimator.span, method, what, "use `:method batch`"))
-    rules = _rules(sequence.estimator, settings, low.chained.lossy)
-    track = low.chained.walk(prior, rules, settings.stopped)
+    return Begun(
+        problem=problem,
+        sequence=sequence,
+        tables=tables,
+        equations=equations,
+        binder=binder,
+        places=places,
+        chained=low.chained,
+        prior=prior,
+        rules=_rules(sequence.estimator, settings, low.chained.lossy),
+    )
+
+
+def walked(
+    problem: Problem,
+    kernels: KernelSet,
+    tables: Mapping[str, Table],
+    *,
+    key: Mapping[str, CellKey],
+    starts: Mapping[str, Floats],
+    settings: Settings,
+    cache: EvaluationCache,
+) -> Solution:
+    """As `mbm.estimation.sequences.filtering.filtered`."""
+    began = perf_counter()
+    ready = begun(problem, kernels, tables, starts, settings, cache)
+    track = ready.chained.walk(ready.prior, ready.rules, settings.stopped)
     return solution_of(
         Walked(
             problem=problem,
             kernels=kernels,
             tables=tables,
             key=key,
-            equations=equations,
-            binder=binder,
-            places=places,
-            chained=low.chained,
-            prior=prior,
-            rules=rules,
+            equations=ready.equations,
+            binder=ready.binder,
+            places=ready.places,
+            chained=ready.chained,
+            prior=ready.prior,
+            rules=ready.rules,
             track=track,
         ),
         seconds=lambda: perf_counter() - began,

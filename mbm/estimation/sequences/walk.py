@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.minimise.native.system import NativeSystem, never
 from mbm.estimation.sequences.local import Local
-from mbm.machine.records import put, reals_in, slot, slots_of, view
+from mbm.machine.kinds import Held
+from mbm.machine.records import plans_of, put, reals_in, slot, slots_of, view
 from mbm.solver import description as of
 from mbm.solver.filter_records import Chain, Walk, walk_integers, walk_reals
 from mbm.solver.workspace import Rows
@@ -23,6 +24,12 @@ PRODUCTS = 20.0
 
 PASSES = 10.0
 """Iterations where there are some, as a guess."""
+
+ENDLESS = 2**62
+"""Steps of a sequence that goes on."""
+
+STEPS_OF_A_STREAM = 5_000
+"""Those that come, as a guess."""
 
 STEPS_AT_A_TIME = 1000
 """Steps between which the user may interrupt."""
@@ -54,7 +61,8 @@ class Rules:
     """How a walk goes: ``iterations`` of an update at most, ``smooth`` with a ``lag`` in steps (None: all of them).
 
     ``cut``: inequalities cut; a cut beyond ``skip`` deviations is left out. ``tolerance`` in standard deviations.
-    So many ``hypotheses`` at most are followed by a filter.
+    So many ``hypotheses`` at most are followed by a filter. ``endless``: steps come one by one, and the sequence holds
+    as many as there is room for.
     """
 
     iterations: int = 1
@@ -64,6 +72,7 @@ class Rules:
     smooth: bool = False
     hypotheses: int = 1
     lag: int | None = None
+    endless: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,11 +155,11 @@ class Chained:
             Exception: what a function in Python raised that an equation calls.
 
         """
-        return _Memory(self, prior, rules).run(stopped)
+        return Memory(self, prior, rules).run(stopped)
 
 
-class _Memory:
-    """The records of one walk, and the arrays that they refer to."""
+class Memory:
+    """The records of one walk, and the arrays that they refer to. Not to be shared between threads."""
 
     def __init__(self, chained: Chained, prior: Prior, rules: Rules) -> None:
         seen, moving = chained.seen.native, chained.moving.native
@@ -158,7 +167,7 @@ class _Memory:
         self._prior, self._rules = prior, rules
         self._failed = (seen.failed, moving.failed)
         self.chain = _sizes(chained, rules)
-        n, steps, numbers = (int(self.chain[at]) for at in (Chain.n, Chain.steps, Chain.numbers))
+        n, steps, numbers = (int(self.chain[at]) for at in (Chain.n, Chain.held, Chain.numbers))
         passes = 1.0 if self.chain[Chain.iterations] == 1 else PASSES
         self.points = np.full((steps, numbers), np.nan)
         self.factors = np.zeros((steps, n, n))
@@ -166,20 +175,47 @@ class _Memory:
         self.opens = np.zeros(steps, dtype=np.int64)
         self.followed = np.ones(steps, dtype=np.int64)
         self.touched = np.zeros((steps, n), dtype=np.int64)
-        self._code.expect(float(steps) * (n + 4) ** 3 * PRODUCTS * (3.0 if rules.smooth else 1.0) * passes)
+        products = (n + 4) ** 3 * PRODUCTS * (3.0 if rules.smooth else 1.0) * passes
+        self._code.expect((STEPS_OF_A_STREAM if rules.endless else steps) * products)
         self._held: list[Any] = [seen, moving, chained]
         self.walk = self._code.blank(Walk)
         sizes = view(Chain, self.chain)
         integers = np.zeros(walk_integers(sizes) + 1, dtype=np.int64)
-        self._put(reals=np.zeros(walk_reals(sizes)), integers=integers, chain=self.chain)
+        self._total = walk_reals(sizes)
+        self._put(reals=np.zeros(self._total), integers=integers, chain=self.chain)
         self._put(followed=self.followed, rates=np.ascontiguousarray(chained.rates, dtype=np.int64))
         self._put(spreads=np.ascontiguousarray(chained.spreads, dtype=np.float64))
         self._put(points=self.points, factors=self.factors, costs=self.costs, opens=self.opens, touched=self.touched)
         self._rows("rows", "rows_reals", "seen", "seen_data", seen)
         self._rows("moves", "moves_reals", "moving", "moves_data", moving)
         self._set_reals(skip=rules.skip, tolerance=rules.tolerance)
-        self._routine("begin_walk")
+        self.routine("begin_walk")
+        self._starts = self._begins()
         self._set_prior()
+
+    def go_on_from(self, other: Memory) -> None:
+        """Let this be where another walk is, of the same steps with room for other rows."""
+        names = list(self._starts)
+        for name, after in zip(names, (*names[1:], None), strict=True):
+            sizes = [each.size_of(name, after) for each in (self, other)]
+            if sizes[0] == sizes[1]:  # others hold rows, and nothing that lasts
+                self._fill(name, other._taken(name, sizes[0]))
+        for plan in plans_of(Walk):
+            if plan.held is Held.VALUE and plan.text == "Integer":
+                self._put(**{plan.name: other._get(plan.name)})
+            elif plan.held is Held.VALUE and plan.text == "Real":
+                self._set_reals(**{plan.name: other._real(plan.name)})
+        for name in ("points", "factors", "costs", "opens", "followed", "touched"):
+            getattr(self, name)[...] = getattr(other, name)
+
+    def size_of(self, name: str, after: str | None) -> int:
+        """Numbers of an array of the walk, ``after`` which another one stands."""
+        return (self._total if after is None else self._starts[after]) - self._starts[name]
+
+    def _begins(self) -> dict[str, int]:
+        """Where the arrays of the walk begin in that of all."""
+        names = [p.name for p in plans_of(Walk) if p.held is Held.SIZED and p.text == "Reals"]
+        return {name: self._total - len(self._array(name)) for name in names}
 
     def run(self, stopped: Callable[[], bool]) -> Track:
         """All steps, so many at a time; what is smoothed as a whole begins with the path of a filter."""
@@ -192,9 +228,8 @@ class _Memory:
             made = self._steps("lag_steps" if self._rules.smooth and not whole else "filter_steps", stopped)
         if whole and made == steps:
             self._set_prior()
-            made = self._routine("smooth_all")
-        for each in self._failed:
-            each()
+            made = self.routine("smooth_all")
+        self.raise_failure()
         whole_cost = self._real("left_cost") + self._real("last_cost")
         cost = whole_cost if self._rules.smooth else float(self.costs[:made].sum())
         return Track(
@@ -213,6 +248,11 @@ class _Memory:
             evaluations=self._get("evaluations"),
         )
 
+    def raise_failure(self) -> None:
+        """Raise what a function in Python raised that an equation calls, if one did."""
+        for each in self._failed:
+            each()
+
     def _crowd(self) -> tuple[Hypothesis, ...]:
         """The hypotheses after the last step; none where only one may be followed."""
         if self._rules.hypotheses == 1:
@@ -229,7 +269,7 @@ class _Memory:
     def _steps(self, routine: str, stopped: Callable[[], bool]) -> int:
         made, steps = 0, len(self.points)
         while made < steps and not stopped() and not self._get("failed"):
-            made += self._routine(routine, made, min(made + STEPS_AT_A_TIME, steps))
+            made += self.routine(routine, made, min(made + STEPS_AT_A_TIME, steps))
         return made
 
     def _set_prior(self) -> None:
@@ -283,7 +323,8 @@ class _Memory:
         reals = next(held["reals"] for held in self._held if isinstance(held, dict) and "reals" in held)
         return np.asarray(reals[(int(self.walk[slot(Walk, name)]) - reals.ctypes.data) // 8 :])
 
-    def _routine(self, name: str, *numbers: int) -> int:
+    def routine(self, name: str, *numbers: int) -> int:
+        """What a routine of the walk gives for some numbers."""
         kinds = (object, *(int for _ in numbers))
         return self._code.routine(name, *kinds)(self.walk, *numbers)
 
@@ -297,7 +338,7 @@ def _sizes(chained: Chained, rules: Rules) -> Indices:
     lag = steps if rules.lag is None else min(rules.lag, steps)
     kept = 1 if not rules.smooth else steps if rules.lag is None else lag + 2
     values = {
-        "steps": steps,
+        "steps": ENDLESS if rules.endless else steps,
         "n": n,
         "still": chained.still,
         "numbers": len(seen.equations.layout.start),
@@ -313,6 +354,7 @@ def _sizes(chained: Chained, rules: Rules) -> Indices:
         "cut": int(rules.cut),
         "kept": kept,
         "lag": lag,
+        "held": steps,
         "hypotheses": rules.hypotheses,
     }
     found = np.zeros(slots_of(Chain), dtype=np.int64)

@@ -1,0 +1,253 @@
+"""A filter that is fed step by step: rows of a step in, its estimate out, as a solve of all rows so far has it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.api import faults
+from mbm.api.arrivals import Arrivals
+from mbm.compiler import Inputs
+from mbm.equations.layout import Entry, Layout
+from mbm.equations.types import Floats
+from mbm.estimation.sequences.filtering import by_filter
+from mbm.estimation.sequences.places import spread_entries
+from mbm.estimation.sequences.run import Begun, begun
+from mbm.estimation.sequences.stepping import StepEstimate, Stepper
+from mbm.estimation.sequences.unsuited import unsuited
+from mbm.estimation.settings import settings_of
+from mbm.problem.sequence.types import SequenceMethod
+from mbm.problem.types import Problem
+from mbm.report import geometric
+from mbm.report.elements import element_names
+from mbm.report.named import Named, named
+from mbm.report.quantities import quantity_of
+from mbm.report.spreads import Spread
+from mbm.report.types import Estimate, Quantity
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.api.compilation import Compilation, Origin
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Part:
+    """An unknown or a state within the numbers and coordinates of a step."""
+
+    entry: Entry
+    quantity: Quantity
+    numbers: slice
+    coordinates: slice
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plan:
+    """What a step estimates: ``names`` (n,) of the coordinates that vary, ``factors`` (n,) SI per unit shown."""
+
+    parts: Mapping[str, Part]
+    layout: Layout
+    free: np.ndarray
+    names: tuple[str, ...]
+    factors: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StepAnswer:
+    """The estimate of one step, whose ``key`` is its value of the steps' column (SI).
+
+    ``answer[name]`` is a state or an unknown as ``result[name]`` has one: ``.value`` and ``.sigma`` in the unit of the
+    report, without an axis over the steps. ``cost`` is what the rows of the step add to the cost of the filter, NaN of
+    a smoother, whose steps come later than their rows. ``hypotheses`` are followed after the step.
+    """
+
+    key: float
+    cost: float
+    hypotheses: int
+    _found: StepEstimate = field(repr=False)
+    _plan: Plan = field(repr=False)
+
+    def __getitem__(self, name: str) -> Named:
+        """A state or an unknown.
+
+        Raises:
+            KeyError: nothing is called so.
+
+        """
+        part = self._plan.parts.get(name)
+        if part is None:
+            message = f"`{name}` is not estimated at a step; there are {', '.join(self._plan.parts)}"
+            raise KeyError(message)
+        entry, unknown = part.entry, part.entry.unknown
+        leading = () if entry.keys is None or unknown.is_state else (entry.members,)
+        stated = (*leading, *(unknown.shape if not unknown.dimension else (unknown.freedom,)))
+        sigma = self._sigma()[part.coordinates].reshape(stated)
+        return named(
+            Estimate(
+                quantity=part.quantity,
+                value=self._plan.layout.reported(self._found.numbers)[part.numbers].reshape((*leading, *unknown.shape)),
+                sigma=sigma,
+                fixed=self._plan.layout.fixed[part.coordinates].reshape(stated),
+                keys=entry.keys if leading else None,
+                spread=Spread(dof=np.full(stated, np.inf), inflation=np.ones(stated)),
+            ),
+            COVERAGE,
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The estimated coordinates (n,), in the order of `covariance`."""
+        return self._plan.names
+
+    @property
+    def covariance(self) -> Floats:
+        """The covariance (n, n) of the coordinates `names` in the units of the report; NaN where it is not known."""
+        found = self._found
+        matrix = found.factor.T @ found.factor / np.outer(self._plan.factors, self._plan.factors)
+        return np.where(found.touched[:, None] | found.touched, np.nan, matrix)
+
+    def _sigma(self) -> Floats:
+        """Standard deviations of all coordinates of a step, in SI; NaN of what is fixed."""
+        found = self._found
+        sigma = np.full(len(self._plan.layout.fixed), np.nan)
+        own = np.sqrt(np.square(found.factor).sum(axis=0))
+        sigma[self._plan.free] = np.where(found.touched, np.nan, own)
+        return sigma
+
+
+COVERAGE = 0.95
+"""Of the intervals of a step's estimates."""
+
+
+class Stream:
+    """A filter, or a smoother of fixed lag, that takes steps as they come. Not to be shared between threads.
+
+    It begins before the first step: no row that the problem was compiled with is used, apart from those of tables
+    without steps.
+    """
+
+    def __init__(self, ready: Begun, compilation: Compilation, origin: Origin, inputs: Inputs) -> None:
+        self._sequence, self._smooth = ready.sequence, ready.rules.smooth
+        self._arrivals = Arrivals(ready, compilation, origin, inputs)
+        self._stepper = Stepper(ready, compilation.kernels, compilation.cache)
+        self._plan = _plan(ready)
+        self._keys: list[float] = []
+        self._ended = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The coordinates (n,) that every step estimates."""
+        return self._plan.names
+
+    def step(self, tables: Mapping[str, object] | None = None, *, at: float | None = None) -> StepAnswer | None:
+        """Take the rows of the next step, and give its estimate.
+
+        Args:
+            tables: the rows of each table that has some, as `compiled.solve(data=…)` takes them; numbers alone are one
+                row. Rows may leave out the steps' column where ``at`` says it.
+            at: the value of the steps' column (SI). Without rows it makes a step that is predicted.
+
+        Returns:
+            The estimate of this step; of a smoother of lag n that of the step n before, None while there is none.
+
+        Raises:
+            MbmError: the rows do not go with the problem, or are not those of one step that follows on the last; the
+                step is not taken then. Or something is not finite at the step; then the stream is at its end.
+
+        """
+        if self._ended:
+            raise MbmError(faults.stream_stopped(self._sequence.column, self._keys[-1] if self._keys else np.nan))
+        key, arrived = self._arrivals.read(tables, at, self._keys[-1] if self._keys else None)
+        found = self._stepper.take(arrived)
+        if self._stepper.failed:
+            self._ended = True
+            raise MbmError(faults.stream_stopped(self._sequence.column, key))
+        self._keys.append(key)
+        return None if found is None else self._answer(found, self._keys[-1 - self._stepper.lag])
+
+    def finish(self) -> list[StepAnswer]:
+        """The estimates of the steps that a smoother has not given yet, given all rows; no step can come then."""
+        found = [] if self._ended else self._stepper.finish()
+        self._ended = True
+        return [
+            self._answer(each, key) for each, key in zip(found, self._keys[len(self._keys) - len(found) :], strict=True)
+        ]
+
+    def _answer(self, found: StepEstimate, key: float) -> StepAnswer:
+        return StepAnswer(
+            key=key,
+            cost=np.nan if self._smooth else found.cost,
+            hypotheses=found.followed,
+            _found=found,
+            _plan=self._plan,
+        )
+
+
+def stream(compilation: Compilation, origin: Origin, inputs: Inputs) -> Stream:
+    """The stream of a compiled problem.
+
+    Raises:
+        MbmError: it has no states, needs all steps at once, or asks for several solves; its data do not go with it.
+
+    """
+    found = compilation.elaborated
+    problem = found.problem
+    _one_sequence(problem)
+    starts = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
+    settings = settings_of(problem.request, forms=origin.registry.closed_forms)
+    ready = begun(problem, compilation.kernels, found.tables, starts, settings, compilation.cache)
+    for what in unsuited(ready):
+        raise MbmError(faults.no_stream(what, "`solve` has all rows at once"))
+    return Stream(ready, compilation, origin, inputs)
+
+
+def _one_sequence(problem: Problem) -> None:
+    """Refuse what has no steps that follow one on the other."""
+    request, sequence = problem.request, problem.sequence
+    if sequence is None:
+        raise MbmError(faults.no_stream("without `states`", "`compiled.estimator()` takes streams of data sets"))
+    estimator = sequence.estimator
+    if not by_filter(problem) or (estimator.method is SequenceMethod.SMOOTHER and estimator.lag is None):
+        hint = "say `(solve :method ekf)`, or another filter, or `(smoother :lag n)`"
+        raise MbmError(faults.no_stream(f"with `:method {estimator.method.value}`", hint))
+    asked = {"`for-each`": request.for_each, "`window`": request.window}
+    for what, stated in asked.items():
+        if stated:
+            raise MbmError(faults.no_stream(f"with {what}", "compile it without, and take a stream for each key"))
+    if any(constant.sigmas for constant in problem.constants):
+        raise MbmError(faults.no_stream("with uncertain constants", "`solve` varies them"))
+
+
+def _plan(ready: Begun) -> Plan:
+    """What the steps of a problem estimate."""
+    problem, places = ready.problem, ready.places
+    parts: dict[str, Part] = {}
+    names: list[str] = []
+    factors: list[Floats] = []
+    numbers = coordinates = 0
+    for entry in spread_entries(ready.equations.layout):
+        unknown, quantity = entry.unknown, replace(quantity_of(problem, entry.unknown), over=None)
+        members = 1 if unknown.is_state else entry.members
+        count, size = members * unknown.size, members * unknown.freedom
+        parts[unknown.name] = Part(
+            entry=entry,
+            quantity=quantity,
+            numbers=slice(numbers, numbers + count),
+            coordinates=slice(coordinates, coordinates + size),
+        )
+        numbers, coordinates = numbers + count, coordinates + size
+        names += element_names(quantity, None if unknown.is_state else entry.keys)
+        own = quantity.kind in geometric.GEOMETRIC
+        one = geometric.coordinate_factors(quantity) if own else np.full(unknown.freedom, quantity.factor)
+        factors.append(np.tile(one, members))
+    free = places.free
+    return Plan(
+        parts=parts,
+        layout=ready.chained.seen.equations.layout,
+        free=free,
+        names=tuple(names[j] for j in free.tolist()),
+        factors=np.concatenate(factors)[free],
+    )
