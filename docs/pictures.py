@@ -16,6 +16,7 @@ from mbm.cli.main import run
 from mbm.equations.losses import loss_function
 from mbm.problem.kinds import LossKind
 from mbm.problem.types import Loss
+from mbm.report.panels import draw_data
 
 mpl.use("svg")
 from matplotlib import pyplot as plt
@@ -24,6 +25,7 @@ from matplotlib.axes import Axes
 FOLDER = Path(__file__).parent / "pictures"
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#777777"
 TAG = Path(__file__).parent / "tutorials" / "locate-a-tag.md"
+UNCERTAINTY = Path(__file__).parent / "how-to" / "uncertainty.md"
 
 
 def arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], name: str, colour: str) -> None:
@@ -133,6 +135,18 @@ def views() -> None:
     view("view-map", problems / "loop/loop.mbm")
 
 
+def bands() -> None:
+    """The first panel of the picture of the example with a cooling curve."""
+    text = UNCERTAINTY.read_text(encoding="utf-8").split("```mbm file=cooling.mbm\n")[1].split("```")[0]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "cooling.mbm"
+        file.write_text(text, encoding="utf-8")
+        data = mbm.load(file).solve().first.pictures()[0]
+    figure, axes = plt.subplots(figsize=(5.4, 3.2))
+    draw_data(data, axes)
+    save(figure, "bands")
+
+
 def save(figure: plt.Figure, name: str) -> None:
     """Write a figure as SVG without date."""
     text = io.StringIO()
@@ -146,7 +160,7 @@ def main() -> None:
     """Draw all."""
     mpl.rcParams.update({"svg.hashsalt": "mbm", "svg.fonttype": "none", "font.size": 9})
     FOLDER.mkdir(exist_ok=True)
-    for draw in (camera_axes, box_vertexes, mirrored_tag, losses, windows, views):
+    for draw in (camera_axes, box_vertexes, mirrored_tag, losses, windows, bands, views):
         draw()
 
 

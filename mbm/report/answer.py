@@ -219,6 +219,35 @@ class Solved:
         _ = self.first
         return trajectories_of(self.result, deltas, observation)[0]
 
+    def predict(self, name: str, at: object = None, *, level: float | None = None, clause: str | None = None) -> Any:
+        """A derived quantity at other values, and the interval of a new reading there.
+
+        Args:
+            name: the derived quantity, ``:over`` a grid or a table.
+            at: the values: a table (as ``solve(data=…)`` takes) with the columns that its form depends on, in the units
+                of the grid or table, or a list of numbers if there is one such column. None: those of the problem.
+            level: the coverage probability of the intervals, between 0 and 1. None: that of the solve.
+            clause: the observation whose noise a new reading has, if several have the quantity for their MODEL.
+
+        Returns:
+            One row for each value: the columns, ``value``, ``sigma``, ``low`` and ``high`` of the quantity, and
+            ``reading_low`` and ``reading_high`` of a new reading, if the form is the MODEL of one observation; in the
+            unit of the quantity. A pandas frame, else a dict of arrays. A reading scatters by the noise of the
+            observation, beside what is uncertain of the quantity (Draper and Smith 1998, §3.1).
+
+        Raises:
+            LookupError: there is no solve, or there are several.
+            KeyError: no derived quantity is called so.
+            MbmError: `not-predicted`, or what is wrong with the table.
+
+        """
+        from mbm.report.predictions import predicted, prediction_table
+
+        if len(self.result.solves) > 1:
+            message = f"there are {len(self.result.solves)} solves; a prediction is made with one"
+            raise LookupError(message)
+        return prediction_table(predicted(self.first, name, at, level=level, clause=clause))
+
     def table(self) -> Any:
         """One row per solve: keys, status, cost, dof, scalars and sigmas (or low and high).
 

@@ -18,6 +18,11 @@ BAD_INITIAL_VALUES = Code(
     "document; something else was given.",
     'Write for instance `{"p": [1, 1, 1]}`, or give the document that `mbm solve --json` wrote.',
 )
+NOT_PREDICTED = Code(
+    "not-predicted",
+    "A derived quantity is asked for at other values, or with the noise of an observation, and cannot be had so.",
+    "Give every column that the form of the quantity depends on, and name an observation whose MODEL it is.",
+)
 NEAR_BOUND = Code(
     "near-bound",
     "An estimate is held at a hard bound (`:in`), or was driven to the zero that a `positive` unknown stays above. It "
@@ -142,3 +147,8 @@ def interrupted(done: int, left: int) -> Diagnostic:
         hint=INTERRUPTED.mend,
         severity=Severity.WARNING,
     )
+
+
+def not_predicted(name: str, why: str, hint: str) -> Diagnostic:
+    """A prediction that cannot be made."""
+    return Diagnostic(code=NOT_PREDICTED, message=f"`{name}` is not predicted: {why}", place=None, hint=hint)

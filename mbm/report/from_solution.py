@@ -13,7 +13,7 @@ from mbm.equations.layout import Entry, half_turns
 from mbm.equations.types import NoiseState, Reason
 from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.search import Alternative as OtherMinimum
-from mbm.estimation.search.solution import DerivedSolution, Failure, Hypothesis, Skipped, Solution
+from mbm.estimation.search.solution import Failure, Hypothesis, Skipped, Solution
 from mbm.problem.naming import member_name
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report import faults
@@ -24,20 +24,20 @@ from mbm.report.constraints import (
     violated_sentence,
 )
 from mbm.report.covariances import derived_covariance, estimates_covariance
+from mbm.report.derived_values import FREE, NO_NOISE, derived_value, nothing_known_of, stuck
 from mbm.report.freedom import common_directions, free_directions
 from mbm.report.inputs import StartsTally
 from mbm.report.maps import maps_of
 from mbm.report.numbers import nothing_known, numbers_of
 from mbm.report.pictures import plot_data
-from mbm.report.quantities import Shown, keys_over, shown
+from mbm.report.quantities import Shown, shown
 from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries
 from mbm.report.root_means import of_solution
-from mbm.report.solution_spreads import coordinate_spread, derived_spread, entry_spread
+from mbm.report.solution_spreads import coordinate_spread, entry_spread
 from mbm.report.spreads import Spread
 from mbm.report.types import (
     Alternative,
     ConstraintReport,
-    DerivedValue,
     Estimate,
     Floats,
     Mask,
@@ -49,12 +49,9 @@ from mbm.report.types import (
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
-_NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
-_FREE = "the data do not determine it"
 _UNUSED = "no equation mentions it"
 _NOT_THE_BEST = "standard deviations are those of the best solution only"
 _MIRRORED = "the mirror image of another one"
-_NOT_FINITE = "the value is not finite"
 
 
 def report_of(
@@ -78,12 +75,12 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
     names = how.names
     constraints = constraint_reports(problem, solution)
     status, message = _status(problem, solution, constraints, names)
-    unknown = _nothing_known(solution)
+    unknown = nothing_known_of(solution)
     derived = tuple(
-        _derived(problem, solution, each, quantity, unknown)
+        derived_value(problem, solution, each, quantity)
         for each, quantity in zip(solution.derived, how.derived, strict=True)
     )
-    reached = not _stuck(solution)
+    reached = not stuck(solution)
     numbers, reasons = numbers_of(solution)
     return SolveReport(
         status=status,
@@ -144,18 +141,6 @@ def skipped_report(skipped: Skipped) -> SolveReport:
         key=dict(skipped.key),
         reasons=nothing_known("the window was skipped"),
     )
-
-
-def _stuck(solution: Solution) -> bool:
-    """Whether the start has no finite value or derivative, so that nothing but that can be said of it."""
-    return solution.minimum.bad_row is not None
-
-
-def _nothing_known(solution: Solution) -> str | None:
-    """Why no standard deviation at all is known; None where some may be."""
-    if _stuck(solution) or solution.minimum.reason is Reason.INFEASIBLE:
-        return solution.minimum.reason.sentence
-    return None if solution.sigma_known else _NO_NOISE
 
 
 def _status(
@@ -224,8 +209,8 @@ class _Each:
         used, estimable = ~self.unused[place], self.estimable[place]
         causes = (
             (_UNUSED, missing & ~used),
-            (_FREE, missing & used & ~estimable),
-            (_NO_NOISE, missing & used & estimable),
+            (FREE, missing & used & ~estimable),
+            (NO_NOISE, missing & used & estimable),
         )
         return ", or ".join(sentence for sentence, which in causes if bool(which.any()))
 
@@ -290,46 +275,6 @@ def _at_last(estimate: Estimate) -> Estimate:
         at_bound=None,
         reason=None,
     )
-
-
-def _derived(
-    problem: Problem, solution: Solution, found: DerivedSolution, quantity: Quantity, unknown: str | None
-) -> DerivedValue:
-    derived = problem.derived[found.owner]
-    leading = () if derived.table is None else (len(found.values),)
-    shape = (*leading, *derived.shape)
-    sigma = found.sigma if unknown is None else np.full_like(found.sigma, np.nan)
-    stated = shape if derived.kind is None else (*leading, sigma.shape[1])
-    over, keys = keys_over(derived, solution.tables)
-    return DerivedValue(
-        quantity=quantity,
-        value=found.values.reshape(shape),
-        sigma=sigma.reshape(stated),
-        keys=keys,
-        over=over,
-        reason=_why_derived_missing(solution, found, sigma, unknown),
-        spread=derived_spread(solution, found, stated),
-    )
-
-
-def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floats, unknown: str | None) -> str | None:
-    """Why values or sigmas of a derived quantity are missing; several causes are all named."""
-    undefined = ~np.isfinite(found.values)
-    if sigma.shape != undefined.shape:  # of rotations and the like, one coordinate is no one number
-        undefined = np.broadcast_to(undefined.any(axis=1, keepdims=True), sigma.shape)
-    missing = np.isnan(sigma) & ~undefined
-    causes = [_NOT_FINITE] if bool(undefined.any()) else []
-    if bool(missing.any()):
-        causes.append(unknown or (_NO_NOISE if _noise_alone(solution, found, missing) else _FREE))
-    return ", or ".join(causes) or None
-
-
-def _noise_alone(solution: Solution, found: DerivedSolution, missing: Mask) -> bool:
-    """Whether the numbers that the missing ones depend on are determined, so that only noise nobody knows is left."""
-    if found.gradient is None or all(n.state is not NoiseState.NO_REDUNDANCY for n in solution.noise.values()):
-        return False
-    loose = ~solution.observability.estimable & ~solution.observability.fixed
-    return not bool(found.gradient[missing.ravel()][:, loose].any())
 
 
 def _near_bounds(solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic, ...]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from mbm.report.elements import Scalar, element_names, plain_key, solve_scalars, unit_text
-from mbm.report.plot_data import PlotData
+from mbm.report.plot_data import Curve, PlotData
 from mbm.report.types import Estimate, Floats, Kind, ResidualRow, Result, SolveReport
 from mbm.text.shown import cut
 
@@ -36,7 +36,7 @@ def data_panels(result: Result) -> Iterator[Panel]:
     """Measured values and the model, for every clause that handed them over; of many solves the first."""
     if result.solves:
         for data in result.solves[0].pictures():
-            yield partial(_draw_data, data)
+            yield partial(draw_data, data)
 
 
 def estimate_panels(result: Result) -> Iterator[Panel]:
@@ -67,8 +67,9 @@ def residual_panels(result: Result) -> Iterator[Panel]:
         yield partial(_draw_residuals, clause, of_clause)
 
 
-def _draw_data(data: PlotData, axes: Axes) -> None:
-    axes.set_title(f"{data.clause}: data and model", fontsize=10)
+def draw_data(data: PlotData, axes: Axes) -> None:
+    """Measured values and the model, with the bands of a curve."""
+    axes.set_title(f"{data.clause}: data and model" if len(data.measured) else data.clause, fontsize=10)
     if data.abscissa is None and data.measured.shape[1] == 2:
         axes.plot(data.measured[:, 0], data.measured[:, 1], "o", color=BLUE, markersize=4, label="measured")
         axes.plot(data.model[:, 0], data.model[:, 1], "x", color=RED, markersize=5, label="model")
@@ -83,18 +84,33 @@ def _draw_data(data: PlotData, axes: Axes) -> None:
 def _draw_over_abscissa(data: PlotData, axes: Axes) -> None:
     abscissa = np.arange(1.0, len(data.measured) + 1) if data.abscissa is None else data.abscissa
     order = np.argsort(abscissa, kind="stable")
-    several = data.measured.shape[1] > 1
+    line, model = (abscissa[order], data.model[order])
+    if data.curve is not None:
+        line, model = data.curve.abscissa, data.curve.values
+        _draw_bands(data.curve, axes)
+    several = len(data.labels) > 1
     for column, label in enumerate(data.labels):
         color = SERIES[column % len(SERIES)]
-        name = f"measured {label}" if several else "measured"
-        axes.plot(abscissa, data.measured[:, column], "o", color=color, markersize=3.5, alpha=0.8, label=name)
-        name = f"model {label}" if several else "model"
-        axes.plot(
-            abscissa[order], data.model[order, column], "-", linewidth=1.3, color=color if several else RED, label=name
-        )
+        of = f" {label}" if several else ""
+        if len(abscissa):
+            axes.plot(
+                abscissa, data.measured[:, column], "o", color=color, markersize=3.5, alpha=0.8, label="measured" + of
+            )
+        name = "model" + of if len(abscissa) else "value"
+        axes.plot(line, model[:, column], "-", linewidth=1.3, color=color if several else RED, label=name)
     axes.set_xlabel(data.abscissa_label or "row")
     if not several:
         axes.set_ylabel(data.labels[0])
+
+
+def _draw_bands(curve: Curve, axes: Axes) -> None:
+    """What the curve may be, and where a new reading may lie."""
+    share = f"{100 * curve.coverage:g} %"
+    for ends, color, opacity, what in ((curve.reading, GREY, 0.13, "of readings"), (curve.band, RED, 0.22, "interval")):
+        if ends is not None:
+            axes.fill_between(
+                curve.abscissa, ends[0], ends[1], color=color, alpha=opacity, linewidth=0, label=f"{share} {what}"
+            )
 
 
 def _draw_residuals(clause: str, rows: Sequence[ResidualRow], axes: Axes) -> None:

@@ -58,6 +58,7 @@ ELSEWHERE = {
     "no-true-value": "simulation/test_measurements.py",
     "not-a-stream": "api/test_estimator.py",
     "not-a-table": "data/test_data_diagnostics.py",
+    "not-predicted": "report/test_predictions.py",
     "not-simulated": "simulation/test_measurements.py",
     "object-left-out": "images/test_contour.py",
     "other-size": "images/test_contour_faults.py",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,10 @@ class DerivedSolution:
     sigma: Floats
     freedom: Freedom
     gradient: Floats | None
+
+
+Elsewhere: TypeAlias = Callable[[int, Table], DerivedSolution]
+"""What derives a quantity, by its number, for the rows of another table in the place of its own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +84,7 @@ class Solution:
     step, and ``followed`` says how many there were after each. ``freedom`` are the degrees of freedom of the standard
     deviations, ``limited`` hard limits (None: there are none), ``profiles`` intervals where the linear ones are wrong
     (None: nowhere). ``influence`` tells what the covariance is the sum of (None: of a filter, which has no sum over
-    rows).
+    rows). ``elsewhere`` derives for other rows (None: nothing can be).
     """
 
     key: Mapping[str, CellKey]
@@ -119,6 +123,7 @@ class Solution:
     seconds: float
     diagnostics: tuple[Diagnostic, ...]
     influence: Influence | None = None
+    elsewhere: Elsewhere | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

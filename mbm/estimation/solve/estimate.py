@@ -168,10 +168,9 @@ def answered(
     whole = weighted.everything().plain_residuals(minimum.point)
     bent = curvature(propagation, minimum, derived)
     freedom = outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
-    against = contradictions(problem, run.tables, weighted, minimum, observed)
     warnings = (
         *robust.diagnostics,
-        *against,
+        *(against := contradictions(problem, run.tables, weighted, minimum, observed)),
         *rivals(problem, minimum, end.others, outcome.fit, end.noise),
         *doubts(propagation, minimum, derived, bent),
     )
@@ -208,6 +207,7 @@ def answered(
         iterations=end.iterations,
         evaluations=end.evaluations,
         seconds=seconds(),
+        elsewhere=propagation.elsewhere,
         diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
         influence=replace(outcome.influence, informing=robust.informing),
     )

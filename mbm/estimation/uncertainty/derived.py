@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mbm.equations.assembly import Assembled
@@ -16,6 +18,7 @@ from mbm.estimation.uncertainty.degrees import common
 from mbm.estimation.uncertainty.statistics import Statistics, changed
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of
+from mbm.problem.tables import Table
 from mbm.problem.types import Derived, Problem
 from mbm.values import dataclass
 
@@ -53,6 +56,12 @@ class Propagation:
         matrix[undefined, :] = np.nan
         matrix[:, undefined] = np.nan
         return found, matrix
+
+    @np.errstate(all="ignore")
+    def elsewhere(self, owner: int, table: Table) -> DerivedSolution:
+        """A derived quantity for the rows of another table in the place of its own."""
+        tables = {**self.binder.tables, table.name: table}
+        return replace(self, binder=replace(self.binder, tables=tables))._one(owner)
 
     def _covariance(self, gradient: Floats) -> Floats:
         """Covariance (k, k) of quantities with a gradient (k, n); NaN where it depends on noise that nobody knows."""

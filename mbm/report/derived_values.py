@@ -1,0 +1,67 @@
+"""Derived quantities of a solution as reports hold them, and why values or standard deviations are missing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.types import NoiseState, Reason
+from mbm.estimation.search.solution import DerivedSolution, Solution
+from mbm.problem.types import Problem
+from mbm.report.quantities import keys_over
+from mbm.report.solution_spreads import derived_spread
+from mbm.report.types import DerivedValue, Floats, Mask, Quantity
+
+NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
+FREE = "the data do not determine it"
+_NOT_FINITE = "the value is not finite"
+
+
+def stuck(solution: Solution) -> bool:
+    """Whether the start has no finite value or derivative, so that nothing but that can be said of it."""
+    return solution.minimum.bad_row is not None
+
+
+def nothing_known_of(solution: Solution) -> str | None:
+    """Why no standard deviation at all is known; None where some may be."""
+    if stuck(solution) or solution.minimum.reason is Reason.INFEASIBLE:
+        return solution.minimum.reason.sentence
+    return None if solution.sigma_known else NO_NOISE
+
+
+def derived_value(problem: Problem, solution: Solution, found: DerivedSolution, quantity: Quantity) -> DerivedValue:
+    """A derived quantity, for the rows of the solution's tables."""
+    derived, unknown = problem.derived[found.owner], nothing_known_of(solution)
+    leading = () if derived.table is None else (len(found.values),)
+    shape = (*leading, *derived.shape)
+    sigma = found.sigma if unknown is None else np.full_like(found.sigma, np.nan)
+    stated = shape if derived.kind is None else (*leading, sigma.shape[1])
+    over, keys = keys_over(derived, solution.tables)
+    return DerivedValue(
+        quantity=quantity,
+        value=found.values.reshape(shape),
+        sigma=sigma.reshape(stated),
+        keys=keys,
+        over=over,
+        reason=_why_derived_missing(solution, found, sigma, unknown),
+        spread=derived_spread(solution, found, stated),
+    )
+
+
+def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floats, unknown: str | None) -> str | None:
+    """Why values or sigmas of a derived quantity are missing; several causes are all named."""
+    undefined = ~np.isfinite(found.values)
+    if sigma.shape != undefined.shape:  # of rotations and the like, one coordinate is no one number
+        undefined = np.broadcast_to(undefined.any(axis=1, keepdims=True), sigma.shape)
+    missing = np.isnan(sigma) & ~undefined
+    causes = [_NOT_FINITE] if bool(undefined.any()) else []
+    if bool(missing.any()):
+        causes.append(unknown or (NO_NOISE if _noise_alone(solution, found, missing) else FREE))
+    return ", or ".join(causes) or None
+
+
+def _noise_alone(solution: Solution, found: DerivedSolution, missing: Mask) -> bool:
+    """Whether the numbers that the missing ones depend on are determined, so that only noise nobody knows is left."""
+    if found.gradient is None or all(n.state is not NoiseState.NO_REDUNDANCY for n in solution.noise.values()):
+        return False
+    loose = ~solution.observability.estimable & ~solution.observability.fixed
+    return not bool(found.gradient[missing.ravel()][:, loose].any())

@@ -1,0 +1,263 @@
+"""A derived quantity at other values than its own, and the interval of a new reading there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mbm.data.given import table_from_given
+from mbm.equations.types import NoiseState
+from mbm.equations.whitening import stated_noise
+from mbm.estimation.coverage.student import coverage_factors
+from mbm.estimation.search.solution import Solution
+from mbm.expression.nodes import Component, leaves
+from mbm.expression.units import parse_unit
+from mbm.problem.modelled import Modelled, columns_of, observations_of
+from mbm.problem.tables import Column, Provenance, Table
+from mbm.problem.types import Derived, Equation, NoiseKind, Problem
+from mbm.report import faults
+from mbm.report.derived_values import derived_value
+from mbm.report.intervals import Intervals, intervals
+from mbm.report.quantities import derived_quantity
+from mbm.report.types import DerivedValue, Floats, SolveReport
+from mbm.text.suggest import suggestion
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reading:
+    """The interval of a new reading: ``low`` and ``high`` as those of the quantity, of the observation ``clause``."""
+
+    clause: str
+    low: Floats
+    high: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prediction:
+    """A derived quantity for the rows of ``table`` (None: it has one value), and its intervals in the unit shown.
+
+    ``level`` is their coverage probability.
+    ``reading`` is None where no observation, or more than one, has it for its MODEL.
+    """
+
+    table: Table | None
+    item: DerivedValue
+    level: float
+    intervals: Intervals
+    reading: Reading | None
+
+
+def predicted(
+    solve: SolveReport, name: str, at: object = None, *, level: float | None = None, clause: str | None = None
+) -> Prediction:
+    """A derived quantity of a solve at the values ``at``: a table, or numbers where it depends on one column.
+
+    None: where it was derived. ``level`` is that of the intervals (None: that of the solve), ``clause`` the observation
+    whose noise a new reading has.
+
+    Raises:
+        KeyError: no derived quantity is called so.
+        MbmError: not-predicted, or what is wrong with the table.
+
+    """
+    names = [item.quantity.name for item in solve.derived]
+    if name not in names:
+        message = f"`{name}` is not derived; there are {', '.join(names)}" if names else f"`{name}` is not derived"
+        raise KeyError(message)
+    made = solve.made_from() if solve.made_from is not None else None
+    if made is None:
+        raise _refused(name, "solves that are made together keep nothing but their answers", "solve one key alone")
+    problem, solution = made
+    derived = next(each for each in problem.derived if each.name == name)
+    table = None if at is None else _table(solution, derived, at)
+    return prediction(problem, solution, derived, table, level=level, clause=clause)
+
+
+def prediction(
+    problem: Problem,
+    solution: Solution,
+    derived: Derived,
+    table: Table | None,
+    *,
+    level: float | None = None,
+    clause: str | None = None,
+) -> Prediction:
+    """A derived quantity for the rows of a table in the place of its own (None: its own); as `predicted`.
+
+    Raises:
+        MbmError: not-predicted.
+
+    """
+    level = problem.request.coverage if level is None else level
+    owner, quantity = problem.derived.index(derived), derived_quantity(problem, derived)
+    if table is None or solution.elsewhere is None:
+        table = None if derived.table is None else solution.tables[derived.table]
+        item = derived_value(problem, solution, next(one for one in solution.derived if one.owner == owner), quantity)
+    else:
+        moved = replace(solution, tables={**solution.tables, table.name: table}, profiles=None)
+        item = derived_value(problem, moved, solution.elsewhere(owner, table), quantity)
+    return Prediction(
+        table=table,
+        item=item,
+        level=level,
+        intervals=intervals(item, level),
+        reading=_reading(problem, solution, (derived, item, table), level, clause),
+    )
+
+
+def prediction_table(found: Prediction) -> Any:
+    """One row for each row of the table: its columns, ``value``, ``sigma``, ``low``, ``high``, and those of a reading.
+
+    Columns of vectors end in ``[1]`` … . A pandas frame, else a dict of arrays.
+    """
+    arrays: dict[str, Any] = {}
+    if found.table is not None:
+        for column in found.table.columns.values():
+            unit = parse_unit(column.unit) if column.unit is not None else None
+            numbers = None if column.numbers is None else column.numbers / (unit.factor if unit is not None else 1.0)
+            arrays[column.name] = np.array(column.texts, dtype=object) if numbers is None else numbers
+    rows = 1 if found.table is None else len(found.table)
+    factor = found.item.quantity.factor
+    sides = {
+        "value": np.asarray(found.item.value) / factor,
+        "sigma": np.full(np.shape(found.item.value), np.nan) if found.item.sigma is None else found.item.sigma / factor,
+        "low": found.intervals.low,
+        "high": found.intervals.high,
+    }
+    if found.reading is not None:
+        sides |= {"reading_low": found.reading.low, "reading_high": found.reading.high}
+    for side, numbers in sides.items():
+        flat = np.reshape(numbers, (rows, -1))
+        several = flat.shape[1] > 1
+        arrays |= {f"{side}[{j + 1}]" if several else side: flat[:, j] for j in range(flat.shape[1])}
+    try:
+        from pandas import DataFrame
+    except ImportError:
+        return arrays
+    return DataFrame(arrays)
+
+
+def _refused(name: str, why: str, hint: str) -> MbmError:
+    return MbmError(faults.not_predicted(name, why, hint))
+
+
+def _table(solution: Solution, derived: Derived, at: object) -> Table:
+    """The table that was given for a derived quantity, in SI; numbers of its columns are in the units of its own."""
+    if derived.table is None:
+        why = "it has one value, and depends on no column"
+        raise _refused(derived.name, why, "derive it `:over` a table, or a grid such as `(grid t 0s 10s 200)`")
+    if derived.kind is not None or solution.elsewhere is None:
+        why = "rotations and motions are not" if derived.kind is not None else "filters keep nothing but their answers"
+        raise _refused(derived.name, why, "derive it `:over` a table with the rows that you want")
+    own = solution.tables[derived.table]
+    values = tuple(value for case in derived.cases for value in case.values)
+    wanted = sorted({*columns_of(values, own.name), *(name for case in derived.cases for name, _ in case.static)})
+    if isinstance(at, int | float):
+        at = [at]
+    if isinstance(at, np.ndarray | list | tuple) and np.ndim(at) == 1 and np.asarray(at).dtype.kind in "iuf":
+        if len(wanted) != 1:
+            listed = ", ".join(f"`{name}`" for name in wanted) or "no column"
+            raise _refused(derived.name, f"it depends on {listed}, and a list of numbers is one column", "give a table")
+        at = {wanted[0]: np.asarray(at, dtype=np.float64)}
+    raw = table_from_given("at", at)
+    given = {column.name: column for column in raw.columns}
+    missing = [name for name in wanted if name not in given]
+    if missing:
+        why = f"the column `{missing[0]}` is missing"
+        raise _refused(derived.name, why, suggestion(missing[0], tuple(given), "give it in the table"))
+    columns = {}
+    for name, column in given.items():
+        mine = own.columns.get(name)
+        if mine is not None and mine.is_text is not column.is_text:
+            kind = "texts" if mine.is_text else "numbers"
+            raise _refused(derived.name, f"the column `{name}` wants {kind}", "give it as the table has it")
+        stated = None if mine is None else mine.unit
+        unit = parse_unit(stated) if stated is not None else None
+        numbers = column.numbers if column.numbers is None or unit is None else column.numbers * unit.factor
+        if name in wanted and numbers is not None and not bool(np.isfinite(numbers).all()):
+            raise _refused(derived.name, f"the column `{name}` has a number that is not finite", "leave that row out")
+        columns[name] = Column(name=name, numbers=numbers, texts=column.texts, unit=stated)
+    rows = np.arange(1, len(raw.file_rows) + 1)
+    provenance = Provenance(path=raw.path, sha256=None, rows=len(rows), file_rows=rows)
+    return Table(name=own.name, columns=columns, rows=rows, provenance=provenance)
+
+
+def _reading(
+    problem: Problem,
+    solution: Solution,
+    found: tuple[Derived, DerivedValue, Table | None],
+    level: float,
+    clause: str | None,
+) -> Reading | None:
+    """The interval of a new reading: what is uncertain of the quantity, and the noise of the reading.
+
+    The variance of both together has the degrees of freedom of two estimates of one noise: where the noise is stated or
+    tells both, that is exact, else on the safe side.
+    """
+    derived, item, table = found
+    modelled = observations_of(problem, derived)
+    if clause is not None:
+        modelled = tuple(each for each in modelled if problem.blocks[each.block].name == clause)
+        if not modelled:
+            why = f"it is not the MODEL of an observation `{clause}`"
+            raise _refused(derived.name, why, "name an observation whose MODEL it is, or leave `clause` out")
+    if len(modelled) != 1:
+        return None
+    noise = _noise(problem, solution, modelled[0], table)
+    if isinstance(noise, str):
+        if clause is not None:
+            raise _refused(derived.name, noise, "leave `clause` out for the quantity alone")
+        return None
+    factor, spread = item.quantity.factor, item.spread
+    if item.sigma is None or spread is None or solution.influence is None:
+        return None
+    own, other = np.square(item.sigma * spread.inflation), np.square(noise).reshape(item.sigma.shape)
+    noise_dof = solution.influence.dof_of_noise(modelled[0].block)
+    with np.errstate(all="ignore"):
+        dof = np.square((own + other) / (own / np.sqrt(spread.dof) + other / np.sqrt(noise_dof)))
+    reach = coverage_factors(level, dof) * np.sqrt(own + other) / factor
+    value = np.asarray(item.value) / factor
+    return Reading(clause=problem.blocks[modelled[0].block].name, low=value - reach, high=value + reach)
+
+
+def _noise(problem: Problem, solution: Solution, modelled: Modelled, table: Table | None) -> Floats | str:
+    """The standard deviations (rows, k) of new readings, or why there are none."""
+    block = problem.blocks[modelled.block]
+    equation = block.cases[modelled.case].equations[modelled.equation]
+    rows, positions = None, None
+    if block.table is not None:
+        columns = {} if table is None else table.columns
+        names = {modelled.columns.get(name, name): column for name, column in columns.items()}
+        missing = sorted(columns_of(equation.noise, block.table) - set(names))
+        if missing:
+            return f"the noise of `{block.name}` depends on the column `{missing[0]}`"
+        count = 1 if table is None else len(table)
+        rows = replace(solution.tables[block.table], columns=names, rows=np.arange(1, count + 1))
+        positions = np.arange(count)
+    if any(isinstance(leaf, Component) for leaf in leaves(equation.noise)):
+        return f"the noise of `{block.name}` depends on unknowns"
+    stated = _deviations(equation, stated_noise(equation, rows, positions, solution.tables))
+    if stated is None:
+        return f"`{block.name}` has bounds, and no distribution"
+    told = solution.noise.get(modelled.block)
+    if told is None:
+        return stated
+    if told.state is not NoiseState.ESTIMATED:
+        return f"the residuals do not tell the noise of `{block.name}`"
+    return stated * told.factor
+
+
+def _deviations(equation: Equation, stated: Floats) -> Floats | None:
+    """The standard deviations (rows, k) of what is stated; None of bounds."""
+    size = len(equation.components)
+    if equation.noise_kind is NoiseKind.BOUND:
+        return None
+    if equation.noise_kind is NoiseKind.SIGMA:
+        return stated
+    matrices = stated.reshape(-1, size, size)
+    covariances = np.linalg.inv(matrices) if equation.noise_kind is NoiseKind.INFORMATION else matrices
+    return np.asarray(np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)))
