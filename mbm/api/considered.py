@@ -31,6 +31,7 @@ def _named(constant: ConstantValue, place: int) -> ConsideredConstant:
         sigma=constant.sigmas[place],
         unit=None if unit is None else unit.symbol,
         factor=1.0 if unit is None else unit.factor,
+        dof=constant.dof,
     )
 
 

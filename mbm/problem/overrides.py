@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 
 from mbm.expression.units import Unit
 from mbm.text.types import Span
@@ -26,7 +27,8 @@ Overrides = Mapping[str, Override]
 class ConstantValue:
     """A constant of the problem with its elements (one for a number) and their names in expressions.
 
-    ``sigmas`` are their standard deviations; empty where it is exact. ``unit`` is one that they are written in.
+    ``sigmas`` are their standard deviations; empty where it is exact. ``unit`` is one that they are written in,
+    ``dof`` are their degrees of freedom.
     """
 
     name: str
@@ -34,4 +36,5 @@ class ConstantValue:
     elements: tuple[str, ...]
     sigmas: tuple[float, ...] = ()
     unit: Unit | None = None
+    dof: float = inf
     span: Span

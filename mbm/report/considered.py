@@ -49,16 +49,17 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
         reason = f"the solves with `{lost}` moved by its standard deviation did not converge"
         return _without_sigmas(solve, reason) if solve.status.trusted else solve
     pairs = [pair for _, pair in moved]
+    dof = np.array([constant.dof for constant, _ in moved])
     estimates = [_moves([(a.estimates[i], b.estimates[i]) for a, b in pairs]) for i in range(len(solve.estimates))]
     derived = [_moves([(a.derived[i], b.derived[i]) for a, b in pairs]) for i in range(len(solve.derived))]
     return replace(
         solve,
         estimates=tuple(
-            replace(item, sigma=_sigma(item, moves), spread=_spread(item, moves), reason=_reason(item, moves))
+            replace(item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof), reason=_reason(item, moves))
             for item, moves in zip(solve.estimates, estimates, strict=True)
         ),
         derived=tuple(
-            replace(item, sigma=_sigma(item, moves), spread=_spread(item, moves))
+            replace(item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof))
             for item, moves in zip(solve.derived, derived, strict=True)
         ),
         covariance=_covariance(solve.covariance, solve.estimates, estimates),
@@ -126,17 +127,19 @@ def _reason(item: Estimate | DerivedValue, moves: Floats) -> str | None:
 
 
 @np.errstate(all="ignore")
-def _spread(item: Estimate | DerivedValue, moves: Floats) -> Spread | None:
-    """Effective degrees of freedom after Welch and Satterthwaite: those of constants are infinitely many."""
+def _spread(item: Estimate | DerivedValue, moves: Floats, dof: Floats) -> Spread | None:
+    """Effective degrees of freedom after Welch and Satterthwaite, from those ``dof`` (constants,) of the constants."""
     spread = item.spread
     if spread is None or item.sigma is None:
         return spread
-    own, added = np.square(item.sigma * spread.inflation), np.square(moves).sum(axis=0)
+    own, each = np.square(item.sigma * spread.inflation), np.square(moves)
+    added = each.sum(axis=0)
     whole = np.square(item.sigma) + added
     some = whole > 0.0
+    lost = np.square(own) / spread.dof + np.tensordot(1.0 / dof, np.square(each), axes=1)
     return replace(
         spread,
-        dof=np.where((own > 0.0) & some, spread.dof * np.square((own + added) / own), np.where(some, inf, spread.dof)),
+        dof=np.where(lost > 0.0, np.square(own + added) / lost, np.where(some, inf, spread.dof)),
         inflation=np.where(some, np.sqrt((own + added) / whole), spread.inflation),
         free=None if spread.free is None else np.sqrt(np.square(spread.free) + added),
         ends=None if spread.ends is None else _wider(spread.ends, added),

@@ -67,6 +67,7 @@ class ConsideredConstant:
 
     ``estimates`` and ``derived`` hold, for each of these and of the shape of its sigmas, the change that goes with one
     standard deviation of the constant. All in SI; ``unit`` of ``factor`` SI is how it is shown (None: none is known).
+    ``dof`` are the degrees of freedom of ``sigma``.
     """
 
     name: str
@@ -74,5 +75,6 @@ class ConsideredConstant:
     sigma: float
     unit: str | None
     factor: float
+    dof: float
     estimates: tuple[Floats, ...] = ()
     derived: tuple[Floats, ...] = ()

@@ -113,6 +113,17 @@ def test_setting_a_constant_changes_its_value_only(tmp_path: Path) -> None:
     )
 
 
+def test_degrees_of_freedom_follow_welch_and_satterthwaite() -> None:
+    """Two constants and a mean of three readings of unknown noise."""
+    text = """(problem p (constants (c 1 :sigma 0.2 :dof 4) (e [2 3] :sigma [0.1 0.3] :dof 7))
+      (data d (table (y) (1) (1.4) (1.5))) (unknowns (a)) (observe d (= y a)) (derive (f (+ a c (e 1) (e 2)))))"""
+    found = mbm.loads(text).solve()["f"]
+    own = np.std([1, 1.4, 1.5], ddof=1) ** 2 / 3
+    parts = np.array([own, 0.04, 0.01, 0.09])
+    assert float(found.sigma) == pytest.approx(np.sqrt(parts.sum()), rel=1e-6)
+    assert float(found.dof) == pytest.approx(parts.sum() ** 2 / (parts**2 / [2, 4, 7, 7]).sum(), rel=1e-5)
+
+
 @pytest.mark.parametrize(
     ("constant", "said"),
     [
@@ -124,6 +135,9 @@ def test_setting_a_constant_changes_its_value_only(tmp_path: Path) -> None:
         ('"text" :sigma 1', "is no number"),
         ("10 11", "a constant is (name form)"),
         ("10 :sigma a", "a"),
+        ("10 :dof 5", "and there is none"),
+        ("10 :sigma 1 :dof 0", "above 0"),
+        ("10 :sigma 1 :dof a", "a"),
     ],
 )
 def test_what_is_no_uncertainty_says_so(constant: str, said: str) -> None:

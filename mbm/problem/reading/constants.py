@@ -23,7 +23,7 @@ from mbm.text.reader import read
 from mbm.text.types import Form, MbmError, Numeral, Sequence, Source, Span, Symbol
 from mbm.values import dataclass
 
-USAGE = "(constants (name form [:sigma s | :prior (rectangular lo hi)])…)"
+USAGE = "(constants (name form [:sigma s | :prior (rectangular lo hi)] [:dof n])…)"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +42,7 @@ def read_constants(work: Workspace, clause: Sequence, overrides: Overrides) -> l
             if not (isinstance(item, Sequence) and item.items and isinstance(item.items[0], Symbol)):
                 raise MbmError(language_faults.bad_form(item.span, "a constant is (name form)", USAGE))
             name = item.items[0]
-            options = split_options(item.items[1:], item.span, owner="a constant", known=("sigma", "prior"))
+            options = split_options(item.items[1:], item.span, owner="a constant", known=("sigma", "prior", "dof"))
             if len(options.positional) != 1:
                 raise MbmError(language_faults.bad_form(item.span, "a constant is (name form)", USAGE))
             _declare(work, name.name, options.positional[0], name.span, overrides.get(name.name))
@@ -157,16 +157,36 @@ def constant_values(work: Workspace, declared: list[DeclaredConstant], span: Spa
                 values, names_of = tuple(e.value for e in numbers), tuple(e.name for e in numbers)
                 sigmas = _sigmas(work, each, value, numbers)
                 work.uncertain.update(names_of if sigmas else ())
-                unit = _unit(each, numbers[0].dimension) if sigmas else None
                 found.append(
                     ConstantValue(
-                        name=name, values=values, elements=names_of, sigmas=sigmas, unit=unit, span=entry.span
+                        name=name,
+                        values=values,
+                        elements=names_of,
+                        sigmas=sigmas,
+                        unit=_unit(each, numbers[0].dimension) if sigmas else None,
+                        dof=_dof(work, each),
+                        span=entry.span,
                     )
                 )
             elif each.options.keywords:
                 message = f"`{name}` is no number, and has no standard deviation"
                 raise MbmError(language_faults.bad_form(each.options.span, message, USAGE))
     return tuple(found)
+
+
+def _dof(work: Workspace, declared: DeclaredConstant) -> float:
+    """The degrees of freedom of the uncertainty of a constant; infinite where none are stated."""
+    options = declared.options
+    form = options.get("dof")
+    if form is None:
+        return math.inf
+    if "sigma" not in options.keywords and "prior" not in options.keywords:
+        message = "degrees of freedom are those of a `:sigma` or `:prior`, and there is none"
+        raise MbmError(language_faults.bad_form(options.places["dof"], message, USAGE))
+    found = nearest(static_number(work.evaluator.wanted(form, work.scope), form.span))
+    if not found > 0.0:
+        raise MbmError(language_faults.bad_form(form.span, "degrees of freedom are above 0", USAGE))
+    return found
 
 
 def _unit(declared: DeclaredConstant, dimension: Dimension | None) -> Unit | None:

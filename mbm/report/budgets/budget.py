@@ -7,7 +7,7 @@ with an uncertainty are considered as `mbm.report.considered` does it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import inf, isfinite, nan
+from math import isfinite, nan
 
 import numpy as np
 
@@ -188,7 +188,7 @@ def _constants(solve: SolveReport, target: _Target) -> Iterator[Source]:
             sigma=np.array([constant.sigma / constant.factor]),
             parts=np.ravel(moves)[target.place : target.place + 1],
         )
-        yield Source(name=constant.name, kind=InputKind.CONSTANT, dof=inf, errors=errors)
+        yield Source(name=constant.name, kind=InputKind.CONSTANT, dof=constant.dof, errors=errors)
 
 
 def _rows(source: Source, factor: float, sigma: float, by_row: bool) -> Iterator[BudgetRow]:
