@@ -13,12 +13,13 @@ TYPE_CHECKING = False  # `typing` would be imported from the folder of `python -
 if TYPE_CHECKING:
     from typing import Any
 
-    from mbm.api import CompiledProblem, MbmError, Problem, Solved, build, keyword, load, loads, symbol
+    from mbm.api import CompiledProblem, MbmError, Problem, Solve, Solved, build, keyword, load, loads, symbol
 
 __all__ = [
     "CompiledProblem",
     "MbmError",
     "Problem",
+    "Solve",
     "Solved",
     "__version__",
     "build",

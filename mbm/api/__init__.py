@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mbm.api.trajectories import trajectory_file
     from mbm.api.viewing import view_file
     from mbm.report.answer import Solved
+    from mbm.report.solve import Solve
     from mbm.text.from_python import keyword, symbol
     from mbm.text.types import MbmError
 
@@ -29,13 +30,14 @@ _ROOMS = MappingProxyType(
         "mbm.api.trajectories": ("trajectory_file",),
         "mbm.api.viewing": ("view_file",),
         "mbm.report.answer": ("Solved",),
+        "mbm.report.solve": ("Solve",),
         "mbm.text.from_python": ("keyword", "symbol"),
         "mbm.text.types": ("MbmError",),
     }
 )
-__all__ = ["CompiledProblem", "MbmError", "Problem", "Solved", "budget_file", "build", "check", "expand", "explain"]
-__all__ += ["keyword", "load", "loads", "simulate_file", "solve_file", "symbol"]
-__all__ += ["trajectory_file", "view_file"]
+__all__ = ["CompiledProblem", "MbmError", "Problem", "Solve", "Solved", "budget_file", "build", "check", "expand"]
+__all__ += ["explain", "keyword", "load", "loads", "simulate_file", "solve_file", "symbol", "trajectory_file"]
+__all__ += ["view_file"]
 
 
 def __getattr__(name: str) -> Any:

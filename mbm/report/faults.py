@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mbm.text.suggest import did_you_mean
+from mbm.text.suggest import closest, did_you_mean
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Severity, Span
 
 PLOT_FORMAT = Code(
@@ -45,6 +45,12 @@ INTERRUPTED = Code(
     "interrupted",
     "The run was interrupted before all solves were made; those that were made are reported.",
     "Run it again, and let it finish.",
+)
+
+UNKNOWN_CLAUSE = Code(
+    "unknown-clause",
+    "Residuals are asked for by the name of an observation clause, and none is called so.",
+    "Ask for one of those named; without a name, those of all clauses are given.",
 )
 
 MOST_NAMES = 8
@@ -136,6 +142,21 @@ def near_bound(span: Span, names: Sequence[str], what: str) -> Diagnostic:
         place=span,
         hint=NEAR_BOUND.mend,
         severity=Severity.WARNING,
+    )
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence, the first `MOST_NAMES` of them."""
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return ", ".join(f"`{name}`" for name in names[:MOST_NAMES]) + more if names else "none"
+
+
+def unknown_clause(name: str, known: Sequence[str]) -> Diagnostic:
+    """No observation clause is called ``name``; those ``known`` are."""
+    return Diagnostic(
+        code=UNKNOWN_CLAUSE,
+        message=f"no observation is called `{name}`; there are {listed(known)}",
+        hint=did_you_mean(closest(name, known), UNKNOWN_CLAUSE.mend),
     )
 
 

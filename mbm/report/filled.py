@@ -15,13 +15,12 @@ from mbm.problem.naming import PRIOR
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import element_names
-from mbm.report.map_types import Map
 from mbm.report.maps import maps_of
 from mbm.report.numbers import numbers_at
 from mbm.report.pictures import plot_data
-from mbm.report.plot_data import PlotData
 from mbm.report.quantities import derived_quantity, quantity_of
-from mbm.report.residuals import places_of, residual_rows
+from mbm.report.residuals import places_of, residual_rows, row_data
+from mbm.report.row_data import ResidualSummary
 from mbm.report.spreads import Spread
 from mbm.report.types import (
     CorrectionReport,
@@ -30,8 +29,6 @@ from mbm.report.types import (
     Estimate,
     Floats,
     Observability,
-    ResidualRow,
-    ResidualSummary,
     SolveReport,
 )
 
@@ -154,10 +151,11 @@ def filled(
                 model.priors, prior_names(model, block, place), columns.priors[place].tolist(), strict=True
             )
         ),
-        residual_rows=lambda: _rows(problem, block, number),
-        plot_data=lambda: _pictures(problem, block, number),
-        map_data=lambda: _maps(problem, block, number),
-        made_from=lambda: _made_from(problem, block, number),
+        made_from=lambda: (problem, _solution(block, number)),
+        residual_rows=lambda: residual_rows(problem, _solution(block, number)),
+        row_data=lambda: row_data(problem, _solution(block, number)),
+        plot_data=lambda: plot_data(problem, _solution(block, number)),
+        map_data=lambda: maps_of(problem, _solution(block, number)),
     )
 
 
@@ -238,23 +236,15 @@ def _summaries(model: SolveReport, problem: Problem, block: Block, place: int) -
         )
 
 
-def _rows(problem: Problem, block: Block, number: int) -> tuple[ResidualRow, ...]:
-    solution = block.solution(number)
-    return residual_rows(problem, solution) if isinstance(solution, Solution) else ()
+def _solution(block: Block, number: int) -> Solution:
+    """What a clean solve ended with.
 
+    Raises:
+        RuntimeError: made again, it ends otherwise.
 
-def _pictures(problem: Problem, block: Block, number: int) -> tuple[PlotData, ...]:
-    solution = block.solution(number)
-    return plot_data(problem, solution) if isinstance(solution, Solution) else ()
-
-
-def _maps(problem: Problem, block: Block, number: int) -> tuple[Map, ...]:
-    solution = block.solution(number)
-    return maps_of(problem, solution) if isinstance(solution, Solution) else ()
-
-
-def _made_from(problem: Problem, block: Block, number: int) -> tuple[Problem, Solution]:
+    """
     solution = block.solution(number)
     if not isinstance(solution, Solution):
-        raise TypeError(number)
-    return problem, solution
+        message = f"solve {number} ended otherwise than before"
+        raise RuntimeError(message)
+    return solution

@@ -31,7 +31,7 @@ from mbm.report.maps import maps_of
 from mbm.report.numbers import nothing_known, numbers_of
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import Shown, shown
-from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries
+from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries, row_data
 from mbm.report.root_means import of_solution
 from mbm.report.solution_spreads import coordinate_spread, entry_spread
 from mbm.report.spreads import Spread
@@ -102,6 +102,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         raw_residuals=lambda: of_solution(problem, solution),
         made_from=lambda: (problem, solution),
         residual_rows=lambda: residual_rows(problem, solution),
+        row_data=lambda: row_data(problem, solution),
         plot_data=lambda: plot_data(problem, solution),
         map_data=lambda: maps_of(problem, solution),
         priors=prior_reports(problem, solution),

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import field
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.expression.units import parse_unit
 from mbm.problem.naming import member_name
 from mbm.report.elements import shown_bounds, shown_sigma
 from mbm.report.geometric import GEOMETRIC, number_factors
 from mbm.report.intervals import Intervals, intervals
-from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind
+from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask
 from mbm.rotations import matrix_of_quaternion, planar
 from mbm.values import dataclass
 
@@ -23,27 +22,18 @@ MOVED = frozenset({Kind.POSE, Kind.SIMILARITY})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Named:
-    """One estimate or derived quantity in the unit that it is reported in.
+    """One estimate or derived quantity in the unit that it is reported in; ``si`` is the same in SI.
 
     ``value`` and ``sigma`` are NumPy arrays of the quantity's shape (0-d for a number), with a leading axis over
     ``keys`` for families; ``sigma`` is 0 where fixed, NaN where held at a bound or not determined by the data.
     Rotations are unit quaternions (w, x, y, z), or angles in the plane; poses add the translation, similarities the
     scale. Their ``sigma`` is that of rotation vector, translation and logarithm of the scale.
-    ``bounds`` [low, high] along a last axis behind the shape of ``sigma`` are guaranteed ones; None: the method gives
-    none. Then ``value`` is their middle, and ``sigma`` NaN. ``coverage`` is that of the solve, ``intervals``
-    makes those of a level.
+    ``coverage`` is that of the solve. ``item`` is what the report holds, ``place`` the member meant (None: all).
     """
 
-    name: str
-    value: Floats
-    sigma: Floats
-    unit: str | None
-    keys: tuple[Key, ...] | None
-    kind: Kind
-    dimension: int
+    item: Estimate | DerivedValue
     coverage: float
-    intervals: Callable[[float], Intervals] = field(repr=False)
-    bounds: Floats | None = None
+    place: int | None = None
 
     def __getitem__(self, key: Key) -> Named:
         """The member of a family by its key; whole numbers may be integers.
@@ -61,38 +51,100 @@ class Named:
         except ValueError:
             message = f"`{self.name}` has no member {key!r}; its {len(self.keys):,} keys are in `.keys`"
             raise KeyError(message) from None
-        return Named(
-            name=member_name(self.name, key),
-            value=self.value[place],
-            sigma=self.sigma[place],
-            unit=self.unit,
-            keys=None,
-            kind=self.kind,
-            dimension=self.dimension,
-            coverage=self.coverage,
-            intervals=partial(_of_member, self.intervals, place),
-            bounds=None if self.bounds is None else self.bounds[place],
-        )
+        return replace(self, place=place)
+
+    @property
+    def name(self) -> str:
+        """The name of the quantity, ``f[2]`` of a member."""
+        name = self.item.quantity.name
+        if self.place is None or self.item.keys is None:
+            return name
+        return member_name(name, self.item.keys[self.place])
+
+    @property
+    def kind(self) -> Kind:
+        """What it is: a number, a vector, a pose …"""
+        return self.item.quantity.kind
+
+    @property
+    def unit(self) -> str | None:
+        """The unit of ``value``, ``sigma`` and all that comes from them; None where none is known."""
+        return self.item.quantity.unit
+
+    @property
+    def keys(self) -> tuple[Key, ...] | None:
+        """The keys of a family's members; None of anything else."""
+        return self.item.keys if self.place is None else None
+
+    @property
+    def value(self) -> Floats:
+        """The value."""
+        quantity = self.item.quantity
+        factor = number_factors(quantity) if quantity.kind in GEOMETRIC else quantity.factor
+        return self._part(np.asarray(self.item.value / factor))
+
+    @property
+    def sigma(self) -> Floats:
+        """The standard deviation."""
+        return self._part(shown_sigma(self.item))
+
+    @property
+    def bounds(self) -> Floats | None:
+        """Guaranteed bounds [low, high] along a last axis behind the shape of ``sigma``; None: the method gives none.
+
+        Then ``value`` is their middle, and ``sigma`` NaN.
+        """
+        found = shown_bounds(self.item)
+        return None if found is None else self._part(found)
+
+    @property
+    def fixed(self) -> Mask:
+        """Which of the numbers that ``sigma`` has were not estimated."""
+        fixed = self.item.fixed if isinstance(self.item, Estimate) else np.zeros(np.shape(shown_sigma(self.item)), bool)
+        return np.asarray(fixed if self.place is None else fixed[self.place])
+
+    @property
+    def at_bound(self) -> Mask:
+        """Which of them are held at a hard bound."""
+        held = self.item.at_bound if isinstance(self.item, Estimate) else None
+        if held is None:
+            return np.zeros(np.shape(self.sigma), dtype=bool)
+        return np.asarray(held if self.place is None else held[self.place])
+
+    @property
+    def reason(self) -> str | None:
+        """Why a number is missing; None where all are there."""
+        return self.item.reason
+
+    @property
+    def si(self) -> Named:
+        """The same in SI."""
+        quantity = self.item.quantity
+        unit = None if quantity.unit is None or quantity.factor == 1.0 else parse_unit(quantity.unit)
+        if unit is None:
+            return self
+        symbol = "rad" if quantity.kind is Kind.ANGLE else unit.dimension.symbol() or None
+        return replace(self, item=replace(self.item, quantity=replace(quantity, unit=symbol, factor=1.0)))
 
     @property
     def dof(self) -> Floats:
         """Effective degrees of freedom of ``sigma``, of its shape; infinite where the noise was stated."""
-        return self.intervals(self.coverage).dof
+        return self._intervals(self.coverage).dof
 
     @property
     def k(self) -> Floats:
         """The coverage factor at the coverage of the solve, of the shape of ``sigma``."""
-        return self.intervals(self.coverage).k
+        return self._intervals(self.coverage).k
 
     @property
     def U(self) -> Floats:  # noqa: N802 - the GUM's name of it
         """The expanded uncertainty ``k·sigma``, in the unit of the value."""
-        return self.intervals(self.coverage).expanded
+        return self._intervals(self.coverage).expanded
 
     @property
     def interval_kind(self) -> NDArray[np.object_]:
         """How each interval was found: ``t``, ``profile`` or ``limited``; None where there is none."""
-        return self.intervals(self.coverage).names()
+        return self._intervals(self.coverage).names()
 
     def interval(self, level: float | None = None) -> Floats:
         """Low and high end along the last axis, in the unit of the value; ``level`` None: the coverage of the solve.
@@ -107,7 +159,7 @@ class Named:
         if not 0.0 < level < 1.0:
             message = f"the level of an interval lies between 0 and 1, and {level!r} does not"
             raise ValueError(message)
-        found = self.intervals(level)
+        found = self._intervals(level)
         return np.stack([found.low, found.high], axis=-1)
 
     @property
@@ -119,7 +171,7 @@ class Named:
 
         """
         held = self._of("rotation", ROTATED)
-        return matrix_of_quaternion(held[..., :4]) if self.dimension == 3 else planar(held[..., 0])
+        return matrix_of_quaternion(held[..., :4]) if self._solid else planar(held[..., 0])
 
     @property
     def quaternion(self) -> Floats:
@@ -130,7 +182,7 @@ class Named:
 
         """
         held = self._of("quaternion", ROTATED)
-        if self.dimension == 3:
+        if self._solid:
             return held[..., :4]
         half = held[..., 0] / 2
         none = np.zeros_like(half)
@@ -144,8 +196,8 @@ class Named:
             AttributeError: it is none of these.
 
         """
-        first = 4 if self.dimension == 3 else 1
-        return self._of("translation", MOVED)[..., first : first + self.dimension]
+        first = 4 if self._solid else 1
+        return self._of("translation", MOVED)[..., first : first + self.item.quantity.dimension]
 
     @property
     def scale(self) -> Floats:
@@ -157,30 +209,34 @@ class Named:
         """
         return self._of("scale", frozenset({Kind.SIMILARITY}))[..., -1]
 
+    @property
+    def _solid(self) -> bool:
+        return self.item.quantity.dimension == 3
+
     def _of(self, part: str, kinds: frozenset[Kind]) -> Floats:
         if self.kind not in kinds:
             message = f"`{self.name}` is a {self.kind.value}, which has no {part}"
             raise AttributeError(message)
         return self.value
 
+    def _part(self, values: Floats) -> Floats:
+        return values if self.place is None else values[self.place]
 
-def _of_member(family: Callable[[float], Intervals], place: int, level: float) -> Intervals:
-    return family(level).at((place,))
+    def _intervals(self, level: float) -> Intervals:
+        found = intervals(self.item, level)
+        return found if self.place is None else found.at((self.place,))
+
+    def __repr__(self) -> str:
+        unit = "" if self.unit is None else f" {self.unit}"
+        return f"<{self.name} = {_short(self.value)} ± {_short(self.sigma)}{unit}>"
+
+
+def _short(values: Floats) -> str:
+    """An array on one line: its first and last numbers where it is long."""
+    text = np.array2string(values, precision=6, threshold=6, edgeitems=2, separator=", ")
+    return " ".join(text.split())
 
 
 def named(item: Estimate | DerivedValue, coverage: float) -> Named:
     """An estimate or a derived quantity of a solve with intervals of this ``coverage``."""
-    quantity = item.quantity
-    factor = number_factors(quantity) if quantity.kind in GEOMETRIC else quantity.factor
-    return Named(
-        name=quantity.name,
-        value=np.asarray(item.value / factor),
-        sigma=shown_sigma(item),
-        unit=quantity.unit,
-        keys=item.keys,
-        kind=quantity.kind,
-        dimension=quantity.dimension,
-        coverage=coverage,
-        intervals=partial(intervals, item),
-        bounds=shown_bounds(item),
-    )
+    return Named(item, coverage)

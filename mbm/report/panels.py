@@ -11,7 +11,8 @@ import numpy as np
 
 from mbm.report.elements import Scalar, element_names, plain_key, solve_scalars, unit_text
 from mbm.report.plot_data import Curve, PlotData
-from mbm.report.types import Estimate, Floats, Kind, ResidualRow, Result, SolveReport
+from mbm.report.row_data import ResidualRow
+from mbm.report.types import Estimate, Floats, Kind, Result, SolveReport
 from mbm.text.shown import cut
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ from mbm.problem.naming import PRIOR
 from mbm.problem.rows import lookup
 from mbm.problem.tables import Provenance, Table
 from mbm.problem.types import BlockRole, Problem
-from mbm.report.types import CorrectionReport, Floats, Mask, PriorReport, ResidualRow, ResidualSummary
+from mbm.report.row_data import ResidualRow, ResidualSummary, RowData
+from mbm.report.types import CorrectionReport, Floats, Mask, PriorReport
 from mbm.text.types import DataPlace
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def _outlier_positions(solution: Solution, groups: Sequence[Group]) -> list[int]
 
 def residual_rows(problem: Problem, solution: Solution) -> tuple[ResidualRow, ...]:
     """Every scalar residual of the rows in use, clause by clause and row by row."""
-    whitened = normalised(solution)
+    whitened, leverages = normalised(solution), _leverages(solution)
     rows: list[tuple[int, int, int, ResidualRow]] = []
     for group in solution.groups:
         block = problem.blocks[group.kernel.owner]
@@ -128,10 +129,44 @@ def residual_rows(problem: Problem, solution: Solution) -> tuple[ResidualRow, ..
                     residual=float(whitened[place]),
                     weight=weight,
                     used=weight > 0.0,
+                    outlier=solution.outliers is not None and bool(solution.outliers[place]),
+                    leverage=None if leverages is None else float(leverages[place]),
                 )
                 rows.append((group.kernel.owner, row or 0, j, scalar))
     rows.sort(key=lambda r: r[:3])
     return tuple(r[3] for r in rows)
+
+
+def _leverages(solution: Solution) -> Floats | None:
+    """The diagonal (m,) of the projection onto what the estimates can change, as they were weighted.
+
+    None where the Jacobian is sparse or that of other rows, and where it is not finite.
+    """
+    jacobian, factor = solution.minimum.jacobian, solution.covariance.factor
+    if solution.minimum.blocks is not None or solution.covariance.inverse is not None or factor.ndim != 2:
+        return None
+    if jacobian.shape != (len(solution.residuals), len(factor)) or not factor.shape[1]:
+        return None
+    image = jacobian @ factor
+    if not bool(np.isfinite(image).all()):
+        return None
+    return np.asarray(np.square(np.linalg.qr(image)[0]).sum(axis=1))
+
+
+def row_data(problem: Problem, solution: Solution) -> Mapping[str, RowData]:
+    """The columns of the table of each observation that has one."""
+    found = {}
+    for block in problem.blocks:
+        if block.role is not BlockRole.OBSERVATION or block.table is None:
+            continue
+        table = solution.tables[block.table]
+        order = np.argsort(table.rows, kind="stable")
+        columns = {
+            name: (np.array(column.texts, dtype=object) if column.numbers is None else column.numbers)[order]
+            for name, column in table.columns.items()
+        }
+        found[block.name] = RowData(rows=table.rows[order], columns=columns)
+    return found
 
 
 def measured_side(problem: Problem, solution: Solution, group: Group) -> Floats | None:

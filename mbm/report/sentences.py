@@ -8,7 +8,8 @@ from math import isfinite
 
 from mbm.report.digits import plain
 from mbm.report.means import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, RootMean
-from mbm.report.types import Observability, ResidualSummary, SolveReport
+from mbm.report.row_data import ResidualSummary
+from mbm.report.types import Observability, SolveReport
 from mbm.text.types import Diagnostic
 
 MOST_NAMES = 12

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from mbm.report.geometric import written as written_geometry
 from mbm.report.intervals import interval_document, intervals
 from mbm.report.means import RawResiduals
 from mbm.report.numbers import NUMBERS, USUAL
+from mbm.report.row_data import ResidualSummary
 from mbm.report.types import (
     Alternative,
     ConstraintReport,
@@ -28,7 +29,6 @@ from mbm.report.types import (
     Observability,
     Piece,
     PriorReport,
-    ResidualSummary,
     SolveReport,
 )
 from mbm.text.render import as_json
@@ -43,7 +43,6 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
     """The document of one solve."""
     numbers = {each.name: _number(getattr(solve, each.name)) for each in NUMBERS}
     reasons = {name: solve.reasons.get(name) or _why_missing(solve, name) for name in USUAL if numbers[name] is None}
-    factors = {item.quantity.name: item.quantity.factor for item in solve.estimates}
     written: dict[str, Any] = {
         "key": solve_key(solve.key),
         "status": solve.status.value,
@@ -64,7 +63,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         "covariance": _covariance(solve.covariance),
         "derived": {item.quantity.name: _derived(item, solve.coverage) for item in solve.derived},
         "derived_covariance": _covariance(solve.derived_covariance),
-        "observability": _observability(solve.observability, factors),
+        "observability": _observability(solve.observability, solve.estimates),
         "noise": {name: _number(factor) for name, factor in solve.noise.items()},
         "residuals": _residuals(solve),
         **corrections,
@@ -197,7 +196,7 @@ def _covariance(covariance: CovarianceMatrix | None) -> dict[str, Any] | None:
     return written
 
 
-def _observability(found: Observability | None, factors: Mapping[str, float]) -> dict[str, Any] | None:
+def _observability(found: Observability | None, estimates: Sequence[Estimate]) -> dict[str, Any] | None:
     if found is None:
         return None
     condition = _number(found.condition)
@@ -205,7 +204,7 @@ def _observability(found: Observability | None, factors: Mapping[str, float]) ->
     if condition is None:
         written["reason"] = "there is no estimable part whose condition could be given"
     return written | {
-        "unobservable": [_direction(direction, factors) for direction in found.unobservable],
+        "unobservable": [_direction(direction) for direction in shown_observability(found, estimates).unobservable],
         "gauge": [
             {"sentence": g.sentence, "motion": g.motion, "dimensions": g.dimensions, "unknowns": list(g.unknowns)}
             for g in found.gauge
@@ -214,21 +213,26 @@ def _observability(found: Observability | None, factors: Mapping[str, float]) ->
     }
 
 
+def shown_observability(found: Observability, estimates: Sequence[Estimate]) -> Observability:
+    """The same with coefficients in the units of the estimates."""
+    factors = {item.quantity.name: item.quantity.factor for item in estimates}
+    free = tuple(
+        replace(each, coefficients={n: c / factors.get(_quantity_of(n), 1.0) for n, c in each.coefficients.items()})
+        for each in found.unobservable
+    )
+    return replace(found, unobservable=free)
+
+
 def _quantity_of(name: str) -> str:
     """The unknown whose number is called so."""
     return name.partition("[")[0].partition("@")[0]
 
 
-def _direction(direction: FreeDirection, factors: Mapping[str, float]) -> dict[str, Any]:
-    """The coefficients in the units of the estimates."""
-    coefficients = {
-        name: _number(movement / factors.get(_quantity_of(name), 1.0))
-        for name, movement in direction.coefficients.items()
-    }
+def _direction(direction: FreeDirection) -> dict[str, Any]:
     return {
         "sentence": direction.sentence,
         "unknowns": list(direction.unknowns),
-        "coefficients": coefficients,
+        "coefficients": {name: _number(movement) for name, movement in direction.coefficients.items()},
     }
 
 

@@ -19,8 +19,9 @@ from mbm.report.inputs import InputFile, StartsTally
 from mbm.report.map_types import Map
 from mbm.report.means import RawResiduals, no_residuals
 from mbm.report.plot_data import PlotData
+from mbm.report.row_data import ResidualRow, ResidualSummary, RowData, no_row_data
 from mbm.report.spreads import ConsideredConstant, Spread
-from mbm.text.types import DataPlace, Diagnostic
+from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -189,41 +190,6 @@ class Observability:
     unused: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResidualRow:
-    """One scalar residual.
-
-    ``row`` is the 1-based row of the unfiltered table (None: the clause has no table), ``file_row`` the row as in the
-    file (header = 1), ``component`` counts from 1 within the equation; ``value`` is MODEL − MEASURED in SI,
-    ``residual`` the whitened one: the same divided by its standard deviation, or a row of L⁻¹ times all components of
-    the equation where its noise is a covariance L Lᵀ; ``weight`` is 1 without a robust loss, 0 if not ``used``.
-    """
-
-    clause: str
-    row: int | None
-    file_row: int | None
-    component: int
-    value: float
-    residual: float
-    weight: float
-    used: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResidualSummary:
-    """Residuals of one clause: rows there are, rows used, normalised root mean square (None without a used row).
-
-    ``outliers`` are 1-based rows of the unfiltered table, ``outlier_places`` where the same stand in their files, one
-    for each, if files have them and tell them apart.
-    """
-
-    rows: int
-    used: int
-    rms: float | None
-    outliers: tuple[int, ...] = ()
-    outlier_places: tuple[DataPlace, ...] = ()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CorrectionReport:
     """Corrections of the uncertain values of one column, to be added to them, and their stated sigma, both in SI.
@@ -302,9 +268,10 @@ class SolveReport:
     CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is the sum of the losses, None
     without one; ``boxes`` were examined by interval methods, which find separate ``pieces``; ``reasons`` says why by
     the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
-    ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for;
-    ``raw_residuals`` is said of each observation, ``made_from`` gives what was solved and how. ``hypotheses`` are those
-    of a filter at the last step, ``followed`` how many there were after each; ``considered`` are uncertain constants.
+    ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for; of each
+    observation ``raw_residuals`` are said and ``row_data`` held; ``made_from`` gives what was solved and how.
+    ``hypotheses`` are those of a filter at the last step, ``followed`` how many there were after each; ``considered``
+    are uncertain constants.
     """
 
     status: SolveStatus
@@ -330,6 +297,7 @@ class SolveReport:
     residual_summaries: Mapping[str, ResidualSummary] = field(default_factory=lambda: MappingProxyType({}))
     raw_residuals: Callable[[], Mapping[str, RawResiduals]] = no_residuals
     residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()
+    row_data: Callable[[], Mapping[str, RowData]] = no_row_data
     plot_data: tuple[PlotData, ...] | Callable[[], tuple[PlotData, ...]] = ()
     map_data: tuple[Map, ...] | Callable[[], tuple[Map, ...]] = ()
     priors: tuple[PriorReport, ...] = ()

@@ -149,6 +149,10 @@ class MbmError(Exception):
         super().__init__("; ".join(f"{d.code.name}: {d.message}" for d in diagnostics))
         self.diagnostics: tuple[Diagnostic, ...] = diagnostics
 
+    def __reduce__(self) -> tuple[type[MbmError], tuple[Diagnostic, ...]]:
+        """It pickles as its diagnostics, so that it comes home from other processes."""
+        return type(self), self.diagnostics
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Symbol:

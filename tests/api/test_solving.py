@@ -152,14 +152,15 @@ def test_observability(solved: mbm.Solved) -> None:
 def test_residuals_are_model_minus_measured_over_sigma(solved: mbm.Solved, ranges: Ranges) -> None:
     point, _ = gauss_newton(ranges["range"])
     rows = solved.residuals("ranges")
-    assert [row.row for row in rows] == [1, 2, 3, 4, 5]
+    assert list(rows["row"]) == [1, 2, 3, 4, 5]
     from tests.api.conftest import distances
 
     expected = (distances(point) - ranges["range"]) / SIGMA
     # Residuals of a few standard deviations at a point good to 1e-9: 1e-9 · 4 m / 5 mm is below 1e-6.
-    np.testing.assert_allclose([row.residual for row in rows], expected, atol=1e-6)
-    assert solved.residuals("zzz") == ()
-    assert len(solved.residuals()) == 5
+    np.testing.assert_allclose(rows["whitened"], expected, atol=1e-6)
+    np.testing.assert_allclose(rows["raw"], expected * SIGMA, atol=1e-6 * SIGMA)
+    np.testing.assert_array_equal(rows["range"], ranges["range"])
+    assert list(solved.residuals()["clause"]) == ["ranges"] * 5
     assert solved.first.cost == pytest.approx(float(expected @ expected), rel=1e-9)
     assert solved.first.dof == 2
 
@@ -216,7 +217,7 @@ def test_a_doubtful_answer_is_no_exception() -> None:
 def test_no_solve_is_said() -> None:
     text = "(problem m (data d external) (unknowns (a :init 1)) (observe d (= y a) :sigma 1) (for-each k))"
     found = mbm.loads(text).solve(data={"d": {"y": np.zeros(0), "k": np.zeros(0)}})
-    assert found.solves == ()
+    assert len(found.solves) == 0
     with pytest.raises(LookupError, match="no solve"):
         found["a"]
 

@@ -48,7 +48,7 @@ def test_a_fixed_model_is_judged_by_its_residuals() -> None:
     assert found.first.cost == pytest.approx(cost)
     assert found.first.dof == 4
     assert found.first.chi2_p == pytest.approx(chi2.sf(cost, 4))
-    np.testing.assert_allclose([row.residual for row in found.residuals("t")], -RESIDUALS / 0.1)
+    np.testing.assert_allclose(found.residuals("t")["whitened"], -RESIDUALS / 0.1)
     np.testing.assert_allclose(found["m"].sigma, 0.1 * np.arange(1.0, 5.0))
 
 

@@ -80,6 +80,7 @@ ELSEWHERE = {
     "too-deeply-nested": "bad/test_made.py",
     "unclear-measurement": "simulation/test_measurements.py",
     "unknown-backend": "bad/test_made.py",
+    "unknown-clause": "api/test_result.py",
     "unknown-output": "report/scenes/test_scenes.py",
     "unknown-photo": "cli/test_view.py",
     "unknown-observation": "simulation/test_measurements.py",

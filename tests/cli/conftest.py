@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from mbm.cli.main import run
-from mbm.report.types import Estimate, Quantity, ResidualRow, Result, SolveReport, SolveStatus
+from mbm.report.row_data import ResidualRow
+from mbm.report.types import Estimate, Quantity, Result, SolveReport, SolveStatus
 from mbm.text.types import Code, Diagnostic, Severity, Source, Span
 
 UNKNOWN_NAME = Code("unknown-name", "A name that nothing defines.", "Check the spelling.")

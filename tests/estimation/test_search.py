@@ -123,7 +123,7 @@ def test_what_is_derived_may_tell_twins_apart():
     solve = mbm.loads(text).solve().first
     best = [a for a in solve.alternatives if a.cost < 1e-3]
     assert len(best) == 1
-    values = [{e.quantity.name: float(e.value) for e in found} for found in (solve.estimates, best[0].estimates)]
+    values = [{e.name: float(e.value) for e in found} for found in (solve.estimates, best[0].estimates)]
     assert values[0]["k"] == pytest.approx(values[1]["l"], rel=1e-4)
 
 

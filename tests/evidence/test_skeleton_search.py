@@ -19,7 +19,7 @@ def solve(tmp_path_factory):
 
 
 def posture(estimates):
-    by_name = {e.quantity.name: e for e in estimates}
+    by_name = {e.name: e for e in estimates}
     angles = dict(zip(by_name["q"].keys, np.asarray(by_name["q"].value).tolist(), strict=True))
     joints = joints_at({**{n: float(by_name[n].value) for n in POSE}, **angles})
     return np.array([joints[name] for name in seen()])

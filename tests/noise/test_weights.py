@@ -103,7 +103,7 @@ def test_rows_that_are_left_out():
 def test_residuals_are_model_minus_measured_in_standard_deviations():
     result = problem("(= y (+ a (* b x))) :sigma s")
     fit = linear(LINE, Y, S)
-    rows = result.residuals("t")
+    rows = result.first.rows()
     np.testing.assert_allclose([r.residual for r in rows], fit.residuals, atol=1e-11)
     np.testing.assert_allclose([r.value for r in rows], fit.residuals * S, atol=1e-11)
     rms = np.sqrt(np.mean(fit.residuals**2))

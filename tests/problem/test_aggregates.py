@@ -42,7 +42,7 @@ def text(more, options=""):
 
 def of(found, name):
     """The estimate or derived quantity of one solve."""
-    return next(each for each in (*found.estimates, *found.derived) if each.quantity.name == name)
+    return next(each for each in (*found.estimates, *found.derived) if each.name == name)
 
 
 def propagated(function, solved, times):

@@ -42,7 +42,7 @@ def windows(text):
         if solve.status.value == "skipped":
             found.append([np.nan] * 8)
             continue
-        values = {each.quantity.name: each for each in (*solve.estimates, *solve.derived)}
+        values = {each.name: each for each in (*solve.estimates, *solve.derived)}
         yaw, x, y, scale = values["S"].value
         found.append([scale, yaw, x, y, *values["here"].value, *values["here"].sigma])
     return np.array(found)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mbm.report.inputs import InputFile
+from mbm.report.row_data import ResidualRow, ResidualSummary
 from mbm.report.types import (
     CovarianceMatrix,
     DerivedValue,
@@ -18,8 +19,6 @@ from mbm.report.types import (
     Observability,
     PriorReport,
     Quantity,
-    ResidualRow,
-    ResidualSummary,
     Result,
     SolveReport,
     SolveStatus,

@@ -37,7 +37,7 @@ def test_corrections_move_the_points_onto_the_curve() -> None:
 
 def test_a_residual_is_the_misclosure_at_the_measured_values_and_whitened() -> None:
     solved = mbm.loads(CIRCLE).solve()
-    row = solved.residuals("pts")[0]
+    row = solved.first.rows()[0]
     radius = float(solved["r"].value)
     assert row.value == pytest.approx(1.1 - radius, rel=1e-12)
     assert row.residual == pytest.approx((1.1 - radius) / 0.1, rel=1e-9)

@@ -12,7 +12,8 @@ import pytest
 
 from mbm.report.plot_data import PlotData
 from mbm.report.plots import draw, save
-from mbm.report.types import ResidualRow, Result, SolveReport
+from mbm.report.row_data import ResidualRow
+from mbm.report.types import Result, SolveReport
 from mbm.text.types import MbmError
 
 pytest.importorskip("matplotlib")

@@ -40,7 +40,7 @@ def test_a_line_with_no_row_inside_the_corner_is_free(backend, far, noise):
     y[0] += far
     solve = mbm.loads(f"(problem line {LINE.format(noise=noise)})").solve(data={"t": {"x": x, "y": y}}, backend=backend)
     assert solve.first.status is SolveStatus.UNOBSERVABLE
-    reasons = {each.quantity.name: each.reason for each in solve.first.estimates}
+    reasons = {each.name: each.reason for each in solve.first.estimates}
     for name in ("a", "b"):
         assert np.isnan(solve[name].sigma)
         assert reasons[name] == "the data do not determine it"
@@ -53,7 +53,7 @@ def check_beside(solve):
     # a few operations of rounding
     assert solve["a"].sigma == pytest.approx(0.1, rel=1e-12)
     assert solve["twice"].sigma == pytest.approx(0.2, rel=1e-12)
-    reasons = {each.quantity.name: each.reason for each in (*solve.first.estimates, *solve.first.derived)}
+    reasons = {each.name: each.reason for each in (*solve.first.estimates, *solve.first.derived)}
     for name in ("b", "both"):
         assert np.isnan(solve[name].sigma)
         assert reasons[name] == "the data do not determine it"

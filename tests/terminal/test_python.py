@@ -54,7 +54,8 @@ def test_what_leads_to_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(KeyError) as caught:
         solved[NAME]
     assert objections(str(caught.value)) == []
-    assert all(objections(repr(row)) == [] for row in solved.residuals())
+    assert all(objections(repr(row)) == [] for row in solved.first.rows())
+    assert objections(repr(solved.first)) == []
     assert objections(repr(problem.simulate(at={"a": 1, "b": 2}).truth)) == []
 
 

@@ -50,7 +50,7 @@ def answers(case: Case, path: str) -> list[Answer]:
         return [refused(" ".join(sorted({diagnostic.code.name for diagnostic in error.diagnostics})))]
     except Exception as error:  # noqa: BLE001 - a fault of mbm in one case is recorded as any answer
         return [refused(f"by a fault, {type(error).__name__}")]
-    return [_of(report) for report in solved.solves[:SOLVES]]
+    return [_of(report) for report in solved.result.solves[:SOLVES]]
 
 
 def _of(report) -> Answer:

@@ -24,7 +24,7 @@ SHARES = [(-1e3, False), (0.5, False), (1.3, False), (1.5, True), (2.0, True), (
 
 def check(solve, held):
     """The constraint holds x, whose deviation is 0 and that of y σ, or only touches it."""
-    sigma = {estimate.quantity.name: float(estimate.sigma) for estimate in solve.estimates}
+    sigma = {estimate.name: float(estimate.sigma) for estimate in solve.estimates}
     assert sigma["x"] == pytest.approx(0.0 if held else SIGMA, rel=1e-9)
     assert sigma["y"] == pytest.approx(SIGMA if held else np.sqrt(2) * SIGMA, rel=1e-9)
     assert ("active-constraint" in [d.code.name for d in solve.diagnostics]) == held
@@ -43,8 +43,8 @@ def test_a_limit_that_the_data_push_against(share, held, backend):
 def test_limits_of_many_solves():
     shares, held = (np.tile(side, 20) for side in zip(*SHARES, strict=True))
     data = {"t": {"p": shares * PUSHED * SIGMA, "q": np.ones(shares.size), "k": np.arange(shares.size)}}
-    result = mbm.loads(LIMITED.format(clause="(for-each k)")).solve(data=data).result
-    assert isinstance(result.solves, ManyReports)
+    result = mbm.loads(LIMITED.format(clause="(for-each k)")).solve(data=data)
+    assert isinstance(result.result.solves, ManyReports)
     for one, solve in zip(held, result.solves, strict=True):
         check(solve, one)
 

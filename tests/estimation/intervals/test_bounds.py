@@ -27,9 +27,7 @@ def solved(text: str, method: str = "(interval)", **given: Any) -> mbm.report.an
 def bounds(text: str, method: str = "(interval)", **given: Any) -> dict[str, list[Any]]:
     """Bounds by name, in their units."""
     found = solved(text, method, **given)
-    return {
-        e.quantity.name: found[e.quantity.name].bounds.tolist() for e in found.first.estimates + found.first.derived
-    }
+    return {e.name: found[e.name].bounds.tolist() for e in found.first.estimates + found.first.derived}
 
 
 CONTRACTED = "(interval :contract hc4 :width 100%)"
@@ -133,8 +131,8 @@ def _crescent() -> tuple[list[float], list[float]]:
 def test_mirrored_positions_are_separate_pieces() -> None:
     found = solved(CIRCLES, "(interval :contract hull)").first
     (x_low, x_high), (y_low, y_high) = _crescent()
-    assert len(found.pieces) == 2
-    lower, upper = sorted((piece.estimates[0].bounds for piece in found.pieces), key=lambda b: b[1, 0])
+    assert len(found.alternatives) == 2
+    lower, upper = sorted((piece.estimates[0].bounds for piece in found.alternatives), key=lambda b: b[1, 0])
     for piece, (low, high) in ((lower, (-y_high, -y_low)), (upper, (y_low, y_high))):
         for own, exact in ((piece[0], (x_low, x_high)), (piece[1], (low, high))):
             width = exact[1] - exact[0]
@@ -148,12 +146,12 @@ def test_a_piece_across_the_cut_is_one() -> None:
     text = "(problem turn (unknowns (a angle :unit deg)) (observe (= -0.99 (cos a)) :bound {})"
     apart = solved(text.format(0.005)).first
     inner, outer = np.degrees(np.arccos([-0.985, -0.995]))
-    ends = sorted(np.degrees(piece.estimates[0].bounds).tolist() for piece in apart.pieces)
+    ends = sorted(piece.estimates[0].bounds.tolist() for piece in apart.alternatives)
     np.testing.assert_allclose(ends, [[-outer, -inner], [inner, outer]], atol=1e-9)
     one = solved(text.format(0.02)).first
     half = np.degrees(np.arccos(-0.97))
-    assert one.pieces == ()
-    np.testing.assert_allclose(np.degrees(one.estimates[0].bounds), [half, 360 - half], atol=1e-9)
+    assert one.alternatives == ()
+    np.testing.assert_allclose(one.estimates[0].bounds, [half, 360 - half], atol=1e-9)
 
 
 def test_the_direction_of_an_angle_across_the_cut_is_one_arc() -> None:
@@ -192,7 +190,7 @@ def test_equations_may_demand_exactly() -> None:
     x = found.estimates[0].bounds
     assert low - 0.011 * (high - low) <= x[0] <= low
     assert high <= x[1] <= high + 0.011 * (high - low)
-    assert len(found.pieces) == 2
+    assert len(found.alternatives) == 2
 
 
 def test_an_empty_set_is_infeasible() -> None:
@@ -253,7 +251,7 @@ def test_branches_that_are_not_taken_ask_for_nothing() -> None:
     """√x has no value left of 0, where the other branch holds: both sides of |x| are found."""
     text = """(problem p (unknowns (x :in (-3 3))) (observe (= 1 (if (> x 0) (sqrt x) (- x))) :bound 0.25)"""
     found = solved(text, "(interval :contract hull)").first
-    pieces = sorted(piece.estimates[0].bounds.tolist() for piece in found.pieces)
+    pieces = sorted(piece.estimates[0].bounds.tolist() for piece in found.alternatives)
     np.testing.assert_allclose(pieces, [[-1.25, -0.75], [0.5625, 1.5625]], atol=0.02)
 
 

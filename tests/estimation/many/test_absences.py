@@ -87,7 +87,7 @@ def test_solves_without_rows_of_a_table_are_told_from_those_with(kind, absent):
 def test_reports_say_what_documents_say(kind):
     problem = mbm.loads(LINES.format(**{"more": "", "besides": 0, "loss": "", "clauses": ""} | KINDS[kind]))
     solved = problem.solve(data=lines(range(0, 30, 3)))
-    assert [solve_document(solve) for solve in solved.solves] == solved.document()["solves"]
+    assert [solve_document(solve) for solve in solved.result.solves] == solved.document()["solves"]
 
 
 def test_limits_hold_by_their_own_rows_in_windows_of_rows_in_any_order():

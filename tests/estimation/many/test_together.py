@@ -153,7 +153,7 @@ def test_a_window_is_the_problem_of_its_rows():
 def test_documents_from_columns_are_those_of_the_reports(name):
     text, data = PROBLEMS[name]
     solved = mbm.loads(text).solve(data=data)
-    made = [solve_document(solve) for solve in solved.solves]
+    made = [solve_document(solve) for solve in solved.result.solves]
     written = solved.document()["solves"]
     assert [list(solve) for solve in written] == [list(solve) for solve in made]
     assert written == made

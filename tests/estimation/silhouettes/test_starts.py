@@ -111,7 +111,7 @@ def test_two_angles_of_a_can_and_its_radius():
     assert abs(found["r"].value - 0.03) < 1e-6
     solutions = [(found["g"].value, found["h"].value)]
     for other in found.first.alternatives:
-        values = {each.quantity.name: each.value for each in other.estimates}
+        values = {each.name: each.value for each in other.estimates}
         solutions += [(float(values["g"]), float(values["h"]))] if other.cost < 1 else []
     axes = [Rotation.from_euler("xyz", [g, h, 0]).as_matrix()[:, 2] for g, h in solutions]
     assert max(axis @ R[:, 2] for axis in axes) > 1 - 1e-9

@@ -44,7 +44,7 @@ def test_residuals_of_edges_are_those_of_the_result() -> None:
     found = of_folder("loop", "loop")
     (one,) = maps_of(found.problem, found.solution)
     rows = mbm.load(PROBLEMS / "loop/loop.mbm").solve().residuals("steps")
-    whitened = np.array([row.residual for row in rows]).reshape(-1, 3)
+    whitened = np.asarray(rows["whitened"]).reshape(-1, 3)
     np.testing.assert_allclose(np.sort(one.residuals), np.sort(np.sqrt((whitened**2).mean(axis=1))), rtol=1e-6)
 
 

@@ -1,0 +1,106 @@
+"""Results as data alone: what is made when it is asked for is made now, so that they pickle without any code.
+
+What asks for the equations again (files for other programs, errors of trajectories, budgets) is not to be had from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Generic, TypeVar
+
+from mbm.report.spreads import Floats, Spread
+from mbm.report.types import Alternative, DerivedValue, Estimate, FreeDirection, Observability, Result, SolveReport
+from mbm.values import dataclass
+
+T = TypeVar("T")
+Item = TypeVar("Item", Estimate, DerivedValue)
+
+LEVELS = (0.5, 0.6827, 0.9, 0.95, 0.9545, 0.99, 0.9973)
+"""Levels at which intervals by profile are kept, beside the coverage of the solve."""
+
+
+@dataclass(frozen=True, slots=True)
+class Made(Generic[T]):
+    """A function without arguments that answers what was made once."""
+
+    value: T
+
+    def __call__(self) -> T:
+        """The value."""
+        return self.value
+
+
+@dataclass(frozen=True, slots=True)
+class KeptEnds:
+    """The ends of intervals by profile, by their level."""
+
+    ends: dict[float, tuple[Floats, Floats]]
+
+    def __call__(self, level: float) -> tuple[Floats, Floats]:
+        """The ends at a ``level``.
+
+        Raises:
+            LookupError: they were not followed to this level.
+
+        """
+        found = self.ends.get(level)
+        if found is None:
+            known = ", ".join(f"{each:g}" for each in sorted(self.ends))
+            message = f"a result that was pickled has its intervals by profile at the levels {known}; solve again"
+            raise LookupError(message)
+        return found
+
+
+def as_data(result: Result) -> Result:
+    """The result without functions."""
+    return replace(result, solves=tuple(map(_solve, result.solves)), options=dict(result.options), seen=None)
+
+
+def _solve(solve: SolveReport) -> SolveReport:
+    return replace(
+        solve,
+        key=dict(solve.key),
+        reasons=dict(solve.reasons),
+        estimates=tuple(_items(solve.estimates, solve.coverage)),
+        derived=tuple(_items(solve.derived, solve.coverage)),
+        observability=None if solve.observability is None else _observability(solve.observability),
+        noise=dict(solve.noise),
+        residual_summaries=dict(solve.residual_summaries),
+        raw_residuals=Made(dict(solve.raw_residuals())),
+        residual_rows=solve.rows(),
+        row_data=Made(dict(solve.row_data())),
+        plot_data=solve.pictures(),
+        map_data=solve.maps(),
+        alternatives=tuple(_alternative(each, solve.coverage) for each in solve.alternatives),
+        pieces=tuple(
+            replace(
+                each,
+                estimates=tuple(_items(each.estimates, solve.coverage)),
+                derived=tuple(_items(each.derived, solve.coverage)),
+            )
+            for each in solve.pieces
+        ),
+        hypotheses=tuple(_alternative(each, solve.coverage) for each in solve.hypotheses),
+        made_from=None,
+    )
+
+
+def _alternative(found: Alternative, coverage: float) -> Alternative:
+    return replace(found, estimates=tuple(_items(found.estimates, coverage)))
+
+
+def _items(items: Iterable[Item], coverage: float) -> Iterable[Item]:
+    for item in items:
+        yield item if item.spread is None else replace(item, spread=_spread(item.spread, coverage))
+
+
+def _spread(spread: Spread, coverage: float) -> Spread:
+    if spread.ends is None or isinstance(spread.ends, KeptEnds):
+        return spread
+    return replace(spread, ends=KeptEnds({level: spread.ends(level) for level in sorted({*LEVELS, coverage})}))
+
+
+def _observability(found: Observability) -> Observability:
+    free: tuple[FreeDirection, ...] = found.unobservable
+    return replace(found, unobservable=tuple(replace(each, coefficients=dict(each.coefficients)) for each in free))

@@ -1,0 +1,65 @@
+"""The rows of a clause: what they hold, and their residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.text.types import DataPlace
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResidualRow:
+    """One scalar residual.
+
+    ``row`` is the 1-based row of the unfiltered table (None: the clause has no table), ``file_row`` the row as in the
+    file (header = 1), ``component`` counts from 1 within the equation; ``value`` is MODEL − MEASURED in SI,
+    ``residual`` the whitened one: the same divided by its standard deviation, or a row of L⁻¹ times all components of
+    the equation where its noise is a covariance L Lᵀ; ``weight`` is 1 without a robust loss, 0 if not ``used``;
+    ``leverage`` is the share of its own reading in what is fitted to it, from 0 to 1, None where that was not computed.
+    """
+
+    clause: str
+    row: int | None
+    file_row: int | None
+    component: int
+    value: float
+    residual: float
+    weight: float
+    used: bool
+    outlier: bool = False
+    leverage: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResidualSummary:
+    """Residuals of one clause: rows there are, rows used, normalised root mean square (None without a used row).
+
+    ``outliers`` are 1-based rows of the unfiltered table, ``outlier_places`` where the same stand in their files, one
+    for each, if files have them and tell them apart.
+    """
+
+    rows: int
+    used: int
+    rms: float | None
+    outliers: tuple[int, ...] = ()
+    outlier_places: tuple[DataPlace, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RowData:
+    """Columns of the table of a clause: ``rows`` (n,) are numbers of the unfiltered table from 1, ascending.
+
+    ``columns`` have n numbers in SI, or texts, by their names.
+    """
+
+    rows: NDArray[np.int64]
+    columns: Mapping[str, NDArray[np.float64] | NDArray[np.object_]]
+
+
+def no_row_data() -> Mapping[str, RowData]:
+    """What a solve has that observes no tables."""
+    return {}
