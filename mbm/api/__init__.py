@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mbm.api.budgets import budget_file
     from mbm.api.compiled import CompiledProblem
-    from mbm.api.files import check, expand, explain, simulate_file, solve_file
+    from mbm.api.files import check, expand, explain, propagate_file, simulate_file, solve_file
     from mbm.api.problem import Problem, build, load, loads
     from mbm.api.trajectories import trajectory_file
     from mbm.api.viewing import view_file
@@ -25,7 +25,7 @@ _ROOMS = MappingProxyType(
     {
         "mbm.api.budgets": ("budget_file",),
         "mbm.api.compiled": ("CompiledProblem",),
-        "mbm.api.files": ("check", "expand", "explain", "simulate_file", "solve_file"),
+        "mbm.api.files": ("check", "expand", "explain", "propagate_file", "simulate_file", "solve_file"),
         "mbm.api.problem": ("Problem", "build", "load", "loads"),
         "mbm.api.trajectories": ("trajectory_file",),
         "mbm.api.viewing": ("view_file",),
@@ -36,8 +36,8 @@ _ROOMS = MappingProxyType(
     }
 )
 __all__ = ["CompiledProblem", "MbmError", "Problem", "Solve", "Solved", "budget_file", "build", "check", "expand"]
-__all__ += ["explain", "keyword", "load", "loads", "simulate_file", "solve_file", "symbol", "trajectory_file"]
-__all__ += ["view_file"]
+__all__ += ["explain", "keyword", "load", "loads", "propagate_file", "simulate_file", "solve_file", "symbol"]
+__all__ += ["trajectory_file", "view_file"]
 
 
 def __getattr__(name: str) -> Any:

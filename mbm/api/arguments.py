@@ -45,6 +45,36 @@ def threads(given: object) -> int | None:
     return count
 
 
+def trials(given: object) -> int | None:
+    """The number of trials asked for; None: as many as it takes.
+
+    Raises:
+        MbmError: it is neither `auto` nor a whole number from 2 (`wrong-argument`).
+
+    """
+    if given == "auto":
+        return None
+    count = operator.index(given) if isinstance(given, SupportsIndex) and not isinstance(given, bool) else 0
+    if count < 2:
+        raise MbmError(faults.no_number_of_trials(given))
+    return count
+
+
+def seed(given: object) -> int | None:
+    """The seed asked for; None: that of the problem.
+
+    Raises:
+        MbmError: it is no whole number from 0 (`wrong-argument`).
+
+    """
+    if given is None:
+        return None
+    found = operator.index(given) if isinstance(given, SupportsIndex) and not isinstance(given, bool) else -1
+    if found < 0:
+        raise MbmError(faults.no_seed(given))
+    return found
+
+
 def coordinates(given: ArrayLike, count: int) -> NDArray[np.float64]:
     """Tangent coordinates (count,).
 

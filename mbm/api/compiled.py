@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from mbm.problem.tables import Table
     from mbm.problem.types import Problem
     from mbm.report.answer import Solved
+    from mbm.report.options import PropagationSettings
+    from mbm.report.propagation.answer import Propagated
     from mbm.report.types import Result
 
 
@@ -119,6 +121,18 @@ class CompiledProblem:
 
     def result(self, settings: SolveSettings, data: Mapping[str, object] | None = None) -> Result:
         """The report of a solve, as the command line writes it."""
+        result = self._considered(settings, data)
+        now = self._for(data)
+
+        def propagate(asked: PropagationSettings) -> Propagated:
+            from mbm.api.propagation import propagated
+
+            return propagated(now, self.origin, self.inputs, result, asked)
+
+        return replace(result, propagate=propagate)
+
+    def _considered(self, settings: SolveSettings, data: Mapping[str, object] | None) -> Result:
+        """The report of a solve with the uncertainties of constants."""
         result = self._solved(settings, data)
         constants = self._for(data).elaborated.problem.constants
         if not any(constant.sigmas for constant in constants):

@@ -45,7 +45,7 @@ WRONG_ARGUMENT = Code(
     "wrong-argument",
     "An argument of a call from Python is of another kind than the call takes.",
     "Tables, constants and true values are given by name, in a dict; `workers` is a whole number from 1, or None; "
-    "`x` has one number for each name in `result.covariance.names`.",
+    "`trials` is `auto` or a whole number from 2; `x` has one number for each name in `result.covariance.names`.",
 )
 
 
@@ -231,6 +231,22 @@ def no_number_of_threads(given: object) -> Diagnostic:
         place=None,
         hint="leave it out for one thread a processor",
     )
+
+
+def no_number_of_trials(given: object) -> Diagnostic:
+    """A number of trials that is none."""
+    return Diagnostic(
+        code=WRONG_ARGUMENT,
+        message=f"`trials` is {given!r}; `auto` or a whole number from 2 is wanted",
+        place=None,
+        hint="10,000 trials give 95 % intervals to about two hundredths of the standard deviation",
+    )
+
+
+def no_seed(given: object) -> Diagnostic:
+    """A seed that is none."""
+    message = f"`seed` is {given!r}; a whole number from 0 is wanted"
+    return Diagnostic(code=WRONG_ARGUMENT, message=message, place=None, hint="leave it out for that of the problem")
 
 
 def no_coordinates(what: str, count: int) -> Diagnostic:

@@ -15,7 +15,8 @@ from mbm.text.shown import joined
 from mbm.text.types import Diagnostic, Source
 
 if TYPE_CHECKING:
-    from mbm.report.options import SimulationSettings, SolveOptions
+    from mbm.report.options import PropagationSettings, SimulationSettings, SolveOptions
+    from mbm.report.propagation.answer import Propagated
     from mbm.report.simulated import Simulated
     from mbm.report.simulated_files import OutputFile
     from mbm.report.types import Result
@@ -35,6 +36,18 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
     if options.loaded is not None:
         options.loaded()
     return ready.result(settings_of(options))
+
+
+def propagate_file(path: str | Path, options: SolveOptions, settings: PropagationSettings) -> Propagated:
+    """What ``mbm propagate`` does.
+
+    Raises:
+        MbmError: the problem, the data or the call is wrong, or nothing can be propagated.
+
+    """
+    from mbm.report.answer import Solved
+
+    return Solved(solve_file(path, options)).propagated(settings)
 
 
 def simulate_file(

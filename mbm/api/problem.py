@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from mbm.problem.elaborated import Elaborated
     from mbm.report.answer import Solved
     from mbm.report.options import SimulationSettings
+    from mbm.report.propagation.answer import Propagated
     from mbm.report.simulated import Simulated, Simulator
 
 
@@ -199,6 +200,20 @@ class Problem:
             init=init, starts=starts, seed=seed, method=method, covariance_full=covariance_full, workers=workers
         )
 
+    def propagate(
+        self,
+        trials: int | str = "auto",
+        *,
+        seed: int | None = None,
+        data: Mapping[str, object] | None = None,
+        constants: Mapping[str, object] | None = None,
+        workers: int | None = None,
+        allow_external: bool = False,
+    ) -> Propagated:
+        """Solve, and propagate the distributions of the inputs, as ``mbm propagate`` does: see ``Solved.propagate``."""
+        solved = self.solve(data=data, constants=constants, seed=seed, workers=workers, allow_external=allow_external)
+        return solved.propagate(trials, seed=seed, workers=workers)
+
     def simulate(
         self,
         *,
@@ -305,10 +320,7 @@ class Problem:
         return (*wrong, *problem.warnings, *structural_warnings(problem, tables), *lacking, *calls)
 
     def _called(self, found: Elaborated, inputs: Inputs) -> tuple[Diagnostic, ...]:
-        """What is wrong with the functions in Python that the equations call; that they are not called if they may not.
-
-        They are called at the start only.
-        """
+        """What is wrong with the functions in Python that the equations call, at the start; that they may not be."""
         from mbm.problem.structure import called_functions
 
         called = called_functions(found.problem)

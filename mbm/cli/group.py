@@ -12,6 +12,7 @@ from mbm.version import __version__
 COMMANDS = {
     "solve": "Solve a problem: estimates with their uncertainties.",
     "budget": "The uncertainty of estimates, input by input.",
+    "propagate": "Propagate distributions (GUM Supplement 1): intervals and samples.",
     "trajectory": "Errors of an aligned trajectory: of each pose, and over steps.",
     "view": "Draw models, scenes, measurements in their images, maps.",
     "simulate": "Write simulated measurements, with noise, as data files.",

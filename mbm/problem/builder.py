@@ -164,7 +164,7 @@ def _check_content(
     if not declarations:
         if not (blocks or derived or work.undeclared):
             work.diagnostics.append(faults.no_unknowns(definition.span))
-    elif not blocks and not bounded and not work.diagnostics:
+    elif not (blocks or bounded or work.diagnostics or all(each.options.get("fixed") for each in declarations)):
         work.diagnostics.append(faults.no_equations(definition.span))
     work.finish()
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from math import inf
 
 from mbm.expression.units import Unit
+from mbm.problem.laws import NORMAL_LAW, Law
 from mbm.text.types import Span
 from mbm.values import dataclass
 
@@ -27,8 +28,8 @@ Overrides = Mapping[str, Override]
 class ConstantValue:
     """A constant of the problem with its elements (one for a number) and their names in expressions.
 
-    ``sigmas`` are their standard deviations; empty where it is exact. ``unit`` is one that they are written in,
-    ``dof`` are their degrees of freedom.
+    ``sigmas`` are their standard deviations (empty where it is exact), and ``law`` what they follow. ``unit`` is one
+    that they are written in, ``dof`` are their degrees of freedom.
     """
 
     name: str
@@ -37,4 +38,5 @@ class ConstantValue:
     sigmas: tuple[float, ...] = ()
     unit: Unit | None = None
     dof: float = inf
+    law: Law = NORMAL_LAW
     span: Span

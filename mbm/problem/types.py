@@ -18,6 +18,7 @@ from mbm.problem.aggregates import Aggregate
 from mbm.problem.enclosing import Enclosing
 from mbm.problem.grids import Grid
 from mbm.problem.kinds import ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
+from mbm.problem.laws import NORMAL_LAW, Law
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.noise import PLAIN, NoiseStructure
 from mbm.problem.overrides import ConstantValue
@@ -161,6 +162,7 @@ class Equation:
     it holds data only, None elsewhere: reports and pictures show it. ``measured_columns`` are the columns of the row at
     hand on the measured side, whatever it is: what a simulation replaces. ``units`` are those that the components of
     observations are reported in (None: none is known), ``projection`` is what the model side is the image of, if it is.
+    ``law`` is that of the mean of a prior.
     """
 
     components: tuple[Expression, ...]
@@ -171,6 +173,7 @@ class Equation:
     units: tuple[Unit | None, ...] = ()
     projection: Projection | None = None
     relation: Relation = Relation.NEAR_ZERO
+    law: Law = NORMAL_LAW
     span: Span
 
 

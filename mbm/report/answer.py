@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from mbm.report.types import Floats, Mask, Result, ResultStatus, SolveReport
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.report.options import PropagationSettings
+    from mbm.report.propagation.answer import Propagated
     from mbm.text.types import Diagnostic
 
 
@@ -102,6 +104,32 @@ class Solved(Solve):
         solves = self.result.solves
         noted = solves.noted() if isinstance(solves, ManyReports) else solves
         return (*self.result.diagnostics, *chain.from_iterable(solve.diagnostics for solve in noted))
+
+    def propagate(
+        self, trials: int | str = "auto", *, seed: int | None = None, workers: int | None = None
+    ) -> Propagated:
+        """Propagate the distributions of the inputs (GUM Supplement 1): trials with each input drawn as it is.
+
+        Args:
+            trials: how many trials of each solve; ``auto``: blocks of them until the results hold to two digits of
+                their standard deviations.
+            seed: of all random numbers; None: that of the solve.
+            workers: threads; None: one a processor. Answers do not change.
+
+        Raises:
+            MbmError: `not-propagated`, `nothing-drawn`, `too-many-trials`, `wrong-argument`.
+
+        """
+        from mbm.report.options import PropagationSettings
+
+        return self.propagated(PropagationSettings(trials=trials, seed=seed, workers=workers))
+
+    def propagated(self, settings: PropagationSettings) -> Propagated:
+        """As ``propagate``, for everything that may be asked."""
+        if self.result.propagate is None:
+            message = "this result has no problem behind it that could be solved again"
+            raise LookupError(message)
+        return cast("Propagated", self.result.propagate(settings))
 
     def table(self) -> Any:
         """One row per solve: keys, status, cost, dof, scalars and sigmas (or low and high).

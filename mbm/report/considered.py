@@ -13,19 +13,14 @@ from math import inf
 
 import numpy as np
 
-from mbm.equations.layout import half_turns
 from mbm.estimation.coverage.student import coverage_factor
-from mbm.problem.manifold import Piece
 from mbm.report.elements import element_names
-from mbm.report.geometric import GEOMETRIC, manifold
+from mbm.report.geometric import difference
 from mbm.report.spreads import ConsideredConstant, Ends, Floats, Spread
-from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Kind, Result, SolveReport
-from mbm.rotations import hamilton, vector_of_quaternion
+from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Result, SolveReport
 
 Pair = tuple[SolveReport, SolveReport]
 """A solve with a constant below and above its value."""
-
-CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def considered(result: Result, moved: Sequence[tuple[ConsideredConstant, Result, Result]]) -> Result:
@@ -90,32 +85,7 @@ def _without_sigmas(solve: SolveReport, reason: str) -> SolveReport:
 
 def _moves(pairs: Sequence[tuple[Estimate | DerivedValue, Estimate | DerivedValue]]) -> Floats:
     """Half of the differences (constants, …) of an item, of the shape of its sigmas, SI."""
-    return np.stack([_difference(below, above) / 2 for below, above in pairs])
-
-
-def _difference(below: Estimate | DerivedValue, above: Estimate | DerivedValue) -> Floats:
-    first, second = np.asarray(below.value), np.asarray(above.value)
-    if below.quantity.kind not in GEOMETRIC:
-        return half_turns(second - first) if below.quantity.kind is Kind.ANGLE else second - first
-    columns = []
-    found = manifold(below.quantity)
-    for (piece, start, _), angle in zip(found.spans(), found.angles, strict=True):
-        mine, its = (each[..., start : start + piece.size] for each in (first, second))
-        if piece is Piece.QUATERNION:
-            columns.append(_turn(mine, its))
-        elif piece is Piece.SCALE:
-            columns.append(np.log(its / mine))
-        elif piece is Piece.SPHERE:  # along which axes a direction turned is not known here
-            columns.append(np.full((*mine.shape[:-1], piece.tangent), np.nan))
-        else:
-            columns.append(half_turns(its - mine) if angle else its - mine)
-    return np.concatenate(columns, axis=-1)
-
-
-def _turn(first: Floats, second: Floats) -> Floats:
-    """The rotation vectors (…, 3) from one unit quaternion (…, 4) to another, about axes of the body."""
-    flat = hamilton((first * CONJUGATE).reshape(-1, 4), second.reshape(-1, 4))
-    return np.asarray(vector_of_quaternion(flat).reshape(*first.shape[:-1], 3))
+    return np.stack([difference(a.quantity, np.asarray(a.value), np.asarray(b.value)) / 2 for a, b in pairs])
 
 
 def _sigma(item: Estimate | DerivedValue, moves: Floats) -> Floats | None:

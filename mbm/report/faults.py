@@ -12,6 +12,12 @@ PLOT_FORMAT = Code(
     "The name of a plot ends in no picture format that can be drawn.",
     "End the name in .png, .svg or .pdf.",
 )
+SAMPLE_FORMAT = Code(
+    "sample-format",
+    "The name of a file for samples ends in no format that can be written, or one file cannot hold those of several "
+    "solves.",
+    "End the name in .npz, .parquet or .nc; the last holds one solve.",
+)
 BAD_INITIAL_VALUES = Code(
     "bad-initial-values",
     "Initial values are a JSON object from names to values (a number, nested lists, or `{keys, value}`), or a result "
@@ -62,6 +68,18 @@ def plot_format(path: str, known: str) -> Diagnostic:
     return Diagnostic(
         code=PLOT_FORMAT, message=f"`{path}` names no picture format", hint=f"end the name in one of {known}"
     )
+
+
+def sample_format(path: str, known: tuple[str, ...]) -> Diagnostic:
+    """The ending of ``path`` is none of those of samples."""
+    hint = f"end the name in one of {', '.join(known)}"
+    return Diagnostic(code=SAMPLE_FORMAT, message=f"`{path}` names no format of samples", hint=hint)
+
+
+def several_sampled(count: int) -> Diagnostic:
+    """InferenceData holds the samples of one solve."""
+    message = f"`.nc` holds the samples of one solve, and there are {count}"
+    return Diagnostic(code=SAMPLE_FORMAT, message=message, hint="write `.npz` or `.parquet`")
 
 
 def bad_initial_value(name: str, what: str, file: str | None = None) -> Diagnostic:

@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from mbm.equations.layout import half_turns
 from mbm.problem.manifold import Manifold, Piece, manifold_of
 from mbm.report.types import Floats, Kind, Quantity
-from mbm.rotations import matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
+from mbm.rotations import hamilton, matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
+
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 GEOMETRIC = frozenset({Kind.DIRECTION, Kind.ROTATION, Kind.POSE, Kind.SIMILARITY})
 """Kinds whose sigmas belong to a tangent space."""
@@ -56,6 +59,35 @@ def coordinate_values(quantity: Quantity, numbers: Floats) -> Floats:
             part = np.zeros((*part.shape[:-1], piece.tangent))
         columns.append(part)
     return np.concatenate(columns, axis=-1)
+
+
+def difference(quantity: Quantity, first: Floats, second: Floats) -> Floats:
+    """What leads from one value of a quantity to another (…,), SI, with the shape of its sigmas; angles by half turns.
+
+    Of rotations and the like the tangent coordinates at the first; NaN for directions, whose axes are not known here.
+    """
+    if quantity.kind not in GEOMETRIC:
+        return np.asarray(half_turns(second - first) if quantity.kind is Kind.ANGLE else second - first)
+    columns = []
+    found = manifold(quantity)
+    for (piece, start, _), angle in zip(found.spans(), found.angles, strict=True):
+        mine, its = (each[..., start : start + piece.size] for each in (first, second))
+        if piece is Piece.QUATERNION:
+            columns.append(_turn(mine, its))
+        elif piece is Piece.SCALE:
+            columns.append(np.log(its / mine))
+        elif piece is Piece.SPHERE:
+            columns.append(np.full((*np.broadcast_shapes(mine.shape, its.shape)[:-1], piece.tangent), np.nan))
+        else:
+            columns.append(half_turns(its - mine) if angle else its - mine)
+    return np.concatenate(columns, axis=-1)
+
+
+def _turn(first: Floats, second: Floats) -> Floats:
+    """The rotation vectors (…, 3) from one unit quaternion (…, 4) to another, about axes of the body."""
+    back, forth = np.broadcast_arrays(first * CONJUGATE, second)
+    flat = hamilton(back.reshape(-1, 4), forth.reshape(-1, 4))
+    return np.asarray(vector_of_quaternion(flat).reshape(*forth.shape[:-1], 3))
 
 
 def written(quantity: Quantity, numbers: Floats) -> Any:

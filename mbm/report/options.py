@@ -72,3 +72,19 @@ class SimulationSettings:
     measured: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
     outliers: tuple[float, float] | None = None
     draw_priors: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PropagationSettings:
+    """How distributions are propagated.
+
+    ``trials`` are made of each solve (``auto``: until the results have settled), all of them from the ``seed`` (None:
+    that of the solve). ``workers`` threads share them (None: one a processor); ``progress`` hears of trials, and an
+    ``interruption`` ends them.
+    """
+
+    trials: int | str = "auto"
+    seed: int | None = None
+    workers: int | None = None
+    progress: Progress | None = None
+    interruption: Interruption | None = None

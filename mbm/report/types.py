@@ -27,6 +27,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.estimation.search.solution import Solution
     from mbm.problem.types import Problem
+    from mbm.report.options import PropagationSettings
     from mbm.report.view.tracing import Seen
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -340,7 +341,8 @@ class Result:
     """Everything that a run of one problem answers. ``file`` is None for problems that were built without one.
 
     ``solves`` may make a report when it is asked for. ``complete`` is False where the run was interrupted before all
-    were made. ``reads`` are the files that it was made from. ``seen`` tells which equations compare images.
+    were made. ``reads`` are the files that it was made from. ``seen`` tells which equations compare images;
+    ``propagate`` makes a `Propagated` of it.
     """
 
     version: str
@@ -354,6 +356,7 @@ class Result:
     complete: bool = True
     reads: tuple[Read, ...] = ()
     seen: Callable[[], Seen] | None = None
+    propagate: Callable[[PropagationSettings], object] | None = None
 
     @property
     def status(self) -> ResultStatus:

@@ -15,9 +15,10 @@ from mbm.language.coerce import static_number, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
+from mbm.problem.laws import NORMAL_LAW, Law
 from mbm.problem.options import Options, split_options
 from mbm.problem.overrides import ConstantValue, Override, Overrides
-from mbm.problem.reading.distributions import is_distribution, moments
+from mbm.problem.reading.distributions import is_distribution, law_of, moments
 from mbm.problem.scopes import Entry
 from mbm.text.reader import read
 from mbm.text.types import Form, MbmError, Numeral, Sequence, Source, Span, Symbol
@@ -163,6 +164,7 @@ def constant_values(work: Workspace, declared: list[DeclaredConstant], span: Spa
                         values=values,
                         elements=names_of,
                         sigmas=sigmas,
+                        law=_law(work, each),
                         unit=_unit(each, numbers[0].dimension) if sigmas else None,
                         dof=_dof(work, each),
                         span=entry.span,
@@ -202,6 +204,14 @@ def _unit(declared: DeclaredConstant, dimension: Dimension | None) -> Unit | Non
             if unit is not None and dimension in (None, unit.dimension) and unit.symbol != "%":
                 return unit
     return None
+
+
+def _law(work: Workspace, declared: DeclaredConstant) -> Law:
+    """The law that a constant follows, whose distribution `_sigmas` has accepted."""
+    form = declared.options.get("prior")
+    if not isinstance(form, Sequence) or form.head is None:
+        return NORMAL_LAW
+    return law_of(work, form.head, form.items[1:], work.scope)
 
 
 def _sigmas(work: Workspace, declared: DeclaredConstant, value: Value, numbers: list[Constant]) -> tuple[float, ...]:

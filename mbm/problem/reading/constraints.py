@@ -18,7 +18,7 @@ from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.kinds import ConstraintKind, Relation
 from mbm.problem.naming import TakenNames
 from mbm.problem.options import Options, split_options
-from mbm.problem.reading.distributions import DISTRIBUTIONS, USAGES, is_distribution, moments
+from mbm.problem.reading.distributions import DISTRIBUTIONS, USAGES, is_distribution, law_of, moments
 from mbm.problem.reading.equations import data_only, expanded
 from mbm.problem.reading.relations import Pair, both_sides, pairs, refuse_contradictions
 from mbm.problem.rows import rows_of
@@ -256,6 +256,7 @@ def prior_equation(work: Workspace, name: str, forms: tuple[Form, ...], scope: S
         noise_kind=NoiseKind.SIGMA,
         noise=sigma,
         measured=data_only(mean),
+        law=law_of(work, name, forms[1:], scope),
         span=span,
     )
 

@@ -17,6 +17,7 @@ from mbm.language.coerce import static_number
 from mbm.language.functions import UserFunction, UserMacro
 from mbm.language.values import Scope
 from mbm.problem.elaboration import Workspace, shaped
+from mbm.problem.laws import ARCSINE, LOGNORMAL, NORMAL, RECTANGULAR, STUDENT, TRAPEZOIDAL, TRIANGULAR, Law
 from mbm.text.types import Form, MbmError, Span
 from mbm.values import dataclass
 
@@ -71,20 +72,20 @@ DISTRIBUTIONS: Mapping[str, Distribution] = MappingProxyType(
     {
         each.name: each
         for each in (
-            Distribution("normal", ("mean", "sigma"), lambda mean, sigma, _: (mean, sigma)),
-            Distribution("rectangular", ("lo", "hi"), _between(lambda _: 1.0 / sqrt(12.0)), limits=True),
-            Distribution("triangular", ("lo", "hi"), _between(lambda _: 1.0 / sqrt(24.0)), limits=True),
+            Distribution(NORMAL, ("mean", "sigma"), lambda mean, sigma, _: (mean, sigma)),
+            Distribution(RECTANGULAR, ("lo", "hi"), _between(lambda _: 1.0 / sqrt(12.0)), limits=True),
+            Distribution(TRIANGULAR, ("lo", "hi"), _between(lambda _: 1.0 / sqrt(24.0)), limits=True),
             Distribution(
-                "trapezoidal",
+                TRAPEZOIDAL,
                 ("lo", "hi", "ratio"),
                 _between(lambda ratio: sqrt((1.0 + ratio**2) / 24.0)),
                 (0.0, 1.0, "wants the ratio of its top to its base, from 0 to 1"),
                 limits=True,
             ),
-            Distribution("arcsine", ("lo", "hi"), _between(lambda _: 1.0 / sqrt(8.0)), limits=True),
-            Distribution("student", ("mean", "scale", "dof"), _student, (2.0, inf, _NO_VARIANCE)),
+            Distribution(ARCSINE, ("lo", "hi"), _between(lambda _: 1.0 / sqrt(8.0)), limits=True),
+            Distribution(STUDENT, ("mean", "scale", "dof"), _student, (2.0, inf, _NO_VARIANCE)),
             Distribution(
-                "lognormal",
+                LOGNORMAL,
                 ("median", "factor"),
                 _lognormal,
                 (1.0, _WIDEST, f"wants a geometric standard deviation above 1 and below {_WIDEST:g}"),
@@ -127,6 +128,12 @@ def moments(
         except UndefinedValueError as error:
             raise MbmError(language_faults.undefined_value(span, str(error))) from None
     return tuple(mean for mean, _ in found), tuple(sigma for _, sigma in found)
+
+
+def law_of(work: Workspace, name: str, forms: tuple[Form, ...], scope: Scope) -> Law:
+    """The law of a distribution whose parameters `moments` has accepted."""
+    law = DISTRIBUTIONS[name]
+    return Law(name) if law.shape is None else Law(name, _shape_parameter(work, law, forms[-1], scope))
 
 
 def _shape_parameter(work: Workspace, law: Distribution, form: Form, scope: Scope) -> float:

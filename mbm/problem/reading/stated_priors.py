@@ -9,7 +9,7 @@ from mbm.language.values import Array, Scope
 from mbm.problem.elaboration import Workspace
 from mbm.problem.naming import PRIOR
 from mbm.problem.reading.declarations import Declaration, components, own_member
-from mbm.problem.reading.distributions import DISTRIBUTIONS, is_distribution, moments
+from mbm.problem.reading.distributions import DISTRIBUTIONS, is_distribution, law_of, moments
 from mbm.problem.reading.equations import data_only
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind, RowValues
@@ -44,7 +44,9 @@ def stated_prior(work: Workspace, declaration: Declaration, table: Table | None)
         mean, sigma = _moments(work, declaration, form, scope)
         found = tuple(difference(a, b, form.span) for a, b in zip(own, mean, strict=True))  # type: ignore[arg-type]
         noise = NoiseKind.SIGMA
-        return (Equation(components=found, noise_kind=noise, noise=sigma, measured=data_only(mean), span=form.span),)
+        law = law_of(work, form.head or "", form.items[1:], scope)
+        known = data_only(mean)
+        return (Equation(components=found, noise_kind=noise, noise=sigma, measured=known, law=law, span=form.span),)
 
     cases = work.cases(table, evaluate, form.span)
     return Block(

@@ -1,0 +1,138 @@
+"""``mbm propagate``: trials with inputs drawn from their distributions; intervals, document and joint samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mbm.cli import faults
+from mbm.cli.documents import STANDARD_OUTPUT
+from mbm.cli.failure import print_diagnostics
+from mbm.cli.inputs import initial_values, named_paths, named_texts
+from mbm.cli.interrupts import interruptible
+from mbm.cli.options import Terminal, allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
+from mbm.cli.output import say, write_bytes
+from mbm.cli.outputs import Output, check_outputs, write_outputs
+from mbm.cli.progress import ProgressBar
+from mbm.cli.statuses import ATTENTION, OK, WRONG
+from mbm.text.types import MbmError
+
+if TYPE_CHECKING:
+    from mbm.report.propagation.answer import Propagated
+
+AUTO = "auto"
+
+
+@click.command("propagate")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--trials", metavar="N|auto", default=AUTO, help="Trials of each solve; auto: until the results settle.")
+@click.option("--problem", metavar="NAME", help="The problem of the file, where it holds several.")
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
+@click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
+@click.option("--init", metavar="VALUES.json", help="Initial values: name → value, or a result document.")
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of all random numbers.")
+@click.option("--json", "json_path", metavar="PATH|-", help="Write the result document, with what the trials say.")
+@click.option("--samples", "samples_path", metavar="PATH", help="Write the joint samples (.npz .parquet .nc).")
+@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Threads; else all cores.")
+@click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
+@allow_external_option
+@verbosity_options
+def command(**given: Any) -> int:
+    """Solve FILE, then solve it again in many trials, each with its inputs drawn from their distributions: measured
+    values by their noise, priors and constants by theirs (GUM Supplement 1).
+
+    Prints mean, standard deviation, the probabilistically symmetric and the shortest coverage interval of each
+    quantity, and whether the linear interval of `mbm solve` agrees to two digits of the standard deviation.
+
+    Exit status: as `mbm solve`.
+    """
+    screen = terminal()
+    trials = _trials(given["trials"])
+    made: list[Propagated] = []
+    outputs = _outputs(given, made)
+    check_outputs(outputs, problem_at(given["file"]))
+    found = _propagated(given, trials, screen, lambda: check_outputs(outputs, reads_so_far()))
+    made.append(found)
+    print_diagnostics(() if screen.quiet else found.result.diagnostics, color=screen.color_errors)
+    wrong = [*write_outputs(outputs, found.result, reads_so_far())]
+    try:
+        if given["json_path"] == STANDARD_OUTPUT:
+            write_bytes(_document(found))
+        else:
+            shown = found.table(width=screen.width, color=screen.color, full=screen.verbose)
+            say(shown, color=screen.color, end="")
+    except MbmError as error:  # the files are there, and stay
+        wrong.extend(error.diagnostics)
+    print_diagnostics(wrong, color=screen.color_errors)
+    return WRONG if wrong else OK if found.result.status.value == "ok" else ATTENTION
+
+
+def _trials(text: str) -> int | str:
+    """The number of trials; 1e6 is one, too.
+
+    Raises:
+        MbmError: `bad-call`.
+
+    """
+    if text == AUTO:
+        return AUTO
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 2.0 <= number < 1e12 or number != int(number):
+        raise MbmError(
+            faults.bad_call(f"--trials is {text}; `auto` or a whole number from 2 is wanted", "mbm propagate")
+        )
+    return int(number)
+
+
+def _outputs(given: dict[str, Any], made: list[Propagated]) -> tuple[Output, ...]:
+    """The files that are asked for; what they hold is ``made`` when they are written."""
+    found = []
+    if given["json_path"] not in (None, STANDARD_OUTPUT):
+        found.append(Output(path=given["json_path"], content=lambda _: _document(made[0])))
+    if given["samples_path"] is not None:
+        from mbm.report.propagation.exports import sample_format
+
+        written = sample_format(given["samples_path"])
+        found.append(Output(path=given["samples_path"], content=lambda _: written(made[0].solves)))
+    return tuple(found)
+
+
+def _document(found: Propagated) -> bytes:
+    from mbm.report.encode import encode, to_bytes
+
+    return to_bytes(encode(found.document()))
+
+
+def _propagated(given: dict[str, Any], trials: int | str, screen: Terminal, loaded: Callable[[], None]) -> Propagated:
+    from mbm.api import propagate_file
+    from mbm.equations.interruption import Interruption
+    from mbm.report.options import PropagationSettings, SolveOptions
+
+    interruption = Interruption()
+    options = SolveOptions(
+        problem=given["problem"],
+        set=named_texts("--set", given["settings"]),
+        data=named_paths("--data", given["data"]),
+        init=None if given["init"] is None else initial_values(Path(given["init"])),
+        seed=given["seed"],
+        workers=given["workers"],
+        sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
+        allow_external=given["allow_external"],
+        interruption=interruption,
+        loaded=loaded,
+    )
+    with ProgressBar(shown=screen.shows_progress) as progress, interruptible(interruption):
+        settings = PropagationSettings(
+            trials=trials,
+            seed=given["seed"],
+            workers=given["workers"],
+            progress=progress.advance,
+            interruption=interruption,
+        )
+        return propagate_file(given["file"], options, settings)

@@ -1,0 +1,1 @@
+"""What a propagation of distributions answers: documents, tables, samples."""

@@ -1,0 +1,248 @@
+"""The equations of one solve with room for what is drawn, and the draws: each input as its distribution says.
+
+Measured values are drawn about the data, the centres of priors about those that are stated, constants about their
+values, and the estimates are those of the draws (GUM Supplement 1, clause 5.9, with the estimator as the model).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from math import isfinite, sqrt
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binder import Binder
+from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.types import Floats, Indices, NoiseState
+from mbm.estimation.search.solution import Solution
+from mbm.estimation.search.starting import with_idle_ones
+from mbm.estimation.solve.estimate import assemble
+from mbm.kernels.types import KernelSet
+from mbm.problem.laws import NORMAL_LAW, STUDENT, Law
+from mbm.problem.overrides import ConstantValue
+from mbm.problem.types import Problem
+from mbm.simulation.laws import standard_variates
+from mbm.simulation.noise import stream
+from mbm.simulation.trials import faults
+from mbm.simulation.trials.shifted import SHIFTED, shift_name, shifted_tables
+from mbm.symbolic.types import ColumnInput
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Redundancy:
+    """An unknown noise: the residuals (by place) that have its factor, and the degrees of freedom of that."""
+
+    places: Indices
+    dof: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drawn:
+    """The equations of one solve, ready to be drawn for.
+
+    ``point`` (N,) are the estimates and the values of constants. ``cells`` (m,) is the place of each residual's shift
+    among the parameters, ``free_constants`` the places (k,) of the constants among the numbers, with their standard
+    deviations ``sigmas`` (k,) and laws. ``derived`` are the groups of each derived quantity.
+    """
+
+    problem: Problem
+    equations: Assembled
+    binder: Binder
+    derived: tuple[tuple[Group, ...], ...]
+    point: Floats
+    cells: Indices
+    places: Indices
+    sigmas: Floats
+    laws: tuple[Law, ...]
+    unknown_noise: tuple[Redundancy, ...]
+
+    @property
+    def nothing(self) -> bool:
+        """Nothing is drawn."""
+        return not len(self.cells) and not len(self.places)
+
+    @property
+    def varies(self) -> bool:
+        """Every input has a variance: t distributions of two degrees of freedom and fewer have none."""
+        laws = (*self.laws, *(law for group in self.equations.groups for law in _laws(self.problem, group)))
+        return all(law.has_variance for law in laws) and all(each.dof > 2.0 for each in self.unknown_noise)
+
+    def draws(self, count: int, seed: int, words: tuple[str, ...], number: int) -> tuple[Floats, Floats]:
+        """So many draws of block ``number``: points (T, N) to start from, and the shift of each residual (T, m).
+
+        They follow from the seed, the ``words`` that name the solve and the number of the block alone.
+        """
+        rng = stream(seed, "trials", *words, number)
+        points = np.tile(self.point, (count, 1))
+        for place, sigma, law in zip(self.places, self.sigmas, self.laws, strict=True):
+            points[:, place] += sigma * standard_variates(law, rng, (count,))
+        shifts = np.zeros((count, self.equations.whole))
+        for group in self.equations.groups:
+            shape = (count, group.rows, group.kernel.outputs)
+            shifts[:, group.first : group.first + group.count] = _natural(self.problem, group, rng, shape)
+        if self.equations.factors is not None:
+            shifts *= self.equations.factors
+        for each in self.unknown_noise:
+            shifts[:, each.places] *= np.sqrt(each.dof / rng.chisquare(each.dof, count))[:, None]
+        return points, shifts
+
+    def derived_values(self, owner: int, points: Floats) -> Floats:
+        """A derived quantity at points (T, N), as its kernels state it: (T, rows, outputs); NaN where no case holds."""
+        quantity = self.problem.derived[owner]
+        rows = 1 if quantity.table is None else len(self.binder.tables[quantity.table])
+        outputs = len(quantity.cases[0].values) if quantity.cases else 0
+        found = np.full((len(points), rows, outputs), np.nan)
+        for group in self.derived[owner]:
+            positions = np.arange(1) if group.positions is None else group.positions
+            found[:, positions] = group.values_at(self.equations.layout.reported(points))
+        return found
+
+
+def drawn(
+    problem: Problem,
+    kernels: KernelSet,
+    cache: EvaluationCache,
+    solution: Solution,
+    constants: tuple[ConstantValue, ...],
+) -> Drawn:
+    """What is drawn for a solve of a problem whose equations have shifts, and whose ``constants`` are unknowns.
+
+    Raises:
+        MbmError: `not-propagated`, noise that the residuals do not tell, or corrections that need a search.
+
+    """
+    starts = {entry.unknown.name: solution.numbers[entry.range] for entry in solution.layout.entries}
+    starts |= {constant.name: np.array(constant.values) for constant in constants}
+    equations, binder = assemble(problem, kernels, shifted_tables(problem, solution.tables), starts, cache)
+    equations = equations.with_factors(_factors(equations, solution))
+    point = with_idle_ones(equations, equations.layout.start)
+    places, sigmas, laws = _of_constants(equations, constants)
+    return Drawn(
+        problem=problem,
+        equations=equations,
+        binder=binder,
+        derived=tuple(binder.derived(kernels, owner) for owner in range(len(problem.derived))),
+        point=point,
+        cells=_cells(problem, equations),
+        places=places,
+        sigmas=sigmas,
+        laws=laws,
+        unknown_noise=_unknown_noise(problem, equations, point, solution),
+    )
+
+
+def _factors(equations: Assembled, solution: Solution) -> Floats | None:
+    """The noise factor of each residual (m,); None: all are 1. That of one unknown noise is no weight of a solve."""
+    if not solution.noise:
+        return solution.factors
+    found = np.ones(equations.whole) if solution.factors is None else solution.factors.copy()
+    for number, noise in solution.noise.items():
+        found[equations.block_rows(number)] = noise.factor
+    return found
+
+
+def _of_constants(
+    equations: Assembled, constants: tuple[ConstantValue, ...]
+) -> tuple[Indices, Floats, tuple[Law, ...]]:
+    """Where the numbers of constants stand, their standard deviations, and their laws."""
+    places: list[int] = []
+    sigmas: list[float] = []
+    laws: list[Law] = []
+    for constant in constants:
+        first = equations.layout.entry(constant.name).offset
+        law, stretch = _law_with_freedom(constant)
+        for k, sigma in enumerate(constant.sigmas):
+            places.append(first + k)
+            sigmas.append(sigma * stretch)
+            laws.append(law)
+    return np.array(places, dtype=np.int64), np.array(sigmas), tuple(laws)
+
+
+def _law_with_freedom(constant: ConstantValue) -> tuple[Law, float]:
+    """The law of a constant, and what its standard deviations are multiplied with: those of which degrees of freedom
+    are stated are the scale of a t distribution (6.4.9.7).
+    """
+    dof = constant.dof
+    if constant.law != NORMAL_LAW or not isfinite(dof):
+        return constant.law, 1.0
+    return Law(STUDENT, dof), sqrt(dof / (dof - 2.0)) if dof > 2.0 else 1.0
+
+
+def _cells(problem: Problem, equations: Assembled) -> Indices:
+    """The place of the shift of each residual (m,) among the parameters of all groups."""
+    found = np.empty(equations.whole, dtype=np.int64)
+    first = 0
+    for group in equations.groups:
+        width = group.parameters.shape[1]
+        if problem.blocks[group.kernel.owner].role in SHIFTED:
+            inputs: Mapping[str, int] = {
+                parameter.name: j
+                for j, parameter in enumerate(group.kernel.parameters)
+                if isinstance(parameter, ColumnInput)
+            }
+            own = [
+                inputs[shift_name(group.kernel.owner, place, k)]
+                for place, each in enumerate(group.whiteners)
+                for k in range(each.last - each.first)
+            ]
+            cells = first + width * np.arange(group.rows)[:, None] + np.array(own, dtype=np.int64)
+            found[group.first : group.first + group.count] = cells.ravel()
+        first += group.parameters.size
+    return found
+
+
+def _laws(problem: Problem, group: Group) -> tuple[Law, ...]:
+    """The law of each equation of a group."""
+    return tuple(each.law for each in problem.blocks[group.kernel.owner].cases[group.kernel.case].equations)
+
+
+def _natural(problem: Problem, group: Group, rng: np.random.Generator, shape: tuple[int, int, int]) -> Floats:
+    """Draws (T, rows·outputs) with the noise that the equations of a group state; 0 where an equation is left out."""
+    found = np.zeros(shape)
+    for law, each in zip(_laws(problem, group), group.whiteners, strict=True):
+        own = standard_variates(law, rng, (*shape[:2], each.last - each.first))
+        weights = each.weights
+        if weights.ndim == 2:
+            exact = (weights == 0.0) | ~each.noisy
+            found[:, :, each.first : each.last] = own / np.where(exact, np.inf, weights)
+            continue
+        left_out = np.asarray(~weights.any(axis=(1, 2)))
+        inverse = np.linalg.inv(np.where(left_out[:, None, None], np.eye(weights.shape[1]), weights))
+        inverse[left_out] = 0.0
+        found[:, :, each.first : each.last] = np.einsum("rij,trj->tri", inverse, own)
+    return found.reshape(shape[0], -1)
+
+
+def _unknown_noise(problem: Problem, equations: Assembled, point: Floats, solution: Solution) -> tuple[Redundancy, ...]:
+    """The unknown noises with their redundancies: of several Σ(1 − h), h being the leverages of their residuals
+    (Förstner 1979).
+    """
+    if not solution.noise:
+        return ()
+    for number, noise in solution.noise.items():
+        if noise.state is not NoiseState.ESTIMATED:
+            block = problem.blocks[number]
+            why = noise.state.value
+            mend = "state the noise with `:sigma`"
+            raise MbmError(faults.not_propagated(block.span, f"the unknown noise of `{block.name}`", why, mend))
+    shared: dict[str, list[Indices]] = {}
+    for number in solution.noise:
+        shared.setdefault(problem.blocks[number].factor_name, []).append(equations.block_rows(number))
+    rows = [np.concatenate(parts) for parts in shared.values()]
+    if len(rows) == 1:
+        return (Redundancy(places=rows[0], dof=float(solution.fit.dof)),)
+    jacobian = equations.jacobian(point)
+    norms = np.sqrt(np.square(jacobian).sum(axis=0))
+    basis, values, _ = np.linalg.svd(jacobian / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
+    rank = int((values > values[:1].max(initial=0.0) * max(jacobian.shape) * np.finfo(float).eps).sum())
+    leverages = np.asarray(np.square(basis[:, :rank]).sum(axis=1))
+    return tuple(Redundancy(places=own, dof=float(len(own) - leverages[own].sum())) for own in rows)
+
+
+def weighted(problem: Problem) -> Problem:
+    """The problem with its noise taken as known: factors that were estimated are weights of every trial."""
+    return replace(problem, blocks=tuple(replace(block, unknown_factor=False) for block in problem.blocks))
