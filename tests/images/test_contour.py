@@ -115,6 +115,15 @@ def test_holes_are_contours_of_their_own(tmp_path):
     assert len(whole["n"]) == (~inner).sum()
 
 
+def test_both_sides_of_a_thin_hole_are_told_apart(tmp_path):
+    """Strips of the usual reach show both sides of a slot of 4 px: the outside tells that they do not fit."""
+    slot = polygon((100, 118), (220, 118), (220, 122), (100, 122))
+    table = of(tmp_path, image(disk(160, 120, 80) - slot))
+    inner = (table["contour"] == 2) & (np.abs(table["u"] - 160) < 54)
+    assert inner.sum() > 0.9 * 2 * 108 / 4
+    assert np.abs(np.abs(table["v"][inner] - 120) - 2).max() < 0.1  # σ are about 0.02
+
+
 @pytest.mark.parametrize("side", [None, "bright"])
 def test_an_object_is_seen_by_its_difference_to_a_background(side, tmp_path):
     """The scene has stripes as bright as the object, which no threshold parts from it."""

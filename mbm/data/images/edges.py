@@ -32,6 +32,9 @@ SMOOTHED = 1.5
 APART = 2
 """Points from one to the next of the three that tell the curvature: the noise of nearer ones bends a line."""
 
+ALIKE = 2.0
+"""Curvatures along a smooth edge differ by less, from one point to the next."""
+
 FEWEST = 8
 """Points on an edge."""
 
@@ -44,17 +47,23 @@ def smoothed(line: Floats) -> Floats:
     return np.asarray(gaussian_filter1d(line, SMOOTHED, axis=0, mode="wrap"))
 
 
-def refined(levels: Sequence[Image], line: Floats, spacing: float) -> Fitted:
-    """Points ``spacing`` px apart on an edge that lies near the closed line (n, 2) of the last of the levels.
+def refined(levels: Sequence[Image], lines: Sequence[Floats], spacing: float) -> tuple[Fitted, ...]:
+    """Points ``spacing`` px apart on edges that lie near closed lines (n, 2) of the last of the levels.
 
-    Each level has half the size of the one before it; the points are in px of the first.
+    Each level has half the size of the one before it; the points are in px of the first. What variance is usual, the
+    first edge tells for all: of a thin hole every strip may show both sides.
     """
-    for number, level in enumerate(reversed(levels)):
-        if number:
-            line = 2 * line + 0.5
-        line = _spaced(line, spacing)
-        line = _on_edge(level, line, np.zeros(len(line)), spacing).points
-    return _on_edge(levels[0], line, _bends(line), spacing)
+    found: list[Fitted] = []
+    usual = None
+    for line in lines:
+        for number, level in enumerate(reversed(levels)):
+            if number:
+                line = 2 * line + 0.5
+            line = _spaced(line, spacing)
+            line = _on_edge(level, line, np.zeros(len(line)), spacing, None).points
+        found.append(_on_edge(levels[0], line, _bends(line), spacing, usual))
+        usual = usual or _usual(found[-1])
+    return tuple(found)
 
 
 def _spaced(line: Floats, spacing: float) -> Floats:
@@ -75,19 +84,20 @@ def _directions(line: Floats) -> Floats:
 def _bends(line: Floats) -> Floats:
     """The curvature (n,) of a closed line in 1/px, that of the circle through three points (K. Menger, 1930).
 
-    The least by the points before, about and behind each, 0 where they disagree: so a corner does not bend the straight
-    edge beside it.
+    The mean of those by the points before, about and behind each; the least where they differ much, 0 where they
+    disagree: so a corner does not bend the straight edge beside it.
     """
     before, after = np.roll(line, APART, axis=0) - line, np.roll(line, -APART, axis=0) - line
     across = after[:, 1] * before[:, 0] - after[:, 0] * before[:, 1]
     sides = np.hypot(*before.T) * np.hypot(*after.T) * np.hypot(*(after - before).T)
     own = -2 * across / np.maximum(sides, 1e-9)
     three = np.stack([np.roll(own, APART), own, np.roll(own, -APART)])
+    least, greatest = np.abs(three).min(axis=0), np.abs(three).max(axis=0)
     agree = (three > 0).all(axis=0) | (three < 0).all(axis=0)
-    return np.where(agree, np.sign(own) * np.abs(three).min(axis=0), 0.0)
+    return np.where(agree, np.where(greatest < ALIKE * least, three.mean(axis=0), np.sign(own) * least), 0.0)
 
 
-def _on_edge(image: Image, line: Floats, bends: Floats, spacing: float) -> Fitted:
+def _on_edge(image: Image, line: Floats, bends: Floats, spacing: float, usual: float | None) -> Fitted:
     """The points of a line moved across it onto the edge; those that cannot be stay, and are not good.
 
     A blur of s px moves an edge of curvature κ by s²κ/2 towards the centre of curvature (H. Bouma et al., "Correction
@@ -96,12 +106,12 @@ def _on_edge(image: Image, line: Floats, bends: Floats, spacing: float) -> Fitte
     strips = Strips(angles=_directions(line), bends=bends, half=min(spacing / 2, WIDEST))
     shape = np.tile([0.0, np.log(USUAL_BLUR)], (len(line), 1))
     patches = Patches(points=line, radii=np.full(len(line), REACHES[0]), parameters=shape, strips=strips)
-    found = _without_misfits(_fitted(image, patches))
+    found = _without_misfits(_fitted(image, patches), usual)
     for reach in REACHES[1:]:
         again = ~found.good
         if again.any():
             shorter = replace(patches, radii=np.full(len(line), reach)).of(again)
-            found = _without_misfits(_replaced(found, _fitted(image, shorter), again))
+            found = _without_misfits(_replaced(found, _fitted(image, shorter), again), usual)
     variance = np.exp(2 * np.where(found.good, found.parameters[:, 1], 0.0))
     across = patches.axes[:, 0] * (variance * bends / 2)[:, None]
     return replace(found, points=np.where(found.good[:, None], found.points - across, line))
@@ -113,11 +123,15 @@ def _fitted(image: Image, patches: Patches) -> Fitted:
     return replace(found, good=found.good & (found.parameters[:, 1] <= np.log(WHOLE * patches.radii)))
 
 
-def _without_misfits(found: Fitted) -> Fitted:
-    if not found.good.any():
-        return found
-    usual = max(float(np.median(found.noise[found.good])), LEAST_NOISE)
-    return replace(found, good=found.good & (found.noise <= MISFIT * usual))
+def _without_misfits(found: Fitted, usual: float | None) -> Fitted:
+    """Good are those about as noisy as usual (None: as they are themselves)."""
+    usual = usual or _usual(found)
+    return replace(found, good=found.good & (found.noise <= MISFIT * (usual or LEAST_NOISE)))
+
+
+def _usual(found: Fitted) -> float | None:
+    """The median variance of grey values about the good fits; None without any."""
+    return max(float(np.median(found.noise[found.good])), LEAST_NOISE) if found.good.any() else None
 
 
 def _replaced(found: Fitted, other: Fitted, where: NDArray[np.bool_]) -> Fitted:

@@ -107,7 +107,7 @@ def _edges(levels: Sequence[Image], wanted: Wanted) -> tuple[Fitted, ...]:
     from mbm.data.images.segmentation import object_outlines
 
     lines = object_outlines(levels[-1], wanted.choice)
-    return tuple(refined(levels, smoothed(line), wanted.spacing) for line in lines)
+    return refined(levels, [smoothed(line) for line in lines], wanted.spacing)
 
 
 def _difference(image: Grey, background: Grey, path: str, wanted: Wanted) -> NDArray[np.int16]:
