@@ -75,6 +75,28 @@ def meridian(axes: Axes) -> None:
         axes.annotate(r["place"], (s, float(r["length"])), textcoords="offset points", **way)
 
 
+def thermometer(axes: Axes) -> None:
+    """The corrections, the line, and its value at 30 degrees."""
+    data, found = rows("thermometer", "readings.csv"), solve("thermometer", "thermometer")
+    reading, correction = column(data, "reading"), column(data, "correction")
+    first, slope, at_30 = (found[name] for name in ("intercept", "slope", "at-30"))
+    fine = np.linspace(reading.min(), 30, 2)
+    axes.plot(fine, float(first.value) + float(slope.value) * (fine - 20), color=ORANGE, label="estimated")
+    axes.plot(reading, correction, "o", color=BLUE, label="measured")
+    axes.errorbar(30, at_30.value, yerr=at_30.U, fmt="s", color=ORANGE, capsize=4, label="at 30 degrees, with U")
+    axes.set(xlabel="reading (°C)", ylabel="correction (°C)")
+    axes.legend(loc="upper left")
+
+
+def end_gauge(axes: Axes) -> None:
+    """What each input adds to the uncertainty."""
+    budget = solve("end-gauge", "end-gauge").budget("l")
+    names, parts = [row.input for row in budget.rows], [1e6 * row.contribution for row in budget.rows]
+    axes.barh([*names, "combined"], [*parts, 1e6 * budget.sigma], color=[*([BLUE] * len(names)), ORANGE])
+    axes.invert_yaxis()
+    axes.set(xlabel="contribution to the uncertainty (nm)")
+
+
 def light(axes: Axes) -> None:
     """Five series, and the speed with twice its standard deviation."""
     data, speed = rows("light", "michelson.csv"), solve("light", "by-series")["speed"]
@@ -227,6 +249,8 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
         image_pictures.camera_and_ranges,
         image_pictures.posture,
         enzyme,
+        end_gauge,
+        thermometer,
         light,
         meridian,
         oxygen_demand,

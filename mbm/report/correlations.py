@@ -20,7 +20,8 @@ LARGEST = 10 * LARGEST_COVARIANCE
 class Correlation:
     """Correlations of named scalars: ``matrix`` (n, n), 1 along the diagonal, NaN where there is no deviation.
 
-    ``matrix`` is None where it was left out for its size; ``reason`` then says so.
+    ``matrix`` is None where it was left out for its size; ``reason`` then says so, or why derived quantities are left
+    out: with filters, and of results that were pickled.
     """
 
     names: tuple[str, ...]
@@ -48,15 +49,13 @@ def correlation_of(solve: SolveReport) -> Correlation | None:
     if own.matrix is None or (derived is not None and derived.matrix is None):
         reason = own.reason if own.matrix is None else None if derived is None else derived.reason
         return Correlation(names=names, matrix=None, reason=reason)
-    matrix = np.full((len(names),) * 2, np.nan)
-    count = len(own.names)
-    matrix[:count, :count] = own.matrix
-    if derived is not None and derived.matrix is not None:
-        matrix[count:, count:] = derived.matrix
-        both = _between(solve)
-        if both is not None:
-            matrix[:count, count:], matrix[count:, :count] = both, both.T
-    return Correlation(names=names, matrix=_normalised(matrix))
+    if derived is None or derived.matrix is None:
+        return Correlation(names=names, matrix=_normalised(own.matrix))
+    both = _between(solve)
+    if both is None:
+        reason = "derived quantities are left out: how they vary with the estimates is not known"
+        return Correlation(names=own.names, matrix=_normalised(own.matrix), reason=reason)
+    return Correlation(names=names, matrix=_normalised(np.block([[own.matrix, both], [both.T, derived.matrix]])))
 
 
 @np.errstate(all="ignore")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -127,6 +127,13 @@ class Solve(Said):
         from mbm.report.correlations import correlation_of
 
         return correlation_of(self.report)
+
+    @property
+    def noise_dof(self) -> Mapping[str, float]:
+        """The degrees of freedom of each estimated noise factor, by the names that ``noise`` has."""
+        from mbm.report.budgets.noise import noise_dof
+
+        return noise_dof(self.report)
 
     def budget(self, name: str, *, by_row: bool = False) -> Budget:
         """The uncertainty budget of one number of the only solve: ``h``, ``p[1]``, ``q["waist"]``.

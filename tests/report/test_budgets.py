@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.estimation.uncertainty.influence import RowInfluence
 from mbm.report.answer import Solved
+from mbm.report.budgets.answer import answer_of
 from mbm.report.budgets.types import Budget, InputKind
 
 SUMS = 1e-10
@@ -285,3 +287,35 @@ def test_correlations_are_of_estimates_and_derived_quantities() -> None:
     # constants are moved by their deviations and solved again: exact to rounding where the model is linear
     assert found.matrix == pytest.approx(covariance / np.outer(deviations, deviations), abs=1e-7)
     assert found.of("b", "g") == pytest.approx(1.0)
+
+
+def test_noises_have_degrees_of_freedom() -> None:
+    text = """(problem two (data d (table (y) (1.0) (1.2) (0.9) (1.1))) (data e (table (z) (5.0) (5.5) (4.9)))
+      (unknowns (a) (b)) (observe d (= y a)) (observe e (= z b) :sigma %s))"""
+    assert mbm.loads(text % "unknown").solve().noise_dof == pytest.approx({"d": 3.0, "e": 2.0})
+    assert mbm.loads(text % "0.1").solve().noise_dof == pytest.approx({"d": 3.0})
+    shared = text.replace("(= y a)", "(= y a) :sigma (unknown 1 :as s)") % "(unknown 2 :as s)"
+    assert mbm.loads(shared).solve().noise_dof == pytest.approx({"s": 5.0})
+
+
+def test_solves_of_several_without_a_budget_are_named() -> None:
+    text = """(problem p (data d (table (k y) ("a" 1.1) ("a" 2.1) ("b" 1.0))) (unknowns (m))
+      (observe d (= y m) :sigma unknown) (for-each k))"""
+    answer = answer_of(mbm.loads(text).solve().result)
+    assert [len(each) for each in answer.solves] == [1, 0]
+    assert [each.message.partition(":")[0] for each in answer.refused] == ['k = "b"']
+
+
+def test_unknown_noise_that_nothing_tells_has_no_standard_uncertainty() -> None:
+    text = """(problem p (data d (table (y) (1.1))) (unknowns (a) (b :init 1 :sigma 0.1))
+      (observe d (= y (* a b)) :sigma unknown))"""
+    rows = {row.input: row for row in mbm.loads(text).solve().budget("b").rows}
+    assert rows["d"].u is None
+    assert rows["prior b"].share == pytest.approx(1.0)
+
+
+def test_a_covariance_that_is_no_sum_over_rows_has_no_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = solved("unknown")
+    monkeypatch.setattr(RowInfluence, "of_residuals", lambda self, g: np.zeros((len(g), self.equations.whole)))
+    with pytest.raises(mbm.MbmError, match="not the sum"):
+        result.budget("a")

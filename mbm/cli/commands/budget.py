@@ -58,7 +58,8 @@ def command(**given: Any) -> int:
     check_outputs(outputs, problem_at(given["file"]))
     answer = _answer(given, lambda: check_outputs(outputs, reads_so_far()))
     made.append(answer)
-    print_diagnostics(() if screen.quiet else answer.result.diagnostics, color=screen.color_errors)
+    told = () if screen.quiet else (*answer.result.diagnostics, *answer.refused)
+    print_diagnostics(told, color=screen.color_errors)
     wrong = [*write_outputs(outputs, answer.result, reads_so_far())]
     try:
         if given["json_path"] == STANDARD_OUTPUT:

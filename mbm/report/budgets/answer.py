@@ -5,21 +5,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from mbm.problem.naming import key_text
+from mbm.report.budgets import faults
 from mbm.report.budgets.budget import budgets_of
 from mbm.report.budgets.document import budget_document
 from mbm.report.budgets.types import Budget
 from mbm.report.document import document
-from mbm.report.types import Result, ResultStatus
-from mbm.text.types import MbmError
+from mbm.report.types import Result, ResultStatus, SolveStatus
+from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
+
+MOST_TOLD = 5
+"""Solves without a budget that are named."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BudgetAnswer:
-    """The budgets of each solve: ``solves`` has those of each, none where nothing was solved."""
+    """The budgets of each solve: ``solves`` has those of each, none where nothing was solved.
+
+    ``refused`` says what solves of several have none, and why.
+    """
 
     result: Result
     solves: tuple[tuple[Budget, ...], ...]
+    refused: tuple[Diagnostic, ...] = ()
 
     @property
     def status(self) -> ResultStatus:
@@ -48,15 +57,21 @@ def answer_of(result: Result, names: Sequence[str] = (), *, by_row: bool = False
 
     """
     found: list[tuple[Budget, ...]] = []
-    faults: list[MbmError] = []
+    wrong: list[Diagnostic] = []
+    first: MbmError | None = None
     for solve in result.solves:
         own: list[Budget] = []
         for name in names or (None,):
             try:
                 own.extend(budgets_of(solve, name, by_row=by_row))
             except MbmError as error:
-                faults.append(error)
+                first = first or error
+                key = ", ".join(f"{column} = {key_text(value)}" for column, value in solve.key.items())
+                if solve.status is not SolveStatus.SKIPPED:
+                    wrong += [faults.left_out(key, each) for each in error.diagnostics]
         found.append(tuple(own))
-    if faults and (len(result.solves) == 1 or not any(found)):
-        raise faults[0]
-    return BudgetAnswer(result=result, solves=tuple(found))
+    if first is not None and (len(result.solves) == 1 or not any(found)):
+        raise first
+    rest = len(wrong) - MOST_TOLD
+    told = (*wrong[:MOST_TOLD], *([faults.more_left_out(rest)] if rest > 0 else []))
+    return BudgetAnswer(result=result, solves=tuple(found), refused=told)

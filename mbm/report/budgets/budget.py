@@ -24,6 +24,9 @@ from mbm.report.types import DerivedValue, Estimate, Floats, SolveReport
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
+CLOSED = 1e-8
+"""What the squares of the contributions may lack of the variance, relatively: far above rounding."""
+
 SAME = 1e-12
 """Relative difference up to which standard deviations are one: roundings of what a unit makes of it."""
 
@@ -53,12 +56,16 @@ def budgets_of(solve: SolveReport, name: str | None = None, *, by_row: bool = Fa
     targets = list(_targets(solve))
     if name is not None:
         targets = _called(solve, name, targets)
-    what = name or next((target.name for target in targets), "the solve")
+    what = name or next((target.name for target in targets), solve.message)
+    if not targets and solve.made_from is not None:
+        raise MbmError(faults.nothing_estimated())
     problem, solution, influence = _solved(solve, what)
     found = [_budget(solve, problem, solution, influence, target, by_row, asked=name) for target in targets]
     made = tuple(each for each in found if each is not None)
     if not made:
-        raise MbmError(faults.no_budget(what, "no quantity has a standard deviation"))
+        reasons = (_item(solve, target).reason for target in targets)
+        why = next((reason for reason in reasons if reason is not None), "no quantity has a standard deviation")
+        raise MbmError(faults.no_budget(what, why))
     return made
 
 
@@ -70,8 +77,11 @@ def _solved(solve: SolveReport, name: str) -> tuple[Problem, Solution, Influence
 
     """
     if solve.made_from is None:
-        why = "interval methods give bounds" if solve.boxes is not None else solve.message or "nothing was solved"
-        raise MbmError(faults.no_budget(name, why))
+        if solve.boxes is not None:
+            raise MbmError(faults.no_budget(name, "interval methods give bounds"))
+        if solve.estimates or solve.derived:
+            raise MbmError(faults.no_budget(name, "a result that was pickled has no equations", "solve again"))
+        raise MbmError(faults.no_budget(name, solve.message or "nothing was solved"))
     problem, solution = solve.made_from()
     if solution.influence is None:
         why = "a filter goes on with a distribution, not with the rows before"
@@ -144,6 +154,8 @@ def _budget(
     found = list(sources(problem, solution, influence, gradient))
     constants = list(_constants(solve, target))
     rows = [row for source in (*found, *constants) for row in _rows(source, factor, scalar.sigma, by_row)]
+    if abs(sum(row.share for row in rows) - 1.0) > CLOSED and scalar.sigma > 0.0:
+        raise MbmError(faults.no_budget(target.name, "its variance is not the sum of what its inputs add"))
     interval = _flat(intervals(item, solve.coverage), target.place)
     dof = float(interval.dof)
     return Budget(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mbm.text.suggest import closest
-from mbm.text.types import Code, Diagnostic
+from mbm.text.types import Code, Diagnostic, Severity
 
 NO_BUDGET = Code(
     "no-budget",
@@ -24,6 +24,25 @@ def no_budget(name: str, why: str, hint: str | None = None) -> Diagnostic:
     """A quantity without one."""
     message = f"`{name}` has no uncertainty budget: {why}"
     return Diagnostic(code=NO_BUDGET, message=message, place=None, hint=hint or NO_BUDGET.mend)
+
+
+def nothing_estimated() -> Diagnostic:
+    """A problem that only compares."""
+    message = "there is no uncertainty budget: nothing is estimated, and nothing derived"
+    return Diagnostic(code=NO_BUDGET, message=message, place=None, hint="name what is wanted in `derive`")
+
+
+def left_out(key: str, found: Diagnostic) -> Diagnostic:
+    """One of several solves that has none."""
+    return Diagnostic(
+        code=found.code, message=f"{key}: {found.message}", place=None, hint=found.hint, severity=Severity.WARNING
+    )
+
+
+def more_left_out(count: int) -> Diagnostic:
+    """More of them than are named."""
+    message = f"{count} more have no uncertainty budget"
+    return Diagnostic(code=NO_BUDGET, message=message, place=None, severity=Severity.WARNING)
 
 
 def unknown_quantity(name: str, names: Sequence[str]) -> Diagnostic:

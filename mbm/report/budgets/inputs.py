@@ -13,6 +13,7 @@ from mbm.equations.assembly import block_rows
 from mbm.equations.binding import Group
 from mbm.equations.corrections.types import MeasuredErrors
 from mbm.equations.spreads import Influence
+from mbm.equations.types import NoiseState
 from mbm.equations.whitening import Whitener
 from mbm.estimation.search.solution import Solution
 from mbm.expression.units import Unit, parse_unit
@@ -154,7 +155,10 @@ class _Part:
         return np.asarray(~self.group.left_out[:, number])
 
     def _sigmas(self, whitener: Whitener, used: Mask) -> Floats:
-        """The standard deviations (rows, k) of independent components, SI."""
+        """The standard deviations (rows, k) of independent components, SI; NaN where nothing tells them."""
+        noise = self.solution.noise.get(self.group.kernel.owner)
+        if noise is not None and noise.state is NoiseState.NO_REDUNDANCY:
+            return np.full(used.shape, np.nan)
         stated = stated_sigmas(np.where(used, whitener.weights, 1.0))
         return np.asarray(stated * self.factors[:, whitener.first : whitener.last])
 
