@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from math import inf, sqrt
 
 import numpy as np
@@ -319,3 +320,11 @@ def test_a_covariance_that_is_no_sum_over_rows_has_no_budget(monkeypatch: pytest
     monkeypatch.setattr(RowInfluence, "of_residuals", lambda self, g: np.zeros((len(g), self.equations.whole)))
     with pytest.raises(mbm.MbmError, match="not the sum"):
         result.budget("a")
+
+
+def test_pickled_results_say_why_they_have_no_budget() -> None:
+    again = pickle.loads(pickle.dumps(solved("unknown")))  # noqa: S301 - our own
+    with pytest.raises(mbm.MbmError, match="pickled"):
+        again.budget("a")
+    assert again.correlation.names == ("a", "b")
+    assert "derived quantities" in again.correlation.reason
