@@ -54,7 +54,9 @@ class KeptEnds:
 
 def as_data(result: Result) -> Result:
     """The result without functions."""
-    return replace(result, solves=tuple(map(_solve, result.solves)), options=dict(result.options), seen=None)
+    return replace(
+        result, solves=tuple(map(_solve, result.solves)), options=dict(result.options), seen=None, propagate=None
+    )
 
 
 def _solve(solve: SolveReport) -> SolveReport:
