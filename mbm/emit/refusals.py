@@ -119,7 +119,8 @@ def _data(problem: Problem) -> Iterator[Diagnostic]:
         why = "generated solvers do not match the times of tables"
         todo = "make one table of both before, with a column for what is measured in each, and compile for that"
         yield faults.not_emitted(pair.span, "`pair`", why, todo)
-    for name in problem.earlier:
+    chained = {block.table for block in problem.blocks if block.structure.correlation is not None}
+    for name in (each for each in problem.earlier if each not in chained):
         place = next((p.declaration.span for p in problem.plans if p.name == name), problem.span)
         todo = "write what is wanted of the row before into columns of the row"
         yield faults.not_emitted(place, f"`previous` of `{name}`", "generated solvers see one row at a time", todo)
@@ -200,6 +201,9 @@ def _blocks(problem: Problem) -> Iterator[Diagnostic]:
         yield from _called(nodes)
         if _sampled(nodes):
             yield faults.not_emitted(block.span, "`sample`", "generated solvers do not interpolate tables", INTERPOLATE)
+        if block.structure.joins:
+            what, why = f"{block.structure.what} of `{block.name}`", "generated solvers weight each row by itself"
+            yield faults.not_emitted(block.structure.place or block.span, what, why)
 
 
 def _constraints(problem: Problem) -> Iterator[Diagnostic]:

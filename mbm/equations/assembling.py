@@ -20,6 +20,7 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.equations.corrections.elimination import Elimination
+    from mbm.equations.structure import Structure
     from mbm.problem.tables import Table
 
 
@@ -55,7 +56,8 @@ def _assembled(binder: Binder, kernels: KernelSet, last: Assembled | None, *, co
     places = binder.layout
     if last is not None and _alike(last, places, groups, constraints):
         equality = equality_mask(binder.problem, constraints)
-        return replace(last, groups=groups, constraints=constraints, equality=equality)
+        structure = _structure(binder, groups)
+        return replace(last, groups=groups, constraints=constraints, equality=equality, structure=structure)
     used = mentioned((*groups, *constraints), len(places.number))
     free = free_positions(places, used)
     found = Assembled(
@@ -67,6 +69,7 @@ def _assembled(binder: Binder, kernels: KernelSet, last: Assembled | None, *, co
         used=used,
         free=free,
         implicit=_eliminated(binder, groups) if corrected else None,
+        structure=_structure(binder, groups),
     )
     return found.freed(free, places.start)
 
@@ -95,6 +98,16 @@ def _eliminated(binder: Binder, groups: tuple[Group, ...]) -> Elimination | None
     from mbm.equations.corrections.elimination import elimination
 
     return elimination(binder.problem, binder.tables, groups, binder.cache)
+
+
+def _structure(binder: Binder, groups: tuple[Group, ...]) -> Structure | None:
+    """What residuals share, where a clause says that they do."""
+    if not any(block.structure.joins for block in binder.problem.blocks):
+        return None
+    # Loaded by the problems that need it only, so that the others start at once.
+    from mbm.equations.structuring import structure_of
+
+    return structure_of(binder.problem, binder.tables, groups)
 
 
 def equality_mask(problem: Problem, constraints: tuple[Group, ...]) -> Mask:

@@ -21,6 +21,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.equations.corrections.elimination import Elimination
     from mbm.equations.losses import LossFunction
+    from mbm.equations.structure import Structure
 
 
 DENSE = 20_000_000
@@ -35,7 +36,7 @@ class Assembled:
     equation depends on, ``free`` the positions of the estimated ones. ``factors`` (all residuals,) multiplies σ row by
     row: the noise factors of unknown groups. ``rows`` picks residuals (None: all of them); m counts those picked.
     ``implicit`` has the equations with errors in measured columns, whose corrections are eliminated (None: there are
-    none, or the columns are taken as exact).
+    none, or the columns are taken as exact), ``structure`` what residuals share (None: they are independent).
     """
 
     layout: Layout
@@ -48,6 +49,7 @@ class Assembled:
     factors: Floats | None = None
     rows: Indices | None = None
     implicit: Elimination | None = None
+    structure: Structure | None = None
     linear: bool = False
     _scatters: tuple[Scatter, ...] = ()
 
@@ -191,6 +193,8 @@ class Assembled:
             self.implicit.add_residuals(x, result)
         if self.factors is not None:
             result /= self.factors
+        if self.structure is not None:
+            self.structure.make_independent(result)
         return result if self.rows is None else result[self.rows]
 
     def plain_jacobian(self, x: Floats) -> Floats:
@@ -214,6 +218,8 @@ class Assembled:
             self.implicit.add_jacobian(x, result)
         if self.factors is not None:
             result /= self.factors[:, None]
+        if self.structure is not None:
+            self.structure.make_independent(result)
         return result if self.rows is None else result[self.rows]
 
     def eliminated(self, group: Group) -> bool:
@@ -244,6 +250,8 @@ class Assembled:
             result[:, group.first : group.first + group.count] = values.reshape(len(points), group.count)
         if self.factors is not None:
             result /= self.factors
+        if self.structure is not None:
+            self.structure.make_independent(result.T)
         return result if self.rows is None else result[:, self.rows]
 
     def jacobian(self, x: Floats) -> Floats:
@@ -265,7 +273,10 @@ class Assembled:
 
     def with_factors(self, factors: Floats | None) -> Assembled:
         """The same equations with other noise factors (all residuals,)."""
-        return self if factors is self.factors else replace(self, factors=factors)
+        if factors is self.factors:
+            return self
+        structure = None if self.structure is None else self.structure.scaled(factors)
+        return replace(self, factors=factors, structure=structure)
 
     def everything(self) -> Assembled:
         """The same equations with no residual left out."""

@@ -15,7 +15,8 @@ def excerpt(equations: Assembled, columns: Indices, units: Indices) -> Assembled
     """The equations with the ``units`` (k,) alone, numbered as in `Assembled.units`, over the coordinates ``columns``.
 
     All groups stay, some of them without rows, so that kernels keep their numbers; residuals stand in the order of the
-    units. Constraints are left out. Measured values that only other rows use are not corrected.
+    units. Constraints are left out. Measured values that only other rows use are not corrected,
+    and residuals are independent.
     """
     chosen = np.unique(units)
     groups, lines, kept, taken = [], [], [], []
@@ -40,6 +41,7 @@ def excerpt(equations: Assembled, columns: Indices, units: Indices) -> Assembled
         equality=np.zeros(0, dtype=bool),
         factors=factors,
         rows=None,
+        structure=None,
         implicit=None if equations.implicit is None else equations.implicit.some(tuple(groups), taken),
     ).freed(columns, equations.numbers)
     if wanted.all():

@@ -11,7 +11,7 @@ from mbm.equations.types import Floats, Indices
 
 def gradients_at(equations: Assembled, points: Floats) -> Floats:
     """Half the gradient of the cost (P, n), residualsᵀ Jacobian, at points (P, N)."""
-    if equations.implicit is not None:
+    if equations.implicit is not None or equations.structure is not None:
         return np.stack([equations.residuals(point) @ equations.jacobian(point) for point in points])
     columns = np.full(len(equations.layout.number), -1, dtype=np.int64)
     columns[equations.free] = np.arange(equations.dimension)

@@ -355,11 +355,14 @@ class NoiseState(Enum):
 class Noise:
     """Noise of one ``:sigma unknown`` group: its sigma times ``factor``.
 
-    Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight, not an estimate.
+    Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight, not an estimate. ``rho`` is the
+    correlation of neighbouring rows, ``covariance`` (k, k) that of a row's components, where those are estimated.
     """
 
     factor: float
     state: NoiseState
+    rho: float | None = None
+    covariance: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -186,6 +186,7 @@ def _visit_block(inference: Inference, block: Block, *, noisy: bool) -> None:
         for values in column.sigma.cases if column.sigma is not None else ():
             measured = Column(block.table or "", column.name, span=column.span)
             inference.equate(measured, values.values[0], values.values[0].span or column.span)
+    _visit_shared(inference, block)
     for case in block.cases:
         for equation in case.equations:
             inference.visit((*equation.components, *equation.noise))
@@ -204,6 +205,20 @@ def _visit_block(inference: Inference, block: Block, *, noisy: bool) -> None:
                         inference.equate(entry, _reciprocal(product), entry.span)
                     else:
                         inference.equate(product, entry, entry.span)
+
+
+def _visit_shared(inference: Inference, block: Block) -> None:
+    """Common errors have the dimension of what they change; a correlation is a pure number."""
+    components = [[c for equation in case.equations for c in equation.components] for case in block.cases]
+    for place, values in enumerate(block.shared):
+        for value in values.cases:
+            inference.visit(value.values)
+            if place >= len(block.structure.per):
+                inference.equate(ONE, value.values[0], values.span)
+                continue
+            for own in components:
+                for component, deviation in zip(own, value.values, strict=True):
+                    inference.equate(component, deviation, deviation.span)
 
 
 def _product(a: Expression, b: Expression) -> Expression:

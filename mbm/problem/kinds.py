@@ -59,3 +59,12 @@ class ConstraintMethod(StrEnum):
 
     PENALTY = "penalty"
     EXACT = "exact"
+
+
+class ConsensusKind(StrEnum):
+    """Consensus estimators; the value is the name in ``:robust``."""
+
+    LMEDS = "lmeds"
+    RANSAC = "ransac"
+    MSAC = "msac"
+    GNC = "gnc"

@@ -17,6 +17,7 @@ from mbm.problem.tables import Column as TableColumn
 
 _BEFORE = "previous("
 _ROW = f"{_BEFORE})"
+_PLACE, _CHAIN = f"{_BEFORE}:place)", f"{_BEFORE}:chain)"
 
 
 def name_before(column: str) -> str:
@@ -70,6 +71,9 @@ def with_rows_before(table: Table, keys: tuple[str, ...]) -> Table:
     own = {name: column for name, column in table.columns.items() if column_before(name) is None}
     columns, origins = dict(own), dict(table.provenance.origins)
     columns[_ROW] = TableColumn(name=_ROW, numbers=np.where(there, table.rows[before], np.nan))
+    place, chain = _places_in_chains(before)
+    columns[_PLACE] = TableColumn(name=_PLACE, numbers=place)
+    columns[_CHAIN] = TableColumn(name=_CHAIN, numbers=chain)
     rows = np.zeros(int(table.rows.max(initial=0)), dtype=np.int64)  # also of rows that are not there, as gaps
     rows[table.rows - 1] = table.rows[before]
     origins[_ROW] = Origin(provenance=table.provenance, rows=rows, column="row")
@@ -83,6 +87,22 @@ def with_rows_before(table: Table, keys: tuple[str, ...]) -> Table:
         columns[called] = replace(taken, name=called)
         origins[called] = Origin(provenance=table.provenance, rows=rows, column=name)
     return replace(table, columns=columns, provenance=replace(table.provenance, origins=origins))
+
+
+def chains(table: Table) -> tuple[np.ndarray, np.ndarray]:
+    """The key (n,) that each row belongs to, as a number, and the row's place in it before any row was left out."""
+    return table.numbers(_CHAIN), table.numbers(_PLACE)
+
+
+def _places_in_chains(before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For rows whose row before is at the positions ``before`` (n,): the place in the key, and the key's number."""
+    place, chain, count = np.zeros(len(before)), np.zeros(len(before)), 0
+    for row, last in enumerate(before.tolist()):
+        if last < 0:
+            chain[row], count = count, count + 1
+        else:
+            place[row], chain[row] = place[last] + 1, chain[last]
+    return place, chain
 
 
 def _positions(table: Table, keys: tuple[str, ...]) -> np.ndarray:

@@ -17,7 +17,7 @@ from mbm.expression.units import Unit
 from mbm.problem.aggregates import Aggregate
 from mbm.problem.enclosing import Enclosing
 from mbm.problem.grids import Grid
-from mbm.problem.kinds import ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
+from mbm.problem.kinds import ConsensusKind, ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
 from mbm.problem.laws import NORMAL_LAW, Law
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.noise import PLAIN, NoiseStructure
@@ -234,6 +234,7 @@ class Block:
     corrected; the equations' own noise adds to theirs (0 if not stated). ``constraint``: how one is written.
     ``earlier``: the row before is mentioned, so that the first of a key is unused.
     ``singular``: combinations of the components may be without noise. No outlier rule rejects rows of ``trust``.
+    ``shared`` has the sizes of the common errors of the ``structure``, then the correlation that it states.
     """
 
     name: str
@@ -250,6 +251,7 @@ class Block:
     singular: bool = False
     trust: RowValues | None = None
     structure: NoiseStructure = PLAIN
+    shared: tuple[RowValues, ...] = ()
     span: Span
 
     @property
@@ -319,15 +321,6 @@ class Method(StrEnum):
     INTERVAL = "interval"
 
 
-class ConsensusKind(StrEnum):
-    """Consensus estimators; the value is the name in ``:robust``."""
-
-    LMEDS = "lmeds"
-    RANSAC = "ransac"
-    MSAC = "msac"
-    GNC = "gnc"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Consensus:
     """``:robust``: how rows that agree are found; ``threshold`` in standard deviations, or ``quantile`` of χ²."""
@@ -393,7 +386,7 @@ class Problem:
     @property
     def estimates_noise(self) -> bool:
         """Whether some noise follows from the residuals, so that the size of a fit does not tell whether it is good."""
-        return any(block.unknown_factor for block in self.blocks)
+        return any(block.unknown_factor or block.structure.estimated for block in self.blocks)
 
     def unknown(self, name: str) -> Unknown:
         """An unknown by name."""

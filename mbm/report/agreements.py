@@ -14,7 +14,8 @@ from mbm.estimation.consensus.rules import NO_FORM, rules_of
 from mbm.estimation.consensus.types import Asked, observed, with_loss
 from mbm.estimation.settings import Settings
 from mbm.problem.elaborated import Elaborated
-from mbm.problem.types import Consensus, ConsensusKind, Problem
+from mbm.problem.kinds import ConsensusKind
+from mbm.problem.types import Consensus, Problem
 from mbm.solver import consensus_records as c
 from mbm.solver.decisions import MANY_CONNECTED
 from mbm.text.types import MbmError

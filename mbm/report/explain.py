@@ -13,7 +13,7 @@ from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.enclosing import Contractor, Enclosing
-from mbm.problem.kinds import ConstraintKind
+from mbm.problem.kinds import ConsensusKind, ConstraintKind
 from mbm.problem.naming import PRIOR
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import Table
@@ -21,7 +21,6 @@ from mbm.problem.types import (
     Block,
     BlockRole,
     Consensus,
-    ConsensusKind,
     Equation,
     Loss,
     Method,
@@ -167,9 +166,26 @@ def _noise(block: Block) -> str:
     noise = [n for case in block.cases for e in case.equations for n in e.noise]
     if block.errors and all(isinstance(n, Number) and n.value == 0 for n in noise):
         return "none of their own"
+    if block.structure.free:
+        return "unknown covariance of the components of a row, estimated from the residuals"
+    return f"{_of_rows(block)}{_shared(block)}"
+
+
+def _shared(block: Block) -> str:
+    """What rows share of their noise."""
+    structure = block.structure
+    found = [f"a common error for each `{column}`" for column in structure.per]
+    if structure.correlation is not None:
+        known = "unknown" if structure.unknown else "stated"
+        found.append(f"a correlation along the rows, {known}")
+    return f"; with {' and '.join(found)}" if found else ""
+
+
+def _of_rows(block: Block) -> str:
+    """The noise that each row has for itself."""
+    kinds = {e.noise_kind for case in block.cases for e in case.equations}
     if block.unknown_factor and all(_is_unstated(e) for case in block.cases for e in case.equations):
         return "unknown, estimated from the residuals"
-    kinds = {e.noise_kind for case in block.cases for e in case.equations}
     words = {
         NoiseKind.SIGMA: "stated standard deviations",
         NoiseKind.COVARIANCE: "stated covariance matrix",

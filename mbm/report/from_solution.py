@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -10,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.layout import Entry, half_turns
-from mbm.equations.types import NoiseState, Reason
+from mbm.equations.types import Reason
 from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.search import Alternative as OtherMinimum
 from mbm.estimation.search.solution import Failure, Hypothesis, Skipped, Solution
 from mbm.problem.naming import member_name
-from mbm.problem.types import BlockRole, Problem, UnknownKind
+from mbm.problem.types import Problem, UnknownKind
 from mbm.report import faults
 from mbm.report.constraints import (
     conflict_sentence,
@@ -28,6 +27,7 @@ from mbm.report.derived_values import FREE, NO_NOISE, derived_value, nothing_kno
 from mbm.report.freedom import common_directions, free_directions
 from mbm.report.inputs import StartsTally
 from mbm.report.maps import maps_of
+from mbm.report.noise import noise_reports
 from mbm.report.numbers import nothing_known, numbers_of
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import Shown, shown
@@ -97,7 +97,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         derived=derived,
         derived_covariance=derived_covariance(solution, derived, unknown, full=covariance_full),
         observability=_observability(solution, names) if reached else None,
-        noise=_noise(problem, solution),
+        noise=noise_reports(problem, solution.noise),
         residual_summaries=residual_summaries(problem, solution),
         raw_residuals=lambda: of_solution(problem, solution),
         made_from=lambda: (problem, solution),
@@ -322,15 +322,3 @@ def _unused(solution: Solution) -> tuple[str, ...]:
         which = np.flatnonzero(alone)
         names.extend(member_name(entry.unknown.name, keys[member], at_step=at_step) for member in which)
     return tuple(names)
-
-
-def _noise(problem: Problem, solution: Solution) -> Mapping[str, float | None]:
-    found: dict[str, float | None] = {}
-    for i, block in enumerate(problem.blocks):
-        if block.role is BlockRole.OBSERVATION:
-            noise = solution.noise.get(i)
-            estimated = noise is not None and noise.state is NoiseState.ESTIMATED
-            found.setdefault(block.factor_name, None)
-            if noise is not None and estimated:
-                found[block.factor_name] = noise.factor
-    return found

@@ -25,7 +25,8 @@ def ranges_of(found: Elaborated, equations: Assembled, settings: Settings) -> Ra
     asked = settings.robust is not None or settings.method in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
     if asked or families or any(block.errors for block in problem.blocks):
         return None
-    if equations.linear or equations.lossy or equations.constraints or equations.count > ENOUGH:
+    shared = equations.structure is not None
+    if equations.linear or equations.lossy or shared or equations.constraints or equations.count > ENOUGH:
         return None
     form = recognised(equations, settings)
     maps = None if form is None else form.ranges(stated=not problem.estimates_noise)

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from mbm.report.noise import NoiseReport
 from mbm.report.row_data import ResidualRow, ResidualSummary
 from mbm.report.types import ConstraintReport, CorrectionReport, Key, PriorReport, SolveReport, SolveStatus
 from mbm.text.types import Diagnostic
@@ -95,8 +96,11 @@ class Said(ABC):
         return self.report.reasons
 
     @property
-    def noise(self) -> Mapping[str, float | None]:
-        """The estimated noise factor of each observation clause; None for stated noise."""
+    def noise(self) -> Mapping[str, NoiseReport]:
+        """What was estimated of the noise, by clause or shared factor: a factor; None for stated noise.
+
+        ``{"factor", "rho"}`` with an unknown correlation along the rows, ``{"covariance"}`` of vectors, in SI.
+        """
         return self.report.noise
 
     @property

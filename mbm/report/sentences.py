@@ -52,13 +52,6 @@ def fit_sentence(solve: SolveReport) -> str | None:
     return text if solve.sigma0 is None else f"{text}, sigma0 = {plain(solve.sigma0, 4)}"
 
 
-def noise_sentences(solve: SolveReport) -> Iterator[str]:
-    """The factors that were estimated."""
-    for clause, factor in solve.noise.items():
-        if factor is not None:
-            yield f"noise of `{clause}` estimated from its residuals: factor {plain(factor, 4)}"
-
-
 def observability_sentences(found: Observability | None) -> Iterator[str]:
     """What the data do not determine, in words."""
     if found is None:

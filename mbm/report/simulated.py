@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +20,7 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.factors import factor_names
 from mbm.problem.tables import CellKey, Column, Table
-from mbm.problem.types import Problem
+from mbm.problem.types import BlockRole, Problem
 from mbm.report import faults
 from mbm.report.elements import plain_key, unit_text
 from mbm.report.geometric import GEOMETRIC, written
@@ -32,7 +33,7 @@ from mbm.report.types import Quantity
 from mbm.simulation import faults as simulation_faults
 from mbm.simulation.repeating import repeatable
 from mbm.simulation.simulate import simulate
-from mbm.simulation.types import FactorsFinder, Outliers, Simulating, Simulation, Truth
+from mbm.simulation.types import KnownNoise, NoiseFinder, Outliers, Simulating, Simulation, Truth
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 from mbm.version import __version__
@@ -209,7 +210,7 @@ def _estimate(quantity: Quantity, entry: Entry, truth: Truth) -> dict[str, Any]:
     return {"keys": [plain_key(key) for key in keys], "value": values, "unit": unit}
 
 
-def noise_factors(problem: Problem, at: Mapping[str, object], given: Mapping[str, object]) -> FactorsFinder:
+def noise_factors(problem: Problem, at: Mapping[str, object], given: Mapping[str, object]) -> NoiseFinder:
     """The factors of unknown noise: those ``given`` (numbers in SI, or texts such as ``"3mm"``), else the document's.
 
     Raises:
@@ -217,22 +218,39 @@ def noise_factors(problem: Problem, at: Mapping[str, object], given: Mapping[str
 
     """
     known = factor_names(problem)
+    every = (*known, *(block.name for block in problem.blocks if block.role is BlockRole.OBSERVATION))
     for name in given:
         if name not in known:
             raise MbmError(simulation_faults.unknown_observation(name, known))
-    stated = {name: _factor(name, value) for name, value in given.items()}
+    stated = {name: KnownNoise(factor=_factor(name, value)) for name, value in given.items()}
 
-    def factors(key: Mapping[str, CellKey]) -> Mapping[str, float]:
-        found: dict[str, float] = {}
+    def factors(key: Mapping[str, CellKey]) -> Mapping[str, KnownNoise]:
+        found: dict[str, KnownNoise] = {}
         entries = at["solves"] if is_document(at) else ()
         solves = [each for each in entries if isinstance(each, Mapping)] if isinstance(entries, Sequence) else []
         for solve in solves:
             noise = solve.get("noise")
             if isinstance(noise, Mapping) and (len(solves) == 1 or solve.get("key") == solve_key(key)):
-                found.update((n, float(v)) for n, v in noise.items() if isinstance(v, int | float) and n in known)
+                found.update((n, _known_noise(v)) for n, v in noise.items() if v is not None and n in every)
         return {**found, **stated}
 
     return factors
+
+
+def _known_noise(value: object) -> KnownNoise:
+    """What a document says of unknown noise."""
+    if isinstance(value, int | float):
+        return KnownNoise(factor=float(value))
+    parts = value if isinstance(value, Mapping) else {}
+    factor, rho = (parts.get(name) for name in ("factor", "rho"))
+    covariance = None
+    with suppress(TypeError, ValueError):
+        covariance = np.array(parts["covariance"], dtype=np.float64) if "covariance" in parts else None
+    return KnownNoise(
+        factor=float(factor) if isinstance(factor, int | float) else None,
+        rho=float(rho) if isinstance(rho, int | float) and abs(rho) < 1 else None,
+        covariance=covariance,
+    )
 
 
 def _factor(name: str, value: object) -> float:

@@ -64,7 +64,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         "derived": {item.quantity.name: _derived(item, solve.coverage) for item in solve.derived},
         "derived_covariance": _covariance(solve.derived_covariance),
         "observability": _observability(solve.observability, solve.estimates),
-        "noise": {name: _number(factor) for name, factor in solve.noise.items()},
+        "noise": {name: n if isinstance(n, Mapping) else _number(n) for name, n in solve.noise.items()},
         "residuals": _residuals(solve),
         **corrections,
         "constraints": [constraint_document(constraint) for constraint in solve.constraints],

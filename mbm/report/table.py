@@ -9,11 +9,11 @@ from math import pi
 from mbm.report.columns import aligned, fitting, left, wrapped
 from mbm.report.digits import Measured, enclosed, measured, plain
 from mbm.report.elements import Scalar, number_text, scalars, unit_text
+from mbm.report.noise import noise_sentences
 from mbm.report.sentences import (
     constraint_sentences,
     diagnostic_sentence,
     fit_sentence,
-    noise_sentences,
     observability_sentences,
     prior_sentences,
     residual_sentences,
@@ -92,7 +92,7 @@ def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, ful
     fit = fit_sentence(solve)
     if fit is not None:
         yield from wrapped(fit, width)
-    for sentence in chain(noise_sentences(solve), residual_sentences(solve)):
+    for sentence in chain(noise_sentences(solve.noise), residual_sentences(solve)):
         yield from wrapped(sentence, width)
     remarks = chain(observability_sentences(solve.observability), constraint_sentences(solve), prior_sentences(solve))
     for sentence in remarks:

@@ -18,6 +18,7 @@ from mbm.files.journal import Read
 from mbm.report.inputs import InputFile, StartsTally
 from mbm.report.map_types import Map
 from mbm.report.means import RawResiduals, no_residuals
+from mbm.report.noise import NoiseReport
 from mbm.report.plot_data import PlotData
 from mbm.report.row_data import ResidualRow, ResidualSummary, RowData, no_row_data
 from mbm.report.spreads import ConsideredConstant, Spread
@@ -268,7 +269,7 @@ class SolveReport:
     ``key`` holds the key values of ``for-each``, empty with one solve. ``cost``, ``dof``, ``sigma0``, ``chi2_p`` are as
     CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is the sum of the losses, None
     without one; ``boxes`` were examined by interval methods, which find separate ``pieces``; ``reasons`` says why by
-    the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
+    the field's name. ``noise`` has one entry per observation clause, as `mbm.report.noise` says.
     ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for; of each
     observation ``raw_residuals`` are said and ``row_data`` held; ``made_from`` gives what was solved and how.
     ``hypotheses`` are those of a filter at the last step, ``followed`` how many there were after each; ``considered``
@@ -294,7 +295,7 @@ class SolveReport:
     derived: tuple[DerivedValue, ...] = ()
     derived_covariance: CovarianceMatrix | None = None
     observability: Observability | None = None
-    noise: Mapping[str, float | None] = field(default_factory=lambda: MappingProxyType({}))
+    noise: Mapping[str, NoiseReport] = field(default_factory=lambda: MappingProxyType({}))
     residual_summaries: Mapping[str, ResidualSummary] = field(default_factory=lambda: MappingProxyType({}))
     raw_residuals: Callable[[], Mapping[str, RawResiduals]] = no_residuals
     residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()

@@ -158,6 +158,17 @@ def assumed_noise(span: Span, name: str) -> Diagnostic:
     )
 
 
+def assumed_independence(span: Span, name: str) -> Diagnostic:
+    """An unknown correlation or covariance that was taken for none."""
+    return Diagnostic(
+        code=ASSUMED_NOISE,
+        message=f"the correlation of the noise of `{name}` is unknown and taken as none",
+        place=span,
+        hint="simulate at a result document, which holds it",
+        severity=Severity.WARNING,
+    )
+
+
 def values_against_constraint(span: Span, name: str) -> Diagnostic:
     """True values that violate the constraint ``name``."""
     return Diagnostic(

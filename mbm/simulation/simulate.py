@@ -29,13 +29,13 @@ from mbm.simulation.priors import drawn_from_priors
 from mbm.simulation.roles import refuse_other_uses
 from mbm.simulation.rows import solved_rows, spread_of
 from mbm.simulation.stated import refuse_lost_noise, violated
-from mbm.simulation.types import Cells, FactorsFinder, Simulating, Simulation, Truth, ValuesFinder
+from mbm.simulation.types import NOT_KNOWN, Cells, KnownNoise, NoiseFinder, Simulating, Simulation, Truth, ValuesFinder
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
 
 @np.errstate(all="ignore")  # what is no value shows in the numbers
-def simulate(found: Elaborated, values: ValuesFinder, factors: FactorsFinder, asked: Simulating) -> Simulation:
+def simulate(found: Elaborated, values: ValuesFinder, factors: NoiseFinder, asked: Simulating) -> Simulation:
     """The measurements that the model predicts at ``values``, with noise.
 
     Rows that no observation uses keep their cells. What a draw is depends on the seed, the observation's name and the
@@ -76,7 +76,7 @@ class _Run:
     asked: Simulating
     equations: tuple[Measured, ...]
 
-    def done(self, values: Mapping[str, Floats], factors: Mapping[str, float]) -> Simulation:
+    def done(self, values: Mapping[str, Floats], factors: Mapping[str, KnownNoise]) -> Simulation:
         """The cells of this solve's rows."""
         problem = self.found.problem
         places = layout(problem, self.selection.tables, values)
@@ -105,8 +105,13 @@ class _Run:
         masks = {i: used_rows(block, whole) for i, block in enumerate(problem.blocks)}
         for measured in self.equations:
             block = problem.blocks[measured.block]
-            if block.unknown_factor and block.factor_name not in factors:
+            known = factors.get(block.factor_name, NOT_KNOWN) if block.unknown_factor else NOT_KNOWN
+            if block.unknown_factor and known.factor is None:
                 notes.append(faults.assumed_noise(block.span, block.factor_name))
+            shared = factors.get(block.name, NOT_KNOWN)
+            if block.structure.estimated and shared.rho is None and shared.covariance is None:
+                notes.append(faults.assumed_independence(block.span, block.name))
+            known = replace(shared, factor=known.factor)
             case = block.cases[measured.case]
             table = tables[block.table] if block.table is not None else None
             positions = None
@@ -117,7 +122,7 @@ class _Run:
             rows = Rows(table=table, positions=positions, tables=tables, layout=places, numbers=places.start)
             if table is None or positions is None or len(positions) == 0:
                 continue
-            numbers, hit = self._equation(measured, rows, factors.get(block.factor_name, 1.0))
+            numbers, hit = self._equation(measured, rows, known)
             hits.setdefault(block.name, set()).update(self._rows(table, positions[hit]).tolist())
             for j, column in enumerate(measured.columns):
                 own = self._rows(table, positions)
@@ -138,7 +143,7 @@ class _Run:
         self,
         places: Layout,
         values: Mapping[str, Floats],
-        factors: Mapping[str, float],
+        factors: Mapping[str, KnownNoise],
         carrying: tuple[KernelSet, EvaluationCache],
     ) -> Floats:
         """All numbers (N,), with states that go on from the first step with noise where ``values`` has not all."""
@@ -150,7 +155,7 @@ class _Run:
         tables, seed = self.selection.tables, self.asked.seeds[0]
         return drawn_states(self.found.problem, carrying, tables, places, (self.selection.key, seed, factors))
 
-    def _equation(self, measured: Measured, rows: Rows, factor: float) -> tuple[Floats, Mask]:
+    def _equation(self, measured: Measured, rows: Rows, known: KnownNoise) -> tuple[Floats, Mask]:
         """The measured columns (rows, p) of one equation, and which rows have an outlier."""
         problem = self.found.problem
         block = problem.blocks[measured.block]
@@ -175,21 +180,49 @@ class _Run:
         predicted, solved = solved_rows(components, start, zero, scale, metric)
         self._check(solved, measured, rows)
         try:
-            spread = factor * root(equation, rows, {n: predicted[:, j] for j, n in enumerate(measured.columns)})
+            spread = (known.factor or 1.0) * root(
+                equation, rows, {n: predicted[:, j] for j, n in enumerate(measured.columns)}
+            )
         except MbmError as error:
             raise MbmError(*(faults.noise_lost(block.name, each) for each in error.diagnostics)) from None
         number = self._rows(rows.table, rows.positions) - 1
         normal, gross, hit = self._drawn(measured, rows.table.provenance.rows, size)
-        drawn = np.einsum("rij,rj->ri", spread, (normal + gross)[number])
-        if not bool(spread.any()):
+        if block.structure.joins:
+            drawn = self._shared(measured, rows, spread, (known, normal)) + np.einsum(
+                "rij,rj->ri", spread, gross[number]
+            )
+        else:
+            drawn = np.einsum("rij,rj->ri", spread, (normal + gross)[number])
+        if not bool(drawn.any()):
             return predicted, hit[number]
         noisy, solved = solved_rows(components, predicted, -drawn, _scale(spread, natural), metric)
         self._check(solved, measured, rows)
         return noisy, hit[number]
 
+    def _shared(self, measured: Measured, rows: Rows, spread: Floats, noise: tuple[KnownNoise, Floats]) -> Floats:
+        """Noise (rows, k) where rows share some of it: of what is known of it, and standard normal numbers."""
+        # Loaded by such problems only, so that the others start at once.
+        from mbm.simulation.shared import common_errors, correlated, root_of
+
+        (known, normal), block = noise, self.found.problem.blocks[measured.block]
+        if rows.table is None or rows.positions is None:
+            raise TypeError(measured)
+        equations = block.cases[measured.case].equations
+        first = sum(len(each.components) for each in equations[: measured.equation])
+        every = np.arange(len(rows.table))
+        sets = every // max(len(rows.table) // len(self.asked.seeds), 1)
+        numbers = self._rows(rows.table, every) - 1
+        normal = correlated(block, known, rows, normal, numbers, sets)[numbers[rows.positions]]
+        lower = root_of(known, spread.shape[1]) if block.structure.free else None
+        own = np.einsum("rij,rj->ri", spread, normal) if lower is None else normal @ lower.T
+        mine = slice(first, first + spread.shape[1])
+        return own + common_errors(block, rows, self.asked.seeds, sets[rows.positions], mine)
+
     def _drawn(self, measured: Measured, total: int, size: int) -> tuple[Floats, Floats, Mask]:
         """Normal numbers, what gross errors add to them, and rows with one: all data sets' one below the other."""
-        names = (self.found.problem.blocks[measured.block].name, measured.case, measured.equation)
+        block = self.found.problem.blocks[measured.block]
+        case = 0 if block.structure.joins else measured.case  # rows of several cases follow one another there
+        names = (block.name, case, measured.equation)
         wanted = None if measured.projected else self.asked.outliers
         normal = [stream(seed, *names).standard_normal((total, size)) for seed in self.asked.seeds]
         gross = [outliers(stream(seed, *names, 1), total, size, wanted) for seed in self.asked.seeds]

@@ -19,13 +19,14 @@ from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem
 from mbm.simulation import faults
 from mbm.simulation.noise import stream
+from mbm.simulation.types import NOT_KNOWN, KnownNoise
 from mbm.text.types import MbmError
 
 ROUNDED = 1e-14
 """Eigenvalue of a covariance beside the largest that is zero but for rounding."""
 
-Drawing = tuple[Mapping[str, CellKey], int, Mapping[str, float]]
-"""The key of the solve, the seed, and the factors of unknown noise by observation."""
+Drawing = tuple[Mapping[str, CellKey], int, Mapping[str, KnownNoise]]
+"""The key of the solve, the seed, and what is known of unknown noise, by observation."""
 
 
 def stated_throughout(places: Layout, values: Mapping[str, Floats]) -> bool:
@@ -69,7 +70,7 @@ def _draws(problem: Problem, group: Group, tables: Mapping[str, Table], drawing:
         size = len(equation.components)
         root = _root(equation, block, group, tables)
         own = normal[group.positions, first : first + size]
-        parts.append(factors.get(block.factor_name, 1.0) * np.einsum("rij,rj->ri", root, own))
+        parts.append((factors.get(block.factor_name, NOT_KNOWN).factor or 1.0) * np.einsum("rij,rj->ri", root, own))
         first += size
     return np.hstack(parts)
 

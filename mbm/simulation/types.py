@@ -18,8 +18,21 @@ from mbm.values import dataclass
 ValuesFinder = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]
 """The true values (SI, by name) for the solve with a key; NaN or absent where none is given."""
 
-FactorsFinder = Callable[[Mapping[str, CellKey]], Mapping[str, float]]
-"""The noise factors of blocks with `:sigma unknown` for the solve with a key."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownNoise:
+    """What is known of unknown noise: a factor, the correlation of neighbours, the covariance (k, k) of a row."""
+
+    factor: float | None = None
+    rho: float | None = None
+    covariance: Floats | None = None
+
+
+NoiseFinder = Callable[[Mapping[str, CellKey]], Mapping[str, KnownNoise]]
+"""What is known of unknown noise, by clause or factor, for the solve with a key."""
+
+NOT_KNOWN = KnownNoise()
+"""Factor 1, rows that are independent, components of variance 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -54,6 +54,7 @@ ELSEWHERE = {
     "no-board": "images/test_what_is_said.py",
     "no-object": "images/test_contour_faults.py",
     "no-equation-for-row": "api/test_stream.py",
+    "noise-too-large": "noise/test_shared_noise.py",
     "no-such-input": "api/test_estimator.py",
     "no-true-value": "simulation/test_measurements.py",
     "not-a-stream": "api/test_estimator.py",

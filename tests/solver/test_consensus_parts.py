@@ -13,7 +13,7 @@ from scipy.stats import chi2, hypergeom
 
 from mbm.estimation.consensus.rules import KINDS
 from mbm.estimation.consensus.subsets import first_states
-from mbm.problem.types import ConsensusKind
+from mbm.problem.kinds import ConsensusKind
 from mbm.solver.consensus_gnc import gnc_weight
 from mbm.solver.consensus_order import median, selected
 from mbm.solver.consensus_ranking import put_in_list

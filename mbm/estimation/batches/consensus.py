@@ -17,7 +17,8 @@ from mbm.estimation.batches.stack import Stack, places_of
 from mbm.estimation.batches.types import Ends, Kept, Solver, Which
 from mbm.estimation.consensus.types import Asked, observed, with_loss
 from mbm.estimation.settings import Settings
-from mbm.problem.types import Consensus, ConsensusKind, Problem
+from mbm.problem.kinds import ConsensusKind
+from mbm.problem.types import Consensus, Problem
 from mbm.solver.decisions import CONSENSUS_ROUNDING, LEAST_SHARE, MANY_CONNECTED
 from mbm.values import dataclass
 

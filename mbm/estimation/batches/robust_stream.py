@@ -23,7 +23,8 @@ from mbm.estimation.minimise.native.system import NativeSystem, system_of
 from mbm.estimation.native.code import AnyCode, native_code
 from mbm.estimation.search.starting import with_idle_ones
 from mbm.estimation.settings import Settings
-from mbm.problem.types import BlockRole, ConsensusKind, Problem
+from mbm.problem.kinds import ConsensusKind
+from mbm.problem.types import BlockRole, Problem
 from mbm.solver import consensus_records as c
 from mbm.solver import description as of
 from mbm.solver.decisions import LEAST_SHARE, MANY_CONNECTED

@@ -23,7 +23,9 @@ def suits(problem: Problem, kernels: KernelSet, split: frozenset[str]) -> bool:
     if not all(_readable(unknown, split) for unknown in problem.unknowns):
         return False
     for block in problem.blocks:
-        if block.distinct or not all(_stated(error, block.table, split) for error in block.errors):
+        if block.structure.joins or block.distinct:
+            return False
+        if not all(_stated(error, block.table, split) for error in block.errors):
             return False
     if problem.aggregates or shares_factors(problem) or any(derived.table is not None for derived in problem.derived):
         return False

@@ -35,8 +35,9 @@ from mbm.estimation.search.starting import Beginning, with_idle_ones
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.minimal import minimal_solver
 from mbm.estimation.starts.closed_forms.types import ClosedForm
+from mbm.problem.kinds import ConsensusKind
 from mbm.problem.requests import RandomStarts
-from mbm.problem.types import Consensus, ConsensusKind, Method, Problem
+from mbm.problem.types import Consensus, Method, Problem
 from mbm.solver.decisions import ATTEMPTS, FAR, LEAST_SHARE, MANY_CONNECTED, STATED
 from mbm.text.types import Diagnostic, MbmError
 

@@ -11,7 +11,7 @@ from mbm.estimation.consensus.subsets import first_states, needed_trials
 from mbm.estimation.consensus.types import Asked
 from mbm.estimation.consensus.units import CUT, limits, medians
 from mbm.machine.records import put, slots_of
-from mbm.problem.types import ConsensusKind
+from mbm.problem.kinds import ConsensusKind
 from mbm.solver import consensus_records as c
 from mbm.solver.consensus_scores import GNC, LMEDS, MSAC, RANSAC
 from mbm.solver.decisions import FEW_STARTS, STATED

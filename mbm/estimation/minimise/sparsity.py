@@ -16,7 +16,7 @@ MOST_SLOPES = 50_000_000
 
 def sparse_suits(equations: Equations) -> bool:
     """Whether there are many unknowns of which each equation touches few, few constraints."""
-    if not isinstance(equations, Assembled) or equations.dimension <= MOST_DENSE:
+    if not isinstance(equations, Assembled) or equations.dimension <= MOST_DENSE or equations.structure is not None:
         return False
     if len(equations.equality) * equations.dimension > MOST_SLOPES:
         return False

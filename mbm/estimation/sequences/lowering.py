@@ -130,6 +130,9 @@ def _refuse(block: Block, group: Group, equations: Assembled, method: str) -> No
     if block.unknown_factor:
         what = f"needs the noise of `{block.name}`: a factor follows from the residuals of all steps"
         raise MbmError(faults.not_for_filters(block.span, method, what, "state `:sigma`, or use `:method batch`"))
+    if block.structure.joins:
+        what = f"takes one step after the other, and {block.structure.what} of `{block.name}` joins their rows"
+        raise MbmError(faults.not_for_filters(block.span, method, what, "use `:method batch`"))
     if equations.implicit is not None and block.errors:
         what = f"takes no `:errors` in measured columns, as `{block.name}` has"
         raise MbmError(faults.not_for_filters(block.span, method, what, "use `:method batch`, or `:sigma` instead"))

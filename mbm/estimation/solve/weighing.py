@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from mbm.estimation.uncertainty.variance import common_factor, redundancy_number
 from mbm.problem.factors import factor_groups
 from mbm.problem.types import Problem
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.equations.structure import Structure
 
 REWEIGHTED_SEARCHES = 5
 """Times the limit of iterations that the rounds of the variance components may take together. Those left over get one
@@ -49,7 +53,7 @@ def reached(problem: Problem, robust: Prepared, settings: Settings, found: Found
     """From the minimum with the noise as stated to that with the noise as it is."""
     run = _Weighing(problem, robust, settings, found)
     minimum, noise, factors = run.weighted()
-    equations = robust.equations.with_factors(factors)
+    equations = run.equations.with_factors(factors)
     changed = factors is not robust.factors and bool(found.alternatives)
     return Reached(
         minimum=minimum,
@@ -75,7 +79,7 @@ class _Weighing:
         self._place = problem.span
         self.iterations = found.iterations
         self.evaluations = found.evaluations
-        self._last: tuple[Floats | None, Minimum] = robust.factors, found.minimum
+        self._last: tuple[Floats | None, Minimum] | None = (robust.factors, found.minimum)
         unknown = (
             i
             for i, block in enumerate(problem.blocks)
@@ -89,6 +93,8 @@ class _Weighing:
         robust = self._robust
         groups = [np.concatenate([self.equations.block_rows(i) for i in group]) for group in self.unknown]
         stated = sum(map(len, groups)) < self.equations.count
+        if self._shares():
+            return self._shared()
         if not self.unknown:
             return self._minimise(robust.factors), robust.noise, robust.factors
         if len(self.unknown) == 1 and not stated:
@@ -103,6 +109,29 @@ class _Weighing:
         for group, noise in zip(self.unknown, components.noises, strict=True):
             noises |= dict.fromkeys(group, noise)
         return self._minimise(factors), noises, factors
+
+    def _shares(self) -> bool:
+        """Whether noise is unknown in a way in which rows share it; a factor of all of a block's noise is none."""
+        structure = self.equations.structure
+        blocks = {number for group in self.unknown for number in group}
+        return structure is not None and any(
+            p.unknown or p.lower is not None or (p.common is not None and p.owner in blocks) for p in structure.patterns
+        )
+
+    def _shared(self) -> tuple[Minimum, Mapping[int, Noise], Floats | None]:
+        """The same of noise that rows share."""
+        # Loaded by the problems that need it only, so that the others start at once.
+        from mbm.estimation.solve.shared_noise import Rounds, Ways
+
+        def minimised(structure: Structure, values: Floats) -> Minimum:
+            if structure is not self.equations.structure:
+                self.equations, self._last = replace(self.equations, structure=structure, factors=None), None
+            return self._minimise(self._row_factors(values))
+
+        ways = Ways(minimise=minimised, factors=self._row_factors, observed=self._observed)
+        found = Rounds(self.equations, self.unknown, ways).done()
+        self.equations = replace(self.equations, structure=found.structure, factors=None)
+        return found.minimum, found.noises, found.factors
 
     def _row_factors(self, values: Sequence[float] | Floats) -> Floats:
         """Factors by residual (all of them) from those of the groups of blocks with unknown noise."""
@@ -135,9 +164,8 @@ class _Weighing:
         return without_stationary(self.equations.with_factors(factors), minimum, float(spread))
 
     def _minimum(self, factors: Floats | None) -> Minimum:
-        before, minimum = self._last
-        if _same(factors, before):
-            return minimum
+        if self._last is not None and _same(factors, self._last[0]):
+            return self._last[1]
         limit = self.settings.max_iterations
         if self.iterations:
             limit = min(limit, max(self._left(), 1))

@@ -46,12 +46,23 @@ def effective(images: Floats, grams: Floats, counts: Floats) -> Freedom:
     2 v²/gᵀWg degrees of freedom. These hold for given weights; v/w of them are left, which simulated small samples of
     two and three instruments confirm, while balanced nested designs, where w = v, keep all.
     """
+    scatter = _scatter(grams, counts)
+    products = np.einsum("...iiab->...iab", scatter[..., None, None] * grams[..., None, :, :]).sum(axis=-3)
+    return of_parameters(images, grams, scatter, products)
+
+
+@np.errstate(all="ignore")
+def of_parameters(images: Floats, grams: Floats, scatter: Floats, products: Floats) -> Freedom:
+    """The same for parameters of the noise with the covariance W = ``scatter`` (…, G, G).
+
+    ``grams`` (…, G, k, k) are AᵀMᵢA of the whitened Jacobian times the factor of the covariance, A, and derivatives Mᵢ
+    of the whitened covariance of the residuals; ``products`` (…, k, k) is Σ W AᵀMᵢMⱼA.
+    """
     variance = np.square(images).sum(axis=-1)
     moved = np.matmul(images[..., None, :, :], grams)  # (…, G, p, k)
     slopes = (moved * images[..., None, :, :]).sum(axis=-1)
-    scatter = _scatter(grams, counts)
     spread = np.einsum("...ip,...ij,...jp->...p", slopes, scatter, slopes)
-    lost = np.einsum("...iip->...p", scatter[..., None] * slopes[..., None, :])
+    lost = (np.matmul(images, products) * images).sum(axis=-1)
     lost = lost - np.einsum("...ij,...ipk,...jpk->...p", scatter, moved, moved)
     growth = 1.0 + 2.0 * np.maximum(np.where(variance > 0.0, lost / variance, 0.0), 0.0)
     growth = np.where(np.isfinite(growth), growth, 1.0)
@@ -78,14 +89,17 @@ def _scatter(grams: Floats, counts: Floats) -> Floats:
 class Freedoms:
     """What the degrees of freedom of quantities follow from: ``dof`` of all alike, or groups of unknown noise.
 
-    ``factor`` (n, k) is that of the covariance, ``grams`` and ``counts`` as `effective` has them (None: all alike).
-    ``estimated`` are the blocks of each of these groups, or those whose noise has ``dof`` (none: all have).
+    ``factor`` (n, k) is that of the covariance, ``grams`` and ``counts`` as `effective` has them (None: all alike), or
+    ``grams``, ``scatter`` and ``products`` as `of_parameters` does. ``estimated`` are the blocks of each of these
+    groups or parameters, or those whose noise has ``dof`` (none: all have).
     """
 
     dof: float
     factor: Floats
     grams: Floats | None = None
     counts: Floats | None = None
+    scatter: Floats | None = None
+    products: Floats | None = None
     estimated: tuple[tuple[int, ...], ...] = ()
 
     def of_noise(self, block: int) -> float:
@@ -93,24 +107,33 @@ class Freedoms:
         pool = next((i for i, blocks in enumerate(self.estimated) if block in blocks), None)
         if self.estimated and pool is None:
             return inf
-        if self.grams is None or self.counts is None or pool is None:
+        if self.grams is None or pool is None:
             return self.dof
-        variance = float(np.diag(_scatter(self.grams, self.counts))[pool])
+        scatter = self.scatter
+        if scatter is None and self.counts is not None:
+            scatter = _scatter(self.grams, self.counts)
+        variance = 0.0 if scatter is None else float(np.diag(scatter)[pool])
         return max(2.0 / variance, LEAST) if variance > 0.0 else inf
 
     def of(self, gradient: Floats) -> Freedom:
         """Those of quantities with the gradient (…, n), of the shape of its leading axes."""
-        if self.grams is None or self.counts is None:
+        if self.grams is None:
             return common(self.dof, gradient.shape[:-1])
-        found = effective(gradient.reshape(-1, gradient.shape[-1]) @ self.factor, self.grams, self.counts)
+        found = self._of_images(gradient.reshape(-1, gradient.shape[-1]) @ self.factor)
         shape = gradient.shape[:-1]
         return Freedom(dof=found.dof.reshape(shape), inflation=found.inflation.reshape(shape))
 
     def of_coordinates(self, count: int) -> Freedom:
         """Those of the ``count`` coordinates themselves."""
+        return self._of_images(self.factor) if self.grams is not None else common(self.dof, (count,))
+
+    def _of_images(self, images: Floats) -> Freedom:
+        """Those of quantities whose gradient times the factor of the covariance are ``images`` (p, k)."""
+        if self.grams is not None and self.scatter is not None and self.products is not None:
+            return of_parameters(images, self.grams, self.scatter, self.products)
         if self.grams is None or self.counts is None:
-            return common(self.dof, (count,))
-        return effective(self.factor, self.grams, self.counts)
+            return common(self.dof, images.shape[:-1])
+        return effective(images, self.grams, self.counts)
 
 
 def freedoms(

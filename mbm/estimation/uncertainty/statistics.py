@@ -59,10 +59,7 @@ def statistics(
     cost, variance, known = float(plain @ plain) if equations.lossy else minimum.cost, 1.0, True
     groups = factor_groups(problem.blocks, noise)
     if len(groups) == 1 and factors is not None:
-        rows = np.concatenate([equations.block_rows(number) for number in groups[0]])
-        residuals = plain.copy()
-        residuals[rows] *= equations.picked(factors)[rows]
-        cost = float(residuals @ residuals)
+        cost = _unscaled_cost(problem, equations, plain, groups[0], factors)
     elif len(groups) == 1:
         only = next(iter(noise.values()))
         variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
@@ -85,7 +82,9 @@ def statistics(
         equalities=observed.equalities,
         tested=tested,
     )
-    known_by = freedoms(equations, minimum, observed, estimated, [(noise[g[0]], g) for g in groups], fit.dof)
+    known_by = _shared(problem, equations, minimum, estimated, noise)
+    if known_by is None:
+        known_by = freedoms(equations, minimum, observed, estimated, [(noise[g[0]], g) for g in groups], fit.dof)
     return Statistics(
         observed=observed,
         covariance=estimated,
@@ -120,6 +119,31 @@ def _estimated(
 
     slopes, place = equations.plain_jacobian(minimum.point), equations.coordinates(minimum.point)
     return sandwich(loss_lines(equations), plain, slopes, observed, stated, place)
+
+
+def _unscaled_cost(
+    problem: Problem, equations: Assembled, plain: Floats, blocks: tuple[int, ...], factors: Floats
+) -> float:
+    """The cost with the one unknown factor as 1; with the final one where other errors are beside its own."""
+    if any(problem.blocks[number].structure.per for number in blocks):
+        return float(plain @ plain)
+    rows = np.concatenate([equations.block_rows(number) for number in blocks])
+    residuals = plain.copy()
+    residuals[rows] *= equations.picked(factors)[rows]
+    return float(residuals @ residuals)
+
+
+def _shared(
+    problem: Problem, equations: Assembled, minimum: Minimum, estimated: Covariance, noise: Mapping[int, Noise]
+) -> Freedoms | None:
+    """The degrees of freedom where rows share unknown noise; None where they do not."""
+    if equations.structure is None:
+        return None
+    # Loaded by the problems that need it only, so that the others start at once.
+    from mbm.estimation.uncertainty.shared_degrees import shared_freedoms
+
+    scaled = [number for number in noise if problem.blocks[number].unknown_factor]
+    return shared_freedoms(equations, minimum, estimated, noise, factor_groups(problem.blocks, scaled))
 
 
 def _stated(equations: Assembled, noise: Mapping[int, Noise]) -> Mask:

@@ -21,6 +21,12 @@ NOISE_NOT_COMBINED = Code(
     "An option about noise that rows share stands with one that looks at each row by itself, or at other noise.",
     "The message says which of the two to leave out.",
 )
+NOISE_TOO_LARGE = Code(
+    "noise-too-large",
+    "Noise that rows share makes a matrix with more numbers than mbm works with.",
+    "Make the common errors unknowns, `(b :per TABLE.COLUMN)`, with a prior `(normal (b key) 0 size)` for each: the"
+    " estimates and their standard deviations are the same.",
+)
 
 
 def factor_of_several_dimensions(span: Span, first: str, second: str, label: Label | None, hint: str) -> Diagnostic:
@@ -48,3 +54,36 @@ def noise_beside_rule(span: Span, clause: str, what: str, rule: str) -> Diagnost
     """Noise that rows share beside a loss or an outlier rule."""
     message = f"`{rule}` looks at each row of `{clause}` by itself, but {what} belongs to all of them"
     return noise_not_combined(span, message, f"leave `{rule}` out, or state a `:sigma` for each row")
+
+
+def noise_of_unequal_rows(span: Span) -> Diagnostic:
+    """Noise of a matrix or chain where rows have equations of several sizes."""
+    return noise_not_combined(
+        span,
+        "all rows have to have the same components, one vector equation each",
+        "write an `observe` clause for each equation",
+    )
+
+
+def noise_without_rows(span: Span) -> Diagnostic:
+    """Noise that rows share in a clause without a table."""
+    return noise_not_combined(
+        span,
+        "rows share this noise, and the clause has no table",
+        "put the readings into a table, one in each row",
+    )
+
+
+def unknown_common_error(span: Span, column: str) -> Diagnostic:
+    """A common error of unknown size."""
+    hint = f"state its size; or make it a family of unknowns, `(b :per TABLE.{column})`, with a prior in `constraints`"
+    return noise_not_combined(span, "the size of a common error has to be stated", hint)
+
+
+def noise_too_large(span: Span, rows: int, needed: int) -> Diagnostic:
+    """Common errors of more rows and groups than there is room for."""
+    return Diagnostic(
+        code=NOISE_TOO_LARGE, message=f"common errors of {rows} residuals that depend on one another need {needed}"
+        " numbers", place=span,
+        hint="make the common errors a family of unknowns with priors, which the sparse solver takes",
+    )  # fmt: skip

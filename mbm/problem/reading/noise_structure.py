@@ -1,4 +1,4 @@
-"""Noise that rows and clauses share: ``(unknown FORM :as NAME)``."""
+"""Noise that rows and clauses share: shared factors, an unknown covariance, common errors, correlation."""
 
 from __future__ import annotations
 
@@ -6,13 +6,18 @@ from collections.abc import Iterable
 
 from mbm.language import faults as language_faults
 from mbm.problem import faults
-from mbm.problem.noise import PLAIN, NoiseStructure
+from mbm.problem.elaboration import Workspace
+from mbm.problem.noise import PLAIN, Correlation, NoiseStructure
 from mbm.problem.options import Options, split_options
-from mbm.problem.types import Block, Request
-from mbm.text.types import Form, MbmError, Sequence, Symbol
+from mbm.problem.tables import Table
+from mbm.problem.types import Block, EquationCase, Request, RowValues
+from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
 USAGE = ":sigma (unknown FORM [:as NAME])"
+COMMON = ":common ((FORM :per COLUMN)…)"
+CORRELATION = ":correlation (ar1 FORM | unknown)"
+OPTIONS = ("common", "correlation")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,11 +44,112 @@ def read_unknown_noise(form: Sequence) -> UnknownNoise:
     return UnknownNoise(form=options.positional[0], shared=name)
 
 
-def read_structure(options: Options) -> NoiseStructure:
-    """What the options of an ``observe`` clause say of noise that rows share."""
-    form = options.get("sigma")
-    shared = read_unknown_noise(form).shared if isinstance(form, Sequence) and form.head == "unknown" else None
-    return PLAIN if shared is None else NoiseStructure(shared=shared.name, place=shared.span)
+def frees_covariance(options: Options) -> bool:
+    """Whether the clause says ``:covariance unknown``."""
+    return is_unknown(options.get("covariance"))
+
+
+def is_unknown(form: Form | None) -> bool:
+    """Whether a form is the word ``unknown``."""
+    return isinstance(form, Symbol) and form.name == "unknown"
+
+
+def read_structure(
+    work: Workspace, options: Options, table: Table | None, cases: list[EquationCase]
+) -> tuple[NoiseStructure, tuple[RowValues, ...]]:
+    """What the options of an ``observe`` clause say of noise that rows share, and the forms of it.
+
+    Raises:
+        MbmError: forms that are none, options that do not go together.
+
+    """
+    sigma = options.get("sigma")
+    shared = read_unknown_noise(sigma).shared if isinstance(sigma, Sequence) and sigma.head == "unknown" else None
+    free = frees_covariance(options)
+    given = [name for name in OPTIONS if options.get(name) is not None]
+    if not (free or given):
+        return (PLAIN if shared is None else NoiseStructure(shared=shared.name, place=shared.span)), ()
+    place = options.places["covariance" if free else given[0]]
+    _check_beside(options, free=free, given=given, place=place)
+    sizes = {sum(len(e.components) for e in case.equations) for case in cases}
+    if len(sizes) > 1 or (free and any(len(case.equations) != 1 for case in cases)):
+        raise MbmError(faults.noise_of_unequal_rows(place))
+    if table is None:
+        raise MbmError(faults.noise_without_rows(place))
+    size = max(sizes, default=1)
+    common = _common(work, options.get("common"), table, size)
+    correlation, unknown, stated = _correlation(work, options.get("correlation"), table)
+    structure = NoiseStructure(
+        shared=None if shared is None else shared.name,
+        free=free,
+        per=tuple(column for column, _ in common),
+        correlation=correlation,
+        unknown=unknown,
+        place=place if shared is None else shared.span,
+    )
+    return structure, (*(values for _, values in common), *stated)
+
+
+def _check_beside(options: Options, *, free: bool, given: list[str], place: Span) -> None:
+    """Raise what does not go together.
+
+    Raises:
+        MbmError: `noise-not-combined`.
+
+    """
+    if options.get("errors") is not None:
+        what = "noise that rows share does not go with `:errors`, whose corrections are made row by row"
+        hint = "leave `:errors` out, or make the true values unknowns (`:per` the table) that are observed with a sigma"
+        raise MbmError(faults.noise_not_combined(place, what, hint))
+    if free and given:
+        what = f"`:{given[0]}` stands beside `:sigma`; `:covariance unknown` has no sigma that it could be added to"
+        raise MbmError(faults.noise_not_combined(options.places[given[0]], what, "keep one of the two"))
+    other = next((o for o in ("covariance", "information", "bound") if options.get(o) is not None and not free), None)
+    if other is not None:
+        what = f"`:{given[0]}` stands beside `:sigma`, and this clause has `:{other}`"
+        raise MbmError(faults.noise_not_combined(place, what, "state the noise of a row by `:sigma`"))
+
+
+def _common(work: Workspace, form: Form | None, table: Table, size: int) -> list[tuple[str, RowValues]]:
+    """The columns of common errors, and what each does to the components of a row."""
+    if form is None:
+        return []
+    if not isinstance(form, Sequence) or not form.items:
+        raise MbmError(language_faults.bad_form(form.span, "`:common` takes a list of errors", COMMON))
+    found = []
+    for item in form.items:
+        if not isinstance(item, Sequence):
+            raise MbmError(language_faults.bad_form(item.span, "a common error is (FORM :per COLUMN)", COMMON))
+        options = split_options(item.items, item.span, owner="`:common`", known=("per",))
+        column = options.get("per")
+        if len(options.positional) != 1 or not isinstance(column, Symbol):
+            raise MbmError(language_faults.bad_form(item.span, "a common error is (FORM :per COLUMN)", COMMON))
+        deviation = options.positional[0]
+        if is_unknown(deviation) or (isinstance(deviation, Sequence) and deviation.head == "unknown"):
+            raise MbmError(faults.unknown_common_error(deviation.span, column.name))
+        if column.name not in table.columns:
+            raise MbmError(faults.unknown_column(column.span, column.name, table.name, tuple(table.columns)))
+        shape = (size,) if size > 1 else ()
+        found.append((column.name, work.values(deviation, table, shape, wanted="`:common`")))
+    return found
+
+
+def _correlation(
+    work: Workspace, form: Form | None, table: Table
+) -> tuple[Correlation | None, bool, tuple[RowValues, ...]]:
+    """The correlation along the rows: whether it is unknown, and what is stated."""
+    if form is None:
+        return None, False, ()
+    if not isinstance(form, Sequence) or form.head != "ar1" or len(form.items) != 2:
+        raise MbmError(language_faults.bad_form(form.span, "`:correlation` takes `(ar1 …)`", CORRELATION))
+    if any(isinstance(item, Keyword) for item in form.items):
+        raise MbmError(language_faults.bad_form(form.span, "`ar1` takes one form", CORRELATION))
+    if work.scope.earlier is not None:
+        work.scope.earlier(table)  # the order of the rows within their key, before any is left out
+    if is_unknown(form.items[1]):
+        return Correlation.AR1, True, ()
+    stated = work.values(form.items[1], None, (), wanted="`:correlation`")
+    return Correlation.AR1, False, (stated,)
 
 
 def check_structures(blocks: Iterable[Block], request: Request | None) -> None:
@@ -57,13 +163,13 @@ def check_structures(blocks: Iterable[Block], request: Request | None) -> None:
     clauses = {block.name: block.span for block in every}
     found = []
     for block in every:
-        name, place = block.structure.shared, block.structure.place or block.span
-        if name is None:
+        structure, place = block.structure, block.structure.place or block.span
+        if structure == PLAIN:
             continue
-        if name in clauses:
-            found.append(faults.noise_name_taken(place, name, clauses[name]))
+        if structure.shared in clauses:
+            found.append(faults.noise_name_taken(place, structure.shared, clauses[structure.shared]))
         rule = ":loss" if block.loss is not None else ":robust" if request is not None and request.robust else None
         if rule is not None:
-            found.append(faults.noise_beside_rule(place, block.name, f"the factor `{name}`", rule))
+            found.append(faults.noise_beside_rule(place, block.name, structure.what, rule))
     if found:
         raise MbmError(*found)

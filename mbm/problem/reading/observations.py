@@ -13,7 +13,8 @@ from mbm.problem.naming import TakenNames
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.equations import Residual, residuals
 from mbm.problem.reading.errors import read_errors
-from mbm.problem.reading.noise_structure import read_structure, read_unknown_noise
+from mbm.problem.reading.noise_structure import OPTIONS as SHARED_NOISE
+from mbm.problem.reading.noise_structure import frees_covariance, read_structure, read_unknown_noise
 from mbm.problem.reading.robust import read_loss
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
@@ -30,7 +31,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
         clause.items[1:],
         clause.span,
         owner="`observe`",
-        known=(*NOISE, "errors", "loss", "when"),
+        known=(*NOISE, *SHARED_NOISE, "errors", "loss", "when"),
     )
     loss = read_loss(work, options.get("loss"))
     symbols, equations = _split(options.positional)
@@ -51,19 +52,21 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
     try:
         errors = read_errors(work, options.get("errors"), table)
         when = None if when_form is None else work.conditions(when_form, table, 1, wanted="`:when`")
-        cases = work.cases(table, evaluate, clause.span, when)
+        cases = [EquationCase(static=s, equations=e) for s, e in work.cases(table, evaluate, clause.span, when)]
+        structure, shared = read_structure(work, options, table, cases)
     except MbmError as error:
         raise _explain_missing_table(work, error, symbols, table) from None
     return Block(
         name=_free_name(name, table, taken, clause.items[0].span),
         role=BlockRole.OBSERVATION,
         table=table.name if table is not None else None,
-        cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
+        cases=tuple(cases),
         when=when,
         unknown_factor=factor and not exact,
         loss=loss,
         errors=errors,
-        structure=read_structure(options),
+        structure=structure,
+        shared=shared,
         span=clause.items[0].span,
     )
 
@@ -121,6 +124,8 @@ def stated_noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:
         raise MbmError(faults.two_noises(options.places[given[1]]))
     if not given:
         return NoiseKind.SIGMA, None, True
+    if frees_covariance(options):
+        return NoiseKind.SIGMA, None, False
     form = options.get(given[0])
     if given[0] == "sigma" and form is not None:
         if isinstance(form, Symbol) and form.name == "unknown":

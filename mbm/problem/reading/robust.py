@@ -11,9 +11,9 @@ from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
-from mbm.problem.kinds import LossKind
+from mbm.problem.kinds import ConsensusKind, LossKind
 from mbm.problem.options import split_options
-from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Loss
+from mbm.problem.types import Block, BlockRole, Consensus, Loss
 from mbm.solver.losses import LOSSES
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Symbol
 

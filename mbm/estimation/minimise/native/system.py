@@ -286,7 +286,7 @@ def handled(equations: object) -> bool:
     """Whether equations are such as the native solver knows."""
     if not isinstance(equations, Assembled) or equations.implicit is not None or equations.dimension == 0:
         return False
-    if equations.dimension > MOST_COORDINATES or equations.count == 0:
+    if equations.dimension > MOST_COORDINATES or equations.count == 0 or equations.structure is not None:
         return False
     groups = (*equations.groups, *equations.constraints)
     if any(group.sampled for group in groups) or not all(group.kernel.outputs for group in groups):

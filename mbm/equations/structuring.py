@@ -1,0 +1,138 @@
+"""Blocks whose rows share noise → the patterns of their residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from mbm.equations.binding import Group
+from mbm.equations.common_errors import MOST_DENSE, entry, together
+from mbm.equations.structure import LARGEST_RHO, Chains, Pattern, Structure, finished
+from mbm.equations.types import Floats, Indices
+from mbm.problem import faults
+from mbm.problem.noise import Correlation
+from mbm.problem.previous import chains
+from mbm.problem.rows import row_values
+from mbm.problem.tables import Table
+from mbm.problem.types import Block, Problem, RowValues
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+FIRST_RHO = 0.0
+"""Where the search for an unknown correlation begins: rows that are independent."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Rows:
+    """The rows of a block in use: ``positions`` (rows,) in its table, ``lines`` (rows, k) of their residuals.
+
+    ``weights`` (rows, k) are one over their standard deviations.
+    """
+
+    table: Table
+    positions: Indices
+    lines: Indices
+    weights: Floats
+
+
+def structure_of(problem: Problem, tables: Mapping[str, Table], groups: tuple[Group, ...]) -> Structure:
+    """What the residuals of some groups share, with what is unknown of it as it is at first.
+
+    Raises:
+        MbmError: common errors or correlations that are none, or more than there is room for.
+
+    """
+    found = []
+    for number, block in enumerate(problem.blocks):
+        if block.structure.joins and block.table is not None:
+            rows = _rows(tables[block.table], [g for g in groups if g.kernel.owner == number and g.rows])
+            if rows is not None:
+                found.append(_pattern(number, block, tables, rows))
+    return Structure(patterns=tuple(found))
+
+
+def _rows(table: Table, groups: Iterable[Group]) -> _Rows | None:
+    """The rows of some groups, in the order of the table."""
+    parts = []
+    for group in groups:
+        outputs = group.kernel.outputs
+        lines = group.first + np.arange(group.rows)[:, None] * outputs + np.arange(outputs)
+        parts.append((np.asarray(group.positions), lines, np.hstack([w.weights for w in group.whiteners])))
+    if not parts:
+        return None
+    positions, lines, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
+    order = np.argsort(positions, kind="stable")
+    return _Rows(table=table, positions=positions[order], lines=lines[order], weights=weights[order])
+
+
+def _pattern(owner: int, block: Block, tables: Mapping[str, Table], rows: _Rows) -> Pattern:
+    structure = block.structure
+    if structure.free:
+        return Pattern(owner=owner, lines=rows.lines.ravel(), lower=np.eye(rows.lines.shape[1]))
+    order, along = np.arange(rows.lines.size), None
+    if structure.correlation is Correlation.AR1:
+        rho = FIRST_RHO if structure.unknown else stated_rho(block.shared[-1], tables)
+        order, along = _chained(rows, rho)
+    lines = rows.lines.ravel()[order]
+    raw = None
+    if structure.per:
+        needed = rows.lines.size * _most(rows, structure.per)
+        if needed > MOST_DENSE and (along is not None or len(structure.per) > 1):
+            raise MbmError(faults.noise_too_large(structure.place or block.span, rows.lines.size, needed))
+        entries = [
+            entry((row_values(form, tables)[rows.positions] * rows.weights).ravel(), _members(rows, column))
+            for column, form in zip(structure.per, block.shared, strict=False)
+        ]
+        _check(block, rows, entries_finite=[bool(np.isfinite(each.data).all()) for each in entries])
+        raw = together(entries)[order]
+    return finished(Pattern(owner=owner, lines=lines, chains=along, raw=raw, unknown=structure.unknown))
+
+
+def _check(block: Block, rows: _Rows, *, entries_finite: list[bool]) -> None:
+    """Refuse common errors that are no numbers."""
+    if all(entries_finite):
+        return
+    span = block.shared[entries_finite.index(False)].span
+    raise MbmError(faults.bad_noise(span, "a common error is not finite", None))
+
+
+def _members(rows: _Rows, column: str) -> Indices:
+    """For each line the number of its row's value in a column."""
+    cells = [rows.table.keys(column)[position] for position in rows.positions.tolist()]
+    numbers = {cell: i for i, cell in enumerate(dict.fromkeys(cells))}
+    of_row = np.array([numbers[cell] for cell in cells], dtype=np.int64)
+    return np.repeat(of_row, rows.lines.shape[1])
+
+
+def _most(rows: _Rows, columns: tuple[str, ...]) -> int:
+    """The common errors of all columns together."""
+    return sum(int(_members(rows, column).max(initial=-1)) + 1 for column in columns)
+
+
+def stated_rho(values: RowValues, tables: Mapping[str, Table]) -> float:
+    """The correlation of neighbouring rows that is stated."""
+    rho = float(row_values(values, tables)[0, 0])
+    if not abs(rho) <= LARGEST_RHO:
+        raise MbmError(
+            faults.bad_noise(values.span, f"the correlation of neighbouring rows is {rho:g}, beyond ±1", None)
+        )
+    return rho
+
+
+def _chained(rows: _Rows, rho: float) -> tuple[Indices, Chains]:
+    """The order of the lines, each component of each key by itself, and the gaps between them."""
+    chain, place = (each[rows.positions] for each in chains(rows.table))
+    component = np.broadcast_to(np.arange(rows.lines.shape[1]), rows.lines.shape).ravel()
+    of_lines = [np.repeat(each, rows.lines.shape[1]) for each in (place, chain)]
+    order, gaps = chained(*of_lines, component)
+    return order, Chains(gaps=gaps, rho=rho)
+
+
+def chained(place: Floats, *keys: Floats | Indices) -> tuple[Indices, Indices]:
+    """The order in which lines follow one another within equal keys, and the gap (r,) to the one before; 0: none."""
+    order = np.lexsort((place, *keys))
+    gaps = np.diff(place[order], prepend=0.0)
+    begins = np.ones(len(order), dtype=bool)
+    begins[1:] = np.any([np.diff(key[order]) != 0 for key in keys], axis=0)
+    return order, np.where(begins, 0, gaps).astype(np.int64)

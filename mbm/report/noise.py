@@ -1,0 +1,55 @@
+"""What was estimated of the noise: a number for a factor, names with numbers for noise that rows share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from mbm.equations.types import Noise, NoiseState
+from mbm.problem.types import BlockRole, Problem
+from mbm.report.digits import plain
+
+NoiseReport: TypeAlias = float | Mapping[str, Any] | None
+"""A factor; ``{factor, rho}`` or ``{covariance}``, in SI, where rows share noise; None where the noise was stated."""
+
+
+def noise_reports(problem: Problem, noises: Mapping[int, Noise]) -> dict[str, NoiseReport]:
+    """What was estimated of each observation's noise, by its name or that of the factor that clauses share."""
+    found: dict[str, NoiseReport] = {}
+    for number, block in enumerate(problem.blocks):
+        if block.role is not BlockRole.OBSERVATION:
+            continue
+        noise = noises.get(number)
+        found.setdefault(block.factor_name, None)
+        if noise is None or noise.state is not NoiseState.ESTIMATED:
+            continue
+        if block.unknown_factor:
+            found[block.factor_name] = noise.factor
+        if noise.covariance is not None:
+            found[block.name] = {"covariance": np.asarray(noise.covariance).tolist()}
+        elif noise.rho is not None:
+            found[block.name] = {"factor": noise.factor if block.unknown_factor else None, "rho": noise.rho}
+    return found
+
+
+def noise_sentences(noises: Mapping[str, NoiseReport]) -> Iterator[str]:
+    """What was estimated, in words."""
+    for clause, noise in noises.items():
+        if isinstance(noise, Mapping):
+            if "covariance" in noise:
+                yield f"covariance of the components of `{clause}` estimated from its residuals{_spreads(noise)}"
+                continue
+            factor = noise["factor"]
+            text = f"correlation of neighbouring rows of `{clause}` estimated from its residuals:"
+            text = f"{text} {plain(noise['rho'], 3)}"
+            yield text if factor is None else f"{text}, noise factor {plain(factor, 4)}"
+        elif noise is not None:
+            yield f"noise of `{clause}` estimated from its residuals: factor {plain(noise, 4)}"
+
+
+def _spreads(noise: Mapping[str, Any]) -> str:
+    """The standard deviations of few components."""
+    deviations = np.sqrt(np.diag(np.asarray(noise["covariance"])))
+    return f": standard deviations {', '.join(plain(d, 3) for d in deviations)} (SI)" if len(deviations) <= 6 else ""

@@ -1,0 +1,67 @@
+"""Noise that rows share, drawn: common errors, correlation along the rows, a covariance that was estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mbm.equations.structure import Chains
+from mbm.equations.structuring import chained, stated_rho
+from mbm.equations.types import Floats, Indices
+from mbm.problem.checks import used_rows
+from mbm.problem.naming import key_text
+from mbm.problem.previous import chains
+from mbm.problem.rows import row_values
+from mbm.problem.types import Block
+from mbm.simulation.noise import stream
+from mbm.simulation.places import Rows
+from mbm.simulation.types import KnownNoise
+
+
+def correlated(block: Block, known: KnownNoise, rows: Rows, normal: Floats, numbers: Indices, sets: Indices) -> Floats:
+    """Standard normal ``normal`` (N, k) with the correlation along the rows in use.
+
+    ``numbers`` (rows of the table,) say which of them each row of the table takes, ``sets`` which data set it is of.
+    """
+    table = rows.table
+    if block.structure.correlation is None or table is None:
+        return normal
+    stated = None if block.structure.unknown else stated_rho(block.shared[-1], rows.tables)
+    rho = (known.rho or 0.0) if stated is None else stated
+    mask = used_rows(block, rows.tables)
+    used = np.arange(len(table)) if mask is None else np.flatnonzero(mask)
+    chain, place = chains(table)
+    order, gaps = chained(place[used], chain[used], sets[used])
+    found, mine = normal.copy(), numbers[used][order]
+    found[mine] = Chains(gaps=gaps, rho=rho).correlated(normal[mine])
+    return found
+
+
+def root_of(known: KnownNoise, size: int) -> Floats | None:
+    """The Cholesky factor (k, k) of the covariance of a row's components, where it is known."""
+    if known.covariance is None or known.covariance.shape != (size, size):
+        return None
+    try:
+        return np.asarray(np.linalg.cholesky(known.covariance))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def common_errors(block: Block, rows: Rows, seeds: Sequence[int], sets: Indices, components: slice) -> Floats | float:
+    """The errors (rows, k) of the rows at hand that others share; ``sets`` (rows,) are their data sets."""
+    if rows.table is None or rows.positions is None or not block.structure.per:
+        return 0.0
+    total: Floats | float = 0.0
+    for number, (column, form) in enumerate(zip(block.structure.per, block.shared, strict=False)):
+        cells = rows.table.keys(column)
+        drawn: dict[tuple[int, object], float] = {}
+        variates = np.empty(len(rows.positions))
+        for i, (position, which) in enumerate(zip(rows.positions.tolist(), sets.tolist(), strict=True)):
+            key = which, cells[position]
+            if key not in drawn:
+                rng = stream(seeds[which], block.name, "common", number, key_text(cells[position]))
+                drawn[key] = float(rng.standard_normal())
+            variates[i] = drawn[key]
+        total = total + row_values(form, rows.tables)[rows.positions][:, components] * variates[:, None]
+    return total
