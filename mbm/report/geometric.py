@@ -107,7 +107,6 @@ def written(quantity: Quantity, numbers: Floats) -> Any:
         angle = float(shown[0])
         c, s = float(np.cos(angle)), float(np.sin(angle))
         found["angle"] = float(angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5))
-        found["quaternion"] = [float(np.cos(found["angle"] / 2)), 0.0, 0.0, float(np.sin(found["angle"] / 2))]
         found["matrix"] = [[c, -s], [s, c]]
     if quantity.kind in (Kind.POSE, Kind.SIMILARITY):
         found["translation"] = shown[held : held + quantity.dimension].tolist()

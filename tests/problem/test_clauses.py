@@ -225,15 +225,10 @@ def test_qualified_names_and_let_settle_ambiguity(estimate):
     assert estimate(shadowed) == pytest.approx(X @ Y / (X @ X), rel=EXACT)
 
 
-@pytest.mark.parametrize(
-    "clause",
-    [
-        "(solve :constraints truncate)",
-    ],
-)  # fmt: skip
-def test_what_comes_later_says_so_at_its_place(faults, clause):
+def test_cuts_are_those_of_filters(faults):
+    clause = "(solve :constraints truncate)"
     found = faults(f"(problem p {LINE} (unknowns (a :init 1)) (observe t (= y a) :sigma 1) {clause})")
-    assert [d.code.name for d in found] == ["not-available-yet"]
+    assert [d.code.name for d in found] == ["no-states"]
     assert found[0].place.text in clause
 
 

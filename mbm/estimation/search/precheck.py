@@ -56,7 +56,7 @@ def _weigh(block: Block, tables: Mapping[str, Table]) -> None:
             positions = positions[mask[positions]]
         first, exact = 0, _uncertain(block, case)
         for equation in case.equations:
-            whitener(equation, first, table, positions, tables, may_be_exact=exact)
+            whitener(equation, first, table, positions, tables, may_be_exact=exact, may_be_singular=block.singular)
             first += len(equation.components)
 
 

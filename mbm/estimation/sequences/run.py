@@ -151,7 +151,7 @@ def _rules(estimator: Estimator, settings: Settings, lossy: bool) -> Rules:
     smooth = estimator.method is SequenceMethod.SMOOTHER
     return Rules(
         iterations=1 if once else settings.max_iterations,
-        cut=estimator.method is SequenceMethod.TRUNCATED,
+        cut=estimator.cuts or estimator.method is SequenceMethod.TRUNCATED,
         skip=estimator.skip,
         tolerance=FINE if smooth and estimator.lag is None else COARSE,
         smooth=smooth,

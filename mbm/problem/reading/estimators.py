@@ -12,7 +12,10 @@ from mbm.problem.elaboration import Workspace
 from mbm.problem.options import split_options
 from mbm.problem.reading.robust import named, number_within
 from mbm.problem.sequence.types import Estimator, SequenceMethod
-from mbm.text.types import Form, MbmError, Sequence, Symbol
+from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
+
+TRUNCATE = "truncate"
+"""What ``:constraints`` says where inequalities cut the distribution of a filter."""
 
 METHODS = tuple(method.value for method in SequenceMethod)
 USAGE = ":method ekf | iterated-ekf | (truncated-ekf [:skip 3] [:iterated true]) | (smoother [:lag n]) | batch"
@@ -44,6 +47,11 @@ def read_estimator(work: Workspace, solves: list[Sequence]) -> Estimator:
             what = "`:hypotheses`" if form is hypotheses else f"`:method {form.span.text}`"
             raise MbmError(faults.no_states(form.span, what))
     found = _read(work, method) if method is not None and is_of_sequences(method) else Estimator()
+    constraints = options.get("constraints")
+    if isinstance(constraints, Symbol) and constraints.name == TRUNCATE:
+        if work.scope.steps is None:
+            raise MbmError(faults.no_states(constraints.span, "`:constraints truncate`"))
+        found = checked_cuts(replace(found, cuts=True), constraints.span)
     if hypotheses is None:
         return found
     count = _whole(work, hypotheses, MOST_HYPOTHESES, ":hypotheses")
@@ -53,6 +61,21 @@ def read_estimator(work: Workspace, solves: list[Sequence]) -> Estimator:
             language_faults.bad_form(hypotheses.span, message, "(solve :method truncated-ekf :hypotheses 8)")
         )
     return replace(found, hypotheses=count)
+
+
+def checked_cuts(estimator: Estimator, span: Span) -> Estimator:
+    """The estimator, unless it is to cut distributions and is no filter.
+
+    Raises:
+        MbmError: a smoother, or ``batch``.
+
+    """
+    if not estimator.cuts or estimator.method not in (SequenceMethod.SMOOTHER, SequenceMethod.BATCH):
+        return estimator
+    batch = estimator.method is SequenceMethod.BATCH
+    mend = "meets constraints at all steps at once" if batch else "reports how they are violated"
+    message = f"`:constraints truncate` cuts what a filter knows after each step; `{estimator.method.value}` {mend}"
+    raise MbmError(language_faults.bad_form(span, message, "(solve :method ekf :constraints truncate)"))
 
 
 def named_estimator(name: str) -> Estimator | None:

@@ -16,7 +16,7 @@ from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.kinds import ConstraintMethod, Gauge
 from mbm.problem.options import split_options
 from mbm.problem.reading.declarations import Declaration
-from mbm.problem.reading.estimators import METHODS, is_of_sequences, named_estimator
+from mbm.problem.reading.estimators import METHODS, TRUNCATE, checked_cuts, is_of_sequences, named_estimator
 from mbm.problem.reading.intervals import read_enclosing
 from mbm.problem.reading.robust import read_consensus, read_trust
 from mbm.problem.reading.unknowns import stated_numbers
@@ -141,7 +141,11 @@ def requested(
         return replace(problem, request=request)
     if problem.sequence is None:
         raise MbmError(faults.no_states(None, f"`--method {method}`"))
-    sequence = replace(problem.sequence, estimator=replace(estimator, hypotheses=problem.sequence.estimator.hypotheses))
+    before = problem.sequence.estimator
+    estimator = replace(estimator, hypotheses=before.hypotheses, cuts=before.cuts)
+    if before.span is not None:
+        checked_cuts(estimator, before.span)
+    sequence = replace(problem.sequence, estimator=estimator)
     return replace(problem, request=replace(request, method=Method.AUTO, routine=None), sequence=sequence)
 
 
@@ -169,11 +173,11 @@ def _constraint_method(form: Form | None) -> ConstraintMethod:
     if form is None:
         return ConstraintMethod.PENALTY
     name = form.name if isinstance(form, Symbol) else form.span.text
-    if name == "truncate":
-        raise MbmError(language_faults.not_available_yet(form.span, "`:constraints truncate`", "sequences"))
+    if name == TRUNCATE:  # the estimator of a sequence takes it
+        return ConstraintMethod.PENALTY
     found = next((m for m in ConstraintMethod if m.value == name), None)
     if found is None:
-        message = f"constraints are met by `penalty` or `exact`, not by `{name}`"
+        message = f"constraints are met by `penalty` or `exact`, of filters by `truncate`, not by `{name}`"
         raise MbmError(language_faults.bad_form(form.span, message, "(solve :constraints exact)"))
     return found
 

@@ -33,7 +33,8 @@ class Estimator:
     """The method that the problem asks for.
 
     ``skip``: a cut farther away than so many standard deviations is left out. ``iterated``: updates before cuts are.
-    ``lag``: the smoother's steps (None: all). ``hypotheses``: how many are kept at most.
+    ``lag``: the smoother's steps (None: all). ``hypotheses``: how many are kept at most. ``cuts``: inequalities cut the
+    distribution of a filter, whatever its name.
     """
 
     method: SequenceMethod = SequenceMethod.BATCH
@@ -41,6 +42,7 @@ class Estimator:
     iterated: bool = False
     lag: int | None = None
     hypotheses: int = 1
+    cuts: bool = False
     span: Span | None = None
 
 

@@ -234,3 +234,38 @@ def test_cuts_may_follow_iterated_updates():
     assert lossy.status == "converged"
     with pytest.raises(mbm.MbmError, match="is true or false"):
         solved("(truncated-ekf :iterated 3)")
+
+
+@pytest.mark.parametrize("method", ["batch", "ekf"])
+def test_check_takes_noise_of_rank_one(method):
+    """The acceleration of constant-velocity is one number, of which place and rate follow."""
+    assert mbm.loads(walk(method)).check() == ()
+
+
+LIMITED = "(constraints (<= x 0.8) (>= b 0))"
+
+
+@pytest.mark.parametrize(
+    ("method", "same"), [("ekf", "truncated-ekf"), ("iterated-ekf", "(truncated-ekf :iterated true)")]
+)
+def test_any_filter_may_cut(method, same):
+    found = solved(f"{method} :constraints truncate", rest=LIMITED)
+    wanted = solved(same, rest=LIMITED)
+    for name in ("x", "b"):
+        np.testing.assert_array_equal(found[name].value, wanted[name].value)
+        np.testing.assert_array_equal(found[name].sigma, wanted[name].sigma)
+    assert (found["x"].value != solved(method, rest=LIMITED)["x"].value).any()
+
+
+def test_a_name_from_outside_keeps_the_cuts():
+    problem = mbm.loads(walk("truncated-ekf :constraints truncate", rest=LIMITED))
+    np.testing.assert_array_equal(problem.solve(method="ekf")["x"].value, problem.solve()["x"].value)
+    for method in ("smoother", "batch"):
+        with pytest.raises(mbm.MbmError, match="cuts what a filter knows"):
+            problem.solve(method=method)
+
+
+@pytest.mark.parametrize("method", ["batch", "smoother", "(smoother :lag 2)"])
+def test_what_is_no_filter_cuts_nothing(method):
+    with pytest.raises(mbm.MbmError, match="bad-form: `:constraints truncate` cuts what a filter knows"):
+        mbm.loads(walk(f"{method} :constraints truncate", rest=LIMITED)).solve()
