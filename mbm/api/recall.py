@@ -18,6 +18,7 @@ import os
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -255,16 +256,21 @@ def _environment() -> tuple[object, ...]:
     Files are told apart by size and time of change. A folder of packages changes when one is installed or removed.
     """
     here = str(Path(__file__).parent.parent)
-    folders = [os.path.join(here, name) for name in (*MAKERS, CLOSED_FORMS)]  # noqa: PTH118 - as below
-    sources = sorted([*_states([here], below=False), *_states(folders, below=True)])
     packages = [(entry, _changed(entry)) for entry in sys.path if entry.endswith("-packages")]
-    return (__version__, sys.version, here, _digest(sources), packages)
+    return (__version__, sys.version, here, _sources(here), packages)
+
+
+@cache
+def _sources(here: str) -> str:
+    """The digest of mbm's files, looked at once: what a process has loaded stays as it is."""
+    folders = [os.path.join(here, name) for name in (*MAKERS, CLOSED_FORMS)]  # noqa: PTH118 - as below
+    return _digest(sorted([*_states([here], below=False), *_states(folders, below=True)]))
 
 
 def _states(folders: Iterable[str], *, below: bool) -> Iterable[tuple[str, int, int]]:
     """Names, sizes and times of change of the files in folders, and in those ``below``; compiled ones left out.
 
-    Texts in place of `Path`, and no more calls than files: this is done for every solve.
+    Texts in place of `Path`, and no more calls than files: every process does this before its first solve.
     """
     left = list(folders)
     while left:

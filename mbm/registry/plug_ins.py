@@ -5,13 +5,34 @@ A package that cannot be loaded is named by a diagnostic, and harms no problem t
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 from mbm.registry import faults
 from mbm.text.types import MbmError, Span
 from mbm.values import dataclass
+
+
+@lru_cache(maxsize=64)
+def _announced(
+    found: Callable[..., Any], group: str, _places: tuple[tuple[str, int], ...]
+) -> tuple[tuple[str, EntryPoint], ...]:
+    """The entry points of a group that are ``found`` where packages are: looked for once, as that takes longer than a
+    small solve.
+    """
+    return tuple((point.name, point) for point in sorted(found(group=group), key=lambda point: point.name))
+
+
+def _changed(path: str) -> int:
+    """When something was put into a folder, or taken out of it; 0 where there is none."""
+    try:
+        return Path(path).stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +45,7 @@ class Group:
 
     def announced(self) -> dict[str, EntryPoint]:
         """The entry points of the group by name, in the order of the names."""
-        return {point.name: point for point in sorted(entry_points(group=self.name), key=lambda point: point.name)}
+        return dict(_announced(entry_points, self.name, tuple((path, _changed(path)) for path in sys.path)))
 
     def loaded(self, point: EntryPoint, span: Span | None = None) -> Any:
         """What an entry point leads to.

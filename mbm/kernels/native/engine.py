@@ -11,6 +11,7 @@ import os
 import re
 import weakref
 from collections.abc import Callable
+from functools import cache
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
@@ -151,10 +152,13 @@ def _key(name: str, level: int, loops: bool, compact: bool) -> str:
 def _version() -> str:
     """Of llvmlite, without loading it."""
     spec = find_spec("llvmlite")
-    if spec is None or spec.origin is None:
-        return ""
+    return "" if spec is None or spec.origin is None else _version_beside(spec.origin)
+
+
+@cache
+def _version_beside(origin: str) -> str:
     try:
-        return Path(spec.origin).with_name("_version.py").read_text("utf-8")
+        return Path(origin).with_name("_version.py").read_text("utf-8")
     except OSError:
         return ""
 

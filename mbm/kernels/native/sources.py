@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
 import mbm.machine
 
 
+@cache
 def source_digest(package: str, lowered_by: str) -> str:
     """SHA-256 of the little language, of a ``package`` written in it (a folder of mbm) and of what lowers that.
 
     Equal content, equal code: what else decides (options, processor, version of LLVM) is in the key of `engine.kept`.
+    They are read once: what a process has loaded stays as it is.
     """
     folder = Path(mbm.machine.__file__).parent
     digest = sha256()
