@@ -224,7 +224,7 @@ def different(made: Blueprint, chosen: list[str]) -> Callable[[str], str]:
     return lambda text: given.get(text, text)
 
 
-@settings(max_examples=8, phases=(Phase.explicit, Phase.generate), suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=4, phases=(Phase.explicit, Phase.generate), suppress_health_check=[HealthCheck.too_slow])
 @pytest.mark.parametrize("target", list(Target))
 @pytest.mark.parametrize("name", NAMES)
 @given(chosen=st.lists(TEXTS.filter(lambda text: "\0" not in text), min_size=1, max_size=6))

@@ -83,7 +83,18 @@ def test_members_that_rows_name_are_those_of_the_data_at_hand():
         np.testing.assert_allclose([*found["level"].value, found["drift"].value], expected, rtol=1e-10)
 
 
-@pytest.mark.parametrize("path", sorted(PROBLEMS.glob("*/*.mbm")), ids=lambda path: path.stem)
+LONG = ("office-walk", "chain-intervals")
+"""Problems that take a second or more each time."""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=pytest.mark.slow) if path.stem in LONG else path
+        for path in sorted(PROBLEMS.glob("*/*.mbm"))
+    ],
+    ids=lambda path: path.stem,
+)
 def test_a_problem_solved_twice_says_the_same(path):
     program = mbm.load(path)
     for name in program.names:

@@ -197,8 +197,14 @@ ROAD = np.array([(0, 1, 2), (0.5, 0.8, 5), (-1, 0.9, 9), (1, 1, 16), (4, 0.7, 30
 CAMERA = "(camera cam :focal 500 :center (320 240) :distortion (k))"
 
 
-@pytest.mark.parametrize("radial", [0.0, -0.05])
-@pytest.mark.parametrize("kind", ["spline", "polyline"])
+SEEN = [
+    ("spline", -0.05),
+    ("polyline", 0.0),
+    *(pytest.param(*each, marks=pytest.mark.slow) for each in (("spline", 0.0), ("polyline", -0.05))),
+]
+
+
+@pytest.mark.parametrize(("kind", "radial"), SEEN)
 def test_distance_from_the_image_of_a_curve(kind, radial):
     places = np.random.default_rng(2).uniform((0, 200), (640, 640), (20, 2))
     form = f"(curve-distance (project cam (trans [a 0 b] ({kind} ({forms(ROAD)})))) [x y])"

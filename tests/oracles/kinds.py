@@ -12,7 +12,7 @@ import numpy as np
 from tests.oracles.numerics import Statement
 
 Tables = Mapping[str, Mapping[str, np.ndarray]]
-SETS = 10
+SETS = 6
 """Data sets of a kind in a test run: more than the eight from which on mbm solves those of `for-each` together."""
 
 

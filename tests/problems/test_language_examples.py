@@ -340,6 +340,7 @@ def test_a_pose_graph_in_the_minimum_norm_datum(folder):
     assert 1e-4 < solved.first.chi2_p < 1 - 1e-4
 
 
+@pytest.mark.slow
 def test_hand_solves_by_batch(folder):
     """Constant link lengths, moving angles within limits: all frames at once."""
     solved = mbm.load(folder / "hand.mbm").solve(method="batch")

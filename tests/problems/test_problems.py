@@ -149,8 +149,8 @@ def scripts():
     ]
 
 
-LONG_SCRIPTS = ("photographs", "can")
-"""Those that draw or find images again."""
+LONG_SCRIPTS = ("photographs", "can", "chain_intervals", "desk_in_a_photograph", "shoulder", "stereo")
+"""Those that take seconds: they draw or find images again, search, or minimise with differences."""
 
 
 @pytest.mark.parametrize(

@@ -216,7 +216,7 @@ def test_true_values_are_drawn_from_the_priors() -> None:
       (observe d (= y (+ a b)) :sigma 0.1)
       (constraints (normal R (euler 0 0 1) 0.1)))""")
     draws, turns = [], []
-    for seed in range(200):
+    for seed in range(100):
         made = problem.simulate(data={"d": {"y": [0.0]}}, seed=seed, draw_priors=True)
         true = made.truth["solves"][0]["estimates"]
         draws.append((true["a"]["value"] - 2) / 0.5)

@@ -10,15 +10,15 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from shutil import rmtree
 
 import pytest
 
 from mbm import compiler
-from mbm.api import load
+from mbm.api import load, loads
 from mbm.cli.main import run
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
+from tests.startup.caches import forgotten, seeded
 
 PROBLEMS = Path(__file__).parents[2] / "problems"
 JSON = ("--json", "-", "--backend", "numpy")
@@ -39,6 +39,12 @@ class Call:
 Solver = Callable[..., Call]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _solver() -> None:
+    """The solver's machine code is in the cache of the run."""
+    loads("(problem p (unknowns (a :init 0)) (observe (= 1 a) :sigma 1))").solve(backend="numpy")
+
+
 @pytest.fixture
 def solved(monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]) -> Solver:
     """``solved(file, cache, option…)``: a call of ``mbm solve`` that holds nothing of earlier ones but the cache."""
@@ -51,7 +57,11 @@ def solved(monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[b
 
     monkeypatch.setattr(compiler, "derived", counted)
 
+    shared = Path(os.environ["MBM_CACHE"])
+
     def solve(file: Path, cache: Path | str, *more: str | Path) -> Call:
+        if isinstance(cache, Path):
+            seeded(cache, shared)
         monkeypatch.setenv("MBM_CACHE", str(cache))
         monkeypatch.chdir(file.parent)
         derivations.clear()
@@ -72,20 +82,13 @@ def cache(tmp_path: Path) -> Path:
     return tmp_path / "cache"
 
 
-def _forgotten(cache: Path) -> None:
-    """Removes all that was kept but machine code, which takes long to make and is another matter."""
-    for folder in cache.iterdir():
-        if folder.name != "object":
-            rmtree(folder)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("file", sorted(PROBLEMS.glob("*/*.mbm")), ids=lambda file: file.stem)
 def test_the_document_and_the_table_are_the_same(file: Path, solved: Solver) -> None:
     cache = Path(os.environ["MBM_CACHE"])
     for name in load(file).names:
         for more in (("--problem", name, "--json", "-"), ("--problem", name, "-v")):
-            _forgotten(cache)
+            forgotten(cache)
             cold, warm = solved(file, cache, *more), solved(file, cache, *more)
             assert cold.compiled
             assert not warm.compiled

@@ -63,7 +63,7 @@ def test_coordinates_that_are_not_asked_for_stay(equations):
 
 
 def test_the_number_of_threads_does_not_matter(equations):
-    starts = points_about(equations, 211 if equations.dimension < 50 else 23)
+    starts = points_about(equations, 211 if equations.dimension < 50 else 7)
     one, *others = (ends_of_starts(equations, starts, STEPS, Settings(workers=workers)) for workers in (1, 2, 3))
     for other in others:
         for name in ("points", "cost", "settled", "iterations", "evaluations"):
