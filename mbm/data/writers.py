@@ -96,7 +96,13 @@ def write_npz(columns: Sequence[Column]) -> bytes:
     return stream.getvalue()
 
 
+def write_matrix(columns: Sequence[Column]) -> bytes:
+    """Numbers between commas, without a header."""
+    lines = zip(*([] if c.numbers is None else c.numbers.tolist() for c in columns), strict=True)
+    return "".join(f"{','.join(map(repr, line))}\n" for line in lines).encode("ascii")
+
+
 WRITERS: Mapping[str, Writer] = MappingProxyType(
-    {"csv": write_csv, "tsv": write_tsv, "json": write_json, "npz": write_npz}
+    {"csv": write_csv, "tsv": write_tsv, "json": write_json, "npz": write_npz, "matrix": write_matrix}
 )
 """The formats that can be written, by the name of their readers."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.equations.binding import Group
 from mbm.equations.common_errors import MOST_DENSE, entry, together
-from mbm.equations.structure import LARGEST_RHO, Chains, Pattern, Structure, finished
+from mbm.equations.structure import LARGEST_RHO, Chains, Pattern, Stated, Structure, finished
 from mbm.equations.types import Floats, Indices
 from mbm.problem import faults
 from mbm.problem.noise import Correlation
@@ -18,6 +18,9 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Block, Problem, RowValues
 from mbm.text.types import MbmError
 from mbm.values import dataclass
+
+ASYMMETRY = 1e-6
+"""Difference of two entries of a correlation matrix that should be one number: files have six digits or more."""
 
 FIRST_RHO = 0.0
 """Where the search for an unknown correlation begins: rows that are independent."""
@@ -71,14 +74,18 @@ def _pattern(owner: int, block: Block, tables: Mapping[str, Table], rows: _Rows)
     if structure.free:
         return Pattern(owner=owner, lines=rows.lines.ravel(), lower=np.eye(rows.lines.shape[1]))
     order, along = np.arange(rows.lines.size), None
+    stated = None
     if structure.correlation is Correlation.AR1:
         rho = FIRST_RHO if structure.unknown else stated_rho(block.shared[-1], tables)
         order, along = _chained(rows, rho)
+    elif structure.matrix is not None:
+        order = np.arange(rows.lines.size).reshape(rows.lines.shape).T.ravel()  # component after component
+        stated = _stated_matrix(block, tables[structure.matrix], rows)
     lines = rows.lines.ravel()[order]
     raw = None
     if structure.per:
         needed = rows.lines.size * _most(rows, structure.per)
-        if needed > MOST_DENSE and (along is not None or len(structure.per) > 1):
+        if needed > MOST_DENSE and (structure.correlation is not None or len(structure.per) > 1):
             raise MbmError(faults.noise_too_large(structure.place or block.span, rows.lines.size, needed))
         entries = [
             entry((row_values(form, tables)[rows.positions] * rows.weights).ravel(), _members(rows, column))
@@ -86,7 +93,37 @@ def _pattern(owner: int, block: Block, tables: Mapping[str, Table], rows: _Rows)
         ]
         _check(block, rows, entries_finite=[bool(np.isfinite(each.data).all()) for each in entries])
         raw = together(entries)[order]
-    return finished(Pattern(owner=owner, lines=lines, chains=along, raw=raw, unknown=structure.unknown))
+    found = Pattern(owner=owner, lines=lines, chains=along, stated=stated, raw=raw, unknown=structure.unknown)
+    return finished(found)
+
+
+def _stated_matrix(block: Block, matrix: Table, rows: _Rows) -> Stated:
+    """The Cholesky factor of the correlation of the rows in use, of a matrix for all rows of the table.
+
+    Raises:
+        MbmError: a matrix of another size, one that is not symmetric with ones on its diagonal, or not definite.
+
+    """
+    lower = correlation_root(block, matrix, rows.table, rows.positions)
+    return Stated(lower=lower)
+
+
+def correlation_root(block: Block, matrix: Table, table: Table, positions: Indices) -> Floats:
+    """The same for some rows of a table."""
+    whole, place = len(matrix), block.structure.place or block.span
+    if whole != table.provenance.rows:
+        what = f"the matrix has {whole} rows, and `{table.name}` {table.provenance.rows}"
+        raise MbmError(faults.bad_correlation(place, what))
+    numbers = np.column_stack([matrix.numbers(name) for name in matrix.columns])
+    if not bool(np.isfinite(numbers).all()) or float(np.abs(numbers - numbers.T).max()) > ASYMMETRY:
+        raise MbmError(faults.bad_correlation(place, "the correlation matrix is not symmetric"))
+    if float(np.abs(np.diag(numbers) - 1.0).max()) > ASYMMETRY:
+        raise MbmError(faults.bad_correlation(place, "the diagonal of the correlation matrix is not 1"))
+    mine = table.rows[positions] - 1
+    try:
+        return np.asarray(np.linalg.cholesky(numbers[np.ix_(mine, mine)]))
+    except np.linalg.LinAlgError:
+        raise MbmError(faults.bad_correlation(place, "the correlation matrix is not positive definite")) from None
 
 
 def _check(block: Block, rows: _Rows, *, entries_finite: list[bool]) -> None:

@@ -32,6 +32,7 @@ from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.dynamics import read_dynamics
 from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.estimators import read_estimator
+from mbm.problem.reading.noise_matrices import matrices
 from mbm.problem.reading.noise_structure import check_structures
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
@@ -239,6 +240,7 @@ def _tables(
                 raise MbmError(language_faults.duplicate_definition(data.declaration.span, name, other))
             found[name] = data
     work.finish()
+    found |= matrices(_all(clauses, "observe"))
     check_members(found)
     raw = dict(load([data.declaration for data in found.values()]))
     check_units(found, raw)

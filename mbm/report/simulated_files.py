@@ -16,6 +16,8 @@ from mbm.files.source import read_file
 from mbm.files.targets import SOURCE_ENDING
 from mbm.language.program import Program
 from mbm.problem.clauses import effective_clauses, select_problem
+from mbm.problem.reading.noise_matrices import READER as MATRIX
+from mbm.problem.reading.noise_matrices import matrix_forms, matrix_table
 from mbm.problem.tables import Column, TableDeclaration
 from mbm.problem.types import Problem
 from mbm.report.simulated import Simulated, SimulatedTable
@@ -144,7 +146,7 @@ class _Tables:
         path = origin.path if origin is not None and fresh else file_name(declaration.name, ".csv")
         sheet = _Sheet(
             path=self._names.own(path),
-            kind=origin.kind if origin is not None and fresh else "csv",
+            kind=origin.kind if origin is not None and fresh else MATRIX if declaration.source == MATRIX else "csv",
             columns=columns,
             changed=list(table.changed),
         )
@@ -177,6 +179,8 @@ def _source_forms(program: Program, name: str | None) -> Mapping[str, Symbol | S
             table, form = clause.items[1:3]
             if isinstance(table, Symbol) and isinstance(form, Symbol | Sequence):
                 found[table.name] = form
+        elif clause.head == "observe":
+            found.update((matrix_table(path), form) for form, path in matrix_forms(clause))
     return found
 
 

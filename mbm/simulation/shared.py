@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbm.equations.structure import Chains
-from mbm.equations.structuring import chained, stated_rho
+from mbm.equations.structuring import chained, correlation_root, stated_rho
 from mbm.equations.types import Floats, Indices
 from mbm.problem.checks import used_rows
 from mbm.problem.naming import key_text
@@ -27,6 +27,8 @@ def correlated(block: Block, known: KnownNoise, rows: Rows, normal: Floats, numb
     table = rows.table
     if block.structure.correlation is None or table is None:
         return normal
+    if block.structure.matrix is not None:
+        return _by_matrix(block, rows, normal, numbers, sets)
     stated = None if block.structure.unknown else stated_rho(block.shared[-1], rows.tables)
     rho = (known.rho or 0.0) if stated is None else stated
     mask = used_rows(block, rows.tables)
@@ -35,6 +37,21 @@ def correlated(block: Block, known: KnownNoise, rows: Rows, normal: Floats, numb
     order, gaps = chained(place[used], chain[used], sets[used])
     found, mine = normal.copy(), numbers[used][order]
     found[mine] = Chains(gaps=gaps, rho=rho).correlated(normal[mine])
+    return found
+
+
+def _by_matrix(block: Block, rows: Rows, normal: Floats, numbers: Indices, sets: Indices) -> Floats:
+    """The same of a matrix that is stated for all rows."""
+    table = rows.table
+    if table is None or block.structure.matrix is None:
+        return normal
+    mask = used_rows(block, rows.tables)
+    used = np.arange(len(table)) if mask is None else np.flatnonzero(mask)
+    found = normal.copy()
+    for one in np.unique(sets[used]):
+        mine = used[sets[used] == one]
+        lower = correlation_root(block, rows.tables[block.structure.matrix], table, mine)
+        found[numbers[mine]] = lower @ normal[numbers[mine]]
     return found
 
 

@@ -7,7 +7,7 @@ from importlib import import_module
 
 from mbm.data.types import AnyReader
 
-_TABLES = ("csv", "tsv", "json", "npz", "parquet")
+_TABLES = ("csv", "tsv", "json", "npz", "parquet", "matrix")
 _RECORDS = ("tum", "kitti", "euroc", "bal", "g2o", "bundler", "colmap", "opencv", "kalibr", "rosbag")
 _IMAGES = ("chessboard", "circles", "charuco", "aruco", "apriltag", "contour", "image")
 _NAMES = (*_TABLES, *_RECORDS, *_IMAGES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.problem.faults.data import BAD_NOISE
 from mbm.text.types import Code, Diagnostic, Label, Span
 
 FACTOR_OF_SEVERAL_DIMENSIONS = Code(
@@ -78,6 +79,12 @@ def unknown_common_error(span: Span, column: str) -> Diagnostic:
     """A common error of unknown size."""
     hint = f"state its size; or make it a family of unknowns, `(b :per TABLE.{column})`, with a prior in `constraints`"
     return noise_not_combined(span, "the size of a common error has to be stated", hint)
+
+
+def bad_correlation(span: Span, what: str) -> Diagnostic:
+    """A correlation matrix that is none."""
+    hint = "it has a row and a column for each row of the table before any is left out, 1 on its diagonal, and is"
+    return Diagnostic(code=BAD_NOISE, message=what, place=span, hint=f"{hint} symmetric and positive definite")
 
 
 def noise_too_large(span: Span, rows: int, needed: int) -> Diagnostic:

@@ -9,6 +9,7 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.noise import PLAIN, Correlation, NoiseStructure
 from mbm.problem.options import Options, split_options
+from mbm.problem.reading.noise_matrices import matrix_path, matrix_table
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, EquationCase, Request, RowValues
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol
@@ -16,7 +17,7 @@ from mbm.values import dataclass
 
 USAGE = ":sigma (unknown FORM [:as NAME])"
 COMMON = ":common ((FORM :per COLUMN)…)"
-CORRELATION = ":correlation (ar1 FORM | unknown)"
+CORRELATION = ':correlation (ar1 FORM | unknown), or (matrix "file.csv")'
 OPTIONS = ("common", "correlation")
 
 
@@ -78,6 +79,7 @@ def read_structure(
         raise MbmError(faults.noise_without_rows(place))
     size = max(sizes, default=1)
     common = _common(work, options.get("common"), table, size)
+    matrix = matrix_path(options.get("correlation"))
     correlation, unknown, stated = _correlation(work, options.get("correlation"), table)
     structure = NoiseStructure(
         shared=None if shared is None else shared.name,
@@ -85,6 +87,7 @@ def read_structure(
         per=tuple(column for column, _ in common),
         correlation=correlation,
         unknown=unknown,
+        matrix=None if matrix is None else matrix_table(matrix),
         place=place if shared is None else shared.span,
     )
     return structure, (*(values for _, values in common), *stated)
@@ -140,8 +143,12 @@ def _correlation(
     """The correlation along the rows: whether it is unknown, and what is stated."""
     if form is None:
         return None, False, ()
+    if matrix_path(form) is not None:
+        return Correlation.MATRIX, False, ()
     if not isinstance(form, Sequence) or form.head != "ar1" or len(form.items) != 2:
-        raise MbmError(language_faults.bad_form(form.span, "`:correlation` takes `(ar1 …)`", CORRELATION))
+        raise MbmError(
+            language_faults.bad_form(form.span, '`:correlation` takes `(ar1 …)` or `(matrix "file.csv")`', CORRELATION)
+        )
     if any(isinstance(item, Keyword) for item in form.items):
         raise MbmError(language_faults.bad_form(form.span, "`ar1` takes one form", CORRELATION))
     if work.scope.earlier is not None:
