@@ -104,6 +104,7 @@ def test_an_overlay_of_a_problem_without_images(mbm: Run, tmp_path: Path) -> Non
     outcome = mbm("solve", PROBLEMS / "triangle/triangle.mbm", "--estimates", estimates, "--overlay", out)
     assert outcome.status == 2
     assert "error[nothing-to-draw]" in outcome.err
+    assert "`mbm view --model" in outcome.err  # `solve` has no such option
     assert estimates.exists()  # what can be written is
     assert not out.exists()
 

@@ -11,7 +11,7 @@ NOTHING_TO_DRAW = Code(
     "nothing-to-draw",
     "There is nothing of the kind that was asked for: no model with values, no camera, no measurement in an image, no "
     "pose.",
-    "Give a model by `--model`, or another kind by `--show`.",
+    "Give `mbm view` a model by `--model`, or another kind by `--show`; `mbm solve --plot` draws what is no image.",
 )
 MODEL_WITHOUT_VALUES = Code(
     "model-without-values",

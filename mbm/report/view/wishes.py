@@ -116,7 +116,7 @@ def overlay_bytes(result: Result, ending: str) -> bytes:
 
 def _nothing(viewed: Viewed, show: Sequence[Show]) -> Diagnostic:
     kinds = " or ".join(show)
-    hint = 'a model can be drawn by `--model "(box 3 2 1)"`, residuals by `mbm solve --plot`'
+    hint = 'a model can be drawn by `mbm view --model "(box 3 2 1)"`, residuals by `mbm solve --plot`'
     return faults.nothing_to_draw(f"the problem `{viewed.problem.name}` has no {kinds}", hint)
 
 
