@@ -82,8 +82,10 @@ SAMPLED_ROWS_MOVED = Code(
 NOISE_AGAINST_DATA = Code(
     "noise-against-data",
     "The residuals are far larger than the stated noise allows, so either the noise or the model is wrong, or rows are "
-    "outliers; the standard deviations follow the stated noise and are then too small (a warning).",
-    "Look at the residuals; correct `:sigma`, use `:sigma (unknown FORM)`, add what the model lacks, or use `:robust`.",
+    "outliers, or the start has led to another minimum than the best; the standard deviations follow the stated noise "
+    "and are then too small (a warning).",
+    "Look at the residuals; correct `:sigma`, use `:sigma (unknown FORM)`, add what the model lacks, or use `:robust`; "
+    "`--starts 20` looks for a better minimum.",
 )
 PRIOR_AGAINST_DATA = Code(
     "prior-against-data",
