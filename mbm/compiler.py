@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mbm.kernels.called_functions import CalledFunctions
     from mbm.kernels.types import KernelSet
     from mbm.language.program import Program
+    from mbm.problem.builder import Loader
     from mbm.problem.checks import Mentioned
     from mbm.problem.dependence import Facts
     from mbm.problem.overrides import Override
@@ -87,9 +88,9 @@ def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = 
 
 
 def elaborated(
-    program: Program, name: str | None, inputs: Inputs, registry: Registry, raw: Mapping[str, Table] | None = None
+    program: Program, name: str | None, inputs: Inputs, registry: Registry, load: Loader | None = None
 ) -> Elaborated:
-    """Definitions and tables → typed equations, checked as far as no number decides; ``raw`` are tables read before."""
+    """Definitions and tables → typed equations, checked as far as no number decides; ``load`` reads the tables."""
     from mbm.data.types import Formats
     from mbm.language.limits import recursion_room
     from mbm.problem.builder import Front, elaborate
@@ -107,9 +108,7 @@ def elaborated(
                 routines=lambda: tuple(form.name for form in registry.closed_forms()),
             ),
             inputs.overrides,
-            lambda wanted: (
-                {d.name: raw[d.name] for d in wanted} if raw else loaded(wanted, program.base, inputs, registry)
-            ),
+            load or (lambda wanted: loaded(wanted, program.base, inputs, registry)),
         )
 
 
@@ -295,7 +294,8 @@ def seen(found: Elaborated, program: Program, inputs: Inputs, registry: Registry
 
     trace, words = Trace(), registry.vocabulary()
     traced = trace.vocabulary(words)
-    noted = elaborated(program, found.problem.name, inputs, replace(registry, vocabulary=lambda: traced), found.raw)
+    tracing = replace(registry, vocabulary=lambda: traced)
+    noted = elaborated(program, found.problem.name, inputs, tracing, lambda _: found.raw)
     return Seen(
         seeings=tuple(trace.seeings(noted.problem)) or tuple(implied_seeings(found.problem)),
         contours=tuple(trace.contours(noted.problem)),

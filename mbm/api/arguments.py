@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbm.api import faults
+from mbm.problem.overrides import Override
 from mbm.text.types import MbmError
 
 
@@ -102,3 +103,22 @@ def real(given: ArrayLike) -> NDArray[np.float64]:
     if found.dtype.kind == "c":
         raise TypeError(found.dtype)
     return np.asarray(found, np.float64)
+
+
+def overrides_of(constants: object) -> dict[str, Override]:
+    """The values of constants that a caller gives, by name. Raises MbmError (unknown-override)."""
+    from mbm.problem import faults
+
+    found = {}
+    for name, value in by_name("constants", constants).items():
+        if isinstance(value, str):
+            found[name] = Override(name=name, text=value)
+            continue
+        try:
+            numbers = np.asarray(value, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError):
+            raise MbmError(faults.bad_override(name, "is no number")) from None
+        if not bool(np.isfinite(numbers).all()):
+            raise MbmError(faults.bad_override(name, "is not finite"))
+        found[name] = Override(name=name, values=tuple(numbers.tolist()))
+    return found

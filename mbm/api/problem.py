@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Unpack
 
 from mbm import compiler
-from mbm.api.arguments import by_name
+from mbm.api.arguments import by_name, overrides_of
+from mbm.api.checking import without_start
 from mbm.api.compilation import Origin
 from mbm.api.compiled import CompiledProblem, as_json, compiled
 from mbm.api.reading import Reading
@@ -18,17 +17,18 @@ from mbm.api.recall import Text
 from mbm.compiler import Inputs
 from mbm.files.journal import THE_PROBLEM, Journal, note, noting
 from mbm.files.source import read_file
-from mbm.problem.overrides import Override
 from mbm.registry.standard import Registry, standard_registry
 from mbm.text.types import Diagnostic, MbmError, Severity, Source
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.api.pickled import Written
+    from mbm.api.wishes import Wishes
     from mbm.estimation.starts.closed_forms.types import ClosedForm
     from mbm.language.program import Program
     from mbm.problem.elaborated import Elaborated
     from mbm.report.answer import Solved
+    from mbm.report.designs.types import Design
     from mbm.report.options import SimulationSettings
     from mbm.report.propagation.answer import Propagated
     from mbm.report.simulated import Simulated, Simulator
@@ -150,7 +150,7 @@ class Problem:
     ) -> Inputs:
         return Inputs(
             tables=by_name("data", data),
-            overrides=_overrides(constants),
+            overrides=overrides_of(constants),
             sandbox=self.sandbox,
             allow_external=allow_external,
         )
@@ -260,6 +260,37 @@ class Problem:
         )
         return self.simulated(self._inputs(data, constants, allow_external), settings)
 
+    def design(
+        self,
+        quantity: str | None = None,
+        candidates: object = None,
+        *,
+        at: Mapping[str, object] | None = None,
+        data: Mapping[str, object] | None = None,
+        constants: Mapping[str, object] | None = None,
+        **wish: Unpack[Wishes],
+    ) -> Design:
+        """The accuracy to expect before measuring, and what to measure next.
+
+        Args:
+            quantity: what is to be accurate: an estimate, derived quantity, or number of one; None: all estimates.
+            candidates: rows that could be measured: a table, its path, or the name of one of the problem.
+            at: as for ``simulate``. None: the estimates if all is measured, else the starts.
+            data: see ``compile``; what is measured may be missing.
+            constants: see ``compile``.
+            wish: what to choose: see `mbm.api.wishes.Wishes`.
+
+        Raises:
+            MbmError: the problem or the data are wrong; `not-designed`, `no-candidates`, `unknown-quantity`.
+
+        """
+        from mbm.api.designs import design_of
+        from mbm.report.designs.types import DesignWish
+
+        values = None if at is None else {name: as_json(value) for name, value in by_name("at", at).items()}
+        wishes = DesignWish(quantity=quantity, **wish)
+        return design_of(self, self._inputs(data, constants, False), values, candidates, wishes)
+
     def simulated(self, inputs: Inputs, settings: SimulationSettings) -> Simulated:
         """As ``simulate``, for everything that may come from outside."""
         return self.simulator(inputs).measurements(settings)
@@ -316,7 +347,7 @@ class Problem:
         wrong = refusals(problem, tables)
         calls = () if wrong else self._called(found, inputs)
         if not (wrong or calls):
-            wrong = list(self._without_start(found))
+            wrong = list(without_start(found, self.registry))
         return (*wrong, *problem.warnings, *structural_warnings(problem, tables), *lacking, *calls)
 
     def _called(self, found: Elaborated, inputs: Inputs) -> tuple[Diagnostic, ...]:
@@ -335,24 +366,6 @@ class Problem:
             return compiler.jacobian_doubts(made.elaborated, made.kernels, made.cache)
         except MbmError as error:
             return error.diagnostics
-
-    def _without_start(self, found: Elaborated) -> tuple[Diagnostic, ...]:
-        """Unknowns that a solve would find no start for, which is looked at where random points cannot help."""
-        from mbm.estimation.search.startless import may_be_startless
-        from mbm.problem.structure import called_functions
-
-        if called_functions(found.problem) or not may_be_startless(found.problem, found.tables):
-            return ()
-        from mbm.equations.binding import EvaluationCache
-        from mbm.estimation.solve.choice import chosen_solver
-
-        kernels = compiler.derived(found)
-        cache = EvaluationCache(self.registry.suited(self.registry.backend("auto"), kernels, None))
-        try:
-            chosen_solver(found, kernels, cache, self.registry.closed_forms())
-        except MbmError as error:
-            return error.diagnostics
-        return ()
 
 
 def problem_again(written: Written) -> Problem:
@@ -379,21 +392,3 @@ def build(name: str, *clauses: object) -> Problem:
 
     form = from_python((symbol("problem"), symbol(name), *clauses))
     return loads(format_text(Source("<python>", print_form(form))))
-
-
-def _overrides(constants: object) -> dict[str, Override]:
-    from mbm.problem import faults
-
-    found = {}
-    for name, value in by_name("constants", constants).items():
-        if isinstance(value, str):
-            found[name] = Override(name=name, text=value)
-            continue
-        try:
-            numbers = np.asarray(value, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError):
-            raise MbmError(faults.bad_override(name, "is no number")) from None
-        if not bool(np.isfinite(numbers).all()):
-            raise MbmError(faults.bad_override(name, "is not finite"))
-        found[name] = Override(name=name, values=tuple(numbers.tolist()))
-    return found

@@ -136,8 +136,9 @@ def _trials(now: Compilation, origin: Origin, inputs: Inputs) -> _Trials:
         program = origin.reading.program
         definition = select_problem(program, origin.name)
         changed = with_drawn_constants(program, definition, constants)
+        raw = found.raw
         try:
-            found = compiler.elaborated(changed, definition.name, inputs, origin.registry, found.raw)
+            found = compiler.elaborated(changed, definition.name, inputs, origin.registry, lambda _: raw)
         except MbmError as error:
             raise MbmError(*(faults.decides(each) for each in error.diagnostics)) from None
     problem = with_shifts(weighted(found.problem))

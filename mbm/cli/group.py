@@ -13,6 +13,7 @@ COMMANDS = {
     "solve": "Solve a problem: estimates with their uncertainties.",
     "budget": "The uncertainty of estimates, input by input.",
     "propagate": "Propagate distributions (GUM Supplement 1): intervals and samples.",
+    "design": "The accuracy to expect before measuring, and what to measure next.",
     "trajectory": "Errors of an aligned trajectory: of each pose, and over steps.",
     "view": "Draw models, scenes, measurements in their images, maps.",
     "simulate": "Write simulated measurements, with noise, as data files.",
@@ -26,7 +27,7 @@ COMMANDS = {
 }
 """The commands, each the module of its name in `mbm.cli.commands`."""
 
-LATER = ("design", "ui", "lsp")
+LATER = ("ui", "lsp")
 """Commands of CONTRACT §1 that this version answers with one line."""
 
 

@@ -243,6 +243,8 @@ def _noise(problem: Problem, solution: Solution, modelled: Modelled, table: Tabl
     stated = _deviations(equation, stated_noise(equation, rows, positions, solution.tables))
     if stated is None:
         return f"`{block.name}` has bounds, and no distribution"
+    if block.structure.free or block.structure.per:
+        return f"the noise of `{block.name}` is not that of a row alone: {block.structure.what}"
     told = solution.noise.get(modelled.block)
     if told is None:
         return stated

@@ -129,7 +129,7 @@ class _Run:
                 cells.append(Cells(table=table.name, column=column, rows=own, numbers=numbers[:, j]))
                 table = _with_column(table, column, positions, numbers[:, j])
             tables[table.name] = table
-        cells.extend(self._errors(tables, masks))
+        cells.extend(() if self.asked.exact else self._errors(tables, masks))
         refuse_lost_noise(problem, tables, masks, {(each.table, each.column) for each in cells})
         truth = Truth(
             key=self.selection.key,
@@ -179,6 +179,8 @@ class _Run:
         scale = _scale(root(equation, rows, {}), natural)
         predicted, solved = solved_rows(components, start, zero, scale, metric)
         self._check(solved, measured, rows)
+        if self.asked.exact:
+            return predicted, np.zeros(rows.count, dtype=bool)
         try:
             spread = (known.factor or 1.0) * root(
                 equation, rows, {n: predicted[:, j] for j, n in enumerate(measured.columns)}

@@ -53,7 +53,7 @@ class Simulating:
 
     ``measured`` names the columns of observations whose equations leave open what they measure. With ``kernels`` (and
     their cache), what has a prior is drawn from it. ``carrying`` (the same) carries states from step to step. ``calls``
-    calls functions in Python.
+    calls functions in Python. ``exact``: without noise.
     """
 
     seeds: tuple[int, ...]
@@ -62,6 +62,7 @@ class Simulating:
     kernels: tuple[KernelSet, EvaluationCache] | None = None
     carrying: tuple[KernelSet, EvaluationCache] | None = None
     calls: Calls | None = None
+    exact: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

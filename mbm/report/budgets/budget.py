@@ -6,7 +6,7 @@ with an uncertainty are considered as `mbm.report.considered` does it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from math import isfinite, nan
 
 import numpy as np
@@ -17,28 +17,18 @@ from mbm.estimation.search.solution import Solution
 from mbm.problem.types import Problem
 from mbm.report.budgets import faults
 from mbm.report.budgets.inputs import Errors, Source, sources
+from mbm.report.budgets.targets import Target, called, gradient_of, item_of, targets_of
 from mbm.report.budgets.types import Budget, BudgetRow, InputKind
-from mbm.report.elements import element_names, factors, own_name, scalars, shown_sigma, unit_text
+from mbm.report.elements import factors, scalars, shown_sigma, unit_text
 from mbm.report.intervals import Intervals, intervals
-from mbm.report.types import DerivedValue, Estimate, Floats, SolveReport
+from mbm.report.types import SolveReport
 from mbm.text.types import MbmError
-from mbm.values import dataclass
 
 CLOSED = 1e-8
 """What the squares of the contributions may lack of the variance, relatively: far above rounding."""
 
 SAME = 1e-12
 """Relative difference up to which standard deviations are one: roundings of what a unit makes of it."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Target:
-    """A scalar: of the item at ``number`` among the estimates, or ``derived`` quantities, the one at ``place``."""
-
-    name: str
-    derived: bool
-    number: int
-    place: int
 
 
 def budgets_of(solve: SolveReport, name: str | None = None, *, by_row: bool = False) -> tuple[Budget, ...]:
@@ -53,9 +43,9 @@ def budgets_of(solve: SolveReport, name: str | None = None, *, by_row: bool = Fa
         MbmError: unknown-quantity; no-budget: nothing that was asked for has one, and why.
 
     """
-    targets = list(_targets(solve))
+    targets = list(targets_of(solve))
     if name is not None:
-        targets = _called(solve, name, targets)
+        targets = called(solve, name, targets)
     what = name or next((target.name for target in targets), solve.message)
     if not targets and solve.made_from is not None:
         raise MbmError(faults.nothing_estimated())
@@ -63,7 +53,7 @@ def budgets_of(solve: SolveReport, name: str | None = None, *, by_row: bool = Fa
     found = [_budget(solve, problem, solution, influence, target, by_row, asked=name) for target in targets]
     made = tuple(each for each in found if each is not None)
     if not made:
-        reasons = (_item(solve, target).reason for target in targets)
+        reasons = (item_of(solve, target).reason for target in targets)
         why = next((reason for reason in reasons if reason is not None), "no quantity has a standard deviation")
         raise MbmError(faults.no_budget(what, why))
     return made
@@ -89,52 +79,18 @@ def _solved(solve: SolveReport, name: str) -> tuple[Problem, Solution, Influence
     return problem, solution, solution.influence
 
 
-def _items(solve: SolveReport) -> Iterator[tuple[bool, int, Estimate | DerivedValue]]:
-    yield from ((False, number, item) for number, item in enumerate(solve.estimates))
-    yield from ((True, number, item) for number, item in enumerate(solve.derived))
-
-
-def _targets(solve: SolveReport) -> Iterator[_Target]:
-    for derived, number, item in _items(solve):
-        for place, name in enumerate(element_names(item.quantity, item.keys)):
-            yield _Target(name=name, derived=derived, number=number, place=place)
-
-
-def _called(solve: SolveReport, name: str, targets: Sequence[_Target]) -> list[_Target]:
-    """The scalars that ``name`` means. Raises MbmError (unknown-quantity)."""
-    exact = [target for target in targets if target.name == name]
-    if exact:
-        return exact[:1]
-    whole: dict[str, list[_Target]] = {}
-    for target in targets:
-        item = _item(solve, target)
-        names = {item.quantity.name}
-        if item.keys is not None:
-            each = max(len(element_names(item.quantity, item.keys)) // max(len(item.keys), 1), 1)
-            names.add(own_name(item.quantity, item.keys[target.place // each]))
-        for each_name in names:
-            whole.setdefault(each_name, []).append(target)
-    if name in whole:
-        return whole[name]
-    raise MbmError(faults.unknown_quantity(name, (*whole, *(target.name for target in targets))))
-
-
-def _item(solve: SolveReport, target: _Target) -> Estimate | DerivedValue:
-    return solve.derived[target.number] if target.derived else solve.estimates[target.number]
-
-
 def _budget(
     solve: SolveReport,
     problem: Problem,
     solution: Solution,
     influence: Influence,
-    target: _Target,
+    target: Target,
     by_row: bool,
     *,
     asked: str | None,
 ) -> Budget | None:
     """The budget of a scalar; None where it has none and was not ``asked`` for."""
-    item = _item(solve, target)
+    item = item_of(solve, target)
     scalar = list(scalars(item))[target.place]
     why = None
     if scalar.fixed:
@@ -143,7 +99,7 @@ def _budget(
         why = "it is held at its bound, where no standard deviation is known"
     elif not isfinite(scalar.sigma):
         why = scalar.reason or "no standard deviation is known"
-    gradient = None if why is not None else _gradient(solution, target)
+    gradient = None if why is not None else gradient_of(solution, target)
     if why is None and gradient is None:
         why = "there are too many derived numbers to keep their derivatives"
     if why is not None or gradient is None:
@@ -177,17 +133,7 @@ def _flat(found: Intervals, place: int) -> Intervals:
     return found.at(tuple(int(i) for i in np.unravel_index(place, np.shape(found.dof))))
 
 
-def _gradient(solution: Solution, target: _Target) -> Floats | None:
-    """The derivatives (n,) of a scalar by the free coordinates; None where they were not kept."""
-    if target.derived:
-        kept = solution.derived[target.number].gradient
-        return None if kept is None else kept[target.place]
-    place = solution.layout.entries[target.number].coordinates
-    coordinate = place.start + target.place % max(place.stop - place.start, 1)
-    return np.asarray(solution.free == coordinate, dtype=np.float64)
-
-
-def _constants(solve: SolveReport, target: _Target) -> Iterator[Source]:
+def _constants(solve: SolveReport, target: Target) -> Iterator[Source]:
     """The constants that have an uncertainty."""
     for constant in solve.considered:
         moves = (constant.derived if target.derived else constant.estimates)[target.number]

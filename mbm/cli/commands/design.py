@@ -1,0 +1,98 @@
+"""``mbm design``: the accuracy to expect of an experiment, and what to measure next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mbm.cli.documents import STANDARD_OUTPUT
+from mbm.cli.failure import print_diagnostics
+from mbm.cli.inputs import initial_values, named_paths, named_texts
+from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
+from mbm.cli.output import say, write_bytes
+from mbm.cli.statuses import ATTENTION, OK
+from mbm.files.writing import checked_target, write_whole
+
+if TYPE_CHECKING:
+    from mbm.report.designs.types import Design
+
+
+@click.command("design")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--at", metavar="VALUES.json", help="Where to expect it: name → value, or a result document.")
+@click.option("--for", "quantity", metavar="QUANTITY", help="The estimate or derived quantity that is to be accurate.")
+@click.option("--candidates", metavar="TABLE", help="What could be measured: a file, or a table of the problem.")
+@click.option("--observation", metavar="NAME", help="The observation that the candidates are rows of, if unclear.")
+@click.option("--criterion", type=click.Choice(["A", "c", "D"]), help="What is to be small (one number: c).")
+@click.option("--choose", type=click.IntRange(1, 10_000), metavar="N", help="Choose the best N candidates.")
+@click.option("--budget", type=click.FloatRange(min=0), metavar="COST", help="Choose as many as their `cost` allows.")
+@click.option("--repeats", is_flag=True, help="A candidate may be chosen more than once.")
+@click.option("--sigma", metavar="VALUE", help="A wanted standard deviation: tell the repeats it takes.")
+@click.option("--problem", metavar="NAME", help="The problem of the file, where it holds several.")
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
+@click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, metavar="N", help="Seed of the search for sets.")
+@click.option("--json", "json_path", metavar="PATH|-", help="Write everything as JSON.")
+@click.option("--csv", "csv_path", metavar="PATH", help="Write the candidates (without any: what to expect) as CSV.")
+@click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
+@allow_external_option
+@verbosity_options
+def command(**given: Any) -> int:
+    """Tell how accurate the estimates of FILE will be, before anything is measured: the column that is measured may be
+    empty or missing. With candidates, tell what each would add, and which to choose.
+
+    Exit status: 0; 1 if something that is estimated, or the quantity asked for, is not determined.
+    """
+    screen = terminal()
+    outputs = [path for path in (given["json_path"], given["csv_path"]) if path not in (None, STANDARD_OUTPUT)]
+    for path in outputs:
+        checked_target(path, reads=problem_at(given["file"]))
+    design = _design(given)
+    print_diagnostics(() if screen.quiet else design.notes, color=screen.color_errors)
+    if given["json_path"] not in (None, STANDARD_OUTPUT):
+        write_whole(given["json_path"], _document(design), reads=reads_so_far())
+    if given["csv_path"] is not None:
+        from mbm.report.designs.document import design_rows
+
+        write_whole(given["csv_path"], design_rows(design).encode("utf-8", "backslashreplace"), reads=reads_so_far())
+    if given["json_path"] == STANDARD_OUTPUT:
+        write_bytes(_document(design))
+    else:
+        from mbm.report.designs.text import text
+
+        say(text(design, color=screen.color, full=screen.verbose), end="")
+    return OK if design.observable else ATTENTION
+
+
+def _document(design: Design) -> bytes:
+    from mbm.report.encode import encode, to_bytes
+
+    return to_bytes(encode(design.document()))
+
+
+def _design(given: dict[str, Any]) -> Design:
+    from mbm.api import design_file
+    from mbm.report.designs.types import DesignWish
+    from mbm.report.options import SolveOptions
+
+    options = SolveOptions(
+        problem=given["problem"],
+        set=named_texts("--set", given["settings"]),
+        data=named_paths("--data", given["data"]),
+        sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
+        allow_external=given["allow_external"],
+    )
+    wish = DesignWish(
+        quantity=given["quantity"],
+        criterion=given["criterion"],
+        choose=given["choose"],
+        budget=given["budget"],
+        repeats=given["repeats"],
+        sigma=given["sigma"],
+        observation=given["observation"],
+        seed=given["seed"],
+    )
+    at = None if given["at"] is None else initial_values(Path(given["at"]))
+    return design_file(given["file"], options, at, given["candidates"], wish)

@@ -1,0 +1,217 @@
+"""Which candidates to measure: of few sets the best one, else greedily, with exchanges (Fedorov 1972)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from enum import StrEnum
+from itertools import combinations, combinations_with_replacement
+from math import comb, inf
+from typing import TypeAlias
+
+import numpy as np
+
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.design.information import Expected, Information
+from mbm.values import dataclass
+
+EXHAUSTIVE = 3_000
+"""Sets that are all looked at: a second or two of decompositions of small matrices."""
+
+RESTARTS = 4
+"""Random sets from which exchanges start, beside the greedy one: exchanges end at local optima."""
+
+PASSES = 50
+"""Rounds of exchanges: each must improve, and a handful do."""
+
+BETTER = 1e-9
+"""Relative improvement that counts: less is rounding, and would exchange equal candidates for ever."""
+
+MOST_REPEATS = 10**9
+"""Repeats beyond which a standard deviation is not reached: more measurements than anybody makes."""
+
+Score: TypeAlias = tuple[int, float]
+"""Combinations that are missing, and what is to be small; the first decides."""
+
+
+class Criterion(StrEnum):
+    """What is to be small: the variance of one number, the sum of variances, the determinant of the covariance."""
+
+    A = "A"
+    C = "c"
+    D = "D"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Wish:
+    """What may be chosen: ``count`` candidates (None: any number) whose ``costs`` (c,) add up to at most a ``budget``.
+
+    ``repeats``: a candidate may be chosen more than once.
+    """
+
+    criterion: Criterion
+    costs: Floats
+    count: int | None = None
+    budget: float = inf
+    repeats: bool = False
+
+    def affordable(self, counts: Indices) -> bool:
+        """Whether a set is within the budget."""
+        return float(self.costs @ counts) <= self.budget * (1.0 + 1e-12)
+
+    def allows(self, counts: Indices) -> bool:
+        """Whether a set may be chosen."""
+        single = self.repeats or not bool((counts > 1).any())
+        return single and self.affordable(counts) and (self.count is None or int(counts.sum()) <= self.count)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Choice:
+    """How often each candidate is to be measured (c,), what is then to be expected, and how the set was found."""
+
+    counts: Indices
+    expected: Expected
+    exhaustive: bool
+
+
+def choose(information: Information, wish: Wish, seed: int) -> Choice:
+    """The best set of candidates that a wish allows, as far as the search can tell; ``seed`` draws its starts."""
+    information = information.compressed()
+    score = _scores(information, wish.criterion)
+    size = len(information.candidates)
+    every = _every(wish, size)
+    if every is not None:
+        best = np.zeros(size, dtype=np.int64)
+        for counts in every:
+            best = counts if _better(score(counts), score(best)) else best
+        return Choice(counts=best, expected=information.expected(best), exhaustive=True)
+    found = _exchanged(_greedy(np.zeros(size, dtype=np.int64), wish, score), wish, score)
+    rng = np.random.default_rng(seed)
+    for _ in range(RESTARTS):
+        other = _exchanged(_greedy(_random(rng, wish, size), wish, score), wish, score)
+        found = other if _better(score(other), score(found)) else found
+    return Choice(counts=found, expected=information.expected(found), exhaustive=False)
+
+
+def repeats_for(information: Information, candidate: int, wanted: float) -> int | None:
+    """How often a candidate has to be measured until every standard deviation is at most ``wanted``; None: never."""
+    size = len(information.candidates)
+
+    def enough(count: int) -> bool:
+        counts = np.zeros(size, dtype=np.int64)
+        counts[candidate] = count
+        told = information.expected(counts)
+        return bool(told.estimable.all()) and float(told.sigma.max(initial=0.0)) <= wanted
+
+    if enough(0):
+        return 0
+    if not enough(MOST_REPEATS):
+        return None
+    below, above = 0, 1
+    while not enough(above):
+        below, above = above, 2 * above
+    while above - below > 1:
+        middle = (below + above) // 2
+        below, above = (below, middle) if enough(middle) else (middle, above)
+    return above
+
+
+def objective(expected: Expected, criterion: Criterion) -> float:
+    """What a criterion makes small of a set that determines all numbers."""
+    if criterion is Criterion.D:
+        return float(np.linalg.slogdet(expected.matrix)[1])
+    return float(np.trace(expected.matrix))
+
+
+def _scores(information: Information, criterion: Criterion) -> Callable[[Indices], Score]:
+    """The score of a set. Where something is missing, the set that tells most of the rest is the better one."""
+    scale, known = information.scale(), dict[bytes, Score]()
+
+    def score(counts: Indices) -> Score:
+        found = known.get(counts.tobytes())
+        if found is None:
+            told = information.expected(counts)
+            if told.missing or not bool(told.estimable.all()):
+                rank, volume = information.volume(counts, scale)
+                found = (max(told.missing, 1), -1e6 * rank - volume)
+            else:
+                found = (0, objective(told, criterion))
+            known[counts.tobytes()] = found
+        return found
+
+    return score
+
+
+def _better(one: Score, other: Score) -> bool:
+    """Whether a score is better by more than rounding; logarithms and variances may be negative and tiny."""
+    if one[0] != other[0]:
+        return one[0] < other[0]
+    return one[1] < other[1] - BETTER * max(abs(one[1]), abs(other[1]))
+
+
+def _every(wish: Wish, size: int) -> list[Indices] | None:
+    """All sets that are allowed and complete, if they are few; None otherwise."""
+    if wish.count is None and (wish.repeats or size > int(np.log2(EXHAUSTIVE))):
+        return None
+    numbers = range(size + 1) if wish.count is None or wish.budget < inf else [wish.count]
+    numbers = [each for each in numbers if wish.count is None or each <= wish.count]
+    several = wish.repeats and wish.count is not None
+    total = sum(comb(size + n - 1, n) if several else comb(size, n) for n in numbers)
+    if total > EXHAUSTIVE:
+        return None
+    draws: Iterator[tuple[int, ...]] = (
+        each
+        for n in numbers
+        for each in (combinations_with_replacement(range(size), n) if several else combinations(range(size), n))
+    )
+    found = [np.bincount(np.array(each, dtype=np.int64), minlength=size) for each in draws]
+    return [counts for counts in found if wish.affordable(counts)]
+
+
+def _greedy(counts: Indices, wish: Wish, score: Callable[[Indices], Score]) -> Indices:
+    """A set with the candidate added again and again that gains most, for its cost where costs are bounded."""
+    while True:
+        now = score(counts)
+        best: tuple[int, float, int] | None = None
+        for place in range(len(counts)):
+            more = counts.copy()
+            more[place] += 1
+            if not wish.allows(more):
+                continue
+            then = score(more)
+            gain = now[1] - then[1] if then[0] == now[0] else -then[1]
+            price = wish.costs[place] if wish.budget < inf else 1.0
+            rate = gain / price if price > 0.0 and then[0] == now[0] else gain
+            key = (then[0], -rate, place)
+            best = key if best is None or key < best else best
+        if best is None:
+            return counts
+        counts = counts.copy()
+        counts[best[2]] += 1
+
+
+def _exchanged(counts: Indices, wish: Wish, score: Callable[[Indices], Score]) -> Indices:
+    """A set after exchanges of one candidate for another, each the best there is, until none improves it."""
+    for _ in range(PASSES):
+        best, reached = counts, score(counts)
+        for out in np.flatnonzero(counts).tolist():
+            for place in range(len(counts)):
+                other = counts.copy()
+                other[out] -= 1
+                other[place] += 1
+                if place != out and wish.allows(other) and _better(score(other), reached):
+                    best, reached = other, score(other)
+        if best is counts:
+            return counts
+        counts = _greedy(best, wish, score)
+    return counts
+
+
+def _random(rng: np.random.Generator, wish: Wish, size: int) -> Indices:
+    """A random set that a wish allows."""
+    counts = np.zeros(size, dtype=np.int64)
+    places = rng.integers(0, size, wish.count) if wish.repeats and wish.count is not None else rng.permutation(size)
+    for place in places.tolist():
+        more = counts.copy()
+        more[place] += 1
+        counts = more if wish.allows(more) else counts
+    return counts
