@@ -12,6 +12,7 @@ from mbm.emit.types import GivenTable, Target
 from mbm.expression.nodes import Column, Expression, externals, leaves
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import Gauge
+from mbm.problem.likely import called, likelihood_of
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.types import BlockRole, Method, Problem, TablePlan, Unknown
 from mbm.solver.decisions import MOST_DENSE
@@ -197,13 +198,17 @@ def _keys(found: Elaborated) -> Iterator[Diagnostic]:
 
 def _blocks(problem: Problem) -> Iterator[Diagnostic]:
     for block in problem.blocks:
-        nodes = [n for case in block.cases for e in case.equations for n in (*e.components, *e.noise)]
+        nodes = [n for case in block.cases for e in case.equations for n in e.stated]
         yield from _called(nodes)
         if _sampled(nodes):
             yield faults.not_emitted(block.span, "`sample`", "generated solvers do not interpolate tables", INTERPOLATE)
         if block.structure.joins:
             what, why = f"{block.structure.what} of `{block.name}`", "generated solvers weight each row by itself"
             yield faults.not_emitted(block.structure.place or block.span, what, why)
+        likelihood = likelihood_of(block)
+        if likelihood is not None:
+            why = "generated solvers weigh squares of residuals, by what is known before the solve"
+            yield faults.not_emitted(block.span, f"{called(likelihood)} of `{block.name}`", why)
 
 
 def _constraints(problem: Problem) -> Iterator[Diagnostic]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations import likelihoods
 from mbm.equations.binding import Group, affine, mentioned
 from mbm.equations.layout import Layout
 from mbm.equations.losses import rooted, rooted_jacobian
@@ -292,8 +293,29 @@ class Assembled:
         return replace(self, rows=np.flatnonzero(chosen), implicit=implicit)
 
     def uncorrected(self) -> Assembled:
-        """The same equations with all measured values taken as exact, to find starts with."""
+        """The same equations with all measured values taken as exact and weighted as they are, to find starts with."""
+        if self.likely:
+            return likelihoods.as_written(self)
         return self if self.implicit is None else replace(self, implicit=None).freed(self.free, self.numbers)
+
+    @property
+    def likely(self) -> bool:
+        """Residuals of some group are those of a likelihood."""
+        return any(group.readings is not None for group in self.groups)
+
+    @property
+    def uncounted(self) -> Mask | None:
+        """Which residuals (m,) are no part of χ², and have no noise; None: none of them."""
+        return likelihoods.uncounted(self) if self.likely else None
+
+    def informing(self) -> Assembled:
+        """Equations the squares of whose derivatives are the Fisher information; these where there is no likelihood."""
+        return likelihoods.informing(self) if self.likely else self
+
+    def noise_rows(self, number: int) -> Indices:
+        """Positions (in m) of the residuals of block ``number`` that have its noise."""
+        every, left = self.block_rows(number), self.uncounted
+        return every if left is None else every[~left[every]]
 
     def straightened(self) -> Assembled | None:
         """The same equations, their corrections eliminated by the kernels; None: it cannot be done so.

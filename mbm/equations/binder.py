@@ -11,6 +11,7 @@ import numpy as np
 from mbm.equations.binding import EvaluationCache, Group, Slots, StatedNoise
 from mbm.equations.gathering import Gathered, aggregate_entry
 from mbm.equations.layout import Entry, Layout
+from mbm.equations.likelihoods import readings
 from mbm.equations.members import MemberPicker, picked_members
 from mbm.equations.sampling import Sampled, sampled_inputs, samplings
 from mbm.equations.types import Indices, Mask
@@ -80,6 +81,7 @@ class Binder:
                 trusted=None
                 if block.trust is None or positions is None
                 else _decided(block.trust, self.tables, positions),
+                readings=None if kernel.plain is None else readings(case, table, positions, self.tables),
             )
             groups.append(group)
             first += group.count
@@ -93,6 +95,11 @@ class Binder:
         found, offset = [], 0
         rows = 1 if positions is None else len(positions)
         for place, equation in enumerate(case.equations):
+            if equation.likelihood is not None:
+                size = len(equation.likelihood.residuals)
+                found.append(Whitener(offset, offset + size, np.ones((rows, size))))
+                offset += size
+                continue
             known = self.cache.stated.get((number, place))
             if known is None or known.equation is not equation or len(known.whitener.weights) != rows:
                 exact = kernel.corrections is not None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from mbm.equations import likelihoods
 from mbm.equations.gathering import Gathered
 from mbm.equations.layout import Layout
 from mbm.equations.layouts import Layouts
@@ -118,7 +119,8 @@ class Group:
     all coordinates; ``shared[j]`` and ``shared_columns[j]`` say that variable or tangent j is the same in all rows.
     Residuals stand at ``first …`` in the vector of all, units (one equation in one row) at ``first_unit …``. ``number``
     is the kernel's in the set of all, ``cache`` keeps what was made of it. ``gathered`` are the aggregates that a
-    derived quantity takes. ``trusted`` (rows,) are those that no outlier rule may reject (None: none).
+    derived quantity takes. ``trusted`` (rows,) are those that no outlier rule may reject (None: none). ``readings``:
+    what belongs to residuals that are those of a likelihood (None: they are not).
     """
 
     kernel: Kernel
@@ -139,6 +141,7 @@ class Group:
     sampled: tuple[Sampled, ...] = ()
     gathered: Gathered | None = None
     trusted: Mask | None = None
+    readings: likelihoods.Readings | None = None
 
     @property
     def places(self) -> Indices:
@@ -162,6 +165,16 @@ class Group:
         sizes = [w.last - w.first for w in self.whiteners]
         of_output = np.repeat(np.arange(len(sizes)), sizes)
         return self.first_unit + np.arange(self.rows)[:, None] * len(sizes) + of_output
+
+    @property
+    def written(self) -> Group:
+        """The group with its equations as they are written, model − measured; itself where it has no likelihood."""
+        return self if self.readings is None else likelihoods.seen(self, plain=True)
+
+    @property
+    def counting(self) -> Mask:
+        """Which outputs (outputs,) are part of χ²."""
+        return np.ones(self.kernel.outputs, dtype=bool) if self.readings is None else ~self.readings.uncounted
 
     @property
     def left_out(self) -> Mask:

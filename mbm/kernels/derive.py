@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import casadi
@@ -26,7 +27,17 @@ def derive(model: SymbolicModel) -> KernelSet:
 
 
 def kernel_of(block: ResidualBlock) -> Kernel:
-    """One block, differentiated with respect to its unknowns."""
+    """One block, differentiated with respect to its unknowns; where it has a likelihood, that and what is beside it."""
+    if not block.likelihood:
+        return _kernel(block)
+    found, plain, information = (
+        _kernel(replace(block, expressions=expressions, likelihood=(), information=()))
+        for expressions in (block.likelihood, block.expressions, block.information)
+    )
+    return replace(found, plain=plain, information=information)
+
+
+def _kernel(block: ResidualBlock) -> Kernel:
     count = len(block.variables)
     inputs = casadi.SX.sym("z", count + len(block.parameters))
     scalars = casadi.vertsplit(inputs) if inputs.numel() else []

@@ -31,7 +31,9 @@ class Kernel:
     ``dependence[k, j]`` says whether nonzero k varies with tangent j: the equations are affine in a set of tangents if
     no nonzero in its columns depends on any of them. ``value_program`` gives the values, ``jacobian_program``
     the values and behind them the nonzeros. ``corrections`` are the derivatives by uncertain data, if any. Where there
-    are ``calls``, the programs take what these give behind the inputs of the row.
+    are ``calls``, the programs take what these give behind the inputs of the row. Where the outputs are residuals of a
+    likelihood, ``plain`` has the equations as they are written, and ``information`` as many outputs as this kernel,
+    the products of whose derivatives are the Fisher information; both take the same inputs.
     """
 
     name: str
@@ -50,6 +52,8 @@ class Kernel:
     jacobian_program: Program = field(repr=False)
     corrections: Corrections | None = None
     calls: tuple[ExternalCall, ...] = ()
+    plain: Kernel | None = None
+    information: Kernel | None = None
     span: Span = field(repr=False)
 
     def affine_in(self, tangents: NDArray[np.bool_]) -> bool:
@@ -128,7 +132,12 @@ class KernelSet:
         digest = sha256()
         for kernel in self.kernels:
             digest.update(repr((kernel.name, kernel.variables, kernel.parameters)).encode())
-            for each in (kernel, *(() if kernel.corrections is None else (kernel.corrections.kernel,))):
+            beside = (
+                None if kernel.corrections is None else kernel.corrections.kernel,
+                kernel.plain,
+                kernel.information,
+            )
+            for each in (kernel, *(one for one in beside if one is not None)):
                 digest.update(repr(each.jacobian_program).encode())
                 digest.update(
                     repr(tuple((call, call.arguments) for call in each.calls)).encode() if each.calls else b""

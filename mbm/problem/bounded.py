@@ -8,6 +8,7 @@ from mbm.expression.nodes import Apply, Column, Component, Expression, postorder
 from mbm.problem import faults
 from mbm.problem.aggregates import is_aggregate
 from mbm.problem.kinds import ConstraintMethod, Gauge
+from mbm.problem.likely import refused_likelihoods
 from mbm.problem.types import Block, BlockRole, Method, NoiseKind, Problem, UnknownKind
 from mbm.text.types import Diagnostic, MbmError
 
@@ -16,13 +17,16 @@ _NOISE = "write `:bound FORM`: the greatest error that may occur, in the unit of
 
 
 def refuse_mixed_bounds(problem: Problem) -> None:
-    """Refuse bounds that the method cannot use, and what interval methods cannot use.
+    """Refuse bounds and likelihoods that the method cannot use, and what interval methods cannot use.
 
     Raises:
-        MbmError: bound-without-interval, not-for-intervals.
+        MbmError: bound-without-interval, not-for-intervals, likelihood-not-here.
 
     """
-    found = tuple(_for_intervals(problem) if problem.request.method is Method.INTERVAL else _for_others(problem))
+    found = (
+        *(_for_intervals(problem) if problem.request.method is Method.INTERVAL else _for_others(problem)),
+        *refused_likelihoods(problem),
+    )
     if found:
         raise MbmError(*found)
 

@@ -56,7 +56,7 @@ class Mentioned:
 def mentioned(problem: Problem) -> tuple[Mentioned, ...]:
     """What the equations of a problem and what is derived mention of any data."""
     found = [
-        _mentioned(block.table, case.static, number, [(*e.components, *e.noise) for e in case.equations])
+        _mentioned(block.table, case.static, number, [e.stated for e in case.equations])
         for number, block in enumerate(problem.blocks)
         for case in block.cases
     ]

@@ -20,7 +20,7 @@ from mbm.problem.residual_units import with_units
 from mbm.problem.sequence.dimensions import same_columns, scale_faults
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import PairDeclaration, Table
-from mbm.problem.types import Block, BlockRole, Derived, NoiseKind, TablePlan, Unknown, UnknownKind
+from mbm.problem.types import Block, BlockRole, Derived, Equation, NoiseKind, TablePlan, Unknown, UnknownKind
 from mbm.text.types import Diagnostic, Label, Place, Span
 
 
@@ -189,7 +189,8 @@ def _visit_block(inference: Inference, block: Block, *, noisy: bool) -> None:
     _visit_shared(inference, block)
     for case in block.cases:
         for equation in case.equations:
-            inference.visit((*equation.components, *equation.noise))
+            inference.visit(equation.stated)
+            _visit_errors(inference, equation)
             if block.unknown_factor or block.role is BlockRole.CONSTRAINT or not noisy:
                 continue
             size = len(equation.components)
@@ -219,6 +220,18 @@ def _visit_shared(inference: Inference, block: Block) -> None:
             for own in components:
                 for component, deviation in zip(own, value.values, strict=True):
                     inference.equate(component, deviation, deviation.span)
+
+
+def _visit_errors(inference: Inference, equation: Equation) -> None:
+    """Parameters of distributions are pure numbers; a step has the dimension of what is measured."""
+    errors = equation.likelihood
+    if errors is None:
+        return
+    if errors.parameter is not None:
+        inference.equate(errors.parameter, ONE, errors.parameter.span or equation.span)
+    step = None if errors.truncation is None else errors.truncation.step
+    if step is not None:
+        inference.equate(equation.components[0], step, step.span or equation.span)
 
 
 def _product(a: Expression, b: Expression) -> Expression:
@@ -327,7 +340,7 @@ def missing_units(
         pure = unknown.kind in (UnknownKind.ANGLE, UnknownKind.ROTATION, UnknownKind.DIRECTION)
         if unknown.unit is None and not pure:
             found["unknown", unknown.name] = faults.missing_unit(unknown.span, f"the unknown `{unknown.name}`")
-    forms = [(*e.components, *e.noise) for block in blocks for case in block.cases for e in case.equations]
+    forms = [e.stated for block in blocks for case in block.cases for e in case.equations]
     sigmas = [error.sigma for block in blocks for error in block.errors if error.sigma is not None]
     forms += [case.values for sigma in sigmas for case in sigma.cases]
     for form in forms:

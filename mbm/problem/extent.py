@@ -9,7 +9,7 @@ from __future__ import annotations
 from mbm.expression.nodes import CONDITIONS, Apply, Expression, Operation, postorder
 from mbm.language.limits import Limits
 from mbm.problem import faults
-from mbm.problem.types import Block, Derived
+from mbm.problem.types import Block, Derived, Equation
 from mbm.text.types import MbmError, Span
 
 EQUATION, CHOICE = 20, 3
@@ -34,7 +34,7 @@ class Extent:
 
         """
         if isinstance(made, Block):
-            cases = [tuple(n for e in case.equations for n in (*e.components, *e.noise)) for case in made.cases]
+            cases = [tuple(n for e in case.equations for n in (*e.stated, *_written(e))) for case in made.cases]
         else:
             cases = [case.values for case in made.cases]
         self.more(len(cases), made.span)
@@ -58,3 +58,8 @@ class Extent:
         self._operations += len(made) + (CHOICE - 1) * sum(operation in _CHOICES for operation in made)
         if self._operations > self._most_operations:
             raise MbmError(faults.too_many_operations(span, self._most_operations))
+
+
+def _written(equation: Equation) -> tuple[Expression, ...]:
+    """What mbm writes out for the errors of an equation."""
+    return () if equation.likelihood is None else equation.likelihood.residuals

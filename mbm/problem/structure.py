@@ -15,6 +15,7 @@ from mbm.expression.nodes import Column, ColumnMember, Component, External, Lite
 from mbm.problem import faults
 from mbm.problem.checks import used_rows
 from mbm.problem.kinds import Relation
+from mbm.problem.likely import percentages
 from mbm.problem.rows import decided, rows_of
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import EquationCase, Problem, Unknown
@@ -45,13 +46,14 @@ def called_functions(problem: Problem) -> tuple[External, ...]:
 
 def structural_warnings(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
     """Unknowns that no equation mentions or whose condition ``:fixed`` holds nowhere, and those that are left without
-    an equation of their own.
+    an equation of their own; and deviations that look as if they were relative.
     """
     mentions = list(_mentions(problem, tables))
     mentioned = {scalar for scalars in mentions for scalar in scalars}
     names = {scalar[0] for scalar in mentioned}
     found = list(worth_reading([faults.unmentioned(u.span, u.name) for u in problem.unknowns if u.name not in names]))
     found += worth_reading([warning for u in problem.unknowns for warning in _fixed_nowhere(u, tables)])
+    found += worth_reading(list(percentages(problem)))
     if len(mentions) >= MAXIMUM_EQUATIONS or any(u.fixed is not None for u in problem.unknowns):
         return found
     left = sorted({scalar[0] for scalar in _unmatched(mentions, sorted(mentioned, key=repr))})

@@ -19,6 +19,7 @@ from mbm.problem.enclosing import Enclosing
 from mbm.problem.grids import Grid
 from mbm.problem.kinds import ConsensusKind, ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
 from mbm.problem.laws import NORMAL_LAW, Law
+from mbm.problem.likelihoods.types import Likelihood
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.noise import PLAIN, NoiseStructure
 from mbm.problem.overrides import ConstantValue
@@ -162,7 +163,7 @@ class Equation:
     it holds data only, None elsewhere: reports and pictures show it. ``measured_columns`` are the columns of the row at
     hand on the measured side, whatever it is: what a simulation replaces. ``units`` are those that the components of
     observations are reported in (None: none is known), ``projection`` is what the model side is the image of, if it is.
-    ``law`` is that of the mean of a prior.
+    ``law`` is that of the mean of a prior, ``likelihood`` what is minimised in place of squares of whitened components.
     """
 
     components: tuple[Expression, ...]
@@ -174,7 +175,13 @@ class Equation:
     projection: Projection | None = None
     relation: Relation = Relation.NEAR_ZERO
     law: Law = NORMAL_LAW
+    likelihood: Likelihood | None = None
     span: Span
+
+    @property
+    def stated(self) -> tuple[Expression, ...]:
+        """All expressions that the file states of it."""
+        return (*self.components, *self.noise, *(() if self.likelihood is None else self.likelihood.own))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -45,6 +45,8 @@ def _no_tail(solution: Solution) -> str | None:
         return "the noise is estimated from the residuals"
     if solution.robust_cost is not None:
         return "with a robust loss the sum of squares does not follow the chi² law"
+    if solution.log_likelihood is not None:
+        return "the sum of squares of such readings (limits, rounded, small counts, long tails) follows no chi² law"
     return None
 
 
@@ -58,6 +60,12 @@ NUMBERS: tuple[SummaryNumber, ...] = (
     SummaryNumber(name="sigma0", of=lambda s: s.fit.sigma0, columns=lambda c: c.sigma0, missing=_no_freedom),
     SummaryNumber(name="chi2_p", of=lambda s: s.fit.chi2_p, columns=lambda c: c.chi2_p, missing=_no_tail),
     SummaryNumber(name="robust_cost", of=lambda s: s.robust_cost, columns=lambda c: c.robust_cost, extra=True),
+    SummaryNumber(
+        name="log_likelihood",
+        of=lambda s: s.log_likelihood,
+        columns=lambda c: np.full(len(c.cost), np.nan) if c.log_likelihood is None else c.log_likelihood,
+        extra=True,
+    ),
     SummaryNumber(name="boxes", of=lambda _: None, columns=lambda c: np.full(len(c.cost), np.nan), extra=True),
 )
 USUAL = tuple(number.name for number in NUMBERS if not number.extra)

@@ -42,7 +42,7 @@ def _of_block(problem: Problem, solution: Solution, i: int) -> tuple[PlotData, D
     measured = np.vstack([s for s in sides if s is not None])
     if measured.shape[1] > 2:
         return None
-    model = measured + np.vstack([g.values(solution.numbers) for g in groups])
+    model = measured + np.vstack([g.written.values(solution.numbers) for g in groups])
     positions = np.concatenate([g.positions for g in groups if g.positions is not None])
     order = np.argsort(positions, kind="stable")
     first = block.cases[0].equations

@@ -229,6 +229,8 @@ def _noise(problem: Problem, solution: Solution, modelled: Modelled, table: Tabl
     block = problem.blocks[modelled.block]
     equation = block.cases[modelled.case].equations[modelled.equation]
     rows, positions = None, None
+    if equation.likelihood is not None and not equation.likelihood.normal:
+        return f"new readings of `{block.name}` are not normal"
     if block.table is not None:
         columns = {} if table is None else table.columns
         names = {modelled.columns.get(name, name): column for name, column in columns.items()}

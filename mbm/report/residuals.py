@@ -80,9 +80,10 @@ def _shares_its_line(provenance: Provenance, row: int) -> bool:
 
 def _counted(solution: Solution) -> Mask:
     """Which residuals (m,) counted at all."""
-    if solution.weights is None:
-        return np.ones(len(solution.residuals), dtype=bool)
-    return np.asarray(solution.weights > 0.0, dtype=bool)
+    found = np.ones(len(solution.residuals), dtype=bool)
+    for group in solution.groups:
+        found[group.first : group.first + group.count] = np.tile(group.counting, group.rows)
+    return found if solution.weights is None else np.asarray(found & (solution.weights > 0.0))
 
 
 def _used_rows(solution: Solution, group: Group) -> int:
@@ -111,14 +112,15 @@ def residual_rows(problem: Problem, solution: Solution) -> tuple[ResidualRow, ..
     rows: list[tuple[int, int, int, ResidualRow]] = []
     for group in solution.groups:
         block = problem.blocks[group.kernel.owner]
-        values = group.values(solution.numbers)
+        values = group.written.values(solution.numbers)
         table = solution.tables[block.table] if block.table is not None else None
+        outputs = np.flatnonzero(group.counting).tolist()
         for i in range(group.rows):
             position = int(group.positions[i]) if group.positions is not None else None
             row = int(table.rows[position]) if table is not None and position is not None else None
             file_row = table.place(position).row if table is not None and position is not None else None
-            for j in range(group.kernel.outputs):
-                place = group.first + i * group.kernel.outputs + j
+            for j, output in enumerate(outputs):
+                place = group.first + i * group.kernel.outputs + output
                 weight = 1.0 if solution.weights is None else float(solution.weights[place])
                 scalar = ResidualRow(
                     clause=block.name,
@@ -179,7 +181,7 @@ def measured_side(problem: Problem, solution: Solution, group: Group) -> Floats 
         if equation.measured is None:
             return None
         columns.extend(evaluate(equation.measured, lookup(table, group.positions, solution.tables)))
-    result = np.empty((group.rows, group.kernel.outputs))
+    result = np.empty((group.rows, len(columns)))
     for j, column in enumerate(columns):
         result[:, j] = column
     return result

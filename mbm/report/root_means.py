@@ -116,7 +116,7 @@ def _raw(problem: Problem, solution: Solution) -> Iterator[RawRows]:
     for group in solution.groups:
         if problem.blocks[group.kernel.owner].role is not BlockRole.OBSERVATION or not group.rows:
             continue
-        values, rows = group.values(solution.numbers), rows_of(problem, solution, group)
+        values, rows = group.written.values(solution.numbers), rows_of(problem, solution, group)
         weights = None if solution.weights is None else solution.weights[group.first : group.first + group.count]
         yield RawRows(
             owner=group.kernel.owner,

@@ -86,6 +86,11 @@ class Said(ABC):
         return self.report.robust_cost
 
     @property
+    def log_likelihood(self) -> float | None:
+        """Log of the likelihood, constants included; None where all errors are normal with stated weights."""
+        return self.report.log_likelihood
+
+    @property
     def boxes(self) -> int | None:
         """Boxes that interval methods examined; None for the others."""
         return self.report.boxes

@@ -288,6 +288,7 @@ class SolveReport:
     sigma0: float | None = None
     chi2_p: float | None = None
     robust_cost: float | None = None
+    log_likelihood: float | None = None
     boxes: int | None = None
     reasons: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     estimates: tuple[Estimate, ...] = ()

@@ -62,7 +62,7 @@ def _decisive(block: Block) -> Iterator[Use]:
     """Columns that decide which equation a row has, or which member of a family stands in it."""
     for case in block.cases:
         yield from ((block.table, column, "what decides which equation a row has") for column, _ in case.static)
-        for leaf in leaves(tuple(c for e in case.equations for c in (*e.components, *e.noise))):
+        for leaf in leaves(tuple(c for e in case.equations for c in e.stated)):
             if isinstance(leaf, Column | Component) and isinstance(leaf.member, ColumnMember):
                 owner = leaf.unknown if isinstance(leaf, Component) else leaf.table
                 yield leaf.member.table, leaf.member.column, f"a key of `{owner}`"
@@ -73,7 +73,7 @@ def _old_values(problem: Problem) -> Iterator[Use]:
     aliases: Mapping[tuple[str, str], str] = {(p.name, j.alias): j.table for p in problem.plans for j in p.joins}
     for block in problem.blocks:
         for case in block.cases:
-            for leaf in leaves(tuple(c for e in case.equations for c in (*e.components, *e.noise))):
+            for leaf in leaves(tuple(c for e in case.equations for c in e.stated)):
                 if not isinstance(leaf, Column):
                     continue
                 before = column_before(leaf.name)

@@ -26,6 +26,7 @@ from mbm.simulation.measured import Measured, measured_equations
 from mbm.simulation.noise import outliers, root, stream
 from mbm.simulation.places import Rows
 from mbm.simulation.priors import drawn_from_priors
+from mbm.simulation.readings import counts_itself, drawn_off, limits
 from mbm.simulation.roles import refuse_other_uses
 from mbm.simulation.rows import solved_rows, spread_of
 from mbm.simulation.stated import refuse_lost_noise, violated
@@ -189,17 +190,19 @@ class _Run:
             raise MbmError(*(faults.noise_lost(block.name, each) for each in error.diagnostics)) from None
         number = self._rows(rows.table, rows.positions) - 1
         normal, gross, hit = self._drawn(measured, rows.table.provenance.rows, size)
+        true: dict[str, Values] = {n: predicted[:, j] for j, n in enumerate(measured.columns)}
         if block.structure.joins:
             drawn = self._shared(measured, rows, spread, (known, normal)) + np.einsum(
                 "rij,rj->ri", spread, gross[number]
             )
         else:
-            drawn = np.einsum("rij,rj->ri", spread, (normal + gross)[number])
+            drawn = drawn_off(equation, rows, true, spread, (normal + gross)[number])
         if not bool(drawn.any()):
             return predicted, hit[number]
         noisy, solved = solved_rows(components, predicted, -drawn, _scale(spread, natural), metric)
         self._check(solved, measured, rows)
-        return noisy, hit[number]
+        noisy = np.rint(noisy) if counts_itself(equation) else noisy
+        return np.where(limits(equation, rows)[:, None], start, noisy), hit[number]
 
     def _shared(self, measured: Measured, rows: Rows, spread: Floats, noise: tuple[KnownNoise, Floats]) -> Floats:
         """Noise (rows, k) where rows share some of it: of what is known of it, and standard normal numbers."""

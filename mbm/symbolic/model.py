@@ -10,7 +10,7 @@ from mbm.expression.nodes import Column, Component, Expression
 from mbm.problem.manifold import Piece
 from mbm.problem.naming import place_of
 from mbm.problem.stand_ins import stand_in
-from mbm.problem.types import Block, Derived, Problem, Unknown
+from mbm.problem.types import Block, Derived, EquationCase, Problem, Unknown
 from mbm.symbolic.conversion import Converter, as_written
 from mbm.symbolic.types import Chart, ColumnInput, ConstantInput, Purpose, ResidualBlock, Slot, SymbolicModel
 from mbm.text.types import Span
@@ -41,9 +41,37 @@ def _equations(owner: int, block: Block, unknowns: _Unknowns) -> list[ResidualBl
     for number, case in enumerate(block.cases):
         components = tuple(c for equation in case.equations for c in equation.components)
         span = case.equations[0].span if case.equations else block.span
-        made = _block(block.name, Purpose.EQUATION, owner, number, components, unknowns, span)
+        errors = _errors(case)
+        made = _block(block.name, Purpose.EQUATION, owner, number, (*components, *errors), unknowns, span)
+        if errors:
+            made = _divided(made, len(components))
         found.append(replace(made, corrected=_corrected(made, block)) if block.errors else made)
     return found
+
+
+def _errors(case: EquationCase) -> tuple[Expression, ...]:
+    """What is minimised, and behind it what tells how well, where some equation has a likelihood; else nothing.
+
+    Another equation of the case keeps its components, which its weights whiten.
+    """
+    if all(equation.likelihood is None for equation in case.equations):
+        return ()
+    found = [
+        (e.components, e.components) if e.likelihood is None else (e.likelihood.residuals, e.likelihood.information)
+        for e in case.equations
+    ]
+    return tuple(each for part in (0, 1) for pair in found for each in pair[part])
+
+
+def _divided(made: ResidualBlock, components: int) -> ResidualBlock:
+    """The block with its expressions apart: the equations' own, their likelihood, and its information."""
+    middle = components + (len(made.expressions) - components) // 2
+    return replace(
+        made,
+        expressions=made.expressions[:components],
+        likelihood=made.expressions[components:middle],
+        information=made.expressions[middle:],
+    )
 
 
 def _corrected(made: ResidualBlock, block: Block) -> tuple[int, ...]:

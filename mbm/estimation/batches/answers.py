@@ -14,6 +14,7 @@ from mbm.estimation.batches.degrees import degrees_columns
 from mbm.estimation.batches.derived import derived_columns
 from mbm.estimation.batches.doubts import doubtful, stationary
 from mbm.estimation.batches.factor import Factors, Spread, factors
+from mbm.estimation.batches.likelihoods import counted_of, informing_slopes
 from mbm.estimation.batches.limited import limited_columns
 from mbm.estimation.batches.losses import counted, informed, outlying, rooted_slopes, sandwiches
 from mbm.estimation.batches.portion import Portion, stated
@@ -39,19 +40,18 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     residuals, slopes = portion.linearised(ends.points)
     lossy = stack.equations.lossy
     rooted = rooted_slopes(portion, residuals, slopes) if lossy else slopes
+    counts = counted_of(stack, which, residuals, count)
     surface = _surface(portion, ends, rooted)
-    found = factors(rooted, None if surface is None else surface[1])
+    found = factors(informing_slopes(stack, which, ends, rooted), None if surface is None else surface[1])
     solved = _converged(ends) & found.good & np.isfinite(ends.cost) & ~ends.held
-    freedom = count - stack.equations.dimension + (0 if surface is None else surface[1].taken)
+    freedom = counts.rows - stack.equations.dimension + (0 if surface is None else surface[1].taken)
     solved &= (freedom >= 0) & ~stationary(portion, ends, found, rooted)
-    # what is left of the variance of residuals whose tails were cut off
-    left = np.ones((1, 1)) if ends.kept is None else portion.by_slot(ends.kept.information)
+    left = np.ones((1, 1)) if ends.kept is None else portion.by_slot(ends.kept.information)  # of cut-off variance
     scattered = ends.cost if ends.kept is None else (np.square(residuals) / left).sum(axis=1)
     unknown = [i for i, block in enumerate(problem.blocks) if block.unknown_factor]
-    known, cost = not unknown, np.square(residuals).sum(axis=1) if lossy else ends.cost
+    known, cost = not unknown, counts.cost if lossy or stack.equations.likely else ends.cost
     common = not known and ends.factors is None
-    if common:
-        solved &= (freedom > 0) & (ends.cost > 0.0)
+    solved &= (not common) | ((freedom > 0) & (ends.cost > 0.0))
     noise = np.sqrt(scattered / np.maximum(freedom, 1)) if common else np.ones(len(which))
     if ends.factors is not None and len(unknown) == 1:
         cost = _as_stated(portion, residuals, unknown[0], ends.factors)
@@ -63,7 +63,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         derived_columns(quantity, owner, stack, reported, factor) for owner, quantity in enumerate(problem.derived)
     )
     solved &= _all_finite([one.sigma for one in derived], len(which))
-    chi2_p = _tails(stack, scattered, freedom, solved) if known and not lossy else np.full(len(which), np.nan)
+    chi2_p = _tails(stack, counts.tested(scattered), freedom, solved & ~counts.untested & known & (not lossy))
     clean = solved & ~(chi2_p < IMPROBABLE) & _all_finite([one.values for one in derived], len(which))
     clean &= ~doubtful(problem, portion, ends, found, spread, derived, residuals)
     degrees = degrees_columns(problem, portion, spread, derived, freedom)
@@ -94,7 +94,8 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         clean=clean,
         solved=solved,
         expected=(ends.cost < _usual_costs(freedom)) & known,
-        challenged=_challenged(ends, other=lossy or surface is not None),
+        challenged=_challenged(ends, other=lossy or stack.equations.likely or surface is not None),
+        log_likelihood=counts.log_likelihood,
         degrees=replace(degrees, limited=limited),
         limits=_limits(problem, stack, which, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
@@ -237,7 +238,7 @@ def _priors(problem: Problem, stack: Stack, portion: Portion, points: Floats) ->
 def _reads_columns(block: Block) -> bool:
     """Whether the equations of a block differ by row in more than the members that they speak of."""
     equations = (equation for case in block.cases for equation in case.equations)
-    nodes = tuple(node for each in equations for node in (*each.components, *each.noise))
+    nodes = tuple(node for each in equations for node in each.stated)
     by_row = block.when is not None or len(block.cases) > 1
     return by_row or any(isinstance(leaf, Column) for leaf in leaves(nodes))
 

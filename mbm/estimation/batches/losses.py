@@ -51,6 +51,9 @@ def rooted_slopes(portion: Portion, residuals: Floats, slopes: Floats) -> Floats
 def counted(portion: Portion, residuals: Floats) -> Mask:
     """Which of the residuals (K, m) count at all: those that consensus keeps, with a weight above zero."""
     found = portion.kept()
+    for group, solve, slots in portion.bound_groups():
+        if not group.counting.all():
+            found[solve[:, None], slots] &= group.counting
     for loss, solve, slots in portion.losses():
         place = solve[:, None]
         found[place, slots] &= (loss.weight(np.square(residuals[place, slots]).sum(axis=1)) > 0.0)[:, None]

@@ -92,6 +92,10 @@ class Portion:
         """Block, solve (R,) and places (R, outputs) of the rows of each group."""
         return ((each.group.kernel.owner, each.solve, each.slots) for each in self._lines)
 
+    def bound_groups(self) -> Iterator[tuple[Group, Indices, Indices]]:
+        """The same with the groups themselves."""
+        return ((each.group, each.solve, each.slots) for each in self._lines)
+
     def kept(self) -> Mask:
         """Which residuals (K, m) are there, and were not left out."""
         result = np.zeros((self.count, self.most), dtype=bool)

@@ -51,7 +51,9 @@ class Stack:
         return self.arranged.tables
 
     def exactly(self) -> Stack:
-        """The same with measured values taken as exact, to find starts with."""
+        """The same with measured values taken as exact and weighted as they are, to find starts with."""
+        if self.equations.likely:
+            return replace(self, equations=self.equations.uncorrected())
         return self if self.errors is None else replace(self, equations=self.errors.exact, errors=None)
 
     @property
@@ -135,7 +137,8 @@ def stack(
             first[number] = np.searchsorted(group.positions, span.first)
             rows[number] = np.searchsorted(group.positions, span.last) - first[number]
     derived = tuple(binder.derived(kernels, owner) for owner in range(len(problem.derived)))
-    for group in (*groups, *chain.from_iterable(derived)):
+    beside = (*equations.informing().groups, *equations.uncorrected().groups) if equations.likely else ()
+    for group in (*groups, *beside, *chain.from_iterable(derived)):
         cache.stream(group.number, group.kernel)  # made here, so that threads find it there
     return Stack(equations=equations, first=first, rows=rows, derived=derived, arranged=tables)
 

@@ -205,6 +205,7 @@ def stream_of(
         "the equations are large and sparse": sparse_suits(equations),
         "a robust loss is looked at from several sides": equations.lossy,
         "rows share noise": equations.structure is not None,
+        "the information of a likelihood is no square of its residuals": equations.likely,
         "trusted rows, and those kept, are looked at by more than one fit": settings.robust is not None
         and settings.robust.literal,
         "consensus beside `:errors` takes several passes": corrected and settings.robust is not None,

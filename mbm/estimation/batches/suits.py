@@ -86,7 +86,7 @@ def _expressions(problem: Problem) -> Iterator[tuple[str | None, tuple[Expressio
     for block in problem.blocks:
         for case in block.cases:
             for equation in case.equations:
-                yield block.table, (*equation.components, *equation.noise)
+                yield block.table, equation.stated
         if block.when is not None:
             yield from ((block.table, case.values) for case in block.when.cases)
     for derived in problem.derived:

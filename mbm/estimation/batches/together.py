@@ -69,6 +69,9 @@ def together(
     names = problem.request.for_each if window is None else (*problem.request.for_each, window.column)
     if not names or not asks_for_one_search(settings) or (settings.robust is not None and settings.robust.literal):
         return None
+    likely = any(kernel.plain is not None for kernel in kernels.kernels)
+    if likely and problem.estimates_noise:
+        return None  # the redundancy of groups follows from what their readings tell
     if not suits(problem, kernels, _divided(problem, tables, names)):
         return None
     sets = sets_of(problem, tables)
@@ -128,6 +131,7 @@ def _made(
 
     def ranges() -> RangeMaps | None:
         plain = not (bound.equations.linear or bound.equations.constraints or bound.equations.lossy)
+        plain = plain and not bound.equations.likely
         found = known() if plain and kind_of(part.first) not in cache.without_closed_form else None
         ranges = None if found is None else found.ranges(stated=not problem.estimates_noise)
         return ranges if ranges is not None and ranges.whole else None
@@ -167,7 +171,7 @@ def _descent(
     if bound.equations.constraints and not _simple(problem, bound, settings):
         return None
     stated = settings.robust is not None or not _missing(bound, points).any()
-    begun = points if stated else _begun(bound, points, closed.form)
+    begun = points if stated else _begun(bound, points, closed.form, settings)
     if begun is None:
         return None
     solver: Solver | None
@@ -241,7 +245,7 @@ def _missing(bound: Stack, points: Floats) -> Mask:
     return np.asarray((equations.layout.guessed | ~np.isfinite(points).all(axis=0)) & equations.moving())
 
 
-def _begun(bound: Stack, points: Floats, form: Callable[[], Formed | None]) -> Floats | None:
+def _begun(bound: Stack, points: Floats, form: Callable[[], Formed | None], settings: Settings) -> Floats | None:
     """Where each solve begins (T, N) where a closed form says; ``points`` hold what is stated.
 
     None where something else gives starts; NaN in solves of which a closed form says nothing, or several things.
@@ -253,7 +257,11 @@ def _begun(bound: Stack, points: Floats, form: Callable[[], Formed | None]) -> F
     free[equations.free] = True
     linear = equations.linear and all(affine(group, free) for group in equations.constraints)
     if linear and not _boxed(equations):
-        return np.where(np.isfinite(points), points, 0.0)  # there is one minimum, which every start leads to
+        anywhere = np.where(np.isfinite(points), points, 0.0)  # there is one minimum, which every start leads to
+        if not bound.equations.likely:
+            return anywhere
+        rough = solver_of(bound.exactly(), settings)
+        return None if rough is None else rough(range(bound.solves), anywhere).points
     apart = (
         bool(equations.constraints)
         or bool((missing != moving).any())

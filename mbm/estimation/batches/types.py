@@ -158,7 +158,7 @@ class Columns:
     out, or are far off under a loss (None: none are looked for). ``priors`` (T, k): how far estimates are from the k
     means that are known beforehand, not whitened, equation by equation. ``counting`` (T, m): the residuals that count
     (None: all that there are). ``seconds`` (T,).
-    ``degrees`` are those of freedom;
+    ``degrees`` are those of freedom; ``log_likelihood`` (T,), where some errors are not normal with stated weights;
     ``limits`` are the constraints (None: there are none); with these, columns of ``factor`` and ``root`` are zero for
     the dimensions that they take away.
     """
@@ -191,6 +191,7 @@ class Columns:
     seconds: Floats
     degrees: DegreesColumns
     limits: Limits | None = None
+    log_likelihood: Floats | None = None
 
     def first(self, count: int) -> Columns:
         """The columns of the first ``count`` solves."""

@@ -99,6 +99,7 @@ class Solution:
     weights: Floats | None
     outliers: Mask | None
     robust_cost: float | None
+    log_likelihood: float | None = None
     alternatives: tuple[Alternative, ...]
     tally: Tally | None
     origin: str

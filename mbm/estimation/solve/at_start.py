@@ -14,6 +14,10 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.text.types import Diagnostic
 
+OUT_OF_RANGE = (
+    "the model must be above 0, of n trials below n: it is the expectation of a count, or decides the weights"
+)
+
 
 def start_faults(
     problem: Problem, tables: Mapping[str, Table], minimum: Minimum, equations: Assembled
@@ -52,7 +56,9 @@ def _lines(group: Group, minimum: Minimum, kept: Indices | None) -> Indices:
 
 
 def _reason(group: Group, minimum: Minimum, line: int) -> str | None:
-    """What a call of the line's equation says about there being no value."""
+    """What a call of the line's equation says about there being no value, or what its errors ask of the model."""
+    if group.readings is not None and np.isfinite(group.written.values_at(minimum.point[None])[0, line]).all():
+        return OUT_OF_RANGE
     if not group.kernel.calls:
         return None
     from mbm.kernels.backends.calling import CallingStream

@@ -13,6 +13,7 @@ from mbm.equations.assembling import blank
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache
+from mbm.equations.likelihoods import log_likelihood
 from mbm.equations.types import (
     Floats,
     Indices,
@@ -39,6 +40,7 @@ from mbm.estimation.trust.curvature import curvature
 from mbm.estimation.trust.plausibility import doubts
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.gauge import with_gauge
+from mbm.estimation.uncertainty.informed import informed
 from mbm.estimation.uncertainty.motion import with_motions
 from mbm.estimation.uncertainty.observability import observed_at
 from mbm.estimation.uncertainty.statistics import statistics
@@ -147,11 +149,8 @@ def answered(
 ) -> Solution:
     """What is known at a minimum: the rank decision, the covariance, derived quantities, and what is to be doubted."""
     problem, equations = run.problem, run.equations
-    weighted, minimum = end.equations, end.minimum
-    if weighted.implicit is not None:  # loaded by such equations only, so that the others start at once
-        from mbm.estimation.solve.confirmed import confirmed
-
-        minimum = confirmed(weighted, minimum)
+    weighted = end.equations
+    minimum = informed(weighted, _confirmed(weighted, end.minimum))
     observed = _observed(equations, weighted, minimum, robust, run.settings)
     outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, robust.tested(minimum.residuals))
     unused = np.flatnonzero(~equations.used & ~equations.layout.fixed)  # coordinates that no equation depends on
@@ -187,6 +186,7 @@ def answered(
         weights=unit_weights(weighted, whole),
         outliers=outliers(weighted, whole),
         robust_cost=robust_cost(weighted, minimum),
+        log_likelihood=log_likelihood(weighted, minimum.residuals),
         alternatives=end.others,
         tally=tally,
         origin=origin,
@@ -211,6 +211,16 @@ def answered(
         diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
         influence=replace(outcome.influence, informing=robust.informing),
     )
+
+
+def _confirmed(equations: Assembled, minimum: Minimum) -> Minimum:
+    """The minimum, whose corrections of measured values are looked for again where there are some."""
+    if equations.implicit is None:
+        return minimum
+    # Loaded by such equations only, so that the others start at once.
+    from mbm.estimation.solve.confirmed import confirmed
+
+    return confirmed(equations, minimum)
 
 
 def _observed(

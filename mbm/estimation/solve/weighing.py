@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations.assembly import Assembled, block_rows
+from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Minimum, Noise, Observability, Reason
 from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.search.search import Alternative, Found, reweighted
 from mbm.estimation.settings import Settings
+from mbm.estimation.uncertainty.informed import informed
 from mbm.estimation.uncertainty.observability import observed_at
 from mbm.estimation.uncertainty.stationary import without_stationary
 from mbm.estimation.uncertainty.variance import common_factor, redundancy_numbers, variance_components
@@ -91,7 +92,7 @@ class _Weighing:
     def weighted(self) -> tuple[Minimum, Mapping[int, Noise], Floats | None]:
         """The minimum with the final weights, and the noise of each block whose factor is unknown."""
         robust = self._robust
-        groups = [np.concatenate([self.equations.block_rows(i) for i in group]) for group in self.unknown]
+        groups = [np.concatenate([self.equations.noise_rows(i) for i in group]) for group in self.unknown]
         stated = sum(map(len, groups)) < self.equations.count
         if self._shares():
             return self._shared()
@@ -138,7 +139,7 @@ class _Weighing:
         by_row = np.ones(self.equations.whole) if self._robust.factors is None else self._robust.factors.copy()
         for group, value in zip(self.unknown, values, strict=True):
             for number in group:
-                by_row[block_rows(self.equations.groups, number)] = value
+                by_row[self.equations.everything().noise_rows(number)] = value
         return by_row
 
     def _reweighted(self, factors: Floats) -> tuple[Floats, Floats] | None:
@@ -146,6 +147,7 @@ class _Weighing:
         late = minimum.reason is Reason.MAX_ITERATIONS and self._left() <= 0
         if late or not (minimum.reason.converged or minimum.reason in UNDER_WAY):
             return None
+        minimum = informed(self.equations.with_factors(self._row_factors(factors)), minimum)
         observed = self._observed(minimum)
         return self._robust.scattering(minimum.residuals), redundancy_numbers(
             minimum.jacobian, observed, minimum.blocks

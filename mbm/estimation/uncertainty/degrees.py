@@ -151,7 +151,7 @@ def freedoms(
     counts, which is never more than is effective.
     """
     told = tuple(blocks for noise, blocks in noises if noise.state is NoiseState.ESTIMATED)
-    rows = [np.concatenate([equations.block_rows(number) for number in blocks]) for blocks in told]
+    rows = [np.concatenate([equations.noise_rows(number) for number in blocks]) for blocks in told]
     every = sum(map(len, rows)) == equations.count
     if equations.lossy or (len(told) == 1 and every):
         return Freedoms(dof=float(max(dof, LEAST)), factor=covariance.factor)

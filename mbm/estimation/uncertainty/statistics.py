@@ -9,6 +9,7 @@ import numpy as np
 
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.likelihoods import is_untested
 from mbm.equations.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
 from mbm.estimation.uncertainty.covariance import covariance
 from mbm.estimation.uncertainty.degrees import Freedoms, freedoms
@@ -56,10 +57,13 @@ def statistics(
     ``tested`` as for `fit_statistics`.
     """
     plain = equations.plain_residuals(minimum.point) if equations.lossy else minimum.residuals
-    cost, variance, known = float(plain @ plain) if equations.lossy else minimum.cost, 1.0, True
+    left = equations.uncounted
+    counted = plain if left is None else np.where(left, 0.0, plain)
+    cost = float(counted @ counted) if equations.lossy or left is not None else minimum.cost
+    variance, known = 1.0, True
     groups = factor_groups(problem.blocks, noise)
     if len(groups) == 1 and factors is not None:
-        cost = _unscaled_cost(problem, equations, plain, groups[0], factors)
+        cost = _unscaled_cost(problem, equations, counted, groups[0], factors)
     elif len(groups) == 1:
         only = next(iter(noise.values()))
         variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
@@ -76,11 +80,11 @@ def statistics(
     )
     fit = fit_statistics(
         cost,
-        equations.count,
+        equations.count if left is None else int((~left).sum()),
         observed.rank,
-        noise_stated=not noise and not equations.lossy,
+        noise_stated=not noise and not equations.lossy and not is_untested(equations),
         equalities=observed.equalities,
-        tested=tested,
+        tested=None if left is not None else tested,
     )
     known_by = _shared(problem, equations, minimum, estimated, noise)
     if known_by is None:
@@ -127,7 +131,7 @@ def _unscaled_cost(
     """The cost with the one unknown factor as 1; with the final one where other errors are beside its own."""
     if any(problem.blocks[number].structure.per for number in blocks):
         return float(plain @ plain)
-    rows = np.concatenate([equations.block_rows(number) for number in blocks])
+    rows = np.concatenate([equations.noise_rows(number) for number in blocks])
     residuals = plain.copy()
     residuals[rows] *= equations.picked(factors)[rows]
     return float(residuals @ residuals)
@@ -150,7 +154,7 @@ def _stated(equations: Assembled, noise: Mapping[int, Noise]) -> Mask:
     """Which residuals (m,) have noise that is stated."""
     found = np.ones(equations.count, dtype=bool)
     for number in noise:
-        found[equations.block_rows(number)] = False
+        found[equations.noise_rows(number)] = False
     return found
 
 
@@ -163,7 +167,7 @@ def _alternative(
         return None
     weights = np.ones(equations.count)
     for number in untold:
-        weights[equations.block_rows(number)] = 0.5
+        weights[equations.noise_rows(number)] = 0.5
     observed = observed_at(minimum, equations.coordinates(minimum.point), weights)
     return observed, covariance(observed)
 

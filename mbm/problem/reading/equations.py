@@ -7,7 +7,7 @@ from mbm.expression.nodes import Apply, Column, Component, Expression, Operation
 from mbm.expression.projection import Projection
 from mbm.expression.units import PLAIN, TAKE_PREFIXES, Unit
 from mbm.language import faults as language_faults
-from mbm.language.coerce import condition, difference, is_form, scalar, vector
+from mbm.language.coerce import condition, conditional, difference, is_form, scalar, vector
 from mbm.language.functions import UserMacro
 from mbm.language.special import clauses_of_cond, cond_condition, let_scope
 from mbm.language.values import (
@@ -40,7 +40,8 @@ class Residual:
 
     ``columns`` are those of the row at hand on the measured side, whatever else stands there; ``units`` are those of
     the first components, as far as the kind of thing says: radians of a rotation, pixels of a point in an image.
-    ``projection`` is that of the model side, where it is the image of a point.
+    ``projection`` is that of the model side, where it is the image of a point. ``model`` is that side, where it is
+    a number, or an array of them.
     """
 
     components: tuple[Expression, ...]
@@ -49,6 +50,7 @@ class Residual:
     columns: tuple[str, ...] = ()
     units: tuple[Unit, ...] = ()
     projection: Projection | None = None
+    model: Value | None = None
 
 
 def data_only(nodes: tuple[Expression, ...]) -> tuple[Expression, ...] | None:
@@ -131,6 +133,7 @@ def _either(test: Apply, then: list[Residual], other: list[Residual], span: Span
             t.span,
             tuple(dict.fromkeys((*t.columns, *o.columns))),
             t.units if t.units == o.units else (),
+            model=None if t.model is None or o.model is None else conditional(test, t.model, o.model, span),
         )
         for t, o in zip(then, other, strict=True)
     ]
@@ -162,7 +165,8 @@ def _equation(evaluator: Evaluator, form: Sequence, scope: Scope) -> Residual:
     components = tuple(difference(b, a, form.span) for a, b in pairs)
     projection = model.projection if isinstance(model, Array) else None
     units = _units(model) or _units(measured)
-    return Residual(components, data_only(left), form.span, _columns(left), units, projection)
+    side = Array((len(right),), right) if _is_vector(model) else right[0]
+    return Residual(components, data_only(left), form.span, _columns(left), units, projection, side)
 
 
 def _units(value: Value) -> tuple[Unit, ...]:

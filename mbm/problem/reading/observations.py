@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from mbm.expression.nodes import Expression, Number
 from mbm.language import faults as language_faults
@@ -11,6 +12,7 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.naming import TakenNames
 from mbm.problem.options import Options, split_options
+from mbm.problem.reading import likelihoods
 from mbm.problem.reading.equations import Residual, residuals
 from mbm.problem.reading.errors import read_errors
 from mbm.problem.reading.noise_structure import OPTIONS as SHARED_NOISE
@@ -31,7 +33,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
         clause.items[1:],
         clause.span,
         owner="`observe`",
-        known=(*NOISE, *SHARED_NOISE, "errors", "loss", "when"),
+        known=(*NOISE, *SHARED_NOISE, *likelihoods.OPTIONS, "errors", "loss", "when"),
     )
     loss = read_loss(work, options.get("loss"))
     symbols, equations = _split(options.positional)
@@ -39,14 +41,20 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
     if not equations:
         raise MbmError(language_faults.bad_form(clause.span, "`observe` has no equation", USAGE))
     kind, form, factor = stated_noise(options)
+    noisy = any(options.get(each) is not None for each in NOISE)
+    stated = likelihoods.stated_errors(options, factor=factor, sigma=noisy)
+    factor &= not stated.law.counts
     exact = form is None and options.get("errors") is not None and options.get("sigma") is None
+
+    def with_its_noise(residual: Residual, around: Scope, known: bool) -> Equation:
+        return with_noise(work, residual, kind, form, around, exact=exact, known=known)
 
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
         found = [r for each in equations for r in residuals(work.evaluator, each, scope)]
         empty = next((r for r in found if not r.components), None)
         if empty is not None:
             raise MbmError(faults.empty_equation(empty.span))
-        return tuple(with_noise(work, r, kind, form, scope, exact=exact) for r in found)
+        return tuple(likelihoods.observed(work, r, stated, form, scope, partial(with_its_noise, r)) for r in found)
 
     when_form = options.get("when")
     try:
@@ -136,9 +144,16 @@ def stated_noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:
 
 
 def with_noise(
-    work: Workspace, residual: Residual, kind: NoiseKind, form: Form | None, scope: Scope, *, exact: bool
+    work: Workspace,
+    residual: Residual,
+    kind: NoiseKind,
+    form: Form | None,
+    scope: Scope,
+    *,
+    exact: bool,
+    known: bool = True,
 ) -> Equation:
-    """``exact``: without noise of its own, all that is uncertain is in the columns."""
+    """``exact``: without noise of its own, all that is uncertain is in the columns; ``known``: no unknown decides."""
     size = len(residual.components)
     if form is None:
         noise: tuple[Expression, ...] = tuple(Number(0 if exact else 1) for _ in range(size))
@@ -150,7 +165,8 @@ def with_noise(
         noise = shaped(value, (), form.span)
     else:
         noise = shaped(value, (size, size), form.span, broadcast=False)
-    work.refuse_unknowns(noise, form.span, f"`:{kind.value}`")
+    if known:
+        work.refuse_unknowns(noise, form.span, f"`:{kind.value}`")
     return _equation(residual, kind, noise)
 
 

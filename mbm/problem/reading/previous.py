@@ -83,6 +83,6 @@ class Earlier:
 
 def looking_back(block: Block) -> Block:
     """The block; if it mentions the row before, the first rows of keys are unused."""
-    nodes = [n for case in block.cases for e in case.equations for n in (*e.components, *e.noise)]
+    nodes = [n for case in block.cases for e in case.equations for n in e.stated]
     nodes += [n for case in (block.when.cases if block.when is not None else ()) for n in case.values]
     return replace(block, earlier=looks_back(nodes, (case.static for case in block.cases)))

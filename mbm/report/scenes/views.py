@@ -74,7 +74,7 @@ def _views(problem: Problem, solution: Solution, form: str) -> Iterator[Views]:
         if block.role is not BlockRole.OBSERVATION or not group.rows:
             continue
         rows, first = RowsOf(problem, solution, group), 0
-        values = group.values(solution.numbers).copy()
+        values = group.written.values(solution.numbers).copy()
         counts = np.ones(values.shape, dtype=bool)
         if solution.weights is not None:
             counts = solution.weights[group.first : group.first + group.count].reshape(values.shape) > 0.0

@@ -1,0 +1,297 @@
+"""Equations whose residuals are those of a likelihood: as they are written, and by what they tell.
+
+Starts are sought with the equations as they are written, weighted as the readings let expect. The covariance is the
+inverse of the Fisher information, which squares of derivatives of the residuals are only where these are small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.equations.types import Floats, Mask
+from mbm.equations.whitening import Whitener, whitener
+from mbm.expression.evaluate import evaluate
+from mbm.expression.nodes import Expression
+from mbm.problem import faults
+from mbm.problem.likelihoods.types import SHIFT, Law, Likelihood
+from mbm.problem.rows import Positions, lookup
+from mbm.problem.tables import Table
+from mbm.problem.types import Equation, EquationCase, NoiseKind
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+SKEW = 1.0 / 36.0
+"""Excess of a row beyond which χ² is not the distribution of its deviance: that of 5 counts."""
+
+BESIDE = -1_000_000
+"""Below it are the numbers of kernels beside that of a likelihood, in caches."""
+
+if TYPE_CHECKING:
+    from mbm.equations.assembly import Assembled
+    from mbm.equations.binding import Group
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Readings:
+    """What a group with a likelihood has beside its residuals.
+
+    ``plain`` whiten the equations as they are written; ``uncounted`` (outputs,) are residuals that are no part of χ²,
+    ``shifted`` those of them that are `SHIFT` too large. ``surprise`` (rows,) is −log L_max, ``excess`` (rows,) by how
+    much the deviance of a row is expected to be more than that of a normal reading; infinite where its distribution is
+    another one.
+    """
+
+    plain: tuple[Whitener, ...]
+    uncounted: Mask
+    shifted: Mask
+    surprise: Floats
+    excess: Floats
+
+
+def readings(
+    case: EquationCase, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
+) -> Readings:
+    """What the equations of a case say of the rows at ``positions``.
+
+    Raises:
+        MbmError: a reading that its distribution cannot give, or a scale that is none.
+
+    """
+    plain: list[Whitener] = []
+    uncounted: list[bool] = []
+    shifted: list[bool] = []
+    surprise, offset = np.zeros(1 if positions is None else len(positions)), 0
+    excess = surprise
+    for equation in case.equations:
+        errors, size = equation.likelihood, len(equation.components)
+        if errors is None:
+            plain.append(whitener(equation, offset, table, positions, tables))
+            uncounted += [False] * size
+            shifted += [False] * size
+        else:
+            given = _Given(equation, errors, table, positions, tables)
+            surprise = surprise + given.surprise()
+            excess = excess + given.excess()
+            spread = replace(equation, noise=errors.spread, noise_kind=NoiseKind.SIGMA)
+            plain.append(whitener(spread, offset, table, positions, tables))
+            uncounted += [i >= size for i in range(len(errors.residuals))]
+            shifted += [size <= i < 2 * size for i in range(len(errors.residuals))]
+        offset += size
+    return Readings(
+        plain=tuple(plain),
+        uncounted=np.array(uncounted, dtype=bool),
+        shifted=np.array(shifted, dtype=bool),
+        surprise=surprise,
+        excess=excess,
+    )
+
+
+class _Given:
+    """The readings of one equation."""
+
+    def __init__(
+        self,
+        equation: Equation,
+        errors: Likelihood,
+        table: Table | None,
+        positions: Positions | None,
+        tables: Mapping[str, Table],
+    ) -> None:
+        self._equation = equation
+        self._errors = errors
+        self._table = table
+        self._positions = positions
+        self._tables = tables
+
+    @np.errstate(all="ignore")
+    def surprise(self) -> Floats:
+        """−log L_max (rows,), of readings that are found to be possible.
+
+        Raises:
+            MbmError: not-a-count, bad-noise.
+
+        """
+        law, measured = self._errors.law, self._numbers(self._errors.measured)
+        parameter = self._numbers((self._errors.parameter,))[0] if self._errors.parameter is not None else None
+        if law.counts:
+            whole = (measured >= 0) & (measured == np.floor(measured))
+            self._refuse(~whole.all(axis=0), "`{:g}` is no count", np.where(whole, np.inf, measured).min(axis=0))
+        if law is Law.POISSON:
+            return np.asarray(_poisson(measured).sum(axis=0))
+        if law is Law.BINOMIAL and parameter is not None:
+            whole = (parameter >= 1) & (parameter == np.floor(parameter))
+            self._refuse(~whole, "`{:g}` is no number of trials", parameter)
+            self._refuse((measured > parameter).any(axis=0), "`{:g}` are more than the trials", measured.max(axis=0))
+            return np.asarray(_binomial(measured, parameter).sum(axis=0))
+        if law is Law.STUDENT and parameter is not None:
+            self._refuse(~((parameter > 0) & np.isfinite(parameter)), "`{:g}` degrees of freedom are none", parameter)
+        return self._of_scale(parameter)
+
+    def excess(self) -> Floats:
+        """By how much the deviance of a count is expected to be more than 1: 1/6μ (McCullagh and Nelder 1989)."""
+        measured = self._numbers(self._errors.measured)
+        if self._errors.law is Law.NORMAL and self._errors.truncation is None:
+            return np.zeros(measured.shape[1])
+        if not self._errors.law.counts:
+            return np.full(measured.shape[1], np.inf)
+        each = 1.0 / (measured + 1.0)
+        if self._errors.parameter is not None:
+            each = each + 1.0 / (self._numbers((self._errors.parameter,)) - measured + 1.0)
+        return np.asarray(each.sum(axis=0) / 6.0)
+
+    def _of_scale(self, freedom: Floats | None) -> Floats:
+        """The same for distributions with a scale, that of a limit being 0."""
+        scale = self._numbers(self._errors.spread)
+        each = np.log(scale) + 0.5 * np.log(2.0 * np.pi)
+        if freedom is not None:
+            each = np.log(scale) - _student(freedom)
+        stated = self._errors.truncation
+        if stated is None:
+            return np.asarray(each.sum(axis=0))
+        if stated.step is not None:
+            step = self._numbers((stated.step,))[0]
+            self._refuse(~((step > 0) & np.isfinite(step)), "a step of `{:g}` is none", step)
+            each = -_log_middle(0.5 * step / scale)
+        for limit in (stated.below, stated.above):
+            if limit is not None:
+                each = np.where(self._numbers((limit,)) != 0.0, 0.0, each)
+        return np.asarray(each.sum(axis=0))
+
+    def _numbers(self, nodes: tuple[Expression, ...]) -> Floats:
+        """Numbers (k, rows) that are known."""
+        rows = 1 if self._positions is None else len(self._positions)
+        found = np.empty((len(nodes), rows))
+        for j, column in enumerate(evaluate(nodes, lookup(self._table, self._positions, self._tables))):
+            found[j] = column
+        return found
+
+    def _refuse(self, wrong: Mask, what: str, numbers: Floats) -> None:
+        if not bool(wrong.any()):
+            return
+        row = int(np.argmax(wrong))
+        place = None
+        if self._table is not None and self._positions is not None:
+            place = self._table.place(int(self._positions[row]))
+        raise MbmError(faults.not_a_count(self._equation.span, what.format(float(numbers[row])), place))
+
+
+def _poisson(counts: Floats) -> Floats:
+    """``-log`` of the probability of counts that are their own expectation."""
+    from scipy.special import gammaln, xlogy
+
+    return np.asarray(counts + gammaln(counts + 1.0) - xlogy(counts, counts))
+
+
+def _binomial(counts: Floats, trials: Floats) -> Floats:
+    from scipy.special import gammaln, xlogy
+
+    missed = trials - counts
+    ways = gammaln(trials + 1.0) - gammaln(counts + 1.0) - gammaln(missed + 1.0)
+    return np.asarray(-ways - xlogy(counts, counts / trials) - xlogy(missed, missed / trials))
+
+
+def _student(freedom: Floats) -> Floats:
+    """Log of the density at 0, of scale 1."""
+    from scipy.special import gammaln
+
+    return np.asarray(gammaln(0.5 * (freedom + 1.0)) - gammaln(0.5 * freedom) - 0.5 * np.log(np.pi * freedom))
+
+
+def _log_middle(half: Floats) -> Floats:
+    """Log of the normal probability within ±half."""
+    from scipy.special import erf, log_ndtr
+
+    return np.asarray(np.where(half < 1.0, np.log(erf(half / np.sqrt(2.0))), np.log1p(-2.0 * np.exp(log_ndtr(-half)))))
+
+
+def likely(groups: tuple[Group, ...]) -> Iterator[tuple[Group, Readings]]:
+    """The groups with a likelihood."""
+    return ((group, group.readings) for group in groups if group.readings is not None)
+
+
+def as_written(equations: Assembled) -> Assembled:
+    """The equations as they are written, to find starts with."""
+    return replace(_seen(equations, plain=True), factors=None)
+
+
+def informing(equations: Assembled) -> Assembled:
+    """Equations the squares of whose derivatives are the Fisher information."""
+    return _seen(equations, plain=False)
+
+
+def seen(group: Group, *, plain: bool) -> Group:
+    """A group as its equations are written, or else by what they tell; the same where it has no likelihood."""
+    kernel, stated = group.kernel.plain if plain else group.kernel.information, group.readings
+    if kernel is None or stated is None:
+        return group
+    number = BESIDE - 2 * group.number - int(plain)
+    return replace(
+        group,
+        kernel=kernel,
+        number=number,
+        evaluation=group.cache.evaluation(number, kernel, group.rows),
+        whiteners=stated.plain if plain else group.whiteners,
+        readings=None,
+    )
+
+
+def _seen(equations: Assembled, *, plain: bool) -> Assembled:
+    groups, first, first_unit = [], 0, 0
+    for each in equations.groups:
+        group = replace(seen(each, plain=plain), first=first, first_unit=first_unit)
+        groups.append(group)
+        first += group.count
+        first_unit += group.rows * len(group.whiteners)
+    return replace(equations, groups=tuple(groups)).freed(equations.free, equations.numbers)
+
+
+def uncounted(equations: Assembled) -> Mask | None:
+    """Which residuals (m,) are no part of χ²; None: none of them."""
+    found = np.zeros(equations.whole, dtype=bool)
+    for group, stated in likely(equations.groups):
+        found[group.first : group.first + group.count] = np.tile(stated.uncounted, group.rows)
+    found = found if equations.rows is None else found[equations.rows]
+    return found if found.any() else None
+
+
+def log_likelihood(equations: Assembled, residuals: Floats) -> float | None:
+    """log L of all readings at the ``residuals`` (m,), constants included; None where no equation has a likelihood."""
+    stated = [each for _, each in likely(equations.groups)]
+    if not stated:
+        return None
+    shifted = sum(int(each.shifted.sum()) * group.rows for group, each in likely(equations.groups))
+    surprise = sum(float(each.surprise.sum()) for each in stated)
+    surprise += sum(_of_weights(group) for group in equations.groups if group.readings is None)
+    if equations.factors is not None:
+        surprise += float(np.log(equations.factors).sum())
+    return float(-0.5 * (np.square(residuals).sum() - SHIFT * shifted) - surprise)
+
+
+def untested(excess: Floats, rows: Floats) -> Mask:
+    """Whether χ² says nothing of solves with so much ``excess`` (K,) in so many ``rows`` (K,).
+
+    It does where counts are small, so that it is off by half of its own standard deviation, or skew.
+    """
+    return np.asarray((excess > np.sqrt(0.5 * rows)) | (excess > SKEW * rows))
+
+
+def is_untested(equations: Assembled) -> bool:
+    """The same of one solve."""
+    stated = [each for _, each in likely(equations.groups)]
+    excess = sum(float(each.excess.sum()) for each in stated)
+    rows = sum(len(each.excess) for each in stated)
+    return bool(untested(np.array([excess]), np.array([float(rows)]))[0])
+
+
+def _of_weights(group: Group) -> float:
+    """Σ −log L_max of rows with stated weights: half of log det 2πC."""
+    total = 0.0
+    for each in group.whiteners:
+        weights = each.weights
+        roots = weights if weights.ndim == 2 else np.diagonal(weights, axis1=1, axis2=2)
+        total += float((0.5 * np.log(2.0 * np.pi) - np.log(np.abs(roots))).sum())
+    return total
