@@ -58,6 +58,10 @@ class Intervals:
         every = {each.name: np.asarray(getattr(self, each.name)[place]) for each in fields(self)}
         return replace(self, **every)
 
+    def flat(self) -> Intervals:
+        """The same along one axis."""
+        return replace(self, **{each.name: np.ravel(getattr(self, each.name)) for each in fields(self)})
+
 
 @np.errstate(all="ignore")
 def intervals(item: Estimate | DerivedValue, level: float) -> Intervals:

@@ -17,10 +17,10 @@ from mbm.estimation.search.solution import Solution
 from mbm.problem.types import Problem
 from mbm.report.budgets import faults
 from mbm.report.budgets.inputs import Errors, Source, sources
-from mbm.report.budgets.targets import Target, called, gradient_of, item_of, targets_of
+from mbm.report.budgets.shown import Shown, shown
+from mbm.report.budgets.targets import Target, called, gradient_of, targets_of
 from mbm.report.budgets.types import Budget, BudgetRow, InputKind
-from mbm.report.elements import factors, scalars, shown_sigma, unit_text
-from mbm.report.intervals import Intervals, intervals
+from mbm.report.elements import unit_text
 from mbm.report.types import SolveReport
 from mbm.text.types import MbmError
 
@@ -29,6 +29,11 @@ CLOSED = 1e-8
 
 SAME = 1e-12
 """Relative difference up to which standard deviations are one: roundings of what a unit makes of it."""
+
+MOST = 1000
+"""Numbers that have a budget without being named: each takes a pass over all rows."""
+
+_TOO_MANY = "there are too many derived numbers to keep their derivatives"
 
 
 def budgets_of(solve: SolveReport, name: str | None = None, *, by_row: bool = False) -> tuple[Budget, ...]:
@@ -46,17 +51,24 @@ def budgets_of(solve: SolveReport, name: str | None = None, *, by_row: bool = Fa
     targets = list(targets_of(solve))
     if name is not None:
         targets = called(solve, name, targets)
-    what = name or next((target.name for target in targets), solve.message)
     if not targets and solve.made_from is not None:
         raise MbmError(faults.nothing_estimated())
+    if name is None and len(targets) > MOST:
+        raise MbmError(faults.too_many(len(targets)))
+    what = name or next((target.name for target in targets), solve.message)
     problem, solution, influence = _solved(solve, what)
-    found = [_budget(solve, problem, solution, influence, target, by_row, asked=name) for target in targets]
-    made = tuple(each for each in found if each is not None)
+    made, every = [], shown(solve, targets)
+    for target, each in zip(targets, every, strict=True):
+        gradient = gradient_of(solution, target) if each.why_none is None else None
+        if gradient is not None:
+            found = tuple(sources(problem, solution, influence, gradient))
+            made.append(_budget(solve, each, (*found, *_constants(solve, target)), by_row))
+        elif name is not None:
+            raise MbmError(faults.no_budget(target.name, each.why_none or _TOO_MANY))
     if not made:
-        reasons = (item_of(solve, target).reason for target in targets)
-        why = next((reason for reason in reasons if reason is not None), "no quantity has a standard deviation")
+        why = next(filter(None, (each.why_none for each in every)), _TOO_MANY)
         raise MbmError(faults.no_budget(what, why))
-    return made
+    return tuple(made)
 
 
 def _solved(solve: SolveReport, name: str) -> tuple[Problem, Solution, Influence]:
@@ -79,43 +91,15 @@ def _solved(solve: SolveReport, name: str) -> tuple[Problem, Solution, Influence
     return problem, solution, solution.influence
 
 
-def _budget(
-    solve: SolveReport,
-    problem: Problem,
-    solution: Solution,
-    influence: Influence,
-    target: Target,
-    by_row: bool,
-    *,
-    asked: str | None,
-) -> Budget | None:
-    """The budget of a scalar; None where it has none and was not ``asked`` for."""
-    item = item_of(solve, target)
-    scalar = list(scalars(item))[target.place]
-    why = None
-    if scalar.fixed:
-        why = "it is fixed"
-    elif scalar.at_bound:
-        why = "it is held at its bound, where no standard deviation is known"
-    elif not isfinite(scalar.sigma):
-        why = scalar.reason or "no standard deviation is known"
-    gradient = None if why is not None else gradient_of(solution, target)
-    if why is None and gradient is None:
-        why = "there are too many derived numbers to keep their derivatives"
-    if why is not None or gradient is None:
-        if asked is None:
-            return None
-        raise MbmError(faults.no_budget(target.name, why or ""))
-    factor = float(np.ravel(np.broadcast_to(factors(item.quantity), np.shape(shown_sigma(item))))[target.place])
-    found = list(sources(problem, solution, influence, gradient))
-    constants = list(_constants(solve, target))
-    rows = [row for source in (*found, *constants) for row in _rows(source, factor, scalar.sigma, by_row)]
+def _budget(solve: SolveReport, each: Shown, inputs: tuple[Source, ...], by_row: bool) -> Budget:
+    """The budget of a scalar with these inputs."""
+    scalar, interval = each.scalar, each.interval
+    rows = [row for source in inputs for row in _rows(source, each.factor, scalar.sigma, by_row)]
     if abs(sum(row.share for row in rows) - 1.0) > CLOSED and scalar.sigma > 0.0:
-        raise MbmError(faults.no_budget(target.name, "its variance is not the sum of what its inputs add"))
-    interval = _flat(intervals(item, solve.coverage), target.place)
+        raise MbmError(faults.no_budget(scalar.name, "its variance is not the sum of what its inputs add"))
     dof = float(interval.dof)
     return Budget(
-        quantity=target.name,
+        quantity=scalar.name,
         value=scalar.value,
         sigma=scalar.sigma,
         unit=unit_text(scalar.quantity) or None,
@@ -127,10 +111,6 @@ def _budget(
         rows=tuple(rows),
         key=solve.key,
     )
-
-
-def _flat(found: Intervals, place: int) -> Intervals:
-    return found.at(tuple(int(i) for i in np.unravel_index(place, np.shape(found.dof))))
 
 
 def _constants(solve: SolveReport, target: Target) -> Iterator[Source]:

@@ -32,6 +32,12 @@ def nothing_estimated() -> Diagnostic:
     return Diagnostic(code=NO_BUDGET, message=message, place=None, hint="name what is wanted in `derive`")
 
 
+def too_many(count: int) -> Diagnostic:
+    """More numbers than have a budget each without being named."""
+    message = f"{count:,} numbers are too many for a budget of each"
+    return Diagnostic(code=NO_BUDGET, message=message, place=None, hint="name some: `--for NAME`, or `.budgets(NAME)`")
+
+
 def left_out(key: str, found: Diagnostic) -> Diagnostic:
     """One of several solves that has none."""
     return Diagnostic(
