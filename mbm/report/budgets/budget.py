@@ -30,7 +30,7 @@ CLOSED = 1e-8
 SAME = 1e-12
 """Relative difference up to which standard deviations are one: roundings of what a unit makes of it."""
 
-MOST = 1000
+MOST_UNNAMED = 1000
 """Numbers that have a budget without being named: each takes a pass over all rows."""
 
 _TOO_MANY = "there are too many derived numbers to keep their derivatives"
@@ -53,7 +53,7 @@ def budgets_of(solve: SolveReport, name: str | None = None, *, by_row: bool = Fa
         targets = called(solve, name, targets)
     if not targets and solve.made_from is not None:
         raise MbmError(faults.nothing_estimated())
-    if name is None and len(targets) > MOST:
+    if name is None and len(targets) > MOST_UNNAMED:
         raise MbmError(faults.too_many(len(targets)))
     what = name or next((target.name for target in targets), solve.message)
     problem, solution, influence = _solved(solve, what)
