@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from mbm.equations.types import Floats
@@ -72,6 +73,14 @@ class Influence(Protocol):
 
         ``gradient`` (k, n) is that of the quantities by the free coordinates. The sign is that of a larger measured
         value, or of a larger number that a form should have instead of zero. 0 for residuals that are left out.
+        """
+        ...
+
+    def of_shared(self, parts: Floats) -> tuple[Floats, Mapping[int, Floats]]:
+        """Parts (k, all residuals) as `of_residuals` has them, and what of them is due to errors that rows share.
+
+        The first keep what is due to the rows' own noise. The others (k, q), by block, are those of the clause's common
+        errors, entry by entry, of each for every value of its column as these first occur.
         """
         ...
 

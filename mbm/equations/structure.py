@@ -169,6 +169,17 @@ class Pattern:
         found = values if self.along is None else self.along.independent(values)
         return found if self.common is None else self.common.independent(found, factor)
 
+    def shared_out(self, parts: Floats, factor: float) -> tuple[Floats, Floats]:
+        """Parts (r, k) of errors of independent residuals, by what causes them: the lines (r, k), common errors (q, k).
+
+        With a correlation along the rows those of the lines are of the rows together only.
+        """
+        if self.lower is not None or self.common is None or self.raw is None:
+            return parts, np.zeros((0, parts.shape[1]))
+        own, raw = self.common.independent(parts, factor), self.raw
+        effect = raw if self.along is None else csr_array(self.along.independent(np.asarray(raw.toarray())))
+        return own, np.asarray(effect.T @ own) / factor
+
     def log_determinant(self, factor: float) -> float:
         """Of what makes them independent."""
         if self.lower is not None:
@@ -228,6 +239,17 @@ class Structure:
         """Make whitened values (all residuals, …) independent, in place."""
         for pattern in self.patterns:
             values[pattern.lines] = pattern.independent(values[pattern.lines], self.factor(pattern))
+
+    def shared_out(self, parts: Floats) -> tuple[Floats, dict[int, Floats]]:
+        """Parts (k, all residuals) of errors of independent residuals: those of rows, and by block of common errors.
+
+        The latter (k, q) are in the order of the clause's entries, of each those of its values as they first occur.
+        """
+        own, common = parts.copy(), {}
+        for pattern in self.patterns:
+            lines, found = pattern.shared_out(parts[:, pattern.lines].T, self.factor(pattern))
+            own[:, pattern.lines], common[pattern.owner] = lines.T, found.T
+        return own, common
 
     @property
     def log_determinant(self) -> float:

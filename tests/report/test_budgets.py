@@ -13,8 +13,6 @@ from mbm.estimation.uncertainty.influence import RowInfluence
 from mbm.report.answer import Solved
 from mbm.report.budgets.answer import answer_of
 from mbm.report.budgets.types import Budget, InputKind
-from tests.oracles.catalogue import KINDS as CATALOGUE
-from tests.oracles.kinds import drawn
 
 SUMS = 1e-10
 """What the sum of squares may lack of the variance: what is asked for; roundings of a few dozen products are 1e-14."""
@@ -330,23 +328,6 @@ def test_pickled_results_say_why_they_have_no_budget() -> None:
         again.budget("a")
     assert again.correlation.names == ("a", "b")
     assert "derived quantities" in again.correlation.reason
-
-
-AT_A_LIMIT = "bounds"
-"""The kind whose estimates may all be held by limits."""
-
-
-@pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if not kind.calls])
-def test_contributions_sum_to_the_variance_of_every_kind(name: str) -> None:
-    """The random problems that the oracles ask: losses, consensus, constraints, errors in columns, turns, families."""
-    kind = CATALOGUE[name]
-    result = mbm.loads(kind.text()).solve(data=drawn(name, kind, 1)[0])
-    if name == AT_A_LIMIT and all(np.isnan(result[each].sigma).all() for each in result.keys()):  # noqa: SIM118
-        with pytest.raises(mbm.MbmError, match="at its bound"):
-            result.budgets()
-        return
-    for budget in result.budgets():
-        sums_up(budget)
 
 
 def test_thousands_of_numbers_want_names() -> None:

@@ -160,3 +160,30 @@ def test_yorks_line() -> None:
     for row in range(1, 11):
         along_y, along_x = parts["d", row], parts["d.x", row]
         assert along_x.sensitivity == pytest.approx(-slope * (along_y.sensitivity or 0.0), rel=1e-6)
+
+
+def _slopes(v: float, i: float, p: float) -> np.ndarray:
+    """The derivatives of R, X and Z by V, I and the phase."""
+    z, c, s = v / i, np.cos(p), np.sin(p)
+    return np.array([[c / i, -z * c / i, -z * s], [s / i, -z * s / i, z * c], [1 / i, -z / i, 0]])
+
+
+def test_gum_h2_with_correlations() -> None:
+    """Table H.4: the five sets of V, I and the phase are vectors of unknown covariance."""
+    rows = " ".join(f"({v} {i} {p})" for v, i, p in zip(VOLTAGES, CURRENTS, PHASES, strict=True))
+    result = mbm.loads(
+        f"""(problem impedance (data d (table (v i p) {rows}))
+        (unknowns (V) (I) (phi)) (observe d (= [v i p] [V I phi]) :covariance unknown)
+        (derive (R (* (/ V I) (cos phi))) (X (* (/ V I) (sin phi))) (Z (/ V I))))"""
+    ).solve()
+    sigmas = [float(result[name].sigma) for name in "RXZ"]
+    assert sigmas == pytest.approx([0.071, 0.295, 0.236], abs=7e-4)  # 0.2956 of the readings, which is printed 0.295
+    slopes = _slopes(np.mean(VOLTAGES), np.mean(CURRENTS), np.mean(PHASES))
+    covariance = slopes @ np.cov([VOLTAGES, CURRENTS, PHASES]) @ slopes.T / 5
+    assert sigmas == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-6)
+    for name in "RXZ":
+        budget = result.budget(name, by_row=True)
+        assert sum(row.contribution**2 for row in budget.rows) == pytest.approx(budget.sigma**2, rel=1e-10)
+    assert result.correlation is not None
+    found = [result.correlation.of(*pair) for pair in ("RX", "RZ", "XZ")]
+    assert [round(each, 3) for each in found] == [-0.588, -0.485, 0.993]

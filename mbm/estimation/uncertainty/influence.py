@@ -8,6 +8,7 @@ rows (`mbm.estimation.uncertainty.robust`).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -62,6 +63,11 @@ class RowInfluence:
         whole = np.zeros((len(gradient), self.equations.whole))
         whole[:, self.equations.rows] = parts
         return whole
+
+    def of_shared(self, parts: Floats) -> tuple[Floats, Mapping[int, Floats]]:
+        """As the protocol has it."""
+        structure = self.equations.structure
+        return (parts, {}) if structure is None else structure.shared_out(parts)
 
     def of_measured(self, parts: Floats) -> tuple[Floats, MeasuredErrors | None]:
         """As the protocol has it."""

@@ -132,7 +132,7 @@ def _constants(solve: SolveReport, target: Target) -> Iterator[Source]:
 def _rows(source: Source, factor: float, sigma: float, by_row: bool) -> Iterator[BudgetRow]:
     """The lines of a source, whose parts are divided by the ``factor`` of the quantity's unit."""
     errors = source.errors
-    if not by_row or len(errors.parts) == 1:
+    if not by_row or len(errors.parts) == 1 or source.joint:
         yield _line(source, factor, sigma, errors, one=len(errors.parts) == 1)
         return
     order = np.lexsort((errors.components, errors.rows))
@@ -156,7 +156,7 @@ def _line(source: Source, factor: float, sigma: float, errors: Errors, *, one: b
     return BudgetRow(
         input=source.name,
         kind=source.kind,
-        count=len(np.unique(errors.rows)) if source.kind is not InputKind.ROWS or not one else 1,
+        count=1 if one else len(np.unique(errors.rows if errors.rows.any() else errors.components)),
         value=_number(errors.values[0]) if one else None,
         unit=next(iter(units)) if len(units) == 1 and isfinite(u) else None,
         u=_number(u),

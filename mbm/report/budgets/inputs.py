@@ -18,6 +18,7 @@ from mbm.equations.whitening import Whitener
 from mbm.estimation.search.solution import Solution
 from mbm.expression.units import Unit, parse_unit
 from mbm.problem.naming import PRIOR
+from mbm.problem.rows import row_values
 from mbm.problem.types import BlockRole, Equation, Problem
 from mbm.report.budgets.types import InputKind
 from mbm.report.elements import coordinate_quantity
@@ -60,12 +61,16 @@ class Errors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Source:
-    """Errors of one kind under one name; ``dof`` are the degrees of freedom of their standard deviations."""
+    """Errors of one kind under one name; ``dof`` are the degrees of freedom of their standard deviations.
+
+    ``joint``: they depend on one another, and have a part together only.
+    """
 
     name: str
     kind: InputKind
     dof: float
     errors: Errors
+    joint: bool = False
 
 
 def sources(problem: Problem, solution: Solution, influence: Influence, gradient: Floats) -> Iterator[Source]:
@@ -73,7 +78,8 @@ def sources(problem: Problem, solution: Solution, influence: Influence, gradient
 
     Columns with errors stand behind the clause that names them first.
     """
-    own, measured = influence.of_measured(influence.of_residuals(gradient[None]))
+    own, shared = influence.of_shared(influence.of_residuals(gradient[None]))
+    own, measured = influence.of_measured(own)
     found: dict[tuple[int, str], Source] = {}
     for group in solution.groups:
         number = group.kernel.owner
@@ -95,6 +101,8 @@ def sources(problem: Problem, solution: Solution, influence: Influence, gradient
     columns = [] if measured is None else list(_columns(problem, solution, influence, measured))
     for number in range(len(problem.blocks)):
         yield from (source for (owner, _), source in found.items() if owner == number)
+        if number in shared:
+            yield from _common(problem, solution, number, shared[number][0])
         yield from (source for owner, source in columns if owner == number)
 
 
@@ -120,8 +128,9 @@ class _Part:
         single = kind is InputKind.PRIOR and self.group.positions is None
         for whitener in self.group.whiteners:
             used = self._used(whitener)
-            if whitener.weights.ndim != 2:
-                yield Source(name=block.name, kind=kind, dof=dof, errors=self._joint(whitener, used))
+            if whitener.weights.ndim != 2 or block.structure.free or block.structure.correlation is not None:
+                joint = block.structure.correlation is not None
+                yield Source(name=block.name, kind=kind, dof=dof, errors=self._joint(whitener, used), joint=joint)
                 continue
             outputs = np.arange(whitener.first, whitener.last)
             every = Errors(
@@ -195,6 +204,34 @@ class _Part:
         quantity = quantity_of(self.problem, entry.unknown)
         each = [coordinate_quantity(quantity, place) for place in range(len(own))]
         return np.array([one.unit for one in each], dtype=object), np.array([one.factor for one in each])
+
+
+def _common(problem: Problem, solution: Solution, number: int, parts: Floats) -> Iterator[Source]:
+    """What rows of a block share: ``parts`` (q,) entry by entry, of each for every value of its column."""
+    block = problem.blocks[number]
+    if block.table is None:
+        return
+    table, groups = solution.tables[block.table], [g for g in solution.groups if g.kernel.owner == number and g.rows]
+    positions = np.sort(np.concatenate([np.asarray(group.positions) for group in groups]))
+    units = {unit for case in block.cases for equation in case.equations for unit in _padded(equation)}
+    unit = next(iter(units)) if len(units) == 1 else None
+    first = 0
+    for column, form in zip(block.structure.per, block.shared, strict=False):
+        keys = table.keys(column)
+        count = len({keys[position] for position in positions.tolist()})
+        deviations = row_values(form, solution.tables)[positions].ravel()
+        alike = len(units) == 1 and bool((deviations == deviations[0]).all())
+        sigma = deviations[0] / (1.0 if unit is None else unit.factor) if alike else np.nan
+        errors = Errors(
+            rows=np.zeros(count, dtype=np.int64),
+            components=np.arange(1, count + 1),
+            units=np.full(count, None if unit is None else unit.symbol, dtype=object),
+            values=np.full(count, np.nan),
+            sigma=np.full(count, sigma),
+            parts=parts[first : first + count],
+        )
+        first += count
+        yield Source(name=f"{block.name} per {column}", kind=InputKind.ROWS, dof=inf, errors=errors)
 
 
 def _padded(equation: Equation) -> tuple[Unit | None, ...]:
