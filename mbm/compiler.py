@@ -48,7 +48,8 @@ if TYPE_CHECKING:
 class Inputs:
     """What comes from outside the file: tables by value or path, constants and starts, and where reading may go.
 
-    ``allow_external``: functions in Python that the problem names may be imported and called.
+    ``allow_external``: functions in Python that the problem names may be imported and called. ``drawing``: inputs are
+    to be drawn, so that they may be without a variance.
     """
 
     tables: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
@@ -56,6 +57,7 @@ class Inputs:
     overrides: Mapping[str, Override] = field(default_factory=lambda: MappingProxyType({}))
     sandbox: Path | None = None
     allow_external: bool = False
+    drawing: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,9 +93,8 @@ def elaborated(
     program: Program, name: str | None, inputs: Inputs, registry: Registry, load: Loader | None = None
 ) -> Elaborated:
     """Definitions and tables → typed equations, checked as far as no number decides; ``load`` reads the tables."""
-    from mbm.data.types import Formats
     from mbm.language.limits import recursion_room
-    from mbm.problem.builder import Front, elaborate
+    from mbm.problem.builder import elaborate
     from mbm.problem.clauses import select_problem
 
     definition = select_problem(program, name)
@@ -101,12 +102,7 @@ def elaborated(
         return elaborate(
             program,
             definition,
-            Front(
-                vocabulary=registry.vocabulary(),
-                limits=registry.limits,
-                formats=Formats(registry.readers()),
-                routines=lambda: tuple(form.name for form in registry.closed_forms()),
-            ),
+            registry.front(drawing=inputs.drawing),
             inputs.overrides,
             load or (lambda wanted: loaded(wanted, program.base, inputs, registry)),
         )

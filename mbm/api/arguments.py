@@ -92,6 +92,22 @@ def coordinates(given: ArrayLike, count: int) -> NDArray[np.float64]:
     return found
 
 
+def steps_of(given: ArrayLike, count: int) -> NDArray[np.float64]:
+    """Tangent coordinates (count,), or of many points (K, count).
+
+    Raises:
+        MbmError: they are no such array of real numbers (`wrong-argument`).
+
+    """
+    try:
+        found = real(given)
+    except (TypeError, ValueError, OverflowError):
+        raise MbmError(faults.no_coordinates("is no array of numbers", count)) from None
+    if found.ndim not in (1, 2) or found.shape[-1] != count:
+        raise MbmError(faults.no_coordinates(f"has the shape {found.shape}", count))
+    return found
+
+
 def real(given: ArrayLike) -> NDArray[np.float64]:
     """An array of real numbers, the very one that is given if it is such.
 

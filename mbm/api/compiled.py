@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbm import compiler
-from mbm.api.arguments import by_name, coordinates, threads
+from mbm.api.arguments import by_name, coordinates, steps_of, threads
 from mbm.api.compilation import Compilation, Origin, compilation_of
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
@@ -134,7 +134,15 @@ class CompiledProblem:
     def _considered(self, settings: SolveSettings, data: Mapping[str, object] | None) -> Result:
         """The report of a solve with the uncertainties of constants."""
         result = self._solved(settings, data)
-        constants = self._for(data).elaborated.problem.constants
+        problem = self._for(data).elaborated.problem
+        if self.inputs.drawing:
+            from mbm.api.considered import without_variance_of
+            from mbm.report.considered import without_variance
+
+            name = without_variance_of(problem)
+            if name is not None:
+                return without_variance(result, name)
+        constants = problem.constants
         if not any(constant.sigmas for constant in constants):
             return result
         # Loaded by problems with uncertain constants only, so that the others start at once.
@@ -210,6 +218,28 @@ class CompiledProblem:
         equations, start = self._assembled(data)
         step = coordinates(x, equations.dimension)
         return equations.jacobian(equations.retract(start, step)) @ equations.chart_slopes(start, step)
+
+    def log_density(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
+        """The logarithm of the posterior density at tangent coordinates ``x`` (n,) or (K, n): () or (K,), for samplers.
+
+        The density is that of the observations times those of the priors, normalised but for what does not depend on
+        ``x``; −∞ outside of bounds and inequalities. Rotations are uniform beforehand, unknown noise factors integrated
+        out with the density 1/s. With losses it is −½ Σ ρ. Tables as for ``residuals``.
+
+        Raises:
+            MbmError: ``x`` has another shape, the data do not go with the problem, or `no-density`: equations among the
+                constraints, `:errors`, states, uncertain constants have none here.
+
+        """
+        from mbm.api.density import refuse_density
+        from mbm.simulation.density import log_density
+
+        equations, start = self._assembled(data)
+        problem = self.elaborated.problem
+        refuse_density(problem, equations)
+        steps = steps_of(x, equations.dimension)
+        found = log_density(problem, equations, start, steps.reshape(-1, equations.dimension))
+        return found.reshape(steps.shape[:-1])
 
     @property
     def elaborated(self) -> Elaborated:

@@ -7,9 +7,22 @@ from dataclasses import replace
 
 from mbm.compiler import Inputs
 from mbm.problem.overrides import ConstantValue, Override
+from mbm.problem.types import Problem
 from mbm.report.considered import considered
 from mbm.report.spreads import ConsideredConstant
 from mbm.report.types import Result
+
+
+def without_variance_of(problem: Problem) -> str | None:
+    """The name of a constant or prior without a variance; None: there is none."""
+    constants = [each.name for each in problem.constants if not each.law.has_variance]
+    priors = [
+        block.name
+        for block in problem.blocks
+        for case in block.cases
+        if not all(equation.law.has_variance for equation in case.equations)
+    ]
+    return next(iter([*constants, *priors]), None)
 
 
 def with_constants(

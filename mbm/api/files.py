@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,7 +48,7 @@ def propagate_file(path: str | Path, options: SolveOptions, settings: Propagatio
     """
     from mbm.report.answer import Solved
 
-    return Solved(solve_file(path, options)).propagated(settings)
+    return Solved(solve_file(path, replace(options, drawing=True))).propagated(settings)
 
 
 def simulate_file(
@@ -76,6 +77,7 @@ def inputs_of(options: SolveOptions) -> Inputs:
         overrides={name: Override(name=name, text=text) for name, text in options.set},
         sandbox=options.sandbox,
         allow_external=options.allow_external,
+        drawing=options.drawing,
     )
 
 

@@ -211,7 +211,8 @@ class Problem:
         allow_external: bool = False,
     ) -> Propagated:
         """Solve, and propagate the distributions of the inputs, as ``mbm propagate`` does: see ``Solved.propagate``."""
-        solved = self.solve(data=data, constants=constants, seed=seed, workers=workers, allow_external=allow_external)
+        inputs = replace(self._inputs(data, constants, allow_external), drawing=True)
+        solved = self.compiled(inputs, "auto").solve(seed=seed, workers=workers)
         return solved.propagate(trials, seed=seed, workers=workers)
 
     def simulate(

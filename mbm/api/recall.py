@@ -151,7 +151,7 @@ def recalled(
         MbmError: what is wrong with the data, as elaboration would say it.
 
     """
-    key = _digest(digest, name, tuple(inputs.overrides.values()))
+    key = _digest(digest, name, tuple(inputs.overrides.values()), inputs.drawing)
     declarations = _unpacked(store.get(TABLES, key))
     if declarations is None:
         return None
@@ -182,7 +182,7 @@ def remember(
     answers, _ = compiler.answers(found.problem, found.consulted, found.raw)
     if answers is None:
         return None
-    key = _digest(digest, name, tuple(inputs.overrides.values()))
+    key = _digest(digest, name, tuple(inputs.overrides.values()), inputs.drawing)
     made = Made(
         problem=replace(found.problem, warnings=found.lasting),
         consulted=found.consulted,

@@ -60,12 +60,13 @@ Loader = Callable[[Iterable[TableDeclaration]], Mapping[str, Table]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Front:
-    """What elaboration needs besides the text: the vocabulary, bounds of evaluation, formats, names of closed forms."""
+    """What elaboration needs besides the text; ``drawing``: inputs may be without a variance."""
 
     vocabulary: Vocabulary
     limits: Limits
     formats: Formats
     routines: Routines = tuple
+    drawing: bool = False
 
 
 def elaborate(
@@ -84,7 +85,7 @@ def elaborate(
     world = session.evaluator.world
     if not isinstance(world, ProblemScope):
         raise TypeError(world)
-    work = Workspace(session.evaluator, world, tables, front.formats, front.routines)
+    work = Workspace(session.evaluator, world, tables, front.formats, front.routines, drawing=front.drawing)
     _functions(work, session, clauses)
     stated = [each for c in _all(clauses, "constants") for each in read_constants(work, c, overrides)]
     numbers = constant_values(work, stated, definition.span)

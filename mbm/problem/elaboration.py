@@ -63,7 +63,7 @@ class Workspace:
     ``formats`` has what a data clause may say of each format; ``routines`` gives the names of the registered closed
     forms, which may be asked for as methods; ``reads`` keeps account of the values that decided something, ``extent``
     of what there is to compile; ``written_out`` is where constraints hold aggregates. ``uncertain`` are the names of
-    numbers of constants with a standard deviation.
+    numbers of constants with a standard deviation. ``drawing``: distributions may be without a variance.
     """
 
     evaluator: Evaluator
@@ -75,6 +75,7 @@ class Workspace:
     undeclared: set[str] = field(default_factory=set)
     written_out: list[Span] = field(default_factory=list)
     uncertain: set[str] = field(default_factory=set)
+    drawing: bool = False
     reads: Reads = field(default_factory=Reads)
     extent: Extent = field(init=False)
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mbm.kernels.store import Store
     from mbm.kernels.types import Backend, KernelSet
     from mbm.language.values import Vocabulary
+    from mbm.problem.builder import Front
 
 
 CLOSED_FORMS, READERS, FUNCTIONS = "mbm.closed_forms", "mbm.readers", "mbm.functions"
@@ -134,6 +135,19 @@ class Registry:
     def backend(self, name: str) -> Backend:
         """The backend of a name, with the store to keep what it compiles in."""
         return self.backends[name](self.store())
+
+    def front(self, *, drawing: bool) -> Front:
+        """What elaboration needs besides the text; ``drawing``: inputs may be without a variance."""
+        from mbm.data.types import Formats
+        from mbm.problem.builder import Front
+
+        return Front(
+            vocabulary=self.vocabulary(),
+            limits=self.limits,
+            formats=Formats(self.readers()),
+            routines=lambda: tuple(form.name for form in self.closed_forms()),
+            drawing=drawing,
+        )
 
     def suited(self, backend: Backend, kernels: KernelSet, functions: CalledFunctions | None) -> Backend:
         """``backend``, or what stands in for it where these kernels are not for it, or call ``functions``."""

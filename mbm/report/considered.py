@@ -70,6 +70,12 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
     )
 
 
+def without_variance(result: Result, name: str) -> Result:
+    """The ``result`` without standard deviations, which it has not if an input called ``name`` has no variance."""
+    reason = f"`{name}` has no variance"
+    return replace(result, solves=tuple(_without_sigmas(solve, reason) for solve in result.solves))
+
+
 def _without_sigmas(solve: SolveReport, reason: str) -> SolveReport:
     def bare(matrix: CovarianceMatrix | None) -> CovarianceMatrix | None:
         return None if matrix is None else replace(matrix, matrix=None, reason=reason)

@@ -38,6 +38,7 @@ class SolveOptions:
     ``allow_external`` lets the problem call functions in Python. ``interruption`` ends the solve with the best point so
     far when it is requested. ``workers`` threads share many solves, or a large one (None: one for each processor).
     ``loaded`` is called when all that the problem reads was read, and nothing was solved yet; it may raise MbmError.
+    ``drawing``: inputs are to be drawn, so that they may be without a variance.
     """
 
     problem: str | None = None
@@ -55,6 +56,7 @@ class SolveOptions:
     progress: Progress | None = None
     interruption: Interruption | None = None
     loaded: Callable[[], None] | None = None
+    drawing: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

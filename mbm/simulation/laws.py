@@ -6,7 +6,7 @@ Of laws without a variance the scale is 1 instead.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from math import expm1, log, pi, sqrt
+from math import expm1, lgamma, log, pi, sqrt
 from types import MappingProxyType
 
 import numpy as np
@@ -64,5 +64,58 @@ _DRAWS: Mapping[str, Callable[[np.random.Generator, Shape, float], Floats]] = Ma
         ARCSINE: _arcsine,
         STUDENT: _student,
         LOGNORMAL: _lognormal,
+    }
+)
+
+
+@np.errstate(all="ignore")
+def log_densities(law: Law, variates: Floats) -> Floats:
+    """The logarithms of the density of standard variates of a law, in an array of their shape; −∞ where it is none."""
+    return np.where(np.isfinite(variates), _DENSITIES[law.name](variates, law.shape), -np.inf)
+
+
+def _log_normal_density(variates: Floats, _: float) -> Floats:
+    return np.asarray(-0.5 * np.square(variates) - HALF_LOG_TURN)
+
+
+def _log_trapezoidal(variates: Floats, ratio: float) -> Floats:
+    """With half a base of √(6/(1 + β²)), β of which is flat."""
+    base = sqrt(6.0 / (1.0 + ratio**2))
+    height = 1.0 / (base * (1.0 + ratio))
+    slope = 1.0 if ratio == 1.0 else (base - np.abs(variates)) / (base * (1.0 - ratio))
+    return np.where(np.abs(variates) <= base, np.log(height * np.minimum(1.0, slope)), -np.inf)
+
+
+def _log_arcsine(variates: Floats, _: float) -> Floats:
+    left = 2.0 - np.square(variates)
+    return np.where(left > 0.0, -log(pi) - 0.5 * np.log(left), -np.inf)
+
+
+def _log_student(variates: Floats, dof: float) -> Floats:
+    scale = sqrt((dof - 2.0) / dof) if dof > 2.0 else 1.0
+    constant = lgamma((dof + 1.0) / 2.0) - lgamma(dof / 2.0) - 0.5 * log(dof * pi) - log(scale)
+    return np.asarray(constant - (dof + 1.0) / 2.0 * np.log1p(np.square(variates / scale) / dof))
+
+
+def _log_lognormal(variates: Floats, factor: float) -> Floats:
+    deviation = log(factor)
+    spread = sqrt(expm1(deviation**2))
+    share = 1.0 + spread * variates  # of the mean
+    normal = (np.log(share) + deviation**2 / 2.0) / deviation
+    found = -0.5 * np.square(normal) - HALF_LOG_TURN - np.log(deviation * share) + log(spread)
+    return np.where(share > 0.0, found, -np.inf)
+
+
+HALF_LOG_TURN = 0.5 * log(2.0 * pi)
+
+_DENSITIES: Mapping[str, Callable[[Floats, float], Floats]] = MappingProxyType(
+    {
+        NORMAL: _log_normal_density,
+        RECTANGULAR: lambda variates, _: _log_trapezoidal(variates, 1.0),
+        TRIANGULAR: lambda variates, _: _log_trapezoidal(variates, 0.0),
+        TRAPEZOIDAL: _log_trapezoidal,
+        ARCSINE: _log_arcsine,
+        STUDENT: _log_student,
+        LOGNORMAL: _log_lognormal,
     }
 )

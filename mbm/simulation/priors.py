@@ -1,21 +1,23 @@
-"""True values drawn from the priors: the values at which the priors' residuals are standard normal numbers."""
+"""True values drawn from the priors: the values at which the priors' residuals are standard variates of their laws."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from mbm.equations.assembling import blank
 from mbm.equations.binder import Binder
-from mbm.equations.binding import EvaluationCache
+from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.layout import Layout
 from mbm.equations.types import Floats
 from mbm.kernels.types import KernelSet
+from mbm.problem.laws import NORMAL_LAW
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.simulation import faults
+from mbm.simulation.laws import standard_variates
 from mbm.simulation.noise import stream
 from mbm.text.types import MbmError
 
@@ -50,6 +52,10 @@ def drawn_from_priors(
     equations = replace(equations, rows=np.concatenate(rows))
     words = [f"{name}={value}" for name, value in key.items()]
     wanted = stream(seed, "priors", *words).standard_normal(equations.count)
+    every = np.full(equations.whole, np.nan)
+    every[equations.rows] = wanted
+    _follow_laws(every, problem, equations.groups, lambda name: stream(seed, "priors", *words, name))
+    wanted = every[equations.rows]
     for _ in range(ITERATIONS):
         jacobian = equations.plain_jacobian(x)
         scale = np.linalg.norm(jacobian, axis=0)
@@ -64,3 +70,17 @@ def drawn_from_priors(
         if not float(np.linalg.norm(step)) > SETTLED:
             break
     return x
+
+
+def _follow_laws(
+    wanted: Floats, problem: Problem, groups: tuple[Group, ...], rng: Callable[[str], np.random.Generator]
+) -> None:
+    """Put variates of their laws for the priors that are not normal among all residuals ``wanted`` (all,)."""
+    for group in groups:
+        block = problem.blocks[group.kernel.owner]
+        own = wanted[group.first : group.first + group.count].reshape(group.rows, group.kernel.outputs)
+        if block.role is BlockRole.PRIOR:
+            for equation, each in zip(block.cases[group.kernel.case].equations, group.whiteners, strict=True):
+                if equation.law != NORMAL_LAW:
+                    shape = (group.rows, each.last - each.first)
+                    own[:, each.first : each.last] = standard_variates(equation.law, rng(block.name), shape)

@@ -66,6 +66,7 @@ ELSEWHERE = {
     "not-simulated": "simulation/test_measurements.py",
     "object-left-out": "images/test_contour.py",
     "other-size": "images/test_contour_faults.py",
+    "no-density": "simulation/test_log_density.py",
     "not-settled": "simulation/test_propagation.py",
     "not-writable": "bad/test_made.py",
     "nothing-to-draw": "cli/test_view.py",

@@ -89,6 +89,13 @@ def test_a_rectangular_prior_beside_a_reading() -> None:
     assert float(found.sigma) == pytest.approx(u / np.sqrt(2.0), rel=0.02)
 
 
+def test_a_lopsided_prior_keeps_its_side() -> None:
+    """Alone, a prior decides: the estimate is its centre, drawn from it."""
+    found = propagated("(problem p (unknowns (x :prior (lognormal 5 2))) (derive (y (log x))))")
+    assert float(found["x"].median) == pytest.approx(5.0, rel=4 * 1.25 * np.log(2) / np.sqrt(TRIALS))
+    assert_interval(found["y"], np.log(5) + np.log(2) * norm.ppf([0.025, 0.975]), norm.pdf(1.96) / np.log(2))
+
+
 def test_constants_in_a_fit_and_in_what_is_derived() -> None:
     """y = a x + c with c uncertain: a is normal, and what is derived from a and c together too."""
     text = (
@@ -112,6 +119,28 @@ def test_constants_with_degrees_of_freedom_follow_t_distributions(dof: int) -> N
     end = t.ppf(0.975, dof)
     assert_interval(made["y"], [6.0 - end, 6.0 + end], t.pdf(end, dof))
     assert made["y"].validated is (True if dof > 2 else None)
+
+
+def test_inputs_without_a_variance_are_for_propagation_only() -> None:
+    text = "(problem p (constants (a 1 :prior (student 1 0.1 1))) (derive (y (* 2 a))))"
+    with pytest.raises(mbm.MbmError, match="has no variance"):
+        mbm.loads(text).solve()
+    assert [each.code.name for each in mbm.loads(text).check()] == ["bad-form"]
+    made = propagated(text)
+    end = 0.2 * t.ppf(0.975, 1)
+    assert_interval(made["y"], [2.0 - end, 2.0 + end], t.pdf(end / 0.2, 1) / 0.2)
+    written = made.document()["solves"][0]
+    assert written["derived"]["y"]["sigma"] is None
+    assert written["derived"]["y"]["reason"] == "`a` has no variance"
+    assert written["propagation"]["y"]["validated"] is None
+    with pytest.raises(mbm.MbmError, match="has no variance"):  # what was propagated is not what is solved
+        mbm.loads(text).solve()
+
+
+def test_a_prior_without_a_variance_decides_alone() -> None:
+    found = propagated("(problem p (unknowns (x :prior (student 1 0.1 2))))")["x"]
+    end = 0.1 * t.ppf(0.975, 2)
+    assert_interval(found, [1.0 - end, 1.0 + end], t.pdf(end / 0.1, 2) / 0.1)
 
 
 def test_ranges_beside_trials_by_scipy() -> None:
@@ -271,6 +300,8 @@ REFUSED = {
     "free": line(more=" (unknowns (z)) (constraints (normal (+ z a) 1 1) (normal (+ z a) 2 1))").replace(
         "(+ a (* b x))", "(* b x)"
     ),
+    "`:correlation` of `d` cannot be propagated": line(sigma=" :sigma 0.1 :correlation (ar1 0.5)"),
+    "`:common` of `d` cannot be propagated": line(sigma=" :sigma 0.1 :common ((0.1 :per x))"),
     "it is a matrix": "(problem p (constants (m [[1 2] [3 4]] :sigma 1)) (derive (y (m 1 2))))",
     "computed from another": "(problem p (constants (a 1 :sigma 1) (b (* 2 a) :sigma 1)) (derive (y (* a b))))",
     "no coordinates": (

@@ -49,7 +49,8 @@ def _between(share: Callable[[float], float]) -> Callable[[Expression, Expressio
 
 
 def _student(mean: Expression, scale: Expression, dof: float) -> Moments:
-    return mean, _times(sqrt(dof / (dof - 2.0)), scale)
+    """Without a variance, the scale stands for the standard deviation."""
+    return mean, _times(sqrt(dof / (dof - 2.0)) if dof > 2.0 else 1.0, scale)
 
 
 def _lognormal(median: Expression, _: Expression, factor: float) -> Moments:
@@ -66,7 +67,7 @@ def _times(factor: float, value: Expression) -> Expression:
 _WIDEST = 1e10
 """Geometric standard deviations from here on have moments beyond all numbers."""
 
-_NO_VARIANCE = "has no variance for dof ≤ 2, so that it does not count in a linear answer"
+_NO_VARIANCE = "has no variance for dof ≤ 2, so that it does not count in a linear answer; `mbm propagate` takes it"
 
 DISTRIBUTIONS: Mapping[str, Distribution] = MappingProxyType(
     {
@@ -83,7 +84,7 @@ DISTRIBUTIONS: Mapping[str, Distribution] = MappingProxyType(
                 limits=True,
             ),
             Distribution(ARCSINE, ("lo", "hi"), _between(lambda _: 1.0 / sqrt(8.0)), limits=True),
-            Distribution(STUDENT, ("mean", "scale", "dof"), _student, (2.0, inf, _NO_VARIANCE)),
+            Distribution(STUDENT, ("mean", "scale", "dof"), _student, (0.0, inf, "wants dof above 0")),
             Distribution(
                 LOGNORMAL,
                 ("median", "factor"),
@@ -144,6 +145,8 @@ def _shape_parameter(work: Workspace, law: Distribution, form: Form, scope: Scop
         message = f"the {law.parameters[-1]} of `{law.name}` is a pure number, and not {given.dimension.describe()}"
         raise MbmError(language_faults.bad_form(form.span, message, USAGES[law.name]))
     inside = low <= value <= high if high == 1.0 else low < value < high
+    if inside and not (work.drawing or Law(law.name, value).has_variance):
+        raise MbmError(language_faults.bad_form(form.span, f"`{law.name}` {_NO_VARIANCE}", USAGES[law.name]))
     if not inside:
         raise MbmError(language_faults.bad_form(form.span, f"`{law.name}` {wrong}", USAGES[law.name]))
     return value

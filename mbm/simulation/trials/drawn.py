@@ -72,7 +72,8 @@ class Drawn:
         return all(law.has_variance for law in laws) and all(each.dof > 2.0 for each in self.unknown_noise)
 
     def draws(self, count: int, seed: int, words: tuple[str, ...], number: int) -> tuple[Floats, Floats]:
-        """So many draws of block ``number``: points (T, N) to start from, and the shift of each residual (T, m).
+        """So many draws of block ``number``: points (T, N) to start from, and by how much what each residual compares
+        with is more than it is stated (T, m).
 
         They follow from the seed, the ``words`` that name the solve and the number of the block alone.
         """

@@ -33,6 +33,20 @@ NOT_SETTLED = Code(
 )
 
 
+NO_DENSITY = Code(
+    "no-density",
+    "`compiled.log_density` is asked of a problem whose unknowns have no density: equations among the constraints "
+    "leave a surface, corrections of measured values and states are eliminated, uncertain constants are not estimated.",
+    "Do what the message says, or use `mbm propagate`.",
+)
+
+
+def no_density(place: Place | None, what: str, mend: str) -> Diagnostic:
+    """``what`` leaves the unknowns without a density."""
+    message = f"there is no density of the unknowns beside {what}"
+    return Diagnostic(code=NO_DENSITY, message=message, place=place, hint=mend)
+
+
 def not_propagated(place: Place | None, what: str, why: str, mend: str) -> Diagnostic:
     """``what`` the problem has, and ``why`` it cannot be propagated."""
     return Diagnostic(code=NOT_PROPAGATED, message=f"{what} cannot be propagated: {why}", place=place, hint=mend)

@@ -122,7 +122,7 @@ def _block(drawn: Drawn, solver: TrialSolver, scalars: Scalars, count: int, numb
     """The scalars (K, S) of those trials of a block that converged and have finite values."""
     points, shifts = drawn.draws(count, asked.seed, asked.words, number)
     parameters = np.tile(solver.parameters, (count, 1))
-    parameters[:, drawn.cells] += shifts
+    parameters[:, drawn.cells] -= shifts  # what was measured is more by as much
     ends, converged = solver.solved(points, parameters, asked.workers)
     found = scalars(ends)
     return found[converged & np.isfinite(found).all(axis=1)]

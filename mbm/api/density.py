@@ -1,0 +1,41 @@
+"""Which problems have a density of their unknowns."""
+
+from __future__ import annotations
+
+from mbm.equations.assembly import Assembled
+from mbm.problem.types import BlockRole, Problem
+from mbm.simulation.trials import faults
+from mbm.text.types import Diagnostic, MbmError
+
+
+def refuse_density(problem: Problem, equations: Assembled) -> None:
+    """Refuse problems whose unknowns have no density over the tangent coordinates.
+
+    Raises:
+        MbmError: `no-density`, with everything found.
+
+    """
+    wrong: list[Diagnostic] = []
+    if problem.sequence is not None:
+        wrong.append(faults.no_density(problem.sequence.span, "`states`", "use the covariances of `mbm solve`"))
+    for constant in problem.constants:
+        if constant.sigmas:
+            mend = "make it an unknown with a prior"
+            wrong.append(faults.no_density(constant.span, f"the uncertain constant `{constant.name}`", mend))
+    for block in problem.blocks:
+        if block.structure.joins:
+            mend = "use the covariances of `mbm solve`"
+            wrong.append(faults.no_density(block.span, f"{block.structure.what} of `{block.name}`", mend))
+        if block.errors:
+            mend = "make the true values unknowns"
+            wrong.append(faults.no_density(block.span, f"`:errors` of `{block.name}`", mend))
+        if block.loss is not None and block.unknown_factor:
+            mend = "state the noise with `:sigma`"
+            wrong.append(faults.no_density(block.span, f"a loss on unknown noise, in `{block.name}`,", mend))
+    if bool(equations.equality.any()):
+        blocks = [problem.blocks[group.kernel.owner] for group in equations.constraints]
+        place = next((block.span for block in blocks if block.role is BlockRole.CONSTRAINT), problem.span)
+        mend = "state what is known with a small `normal`, or solve for one of the unknowns"
+        wrong.append(faults.no_density(place, "equations among the constraints", mend))
+    if wrong:
+        raise MbmError(*wrong)
