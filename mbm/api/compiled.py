@@ -168,8 +168,17 @@ class CompiledProblem:
         return replace(
             result,
             reads=self.origin.reading.journal.reads(),
+            source=self.origin.reading.text.source.text,
+            described=lambda: self._described(now),
             seen=lambda: compiler.seen(now.elaborated, self.origin.reading.program, self.inputs, self.origin.registry),
         )
+
+    def _described(self, now: Compilation) -> str:
+        """The derived observation model in words."""
+        from mbm.report.explain import explanation
+
+        model, forms = compiler.symbolic(now.elaborated), self.origin.registry.closed_forms()
+        return explanation(now.elaborated, model, now.kernels, now.cache, forms, latex=False)
 
     def estimator(self, *columns: str) -> Estimator:
         """The bare estimator for a stream of data sets of one shape: a function from columns to estimates.

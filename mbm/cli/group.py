@@ -14,6 +14,7 @@ COMMANDS = {
     "budget": "The uncertainty of estimates, input by input.",
     "propagate": "Propagate distributions (GUM Supplement 1): intervals and samples.",
     "design": "The accuracy to expect before measuring, and what to measure next.",
+    "report": "One page with all that is to be said of a solved problem.",
     "trajectory": "Errors of an aligned trajectory: of each pose, and over steps.",
     "view": "Draw models, scenes, measurements in their images, maps.",
     "simulate": "Write simulated measurements, with noise, as data files.",

@@ -84,7 +84,7 @@ class Solved(Solve):
         return self.solves[0]
 
     @property
-    def report(self) -> SolveReport:
+    def record(self) -> SolveReport:
         """What the attributes of the only solve are made from, in SI.
 
         Raises:

@@ -18,6 +18,11 @@ SAMPLE_FORMAT = Code(
     "solves.",
     "End the name in .npz, .parquet or .nc; the last holds one solve.",
 )
+REPORT_FORMAT = Code(
+    "report-format",
+    "The name of a report ends in no format that reports have.",
+    "End the name in .html or .pdf.",
+)
 BAD_INITIAL_VALUES = Code(
     "bad-initial-values",
     "Initial values are a JSON object from names to values (a number, nested lists, or `{keys, value}`), or a result "
@@ -80,6 +85,13 @@ def several_sampled(count: int) -> Diagnostic:
     """InferenceData holds the samples of one solve."""
     message = f"`.nc` holds the samples of one solve, and there are {count}"
     return Diagnostic(code=SAMPLE_FORMAT, message=message, hint="write `.npz` or `.parquet`")
+
+
+def report_format(path: str, known: str) -> Diagnostic:
+    """The ending of ``path`` is none that a report can have."""
+    return Diagnostic(
+        code=REPORT_FORMAT, message=f"`{path}` names no format of a report", hint=f"end the name in {known}"
+    )
 
 
 def bad_initial_value(name: str, what: str, file: str | None = None) -> Diagnostic:

@@ -22,7 +22,9 @@ MOST_LINES = 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Line:
+class IntervalLine:
+    """The interval of a scalar as text: its ends with the digits of the standard deviation."""
+
     name: str
     low: str
     high: str
@@ -34,7 +36,7 @@ class _Line:
 
 def interval_lines(solves: Sequence[SolveReport], paint: Paint, full: bool) -> Iterator[str]:
     """The intervals of all estimates and derived quantities that have one, solve after solve."""
-    every = chain.from_iterable(map(_of_solve, solves))
+    every = chain.from_iterable(map(lines_of, solves))
     lines = list(every if full else islice(every, MOST_LINES + 1))
     shown = lines if full else lines[:MOST_LINES]
     levels = dict.fromkeys(f"{plain(100 * solve.coverage, 6)} %" for solve in solves[:1])
@@ -50,7 +52,8 @@ def interval_lines(solves: Sequence[SolveReport], paint: Paint, full: bool) -> I
         yield paint("  … and more (-v shows all; --estimates and --json have them too)", Style.QUIET)
 
 
-def _of_solve(solve: SolveReport) -> Iterator[_Line]:
+def lines_of(solve: SolveReport) -> Iterator[IntervalLine]:
+    """The intervals of a solve, but of what was fixed or has none."""
     key = ", ".join(f"{name} = {key_text(value)}" for name, value in solve.key.items())
     items: tuple[Estimate | DerivedValue, ...] = (*solve.estimates, *solve.derived)
     for item in items:
@@ -60,7 +63,7 @@ def _of_solve(solve: SolveReport) -> Iterator[_Line]:
         for scalar, dof, k, low, high, kind in zip(scalars(item), *columns, strict=True):
             if kind is None or scalar.fixed:
                 continue
-            yield _Line(
+            yield IntervalLine(
                 name=f"{key}: {scalar.name}" if key else scalar.name,
                 low=_end(low, scalar),
                 high=_end(high, scalar),

@@ -65,7 +65,7 @@ def residual_panels(result: Result) -> Iterator[Panel]:
         for row in solve.rows():
             rows.setdefault(row.clause, []).append(row)
     for clause, of_clause in rows.items():
-        yield partial(_draw_residuals, clause, of_clause)
+        yield partial(draw_residuals, clause, of_clause)
 
 
 def draw_data(data: PlotData, axes: Axes) -> None:
@@ -79,7 +79,7 @@ def draw_data(data: PlotData, axes: Axes) -> None:
         axes.set_aspect("equal", adjustable="datalim")
     else:
         _draw_over_abscissa(data, axes)
-    _finish(axes, legend=True)
+    finish(axes, legend=True)
 
 
 def _draw_over_abscissa(data: PlotData, axes: Axes) -> None:
@@ -114,7 +114,7 @@ def _draw_bands(curve: Curve, axes: Axes) -> None:
             )
 
 
-def _draw_residuals(clause: str, rows: Sequence[ResidualRow], axes: Axes) -> None:
+def draw_residuals(clause: str, rows: Sequence[ResidualRow], axes: Axes) -> None:
     """Points of used rows; crosses for rows that were left out, triangles if they lie beyond the frame."""
     number = np.array([index + 1 if row.row is None else row.row for index, row in enumerate(rows)])
     value = np.array([row.residual for row in rows])
@@ -138,7 +138,7 @@ def _draw_residuals(clause: str, rows: Sequence[ResidualRow], axes: Axes) -> Non
     axes.set_title(f"residuals of {clause}", fontsize=10)
     axes.set_xlabel("row")
     axes.set_ylabel("residual / standard deviation")
-    _finish(axes, legend=bool(component.max() > 1 or not used.all()))
+    finish(axes, legend=bool(component.max() > 1 or not used.all()))
 
 
 def _over_key(solves: Sequence[SolveReport]) -> Iterator[Panel]:
@@ -171,7 +171,7 @@ def _draw_over_key(key: str, name: str, points: Sequence[tuple[object, Scalar]],
     axes.set_title(f"{name}: guaranteed bounds" if bounded else f"{name} ± standard deviation", fontsize=10)
     axes.set_xlabel(key or "solve")
     axes.set_ylabel(f"{name} ({unit})" if unit else name)
-    _finish(axes, legend=False)
+    finish(axes, legend=False)
 
 
 def _draw_ellipses(solves: Sequence[SolveReport], name: str, pair: tuple[int, int], axes: Axes) -> None:
@@ -196,7 +196,7 @@ def _draw_ellipses(solves: Sequence[SolveReport], name: str, pair: tuple[int, in
     axes.set_title(f"{name}: 95 % confidence", fontsize=10)
     axes.autoscale_view()
     axes.set_aspect("equal", adjustable="datalim")
-    _finish(axes, legend=False)
+    finish(axes, legend=False)
 
 
 def _axis_label(name: str, index: int, unit: str) -> str:
@@ -227,7 +227,8 @@ def _ellipse(covariance: Floats) -> tuple[tuple[float, float], float]:
     return (float(axes[1]), float(axes[0])), float(angle)
 
 
-def _finish(axes: Axes, *, legend: bool) -> None:
+def finish(axes: Axes, *, legend: bool) -> None:
+    """Grid, small ticks, no frame above and at the right."""
     axes.grid(visible=True, color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8)

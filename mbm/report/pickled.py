@@ -55,7 +55,12 @@ class KeptEnds:
 def as_data(result: Result) -> Result:
     """The result without functions."""
     return replace(
-        result, solves=tuple(map(_solve, result.solves)), options=dict(result.options), seen=None, propagate=None
+        result,
+        solves=tuple(map(_solve, result.solves)),
+        options=dict(result.options),
+        seen=None,
+        described=None,
+        propagate=None,
     )
 
 

@@ -16,89 +16,89 @@ if TYPE_CHECKING:
 
 
 class Said(ABC):
-    """What a `report` says beside its estimates."""
+    """What a `record` says beside its estimates."""
 
     __slots__ = ()
 
     @property
     @abstractmethod
-    def report(self) -> SolveReport:
+    def record(self) -> SolveReport:
         """What the attributes are made from, in SI."""
 
     @property
     def key(self) -> Mapping[str, Key]:
         """The values of ``for-each`` and ``window``; empty without them."""
-        return self.report.key
+        return self.record.key
 
     @property
     def status(self) -> SolveStatus:
         """How it ended: an enum whose values are the words of the document."""
-        return self.report.status
+        return self.record.status
 
     @property
     def message(self) -> str:
         """The same in a sentence."""
-        return self.report.message
+        return self.record.message
 
     @property
     def method(self) -> str | None:
         """What solved it."""
-        return self.report.method
+        return self.record.method
 
     @property
     def iterations(self) -> int:
         """Steps of the iteration."""
-        return self.report.iterations
+        return self.record.iterations
 
     @property
     def evaluations(self) -> int:
         """Evaluations of the equations."""
-        return self.report.evaluations
+        return self.record.evaluations
 
     @property
     def seconds(self) -> float:
         """Time of the solve in s."""
-        return self.report.seconds
+        return self.record.seconds
 
     @property
     def cost(self) -> float | None:
         """The weighted sum of squares; None where there is none (``reasons`` says why, as of the next three)."""
-        return self.report.cost
+        return self.record.cost
 
     @property
     def dof(self) -> int | None:
         """Degrees of freedom of the fit."""
-        return self.report.dof
+        return self.record.dof
 
     @property
     def sigma0(self) -> float | None:
         """The root of cost over degrees of freedom."""
-        return self.report.sigma0
+        return self.record.sigma0
 
     @property
     def chi2_p(self) -> float | None:
         """The probability of a larger cost, if the stated noise is right; None with unknown noise."""
-        return self.report.chi2_p
+        return self.record.chi2_p
 
     @property
     def robust_cost(self) -> float | None:
         """The sum of the losses; None without one."""
-        return self.report.robust_cost
+        return self.record.robust_cost
 
     @property
     def log_likelihood(self) -> float | None:
         """Log of the likelihood, constants included; None where all errors are normal with stated weights."""
-        return self.report.log_likelihood
+        return self.record.log_likelihood
 
     @property
     def boxes(self) -> int | None:
         """Boxes that interval methods examined; None for the others."""
-        return self.report.boxes
+        return self.record.boxes
 
     @property
     def reasons(self) -> Mapping[str, str]:
         """Why numbers are missing, by their names."""
-        return self.report.reasons
+        return self.record.reasons
 
     @property
     def noise(self) -> Mapping[str, NoiseReport]:
@@ -106,43 +106,43 @@ class Said(ABC):
 
         ``{"factor", "rho"}`` with an unknown correlation along the rows, ``{"covariance"}`` of vectors, in SI.
         """
-        return self.report.noise
+        return self.record.noise
 
     @property
     def coverage(self) -> float:
         """The level of the intervals."""
-        return self.report.coverage
+        return self.record.coverage
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
         """What speaks against trusting the numbers as they stand."""
-        return self.report.diagnostics
+        return self.record.diagnostics
 
     @property
     def constraints(self) -> tuple[ConstraintReport, ...]:
         """The constraints at the estimates, in SI."""
-        return self.report.constraints
+        return self.record.constraints
 
     @property
     def priors(self) -> tuple[PriorReport, ...]:
         """The priors at the estimates, in SI."""
-        return self.report.priors
+        return self.record.priors
 
     @property
     def corrections(self) -> tuple[CorrectionReport, ...]:
         """The corrections of columns with ``:errors``, in SI."""
-        return self.report.corrections
+        return self.record.corrections
 
     @property
     def starts(self) -> StartsTally | None:
         """How many starts led where; None without several."""
-        return self.report.starts
+        return self.record.starts
 
     @property
     def residual_summaries(self) -> Mapping[str, ResidualSummary]:
         """Rows, rows used, normalised root mean square and outliers of each observation clause."""
-        return self.report.residual_summaries
+        return self.record.residual_summaries
 
     def rows(self) -> tuple[ResidualRow, ...]:
         """The residuals as records, in SI; ``residuals`` has them as a table."""
-        return self.report.rows()
+        return self.record.rows()

@@ -65,19 +65,19 @@ class Solve(Said):
     result: Result
 
     @property
-    def report(self) -> SolveReport:
+    def record(self) -> SolveReport:
         """What the other attributes are made from, in SI."""
         return self.result.solves[0]
 
     @property
     def estimates(self) -> tuple[Named, ...]:
         """The estimates, as ``solve[name]`` has them."""
-        return tuple(named(item, self.report.coverage) for item in self.report.estimates)
+        return tuple(named(item, self.record.coverage) for item in self.record.estimates)
 
     @property
     def derived(self) -> tuple[Named, ...]:
         """The derived quantities, as ``solve[name]`` has them."""
-        return tuple(named(item, self.report.coverage) for item in self.report.derived)
+        return tuple(named(item, self.record.coverage) for item in self.record.derived)
 
     def __getitem__(self, name: str) -> Named:
         """An estimate or derived quantity by name.
@@ -111,12 +111,12 @@ class Solve(Said):
 
         ``matrix`` is NaN where the data determine nothing, and None where it was left out for its size.
         """
-        return _shown(self.report.covariance)
+        return _shown(self.record.covariance)
 
     @property
     def derived_covariance(self) -> CovarianceMatrix | None:
         """The same of the derived quantities; None where there are none."""
-        return _shown(self.report.derived_covariance)
+        return _shown(self.record.derived_covariance)
 
     @property
     def correlation(self) -> Correlation | None:
@@ -126,14 +126,14 @@ class Solve(Said):
         """
         from mbm.report.correlations import correlation_of
 
-        return correlation_of(self.report)
+        return correlation_of(self.record)
 
     @property
     def noise_dof(self) -> Mapping[str, float]:
         """The degrees of freedom of each estimated noise factor, by the names that ``noise`` has."""
         from mbm.report.budgets.noise import noise_dof
 
-        return noise_dof(self.report)
+        return noise_dof(self.record)
 
     def budget(self, name: str, *, by_row: bool = False) -> Budget:
         """The uncertainty budget of one number of the only solve: ``h``, ``p[1]``, ``q["waist"]``.
@@ -149,7 +149,7 @@ class Solve(Said):
         """
         from mbm.report.budgets import faults as budget_faults
 
-        _ = self.report
+        _ = self.record
         found = self.budgets(name, by_row=by_row)
         if len(found) > 1:
             raise MbmError(budget_faults.several_quantities(name, [budget.quantity for budget in found]))
@@ -169,22 +169,22 @@ class Solve(Said):
     @property
     def observability(self) -> Observability | None:
         """The rank decision, and what is free; coefficients are in the units of the report."""
-        found = self.report.observability
-        return None if found is None else shown_observability(found, self.report.estimates)
+        found = self.record.observability
+        return None if found is None else shown_observability(found, self.record.estimates)
 
     @property
     def alternatives(self) -> tuple[Minimum, ...]:
         """The other minima, then the separate pieces of guaranteed bounds."""
-        coverage = self.report.coverage
+        coverage = self.record.coverage
         return (
-            *(_minimum(each, coverage) for each in self.report.alternatives),
-            *(_piece(each, coverage) for each in self.report.pieces),
+            *(_minimum(each, coverage) for each in self.record.alternatives),
+            *(_piece(each, coverage) for each in self.record.pieces),
         )
 
     @property
     def hypotheses(self) -> tuple[Minimum, ...]:
         """What a filter follows at the last step, the best first."""
-        return tuple(_minimum(each, self.report.coverage) for each in self.report.hypotheses)
+        return tuple(_minimum(each, self.record.coverage) for each in self.record.hypotheses)
 
     def residuals(self, clause: str | None = None) -> Any:
         """The residuals of one clause, or of all: a pandas frame, else a dict of arrays; a row for each scalar.
@@ -216,7 +216,7 @@ class Solve(Said):
         """
         from mbm.report.frames import frame, profile_columns
 
-        _ = self.report
+        _ = self.record
         for item in self._items():
             names = element_names(item.quantity, item.keys)
             if name in names:
@@ -249,7 +249,7 @@ class Solve(Said):
         """
         from mbm.report.predictions import predicted, prediction_table
 
-        return prediction_table(predicted(self.report, name, at, level=level, clause=clause))
+        return prediction_table(predicted(self.record, name, at, level=level, clause=clause))
 
     def document(self) -> dict[str, Any]:
         """The result document of CONTRACT §2."""
@@ -299,7 +299,7 @@ class Solve(Said):
         """
         from mbm.report.trajectories.answer import trajectories_of
 
-        _ = self.report
+        _ = self.record
         return trajectories_of(self.result, deltas, observation)[0]
 
     def plot(self, path: str | Path | None = None) -> Figure:
@@ -315,6 +315,17 @@ class Solve(Said):
             save(self.result, path)
         return draw(self.result)
 
+    def report(self, path: str | Path) -> None:
+        """Write one page with all that is to be said of it: ``.html`` (one file, no script) or ``.pdf``.
+
+        Raises:
+            MbmError: as for ``to_json``, and `report-format`, `missing-extra`.
+
+        """
+        from mbm.report.page.writing import save_report
+
+        save_report(self.result, path)
+
     def __reduce__(self) -> tuple[Any, ...]:
         """It pickles as data: what would be made when it is asked for is made now."""
         from mbm.report.pickled import as_data
@@ -325,7 +336,7 @@ class Solve(Said):
         return text_table(self.result)
 
     def __repr__(self) -> str:
-        found = self.report
+        found = self.record
         key = "".join(f", {name}={value!r}" for name, value in found.key.items())
         return f"Solve(problem={self.result.problem!r}{key}, status={found.status.value!r})"
 

@@ -343,8 +343,9 @@ class Result:
     """Everything that a run of one problem answers. ``file`` is None for problems that were built without one.
 
     ``solves`` may make a report when it is asked for. ``complete`` is False where the run was interrupted before all
-    were made. ``reads`` are the files that it was made from. ``seen`` tells which equations compare images;
-    ``propagate`` makes a `Propagated` of it.
+    were made. ``reads`` are the files that it was made from. ``seen`` tells which equations compare images,
+    ``described`` the derived equations in words; ``source`` is the text of the problem; ``propagate`` makes a
+    `Propagated` of it.
     """
 
     version: str
@@ -359,6 +360,8 @@ class Result:
     reads: tuple[Read, ...] = ()
     seen: Callable[[], Seen] | None = None
     propagate: Callable[[PropagationSettings], object] | None = None
+    source: str | None = None
+    described: Callable[[], str] | None = None
 
     @property
     def status(self) -> ResultStatus:

@@ -248,7 +248,7 @@ def test_many_solves_answer_alike(groups):
     assert [solve.dof for solve in groups.solves] == [0, 2]
     assert list(groups) == ["m"]
     assert groups.status == "ok"
-    for name in ("cost", "covariance", "noise", "observability", "alternatives", "report"):
+    for name in ("cost", "covariance", "noise", "observability", "alternatives", "record"):
         with pytest.raises(LookupError, match=r"2 solves.*\.solves"):
             getattr(groups, name)
     with pytest.raises(LookupError, match=r"2 solves.*\.solves"):

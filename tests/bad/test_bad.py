@@ -86,6 +86,7 @@ ELSEWHERE = {
     "too-deeply-nested": "bad/test_made.py",
     "unclear-measurement": "simulation/test_measurements.py",
     "unknown-backend": "bad/test_made.py",
+    "report-format": "report/test_page.py",
     "unknown-clause": "api/test_result.py",
     "unknown-output": "report/scenes/test_scenes.py",
     "unknown-photo": "cli/test_view.py",

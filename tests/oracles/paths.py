@@ -48,13 +48,13 @@ def of_report(report) -> Answer:
 def alone(kind: Kind, sets: Sequence[Tables], backend: str, clause: str = "") -> list[Answer]:
     """Each data set as a problem of its own."""
     problem = mbm.loads(kind.text(clause))
-    return [of_report(problem.solve(data=tables, backend=backend, allow_external=kind.calls).report) for tables in sets]
+    return [of_report(problem.solve(data=tables, backend=backend, allow_external=kind.calls).record) for tables in sets]
 
 
 def compiled(kind: Kind, sets: Sequence[Tables], backend: str) -> list[Answer]:
     """One compiled problem for all data sets."""
     once = mbm.loads(kind.text()).compile(data=sets[0], backend=backend, allow_external=kind.calls)
-    return [of_report(once.solve(data=tables).report) for tables in sets]
+    return [of_report(once.solve(data=tables).record) for tables in sets]
 
 
 def joined(kind: Kind, sets: Sequence[Tables], *, apart: bool = False) -> Tables:

@@ -61,7 +61,7 @@ def test_each_of_many_solves_names_its_own() -> None:
     for number, solve in enumerate(solved.document()["solves"]):
         wanted = np.flatnonzero((depths <= 0) & (data["k"] == solve["key"]["k"])) + 1
         assert solve["residuals"]["d"].get("behind_camera", []) == wanted.tolist()
-        report = solved.solves[number].report.raw_residuals()["d"]
+        report = solved.solves[number].record.raw_residuals()["d"]
         assert list(report.behind) == wanted.tolist()
 
 
@@ -103,5 +103,5 @@ def test_a_point_in_the_plane_of_the_camera_is_no_number_and_said_so() -> None:
     (diagnostic,) = solved.first.diagnostics
     assert diagnostic.code.name == "not-finite-at-start"
     assert [label.place.row for label in diagnostic.labels] == [4]
-    assert solved.first.report.raw_residuals()["d"].behind == (2, 4)
+    assert solved.first.record.raw_residuals()["d"].behind == (2, 4)
     json.dumps(solved.document(), allow_nan=False)

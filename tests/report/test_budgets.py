@@ -234,8 +234,8 @@ def test_large_sparse_problems_have_budgets() -> None:
     for loss in (":loss huber", ""):
         sums_up(mbm.loads(text % loss).solve().budget("last"))
     result = mbm.loads(text % "").solve()
-    assert result.report.made_from is not None
-    assert result.report.made_from()[1].minimum.blocks is not None
+    assert result.record.made_from is not None
+    assert result.record.made_from()[1].minimum.blocks is not None
     budget = result.budget("last")
     sums_up(budget)
     assert budget.sigma == pytest.approx(sqrt(320 * 0.01 + 1e-4), rel=1e-9)

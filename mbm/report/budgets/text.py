@@ -46,8 +46,8 @@ def _lines(budget: Budget, paint: Paint, full: bool) -> Iterator[str]:
     yield f"  {summary(budget)}"
     yield ""
     shown = chosen(budget.rows, len(budget.rows) if full else MOST_LINES)
-    cells = [HEADER, *map(_cells, shown)]
-    columns = [list(column) for column in zip(*cells, strict=True)]
+    every = [HEADER, *map(cells, shown)]
+    columns = [list(column) for column in zip(*every, strict=True)]
     texts = [left(columns[0]), left(columns[1]), right(columns[2])]
     texts += [_aligned(column) for column in columns[3:5]]
     texts += [left(columns[5]), *(_aligned(column) for column in columns[6:8]), right(columns[8]), right(columns[9])]
@@ -92,7 +92,8 @@ def chosen(rows: Sequence[BudgetRow], most: int) -> list[BudgetRow]:
     return [rows[i] for i in sorted(largest)]
 
 
-def _cells(row: BudgetRow) -> tuple[str, ...]:
+def cells(row: BudgetRow) -> tuple[str, ...]:
+    """The cells below ``HEADER``."""
     value = "" if row.value is None else measured(row.value, row.u).value if row.u else plain(row.value, 6)
     if value.startswith("("):
         value = plain(row.value or 0.0, 6)
