@@ -234,6 +234,9 @@ def _of_block(block: Block) -> Iterator[tuple[Name, str]]:
             yield (table, error.name), "a correction"
             yield (error.table, error.column), "a correction"
         yield from _columns(error.sigma, "the noise")
+    yield from (((table, column), "the noise") for column in block.structure.per)
+    for form in block.shared:
+        yield from _columns(form, "the noise")
     for case in block.cases:
         for column, _ in case.static:
             yield (table, column), "what the equation is"

@@ -170,11 +170,11 @@ def no_corrections_at_start(span: Span, name: str, place: Place | None) -> Diagn
     )
 
 
-def noise_not_estimated(span: Span, name: str, why: str) -> Diagnostic:
-    """An unknown noise that stays unknown."""
+def noise_not_estimated(span: Span, name: str, why: str, wanted: str = "`:sigma`") -> Diagnostic:
+    """An unknown noise that stays unknown; ``wanted`` is what would state it."""
     return Diagnostic(
         code=NOISE_NOT_ESTIMATED,
-        message=f"{why} of `{name}`; give `:sigma`",
+        message=f"{why} of `{name}`; give {wanted}",
         place=span,
         hint=NOISE_NOT_ESTIMATED.mend,
         severity=Severity.WARNING,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from math import isfinite
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from mbm.problem.previous import chains
 from mbm.problem.rows import row_values
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, Problem, RowValues
-from mbm.text.types import MbmError
+from mbm.text.types import MbmError, Span
 from mbm.values import dataclass
 
 ASYMMETRY = 1e-6
@@ -84,11 +85,12 @@ def _pattern(owner: int, block: Block, tables: Mapping[str, Table], rows: _Rows)
     lines = rows.lines.ravel()[order]
     raw = None
     if structure.per:
-        needed = rows.lines.size * _most(rows, structure.per)
+        place = structure.place or block.span
+        needed = rows.lines.size * _most(rows, structure.per, place)
         if needed > MOST_DENSE and (structure.correlation is not None or len(structure.per) > 1):
-            raise MbmError(faults.noise_too_large(structure.place or block.span, rows.lines.size, needed))
+            raise MbmError(faults.noise_too_large(place, rows.lines.size, needed))
         entries = [
-            entry((row_values(form, tables)[rows.positions] * rows.weights).ravel(), _members(rows, column))
+            entry((row_values(form, tables)[rows.positions] * rows.weights).ravel(), _members(rows, column, place))
             for column, form in zip(structure.per, block.shared, strict=False)
         ]
         _check(block, rows, entries_finite=[bool(np.isfinite(each.data).all()) for each in entries])
@@ -134,17 +136,27 @@ def _check(block: Block, rows: _Rows, *, entries_finite: list[bool]) -> None:
     raise MbmError(faults.bad_noise(span, "a common error is not finite", None))
 
 
-def _members(rows: _Rows, column: str) -> Indices:
-    """For each line the number of its row's value in a column."""
-    cells = [rows.table.keys(column)[position] for position in rows.positions.tolist()]
+def _members(rows: _Rows, column: str, place: Span) -> Indices:
+    """For each line the number of its row's value in a column.
+
+    Raises:
+        MbmError: a row without a value, with the ``place`` of the clause.
+
+    """
+    keys = rows.table.keys(column)
+    cells = [keys[position] for position in rows.positions.tolist()]
+    gap = next((i for i, cell in enumerate(cells) if isinstance(cell, float) and not isfinite(cell)), None)
+    if gap is not None:
+        where, cell = rows.table.place(int(rows.positions[gap]), column), float(cells[gap])
+        raise MbmError(faults.not_finite_cell(where, column, cell, place))
     numbers = {cell: i for i, cell in enumerate(dict.fromkeys(cells))}
     of_row = np.array([numbers[cell] for cell in cells], dtype=np.int64)
     return np.repeat(of_row, rows.lines.shape[1])
 
 
-def _most(rows: _Rows, columns: tuple[str, ...]) -> int:
+def _most(rows: _Rows, columns: tuple[str, ...], place: Span) -> int:
     """The common errors of all columns together."""
-    return sum(int(_members(rows, column).max(initial=-1)) + 1 for column in columns)
+    return sum(int(_members(rows, column, place).max(initial=-1)) + 1 for column in columns)
 
 
 def stated_rho(values: RowValues, tables: Mapping[str, Table]) -> float:

@@ -348,6 +348,7 @@ class NoiseState(Enum):
 
     ESTIMATED = "the factor was estimated from the residuals"
     NO_REDUNDANCY = "no degrees of freedom are left to estimate the noise"
+    COVERED = "the stated common errors explain all of the residuals, which leaves nothing to estimate the noise"
     EXACT = "all residuals are zero, which leaves nothing to estimate the noise"
 
 

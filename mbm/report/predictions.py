@@ -245,13 +245,15 @@ def _noise(problem: Problem, solution: Solution, modelled: Modelled, table: Tabl
     stated = _deviations(equation, stated_noise(equation, rows, positions, solution.tables))
     if stated is None:
         return f"`{block.name}` has bounds, and no distribution"
-    if block.structure.free or block.structure.per:
+    if block.structure.per:
         return f"the noise of `{block.name}` is not that of a row alone: {block.structure.what}"
     told = solution.noise.get(modelled.block)
     if told is None:
         return stated
     if told.state is not NoiseState.ESTIMATED:
         return f"the residuals do not tell the noise of `{block.name}`"
+    if told.covariance is not None:
+        return stated * np.sqrt(np.diag(told.covariance))
     return stated * told.factor
 
 

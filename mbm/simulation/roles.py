@@ -54,6 +54,7 @@ def _names(problem: Problem) -> Iterator[Use]:
         yield None, problem.request.window.column, "in `window`"
     for block in problem.blocks:
         yield from ((block.table, column, "in `:distinct`") for column in block.distinct)
+        yield from ((block.table, column, "in `:common`") for column in block.structure.per)
         yield from ((block.table, e.key, f"a key of the table `{e.table}`") for e in block.errors if e.key is not None)
         yield from _decisive(block)
 

@@ -192,7 +192,8 @@ class _Run:
         normal, gross, hit = self._drawn(measured, rows.table.provenance.rows, size)
         true: dict[str, Values] = {n: predicted[:, j] for j, n in enumerate(measured.columns)}
         if block.structure.joins:
-            drawn = self._shared(measured, rows, spread, (known, normal)) + np.einsum(
+            there = self._predicted(measured, rows, predicted)
+            drawn = self._shared(measured, there, spread, (known, normal)) + np.einsum(
                 "rij,rj->ri", spread, gross[number]
             )
         else:
@@ -203,6 +204,15 @@ class _Run:
         self._check(solved, measured, rows)
         noisy = np.rint(noisy) if counts_itself(equation) else noisy
         return np.where(limits(equation, rows)[:, None], start, noisy), hit[number]
+
+    def _predicted(self, measured: Measured, rows: Rows, predicted: Floats) -> Rows:
+        """The rows with the measured columns as they are predicted (rows, p): common errors may depend on those."""
+        table = rows.table
+        if table is None or rows.positions is None:
+            raise TypeError(measured)
+        for j, name in enumerate(measured.columns):
+            table = _with_column(table, name, rows.positions, predicted[:, j])
+        return replace(rows, table=table, tables={**rows.tables, table.name: table})
 
     def _shared(self, measured: Measured, rows: Rows, spread: Floats, noise: tuple[KnownNoise, Floats]) -> Floats:
         """Noise (rows, k) where rows share some of it: of what is known of it, and standard normal numbers."""

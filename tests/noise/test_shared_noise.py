@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from scipy.stats import t
 
 import mbm
 from tests.noise.peer import linear, sigmas, solved, table, values
@@ -143,95 +144,6 @@ def test_components_of_a_vector_are_chains_of_their_own():
     np.testing.assert_allclose(sigmas(result, "a", "b"), fit.sigma, rtol=1e-9)
 
 
-def _with_matrix(folder, matrix, options=":sigma 0.3", rest=""):
-    folder.mkdir(exist_ok=True)
-    np.savetxt(folder / "matrix.csv", matrix, delimiter=",", fmt="%.17g")
-    text = f"""(problem p {DATA} {UNKNOWNS}
-      (observe r (= y (+ a (* b x))) {options} :correlation (matrix "matrix.csv") {rest}))"""
-    (folder / "p.mbm").write_text(text, encoding="utf-8")
-    return folder / "p.mbm"
-
-
-MATRIX = 0.7 * np.exp(-np.abs(np.subtract.outer(X, X))) + 0.3 * np.eye(N)
-
-
-def test_stated_correlation_matrix(tmp_path):
-    check(mbm.load(_with_matrix(tmp_path, MATRIX)).solve(), 0.09 * MATRIX)
-    check(mbm.load(_with_matrix(tmp_path, MATRIX, f":sigma 0.3 {COMMON}")).solve(), 0.09 * MATRIX + SHARED)
-
-
-def test_correlation_matrix_of_rows_that_are_used(tmp_path):
-    path = _with_matrix(tmp_path, MATRIX, ":sigma unknown", ":when (not (= day 2))")
-    used = np.flatnonzero(DAY != 2)
-    fit = linear(LINE[used], Y[used], MATRIX[np.ix_(used, used)])
-    result = mbm.load(path).solve()
-    factor = np.sqrt(fit.cost / (len(used) - 2))
-    assert result.noise["r"] == pytest.approx(factor, rel=1e-9)
-    np.testing.assert_allclose(values(result, "a", "b"), fit.x, rtol=1e-9)
-    np.testing.assert_allclose(sigmas(result, "a", "b"), factor * fit.sigma, rtol=1e-9)
-
-
-def test_simulated_problem_with_a_correlation_matrix_reads_its_own_copy(tmp_path):
-    path = _with_matrix(tmp_path / "first", MATRIX)
-    made = mbm.load(path).simulate(at={"a": 1.0, "b": 2.0}, seed=1)
-    assert np.asarray(made["r"]["y"]).shape == (N,)
-    from mbm.cli.main import run
-
-    (tmp_path / "at.json").write_text('{"a": 1, "b": 2}')
-    assert (
-        run(["simulate", str(path), "--at", str(tmp_path / "at.json"), "--seed", "1", "-o", str(tmp_path / "s")]) == 0
-    )
-    again = mbm.load(tmp_path / "s" / "p.mbm").solve()
-    np.testing.assert_array_equal(np.loadtxt(tmp_path / "s" / "matrix.csv", delimiter=","), MATRIX)
-    np.testing.assert_allclose(sigmas(again, "a", "b"), linear(LINE, Y, 0.09 * MATRIX).sigma, rtol=1e-9)
-
-
-def test_simulation_draws_a_stated_correlation(tmp_path):
-    near = np.kron(np.eye(500), 0.2 * np.eye(4) + 0.8)
-    np.savetxt(tmp_path / "near.csv", near, delimiter=",", fmt="%g")
-    text = f"""(problem p {table("r", y=np.zeros(2000))} (unknowns (a :init 0))
-      (observe r (= y a) :sigma 1 :correlation (matrix "near.csv")))"""
-    (tmp_path / "p.mbm").write_text(text, encoding="utf-8")
-    drawn = np.asarray(mbm.load(tmp_path / "p.mbm").simulate(at={"a": 0.0}, seed=2)["r"]["y"]).reshape(500, 4)
-    # 4 standard errors of a covariance of 500 pairs, at most sqrt(2/500) each
-    assert (np.abs(drawn.T @ drawn / 500 - (0.2 * np.eye(4) + 0.8)) < 4 * np.sqrt(2 / 500)).all()
-
-
-@pytest.mark.parametrize(
-    ("matrix", "said"),
-    [
-        (np.eye(3), "has 3 rows, and `r` 24"),
-        (2 * np.eye(N), "diagonal"),
-        (np.eye(N) + np.diag(np.full(N - 1, 0.1), 1), "not symmetric"),
-        (np.eye(N) + 2 * (np.ones((N, N)) - np.eye(N)), "not positive definite"),
-        (np.full((N, N), np.nan), "not symmetric"),
-    ],
-)
-def test_what_is_no_correlation_matrix_is_refused(tmp_path, matrix, said):
-    with pytest.raises(mbm.MbmError, match=said):
-        mbm.load(_with_matrix(tmp_path, matrix)).solve()
-
-
-@pytest.mark.parametrize(
-    ("content", "code"),
-    [
-        (b"", "empty-file"),
-        (b"1,0\n0", "short-row"),
-        (b"1,0\n0,1,0\n", "long-row"),
-        (b"1,x\n0,1\n", "malformed-record"),
-        (b"# nothing\n", "malformed-record"),
-        (b"1\n" * 2001, "malformed-record"),
-        (b"\xff\xfe", "not-text"),
-    ],
-)
-def test_files_that_are_no_matrices(tmp_path, content, code):
-    path = _with_matrix(tmp_path, MATRIX)
-    (tmp_path / "matrix.csv").write_bytes(content)
-    with pytest.raises(mbm.MbmError) as error:
-        mbm.load(path).solve()
-    assert {d.code.name for d in error.value.diagnostics} == {code}
-
-
 DYESTUFF = [
     [1545, 1440, 1440, 1520, 1580], [1540, 1555, 1490, 1560, 1495], [1595, 1550, 1605, 1510, 1560],
     [1445, 1440, 1595, 1465, 1545], [1595, 1630, 1515, 1635, 1625], [1520, 1455, 1450, 1480, 1445],
@@ -336,11 +248,51 @@ def test_common_errors_of_many_rows_and_groups_that_meet_are_refused():
     assert [d.code.name for d in error.value.diagnostics] == ["noise-too-large"]
 
 
+def test_rows_without_a_group_are_errors():
+    with pytest.raises(mbm.MbmError) as error:
+        mbm.loads(
+            "(problem p (data r external) (unknowns (a)) (observe r (= y a) :sigma 1 :common ((1 :per g))))"
+        ).solve(data={"r": {"y": np.arange(3.0), "g": np.array([1.0, np.nan, 2.0])}})
+    assert [d.code.name for d in error.value.diagnostics] == ["not-finite-cell"]
+
+
 def test_one_common_error_of_many_rows_takes_no_matrix():
     group, y = np.repeat(np.arange(5000.0), 4), np.tile([0.0, 1.0, 2.0, 4.0], 5000)
     result = mbm.loads("""(problem p (data r external) (unknowns (a))
       (observe r (= y a) :sigma 1 :common ((2 :per g))))""").solve(data={"r": {"y": y, "g": group}})
     assert (result["a"].value, result["a"].sigma) == pytest.approx((1.75, np.sqrt((4 + 1 / 4) / 5000)), rel=1e-12)
+
+
+@pytest.mark.parametrize("options", [f":sigma (unknown 0.1) {COMMON}", ":correlation (ar1 unknown)"])
+def test_budgets_sum_up(options):
+    budget = line(options, rest="(derive (f (+ a (* 5 b))))").budget("f")
+    assert sum(row.share for row in budget.rows) == pytest.approx(1, rel=1e-10)
+    assert len(budget.rows) == (3 if "common" in options else 1)  # readings, and each common error
+
+
+def test_predicted_readings_have_the_estimated_deviation():
+    text = f"""(problem p {table("r", g=np.ones(5), u=H2[:, 0], phi=H2[:, 2])} (unknowns (v) (c))
+      (observe r (= [u phi] [v c]) :covariance unknown) (derive (both [v c]) :over r))"""
+    found = mbm.loads(text).solve().predict("both")
+    low, high = (np.asarray(found[f"reading_{side}[1]"])[0] for side in ("low", "high"))
+    # both the mean and the reading have n - 1 degrees of freedom
+    reach = t.ppf(0.975, 4) * H2[:, 0].std(ddof=1) * np.sqrt(1 + 1 / 5)
+    assert (high - low) / 2 == pytest.approx(reach, rel=1e-9)
+
+
+def test_trials_refuse_rows_that_share_noise():
+    problem = mbm.loads(f"(problem p {DATA} {UNKNOWNS} (observe r (= y (+ a (* b x))) :sigma 0.3 {COMMON}))")
+    with pytest.raises(mbm.MbmError) as error:
+        problem.propagate(trials=1000)
+    assert [d.code.name for d in error.value.diagnostics] == ["not-propagated"]
+
+
+def test_common_errors_that_explain_all_residuals_are_said():
+    result = line(":common ((5 :per lab) (5 :per day) (5 :per x))")
+    assert "explain all of the residuals" in str(result.diagnostics[0].message)
+    exact = solved(f"(problem p {table('r', g=[1, 1, 2, 2], y=np.ones(4))} (unknowns (a)) "
+                   "(observe r (= y a) :common ((0.5 :per g))))")  # fmt: skip
+    assert exact["a"].sigma == pytest.approx(0.5 / np.sqrt(2), rel=1e-6)  # the noise is 1e-6 in place of zero
 
 
 def test_compiled_problems_and_estimators_answer_alike():
@@ -365,6 +317,16 @@ def test_simulation_draws_what_is_stated():
     error = 4 * np.sqrt((np.outer(np.diag(expected), np.diag(expected)) + expected**2) / 500)
     assert (np.abs(rows.T @ rows / 500 - expected) < 1.5 * error).all()
     assert abs(np.mean(rows[1:, 0] * rows[:-1, 3]) - 0.09 * 0.7) < 4 * 0.34 / np.sqrt(499)
+
+
+def test_simulated_common_errors_that_depend_on_what_is_measured():
+    text = """(problem p (data r external) (unknowns (a :init 100))
+      (observe r (= y (* a k)) :sigma 1e-6 :common (((* 0.01 y) :per g))))"""
+    data = {"r": {"g": np.repeat(np.arange(300.0), 2), "k": np.tile([1.0, 3.0], 300), "y": np.zeros(600)}}
+    drawn = np.asarray(mbm.loads(text).simulate(at={"a": 100.0}, data=data, seed=4)["r"]["y"]).reshape(300, 2)
+    relative = drawn / [100, 300] - 1
+    np.testing.assert_allclose(relative[:, 0], relative[:, 1], atol=1e-6)  # one variate for both rows of a group
+    assert relative[:, 0].std() == pytest.approx(0.01, rel=4 / np.sqrt(600))
 
 
 def test_simulation_at_a_document_draws_what_was_estimated():

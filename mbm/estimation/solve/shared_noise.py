@@ -121,6 +121,7 @@ class Rounds:
                 self._states[number], self._known[number] = NoiseState.NO_REDUNDANCY, True
             elif squares <= 0.0 or not np.isfinite(squares):
                 self._states[number], self._known[number] = NoiseState.EXACT, True
+                logs[number] = VANISHED
             else:
                 logs[number] = np.log(squares / redundancy)
         for pattern in _chains(self._at.structure):
@@ -193,7 +194,7 @@ class Rounds:
     def _scored(self) -> float:
         """A step of Fisher's scoring; its length."""
         for number in np.flatnonzero(~self._known & (self._at.logs - self._first < VANISHED)).tolist():
-            self._states[number], self._known[number] = NoiseState.EXACT, True
+            self._states[number], self._known[number] = NoiseState.COVERED, True
         parameters, what = self._parameters()
         if not parameters:
             return 0.0

@@ -74,7 +74,7 @@ def statistics(
     if alternative is not None:
         estimated = _masked(estimated, changed(estimated.matrix, alternative[1].matrix))
     diagnostics = tuple(
-        faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.state.value)
+        faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.state.value, _wanted(problem, i))
         for i, n in noise.items()
         if n.state is not NoiseState.ESTIMATED
     )
@@ -148,6 +148,14 @@ def _shared(
 
     scaled = [number for number in noise if problem.blocks[number].unknown_factor]
     return shared_freedoms(equations, minimum, estimated, noise, factor_groups(problem.blocks, scaled))
+
+
+def _wanted(problem: Problem, number: int) -> str:
+    """The option that would state the noise of a block."""
+    block = problem.blocks[number]
+    if block.structure.free:
+        return "`:covariance`, or more rows"
+    return "`:sigma`" if block.unknown_factor else "`(ar1 …)`, or more rows"
 
 
 def _stated(equations: Assembled, noise: Mapping[int, Noise]) -> Mask:

@@ -116,6 +116,11 @@ def drawn(
         MbmError: `not-propagated`, noise that the residuals do not tell, or corrections that need a search.
 
     """
+    joined = next((block for block in problem.blocks if block.structure.joins), None)
+    if joined is not None:
+        what, why = f"{joined.structure.what} of `{joined.name}`", "trials draw each row by itself"
+        mend = "simulate data sets with `mbm simulate`, and solve them"
+        raise MbmError(faults.not_propagated(joined.structure.place or joined.span, what, why, mend))
     starts = {entry.unknown.name: solution.numbers[entry.range] for entry in solution.layout.entries}
     starts |= {constant.name: np.array(constant.values) for constant in constants}
     equations, binder = assemble(problem, kernels, shifted_tables(problem, solution.tables), starts, cache)
