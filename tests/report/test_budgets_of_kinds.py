@@ -69,3 +69,33 @@ def test_vectors_of_unknown_covariance_count_row_by_row() -> None:
     sums_up(budget)
     assert [row.share for row in budget.rows] == pytest.approx([0.2] * 5)
     assert {row.u for row in budget.rows} == {None}
+
+
+LIKELY = {
+    "counts": "(observe d (= n (exp (+ a (* b x)))) :distribution poisson)",
+    "model": "(observe d (= n (exp (+ a (* b x)))) :sigma (* 5% model))",
+    "factor": "(observe d (= n (exp (+ a (* b x)))) :sigma (unknown model))",
+    "limits": "(observe d (= n (exp (+ a (* b x)))) :sigma 3 :above (> x 3))",
+    "rounded": "(observe d (= n (exp (+ a (* b x)))) :sigma 3 :resolution 5)",
+    "tails": "(observe d (= n (exp (+ a (* b x)))) :sigma 3 :distribution (student 4))",
+}
+
+
+@pytest.mark.parametrize("kind", LIKELY)
+def test_rows_with_a_likelihood_have_their_share_of_the_information(kind: str) -> None:
+    table = "(table (x n) (0 10) (1 14) (2 25) (3 30) (4 47))"
+    text = f"(problem p (data d {table}) (unknowns (a :init 2) (b :init 0.3)) {LIKELY[kind]})"
+    for budget in mbm.loads(text).solve().budgets(by_row=True):
+        sums_up(budget)
+        assert [row.row for row in budget.rows] == [1, 2, 3, 4, 5]
+        assert {row.u for row in budget.rows} == {None}
+        assert [row.value for row in budget.rows] == [10, 14, 25, 30, 47]
+
+
+def test_counts_have_the_shares_of_their_fisher_information() -> None:
+    """The mean of counts with exposures: μ is ΣN/Σt, and each row has the information t/μ."""
+    text = "(problem p (data d (table (t n) (1 9) (2 23) (5 48))) (unknowns (m :init 8)) {})"
+    text = text.format("(observe d (= n (* m t)) :distribution poisson)")
+    budget = mbm.loads(text).solve().budget("m", by_row=True)
+    assert budget.sigma == pytest.approx(np.sqrt(80 / 8) / np.sqrt(8), rel=1e-6)
+    assert [row.share for row in budget.rows] == pytest.approx([1 / 8, 2 / 8, 5 / 8], rel=1e-6)

@@ -122,6 +122,9 @@ class _Part:
         block = self.problem.blocks[self.group.kernel.owner]
         kind = KINDS[block.role]
         dof = self.dof if kind is InputKind.ROWS else inf
+        if self.group.readings is not None:
+            yield Source(name=block.name, kind=kind, dof=dof, errors=self._by_likelihood())
+            return
         measured = measured_side(self.problem, self.solution, self.group)
         values = np.full(self.parts.shape, np.nan) if measured is None else measured
         units, factors = self._units()
@@ -149,6 +152,23 @@ class _Part:
                 name = prior_name(self.solution, self.group, block.name, row, int(outputs[column]))
                 errors = replace(every.some(np.arange(used.size) == place), components=np.zeros(1, dtype=np.int64))
                 yield Source(name=name, kind=kind, dof=dof, errors=errors)
+
+    def _by_likelihood(self) -> Errors:
+        """The rows of equations with a likelihood of their own: the information of each, which no deviation tells."""
+        used = np.ones(self.group.rows, dtype=bool)
+        if self.solution.weights is not None:
+            place = slice(self.group.first, self.group.first + self.group.count)
+            used = np.asarray((self.solution.weights[place].reshape(self.parts.shape) > 0.0).any(axis=1))
+        measured, count = measured_side(self.problem, self.solution, self.group), int(used.sum())
+        single = measured is not None and measured.shape[1] == 1
+        return Errors(
+            rows=self._rows()[used],
+            components=np.zeros(count, dtype=np.int64),
+            units=np.full(count, None, dtype=object),
+            values=measured[used, 0] if measured is not None and single else np.full(count, np.nan),
+            sigma=np.full(count, np.nan),
+            parts=np.sqrt(np.square(self.parts[used]).sum(axis=1)),
+        )
 
     def _used(self, whitener: Whitener) -> Mask:
         """Which components (rows, k) of an equation count, with noise of their own."""

@@ -59,7 +59,7 @@ def _lines(budget: Budget, paint: Paint, full: bool) -> Iterator[str]:
         count = len(budget.rows) - len(shown)
         yield paint(f"  … and {count} more with {share_text(max(rest, 0.0))} together (-v shows all)", Style.QUIET)
     if budget.inflation > 1.0 + 1e-9:
-        yield f"  k holds a factor of {budget.inflation:.3g}, as the weights of several noises are estimates"
+        yield f"  k holds a factor of {budget.inflation:.3g}, as weights are estimates"
 
 
 def _aligned(column: list[str]) -> list[str]:
