@@ -132,9 +132,8 @@ def _exact(
     factors = noise_factors(found.problem, at, {})
     calls = CalledFunctions(problem.program.base, allowed=inputs.allow_external).outputs
     asked = Simulating(seeds=(1,), calls=calls, exact=True)
-    values = given_starts(found.problem, found.tables, at)
-    found = _anywhere(found, problem, inputs, values({}))
-    made = simulate(found, values, factors, asked)
+    values = _anywhere(found, problem, inputs, given_starts(found.problem, found.tables, at)({}))
+    made = simulate(found, lambda _: values, factors, asked)
     raw, truth = _with_cells(found, made), made.truths[0]
     told = {name: known.factor for name, known in factors({}).items() if known.factor is not None}
     starts = {e.unknown.name: tuple(truth.numbers[e.range].tolist()) for e in truth.layout.entries}
@@ -152,8 +151,8 @@ def _exact(
     return replace(found, problem=plain, raw=raw, tables=prepare(plain, raw), starts=starts), tuple(notes)
 
 
-def _anywhere(found: Elaborated, problem: Opened, inputs: Inputs, values: Mapping[str, Floats]) -> Elaborated:
-    """The problem with starts at zero for numbers that have none, if it is linear: then the point does not matter."""
+def _anywhere(found: Elaborated, problem: Opened, inputs: Inputs, values: Mapping[str, Floats]) -> Mapping[str, Floats]:
+    """Values; if the problem is linear, so that the point does not matter, zero for numbers without value and start."""
     from mbm.equations.layout import layout
     from mbm.estimation.solve.estimate import assemble
 
@@ -162,12 +161,15 @@ def _anywhere(found: Elaborated, problem: Opened, inputs: Inputs, values: Mappin
     missing = places.missing()
     lacking = [e for e in places.entries if bool(missing[e.coordinates].any())]
     if not lacking:
-        return found
+        return values
     kernels, cache = _kernels(found, problem, inputs)
-    zeros = {e.unknown.name: (0.0,) * e.unknown.size for e in lacking}
-    there = {**known, **{name: np.asarray(each) for name, each in zeros.items()}}
-    equations, _ = assemble(found.problem, kernels, found.tables, there, cache)
-    return replace(found, starts={**found.starts, **zeros}) if equations.linear else found
+    filled = dict(known)
+    for entry in lacking:
+        shape = (entry.members, *entry.unknown.shape) if entry.keys is not None else entry.unknown.shape
+        numbers = places.start[entry.range].reshape(shape)
+        filled[entry.unknown.name] = np.where(np.isnan(numbers), 0.0, numbers)
+    equations, _ = assemble(found.problem, kernels, found.tables, filled, cache)
+    return filled if equations.linear else values
 
 
 def _with_cells(found: Elaborated, made: Simulation) -> dict[str, Table]:

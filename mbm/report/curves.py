@@ -56,8 +56,10 @@ def smooth(problem: Problem, solution: Solution, block: int, abscissa: str, stre
 def band(problem: Problem, solution: Solution, derived: Derived, clause: str | None) -> Prediction | None:
     """A number that is derived over a grid, at enough values for a picture; readings are those of ``clause``.
 
-    None for what is no number, or not over a grid.
+    None for what is no number, or not over a grid, and where a constant has an uncertainty, which is not in the band.
     """
+    if any(constant.sigmas for constant in problem.constants):
+        return None
     if derived.grid is None or derived.kind is not None or derived.shape or solution.elsewhere is None:
         return None
     grid = derived.grid if derived.grid.count >= SMOOTH else replace(derived.grid, count=SMOOTH)

@@ -74,7 +74,13 @@ def predicted(
     problem, solution = made
     derived = next(each for each in problem.derived if each.name == name)
     table = None if at is None else _table(solution, derived, at)
-    return prediction(problem, solution, derived, table, level=level, clause=clause)
+    if table is not None and any(constant.sigmas for constant in problem.constants):
+        why = "a constant has an uncertainty, which counts by solving again"
+        raise _refused(
+            name, why, "derive it `:over` a grid or table with these values, or make the constant an unknown"
+        )
+    item = next(each for each in solve.derived if each.quantity.name == name) if at is None else None
+    return prediction(problem, solution, derived, table, item, level=level, clause=clause)
 
 
 def prediction(
@@ -82,11 +88,14 @@ def prediction(
     solution: Solution,
     derived: Derived,
     table: Table | None,
+    item: DerivedValue | None = None,
     *,
     level: float | None = None,
     clause: str | None = None,
 ) -> Prediction:
     """A derived quantity for the rows of a table in the place of its own (None: its own); as `predicted`.
+
+    ``item`` is the quantity for the rows of its own table, as it was reported.
 
     Raises:
         MbmError: not-predicted.
@@ -96,7 +105,8 @@ def prediction(
     owner, quantity = problem.derived.index(derived), derived_quantity(problem, derived)
     if table is None or solution.elsewhere is None:
         table = None if derived.table is None else solution.tables[derived.table]
-        item = derived_value(problem, solution, next(one for one in solution.derived if one.owner == owner), quantity)
+        own = next(one for one in solution.derived if one.owner == owner)
+        item = derived_value(problem, solution, own, quantity) if item is None else item
     else:
         moved = replace(solution, tables={**solution.tables, table.name: table}, profiles=None)
         item = derived_value(problem, moved, solution.elsewhere(owner, table), quantity)

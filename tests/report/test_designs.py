@@ -252,6 +252,23 @@ def test_priors_count_and_unknown_noise_is_that_of_the_document():
     assert design.expected[0].sigma == pytest.approx(1 / np.sqrt(1 / 0.25 + 5 / factor**2))
 
 
+def test_candidates_may_bring_members_of_their_own():
+    text = """(problem p (data d (table (cam t y) ("l" 0 1) ("l" 1 3) ("r" 0 2) ("r" 1 5)))
+      (unknowns (a :per d.cam) (b)) (observe d (= y (+ (a cam) (* b t))) :sigma 0.1))"""
+    design = mbm.loads(text).design("b", {"cam": ["l", "new"], "t": [5.0, 9.0]})
+    rows = np.array([[1, 0, 0], [1, 0, 1], [0, 1, 0], [0, 1, 1]]) / 0.1
+    assert design.sigma == pytest.approx(sigma_of(rows, [0, 0, 1]), rel=1e-9)
+    own = sigma_of(np.vstack([rows, np.array([[1, 0, 5]]) / 0.1]), [0, 0, 1])
+    assert [each.sigma for each in design.candidates] == pytest.approx([own, design.sigma], rel=1e-9)
+
+
+def test_motions_have_coordinates_of_two_kinds():
+    text = """(problem p (data d (table (u v) (0 0) (1 0) (0 1))) (unknowns (T (pose 2) :init (pose2)))
+      (observe d (= (x y) (transform T (u v))) :sigma 0.1))"""
+    design = mbm.loads(text).design("T", {"u": [5.0], "v": [0.0]}, choose=1)
+    assert (design.sigma, design.chosen.criterion) == (None, "D")
+
+
 @pytest.mark.slow
 def test_a_thousand_simulated_experiments_scatter_as_expected():
     """The chosen set of a nonlinear problem: the actual standard deviation within three of what chance allows."""

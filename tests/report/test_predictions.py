@@ -158,6 +158,17 @@ def test_what_cannot_be_predicted(name, at, message):
     assert caught.value.diagnostics[0].code.name in ("not-predicted", "not-a-table")
 
 
+def test_uncertain_constants_count_or_are_refused():
+    text = """(problem p (constants (h 1 :sigma 0.1)) (data d external) (unknowns (a) (b))
+      (observe d (= y (+ a (* b t))) :sigma 0.1) (derive (f (* (+ b h) t) :over (grid t 0 2 3))))"""
+    result = mbm.loads(text).solve(data={"d": {"t": T, "y": Y}})
+    x = T - T.mean()
+    wanted = np.hypot(0.1 / np.sqrt(x @ x), 0.1) * np.arange(3)  # of the slope, and of h
+    np.testing.assert_allclose(column(result.predict("f"), "sigma"), wanted, rtol=1e-6)
+    with pytest.raises(mbm.MbmError, match="a constant has an uncertainty"):
+        result.predict("f", [1.0])
+
+
 def test_unknown_names_and_several_solves():
     with pytest.raises(KeyError, match="`a` is not derived"):
         solved().predict("a")

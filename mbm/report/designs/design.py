@@ -20,7 +20,7 @@ from mbm.report.budgets.targets import Target, called, gradient_of, item_of, tar
 from mbm.report.designs import faults
 from mbm.report.designs.types import Candidate, ChosenSet, Design, DesignWish, ExpectedSigma, RowWorth
 from mbm.report.elements import factors, scalars, shown_sigma, unit_text
-from mbm.report.types import SolveReport
+from mbm.report.types import Kind, SolveReport
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
@@ -61,7 +61,8 @@ def designed(
     asked = called(solve, wish.quantity, targets) if wish.quantity is not None else _estimates(solve, targets)
     information = _information(solve, problem, solution, rows, asked)
     units = {unit_text(item_of(solve, each).quantity) for each in asked}
-    alike = len(units) == 1
+    motions = any(item_of(solve, each).quantity.kind in (Kind.POSE, Kind.SIMILARITY) for each in asked)
+    alike = len(units) == 1 and (len(asked) == 1 or not motions)
     told = information.expected(nothing)
     wanted = _wanted(wish.sigma, solve, asked)
     return Design(
