@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
+from typing import Any
 
 from mbm.machine.escaping import in_comment
 from mbm.machine.kinds import Held, Kind, Member, Record, Records, Type
@@ -93,16 +95,24 @@ def structs(module: Module) -> Iterator[str]:
 
 
 def _fields(node: object) -> Iterator[Field]:
-    """All fields that a statement or an expression names, or several of them do."""
-    if isinstance(node, Field):
-        yield node
-    if isinstance(node, tuple):
-        for each in node:
-            yield from _fields(each)
-    elif is_dataclass(node) and not isinstance(node, Member):
-        for each in (getattr(node, one.name) for one in fields(node)):
-            if isinstance(each, tuple) or is_dataclass(each):
-                yield from _fields(each)
+    """All fields that a statement or an expression names, or several of them do, in any order."""
+    left: list[Any] = [node]
+    while left:
+        each = left.pop()
+        if isinstance(each, tuple):
+            left.extend(each)
+            continue
+        if isinstance(each, Field):
+            yield each
+        left.extend(getattr(each, name) for name in _parts(each.__class__))
+
+
+@cache
+def _parts(kind: Any) -> tuple[str, ...]:
+    """The names of what statements and expressions of a kind are made of; none of what is neither."""
+    if issubclass(kind, Member) or not is_dataclass(kind):
+        return ()
+    return tuple(one.name for one in fields(kind))
 
 
 def declaration(function: Function) -> str:
