@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mbm.equations.assembly import Assembled
+from mbm.problem.likely import called, likelihood_of
 from mbm.problem.types import BlockRole, Problem
 from mbm.simulation.trials import faults
 from mbm.text.types import Diagnostic, MbmError
@@ -23,6 +24,10 @@ def refuse_density(problem: Problem, equations: Assembled) -> None:
             mend = "make it an unknown with a prior"
             wrong.append(faults.no_density(constant.span, f"the uncertain constant `{constant.name}`", mend))
     for block in problem.blocks:
+        likelihood = likelihood_of(block)
+        if likelihood is not None:
+            mend = "use the covariances of `mbm solve`"
+            wrong.append(faults.no_density(block.span, f"{called(likelihood)} of `{block.name}`", mend))
         if block.structure.joins:
             mend = "use the covariances of `mbm solve`"
             wrong.append(faults.no_density(block.span, f"{block.structure.what} of `{block.name}`", mend))

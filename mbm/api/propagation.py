@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from mbm import compiler
 from mbm.api import arguments
 from mbm.problem.clauses import select_problem
+from mbm.problem.likely import called, likelihood_of
 from mbm.problem.types import Method, Problem
 from mbm.report.propagation.answer import Propagated
 from mbm.report.propagation.samples import parts_of, scalars_of
@@ -109,6 +110,10 @@ def _refuse(problem: Problem) -> None:
         mend = "leave the rows out that `mbm solve` rejects, and `:robust` with them"
         wrong.append(faults.not_propagated(problem.span, f"`:robust` of {name}", judged, mend))
     for block in problem.blocks:
+        likelihood = likelihood_of(block)
+        if likelihood is not None:
+            why, mend = "normal errors of known size are drawn only", "use `mbm simulate` and `mbm solve`"
+            wrong.append(faults.not_propagated(block.span, f"{called(likelihood)} of `{block.name}`", why, mend))
         if block.loss is not None:
             mend = "leave out the rows that are off, and `:loss` with them"
             wrong.append(faults.not_propagated(block.span, f"the loss of `{block.name}`", judged, mend))

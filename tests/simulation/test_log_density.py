@@ -131,6 +131,9 @@ REFUSED = {
         "(problem p (unknowns (x :init 1 :sigma 1) (y :init 1 :sigma 1)) (constraints (= x y)))"
     ),
     "the uncertain constant `c`": "(problem p (constants (c 1 :sigma 1)) (unknowns (x :init c :sigma 1)))",
+    "`:distribution poisson` of `d`": (
+        "(problem p (data d (table (n) (3) (5))) (unknowns (b :init 1)) (observe d (= n b) :distribution poisson))"
+    ),
     "`:errors` of `d`": (
         "(problem p (data d (table (x y) (0 0) (1 1) (2 2))) (unknowns (b :init 1))"
         " (observe d (= y (* b x)) :sigma 1 :errors ((x 0.1))))"

@@ -302,6 +302,10 @@ REFUSED = {
     ),
     "`:correlation` of `d` cannot be propagated": line(sigma=" :sigma 0.1 :correlation (ar1 0.5)"),
     "`:common` of `d` cannot be propagated": line(sigma=" :sigma 0.1 :common ((0.1 :per x))"),
+    "`:distribution poisson` of `d` cannot be propagated": (
+        "(problem p (data d (table (n) (3) (5))) (unknowns (b)) (observe d (= n b) :distribution poisson))"
+    ),
+    "`model` in the noise of `d` cannot be propagated": line(sigma=" :sigma (* 5% model)"),
     "it is a matrix": "(problem p (constants (m [[1 2] [3 4]] :sigma 1)) (derive (y (m 1 2))))",
     "computed from another": "(problem p (constants (a 1 :sigma 1) (b (* 2 a) :sigma 1)) (derive (y (* a b))))",
     "no coordinates": (
