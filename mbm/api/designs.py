@@ -17,6 +17,7 @@ from mbm.compiler import Inputs, SolveSettings
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.joining import prepare
+from mbm.problem.likely import called, likelihood_of
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, Equation, EquationCase, Method, NoiseKind, Problem
 from mbm.report.designs import faults
@@ -97,6 +98,11 @@ def _refuse(problem: Problem) -> None:
     if joined is not None:
         why = f"rows of `{joined.name}` do not count one by one: {joined.structure.what}"
         raise MbmError(faults.not_designed(why, "simulate the experiments that you compare, with `mbm simulate`"))
+    for block in problem.blocks:
+        likelihood = likelihood_of(block)
+        if likelihood is not None:
+            why = f"what a reading of `{block.name}` tells depends on its value: {called(likelihood)}"
+            raise MbmError(faults.not_designed(why, "simulate the experiments that you compare, with `mbm simulate`"))
     if any(constant.sigmas for constant in problem.constants):
         why = "a constant has a standard deviation, which is not counted here"
         raise MbmError(faults.not_designed(why, "make it an unknown with a prior: `(h :init 70cm :sigma 1mm)`"))

@@ -154,7 +154,7 @@ class _Given:
             return np.asarray(each.sum(axis=0))
         if stated.step is not None:
             step = self._numbers((stated.step,))[0]
-            self._refuse(~((step > 0) & np.isfinite(step)), "a step of `{:g}` is none", step)
+            self._refuse(~((step > 0) & np.isfinite(step)), "a step of `{:g}` is no `:resolution`", step)
             each = -_log_middle(0.5 * step / scale)
         for limit in (stated.below, stated.above):
             if limit is not None:

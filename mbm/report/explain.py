@@ -14,6 +14,7 @@ from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.enclosing import Contractor, Enclosing
 from mbm.problem.kinds import ConsensusKind, ConstraintKind
+from mbm.problem.likely import called, likelihood_of
 from mbm.problem.naming import PRIOR
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import Table
@@ -163,6 +164,10 @@ def _uncertain(column: UncertainColumn) -> str:
 
 
 def _noise(block: Block) -> str:
+    likelihood = likelihood_of(block)
+    if likelihood is not None:
+        text = called(likelihood).replace("`", "")
+        return f"{text}, up to one unknown factor" if block.unknown_factor else text
     noise = [n for case in block.cases for e in case.equations for n in e.noise]
     if block.errors and all(isinstance(n, Number) and n.value == 0 for n in noise):
         return "none of their own"

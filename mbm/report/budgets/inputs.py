@@ -131,8 +131,8 @@ class _Part:
         single = kind is InputKind.PRIOR and self.group.positions is None
         for whitener in self.group.whiteners:
             used = self._used(whitener)
-            if whitener.weights.ndim != 2 or block.structure.free or block.structure.correlation is not None:
-                joint = block.structure.correlation is not None
+            joint = block.structure.correlation is not None
+            if whitener.weights.ndim != 2 or block.structure.free or joint or self.group.readings is not None:
                 yield Source(name=block.name, kind=kind, dof=dof, errors=self._joint(whitener, used), joint=joint)
                 continue
             outputs = np.arange(whitener.first, whitener.last)
@@ -192,7 +192,7 @@ class _Part:
         return np.asarray(stated * self.factors[:, whitener.first : whitener.last])
 
     def _joint(self, whitener: Whitener, used: Mask) -> Errors:
-        """The rows of an equation whose components have a covariance: one error for each row, without a deviation."""
+        """The rows of an equation with a covariance or a likelihood: one error for each row, without a deviation."""
         there = used.any(axis=1)
         count = int(there.sum())
         squares = np.square(self.parts[there, whitener.first : whitener.last]).sum(axis=1)
