@@ -25,6 +25,7 @@ from mbm.report.solve_document import (
     solve_key,
 )
 from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Floats, Mask
+from mbm.text.render import as_json
 
 
 def block_documents(reports: BlockReports) -> Iterator[dict[str, Any]]:
@@ -92,6 +93,7 @@ class _Filled:
         model, block, limits = self._like(place), self._block, self._block.columns.limits
         written = {**model, **{name: numbers[place] for name, numbers in self._numbers.items()}}
         written["key"] = solve_key(dict(zip(block.names, block.keys[block.which.start + place], strict=True)))
+        written["diagnostics"] = [*map(as_json, self._reports.remarks(place)), *model["diagnostics"]]
         written["message"] = REASONS[block.columns.reason[place]].sentence
         for kind, items in (("estimates", self._estimates), ("derived", self._derived)):
             written[kind] = {name: {**entry, **items[name].numbers(place)} for name, entry in model[kind].items()}

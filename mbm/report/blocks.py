@@ -10,6 +10,7 @@ from typing import TypeVar, overload
 import numpy as np
 
 from mbm.equations.types import Indices
+from mbm.estimation.batches.remarks import REMARKED
 from mbm.estimation.batches.types import Block, Corrections
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.elements import element_names, shown_sigma, shown_values
@@ -28,6 +29,7 @@ from mbm.report.types import (
     SolveReport,
     SolveStatus,
 )
+from mbm.text.types import Diagnostic
 
 T = TypeVar("T")
 
@@ -63,7 +65,12 @@ class BlockReports:
         if not self.from_columns[place] or not self.complete:
             return self._made(place)
         report = filled(self.like(place), self.items, self.corrected(place), self.problem, self.block, place)
-        return replace(report, raw_residuals=lambda: self.raw_residuals(place))
+        diagnostics = (*self.remarks(place), *report.diagnostics)
+        return replace(report, raw_residuals=lambda: self.raw_residuals(place), diagnostics=diagnostics)
+
+    def remarks(self, place: int) -> tuple[Diagnostic, ...]:
+        """The warnings about the solve at a place that its numbers alone give rise to."""
+        return self.block.columns.remarks.get(place, ())
 
     def raw_residuals(self, place: int) -> Mapping[str, RawResiduals]:
         """What is said of the raw residuals of each observation in the solve at a place, by its name."""
@@ -96,8 +103,8 @@ class BlockReports:
 
     @cached_property
     def model(self) -> SolveReport:
-        """The report of the first solve ``from_columns``."""
-        return self._made(self._first)
+        """The report of the first solve ``from_columns``, without remarks."""
+        return _unremarked(self._made(self._first))
 
     def kind(self, place: int) -> bytes:
         """What solves ``from_columns`` are told apart by: the equations that they have rows of, the constraints that
@@ -129,7 +136,7 @@ class BlockReports:
         kind = self.kind(place)
         found = self._models.get(kind)
         if found is None:
-            found = self.model if kind == self.kind(self._first) else self._made(place)
+            found = self.model if kind == self.kind(self._first) else _unremarked(self._made(place))
             kept(self._models, kind, found)
         return found
 
@@ -184,12 +191,14 @@ class BlockReports:
         places = {number - begin for number in self.apart}
         if limits is not None:
             places |= set(np.flatnonzero(self.from_columns & limits.pushed.any(axis=1)).tolist())
+        places |= {place for place in self.block.columns.remarks if self.from_columns[place]}
         for place in sorted(places):
             found = self.apart.get(begin + place)
-            yield (
-                int(self.block.places[place]),
-                replace(self.like(place), key=self.key(place)) if found is None else found,
-            )
+            if found is None:
+                like = self.like(place)
+                diagnostics = (*self.remarks(place), *like.diagnostics)
+                found = replace(like, key=self.key(place), diagnostics=diagnostics)
+            yield int(self.block.places[place]), found
 
     def statuses(self) -> list[SolveStatus]:
         """The status of each solve."""
@@ -259,6 +268,12 @@ def block_reports(problem: Problem, block: Block, *, covariance_full: bool) -> B
     """A block, with reports of what was solved apart."""
     apart = {number: report_of(problem, each, covariance_full=covariance_full) for number, each in block.apart.items()}
     return BlockReports(problem, replace(block, apart={}), apart, covariance_full=covariance_full)
+
+
+def _unremarked(report: SolveReport) -> SolveReport:
+    """A report without the warnings that its own numbers give rise to."""
+    found = tuple(each for each in report.diagnostics if each.code.name not in REMARKED)
+    return replace(report, diagnostics=found)
 
 
 def kept(models: dict[bytes, T], kind: bytes, model: T) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import mbm
-from benchmarks.coverage import KINDS, judged
 from mbm.testing.coverage import Coverage, coverage
+from tests.testing.simulated import KINDS, judged
 
 CHANCE = 4.0
 """Deviations of chance that a right answer may show: one of these assertions in 16,000."""

@@ -11,13 +11,14 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.degrees import degrees_columns
-from mbm.estimation.batches.derived import derived_columns
+from mbm.estimation.batches.derived import DerivedColumns, derived_columns
 from mbm.estimation.batches.doubts import doubtful, stationary
 from mbm.estimation.batches.factor import Factors, Spread, factors
 from mbm.estimation.batches.likelihoods import counted_of, informing_slopes
 from mbm.estimation.batches.limited import limited_columns
 from mbm.estimation.batches.losses import counted, informed, outlying, rooted_slopes, sandwiches
 from mbm.estimation.batches.portion import Portion, stated
+from mbm.estimation.batches.remarks import remarks
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
@@ -57,15 +58,14 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         cost = _as_stated(portion, residuals, unknown[0], ends.factors)
     spread = _spread(problem, portion, residuals, slopes, found, noise, None if ends.kept is None else left)
     factor = spread.factor
-    solved &= spread.sound & np.isfinite(cost)
     reported = stack.equations.layout.reported(ends.points)
-    derived = tuple(
-        derived_columns(quantity, owner, stack, reported, factor) for owner, quantity in enumerate(problem.derived)
-    )
-    solved &= _all_finite([one.sigma for one in derived], len(which))
-    chi2_p = _tails(stack, counts.tested(scattered), freedom, solved & ~counts.untested & known & (not lossy))
-    clean = solved & ~(chi2_p < IMPROBABLE) & _all_finite([one.values for one in derived], len(which))
-    clean &= ~doubtful(problem, portion, ends, found, spread, derived, residuals)
+    derived = tuple(derived_columns(each, owner, stack, reported, factor) for owner, each in enumerate(problem.derived))
+    solved &= spread.sound & np.isfinite(cost) & _all_finite([one.sigma for one in derived], len(which))
+    sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
+    asked = solved & ~counts.untested & known
+    tails = _tails(stack, cost if lossy else counts.tested(scattered), freedom, asked)
+    chi2_p = np.full(len(which), np.nan) if lossy else tails
+    undoubted = _undoubted(problem, portion, ends, found, spread, derived, residuals, surface)
     degrees = degrees_columns(problem, portion, spread, derived, freedom)
     limited = limited_columns(portion, None if surface is None else surface[0], ends.points, rooted, spread, residuals)
     counting = counted(portion, residuals)
@@ -78,7 +78,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         iterations=ends.iterations,
         evaluations=ends.evaluations,
         dof=freedom,
-        sigma0=np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan),
+        sigma0=sigma0,
         chi2_p=chi2_p,
         noise=np.where(_unknown(problem), noise[:, None], 1.0) if ends.factors is None else ends.factors,
         sigma=np.sqrt(np.square(factor).sum(axis=2)),
@@ -91,12 +91,13 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         outliers=_outliers(problem, stack, which, portion, ends, residuals),
         counting=counting if lossy or ends.kept is not None else None,
         priors=_priors(problem, stack, portion, ends.points),
-        clean=clean,
+        clean=solved & undoubted & ~(chi2_p < IMPROBABLE),
         solved=solved,
         expected=(ends.cost < _usual_costs(freedom)) & known,
         challenged=_challenged(ends, other=lossy or stack.equations.likely or surface is not None),
         log_likelihood=counts.log_likelihood,
         degrees=replace(degrees, limited=limited),
+        remarks=remarks(problem, stack, which, portion, residuals, found.basis, (sigma0, tails), degrees.poor),
         limits=_limits(problem, stack, which, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
@@ -111,6 +112,26 @@ def _surface(portion: Portion, ends: Ends, jacobian: Floats) -> tuple[Held, Tang
 
     found = held(portion, ends.points, jacobian, ends.cost, ends.multipliers)
     return found, tangents(found, jacobian)
+
+
+def _undoubted(
+    problem: Problem,
+    portion: Portion,
+    ends: Ends,
+    found: Factors,
+    spread: Spread,
+    derived: tuple[DerivedColumns, ...],
+    residuals: Floats,
+    surface: tuple[Held, Tangents] | None,
+) -> Mask:
+    """Solves (K,) whose quantities all have values, and of which nothing more is to be said."""
+    fine = _all_finite([one.values for one in derived], portion.count)
+    if surface is None:
+        return fine & ~doubtful(problem, portion, ends, found, spread, derived, residuals, None)
+    from mbm.estimation.batches.surface import curved
+
+    fine &= ~curved(portion, ends, surface[0], found, spread.deviation)
+    return fine & ~doubtful(problem, portion, ends, found, spread, derived, residuals, surface[1])
 
 
 def _limits(

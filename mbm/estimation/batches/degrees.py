@@ -7,13 +7,13 @@ from math import inf
 import numpy as np
 
 from mbm.equations.spreads import Freedom
-from mbm.equations.types import Floats, Indices
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.components import several_noises
 from mbm.estimation.batches.degree_types import DegreesColumns
 from mbm.estimation.batches.derived import DerivedColumns
 from mbm.estimation.batches.factor import Spread
 from mbm.estimation.batches.portion import Portion
-from mbm.estimation.uncertainty.degrees import LEAST, effective
+from mbm.estimation.uncertainty.degrees import LEAST, effective, enough, untold
 from mbm.problem.types import Problem
 
 
@@ -30,10 +30,11 @@ def degrees_columns(
     unknown = [owner for owner, block in enumerate(problem.blocks) if block.unknown_factor]
     images = [spread.factor, *(one.image for one in derived)]
     if not unknown or portion.equations.lossy or not several_noises(problem):
-        told = bool(unknown) or portion.equations.lossy
-        of_solve = np.maximum(dof.astype(np.float64), LEAST) if told else np.full(len(dof), inf)
+        of_solve = np.maximum(dof.astype(np.float64), LEAST) if unknown else np.full(len(dof), inf)
         found = [_alike(of_solve, image.shape[:2]) for image in images]
-        return DegreesColumns(estimates=found[0], derived=tuple(found[1:]))
+        few: Mask = np.asarray(dof < enough(portion.equations, consensus=portion.consensus))
+        poor = few if unknown else np.zeros(len(dof), dtype=bool)
+        return DegreesColumns(estimates=found[0], derived=tuple(found[1:]), poor=poor)
     grams = np.zeros((len(basis), len(unknown), basis.shape[2], basis.shape[2]))
     counts = np.zeros((len(basis), len(unknown)))
     for place, owner in enumerate(unknown):
@@ -43,7 +44,8 @@ def degrees_columns(
         grams[:, place] = np.matmul(picked.transpose(0, 2, 1), picked)
         counts[:, place] = own.sum(axis=1)
     found = [effective(image, grams, counts) for image in images]
-    return DegreesColumns(estimates=found[0], derived=tuple(found[1:]))
+    poor = np.asarray(untold(spread.factor, grams, counts).any(axis=1))
+    return DegreesColumns(estimates=found[0], derived=tuple(found[1:]), poor=poor)
 
 
 def _alike(dof: Floats, shape: tuple[int, ...]) -> Freedom:

@@ -6,16 +6,18 @@ What is found here is looked at again by `plausibility.doubts`, which decides; w
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.derived import DerivedColumns
-from mbm.estimation.batches.factor import Factors, Spread
-from mbm.estimation.batches.losses import rooted_residuals, rooted_slopes
+from mbm.estimation.batches.factor import Factors, Spread, factors
+from mbm.estimation.batches.losses import rooted_slopes
 from mbm.estimation.batches.portion import Portion, stated
 from mbm.estimation.batches.types import Ends
 from mbm.estimation.trust.curvature import MOST_DERIVED
+from mbm.estimation.trust.leverage import drawn
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
     LOOKED_AT,
@@ -26,8 +28,12 @@ from mbm.estimation.trust.nonlinearity import (
     too_much,
 )
 from mbm.estimation.trust.plausibility import CHECKED, STRAINED, innovations
+from mbm.estimation.trust.surface import plainly_affine
 from mbm.estimation.uncertainty.stationary import FAR, LEAST, STEP, vanishing
 from mbm.problem.types import BlockRole, Problem
+
+if TYPE_CHECKING:
+    from mbm.estimation.batches.surface import Tangents
 
 MARGIN = 1e-6
 """Share by which limits are narrowed here: far above what roundings in another order make of the same numbers."""
@@ -45,25 +51,42 @@ def doubtful(
     spread: Spread,
     derived: tuple[DerivedColumns, ...],
     residuals: Floats,
+    along: Tangents | None,
 ) -> Mask:
     """Solves (K,) whose intervals may miss their ends, or whose priors may be strained.
 
-    ``residuals`` (K, m) are plain.
+    ``residuals`` (K, m) are plain; ``along`` are the directions that constraints leave (None: there are none).
     """
-    looked_at = spread.looked_at
     wrong = _strained(problem, portion, spread.basis, residuals)
-    around = _Intervals(portion, ends, found, spread.deviation)
-    if around.too_much or not bool(looked_at.any()):
-        return wrong
-    return wrong | looked_at & _bent(problem, portion, around, derived)
+    if not portion.equations.lossy:
+        around = _Intervals(portion, ends, found, spread.deviation, None)
+        return wrong | spread.looked_at & _bent(problem, around, derived)
+    weights, slopes = _weights(portion, residuals), portion.linearised(ends.points)[1]
+    weighed = np.sqrt(weights)[:, :, None] * slopes
+    fixed = factors(weighed, along)
+    wrong |= _drawn(portion, residuals, weights, np.matmul(slopes, fixed.root)) | ~fixed.good
+    width = fixed.root.shape[2] - (0 if fixed.gone is None else fixed.gone.sum(axis=1))
+    noise = np.sqrt(np.square(np.matmul(weighed, spread.factor)).sum(axis=(1, 2)) / width)
+    return wrong | _bent(problem, _Intervals(portion, ends, fixed, noise, np.sqrt(weights)), derived)
 
 
-def _bent(problem: Problem, portion: Portion, around: _Intervals, derived: tuple[DerivedColumns, ...]) -> Mask:
+def _weights(portion: Portion, residuals: Floats) -> Floats:
+    """ρ' of plain residuals (K, m); 1 without a loss."""
+    weights = np.ones(residuals.shape)
+    for loss, solve, slots in portion.losses():
+        place = solve[:, None]
+        weights[place, slots] = loss.weight(np.square(residuals[place, slots]).sum(axis=1))[:, None]
+    return weights
+
+
+def _bent(problem: Problem, around: _Intervals, derived: tuple[DerivedColumns, ...]) -> Mask:
     """Solves (K,) an interval of which may miss its ends."""
-    found, noise = around.found, around.noise
+    portion, found, noise = around.portion, around.found, around.noise
     wrong = np.zeros(portion.count, dtype=bool)
     # `nonlinearity.surroundings` looks whether the cost is that of these residuals; here they are, but for roundings
-    linear = portion.equations.linear
+    if around.too_much:
+        return wrong
+    linear = plainly_affine(portion.equations)
     if not linear:
         deviation = noise[:, None] * np.sqrt(np.square(found.root).sum(axis=2))
         for place in range(deviation.shape[1]):
@@ -76,10 +99,16 @@ def _bent(problem: Problem, portion: Portion, around: _Intervals, derived: tuple
 
 
 class _Intervals:
-    """The linear 95 % intervals of K solves."""
+    """The linear 95 % intervals of K solves; under losses with fixed weights, whose ``roots`` (K, m) multiply residuals
+    (None: there are no losses).
+    """
 
-    def __init__(self, portion: Portion, ends: Ends, found: Factors, noise: Floats) -> None:
+    def __init__(self, portion: Portion, ends: Ends, found: Factors, noise: Floats, roots: Floats | None) -> None:
         self.portion = portion
+        self._roots = roots
+        self._cost = ends.cost
+        if roots is not None:
+            self._cost = np.square(roots * portion.residuals(ends.points)).sum(axis=1)
         self.ends = ends
         self.found = found
         self.noise = noise
@@ -95,9 +124,9 @@ class _Intervals:
     def ratios(self, along: Floats) -> Floats:
         """The true ends (2, K) as multiples of the linear ones."""
         both = (self.portion.residuals(self.point(along, side)) for side in SIDES)
-        rooted = (rooted_residuals(self.portion, residuals) for residuals in both)
+        seen = both if self._roots is None else (self._roots * residuals for residuals in both)
         basis, variance = self.found.basis, np.square(self.noise)
-        return np.stack([end_ratios(residuals, basis, along, self.ends.cost, variance) for residuals in rooted])
+        return np.stack([end_ratios(residuals, basis, along, self._cost, variance) for residuals in seen])
 
 
 def _looked_at(problem: Problem, derived: tuple[DerivedColumns, ...]) -> Iterator[tuple[DerivedColumns, int]]:
@@ -138,6 +167,14 @@ def _strained(problem: Problem, portion: Portion, basis: Floats, residuals: Floa
             innovation = innovations(residuals[solve, slot], leverage, CHECKED / 10)
             np.logical_or.at(wrong, solve, ~(np.abs(innovation) <= STRAINED * (1 - MARGIN)))
     return wrong
+
+
+def _drawn(portion: Portion, residuals: Floats, weights: Floats, basis: Floats) -> Mask:
+    """Solves (K,) with a row under a loss that may draw the fit to itself."""
+    lossy = np.zeros(residuals.shape, dtype=bool)
+    for _, solve, slots in portion.losses():
+        lossy[solve[:, None], slots] = True
+    return np.asarray((drawn(residuals, basis, weights, portion.kept().sum(axis=1), MARGIN) & lossy).any(axis=1))
 
 
 @np.errstate(all="ignore")

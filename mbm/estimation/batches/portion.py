@@ -62,6 +62,7 @@ class Portion:
         self.count = len(which)
         self.most = int(stack.residuals[places_of(which)].max(initial=0))
         self.equations = stack.equations
+        self.consensus = kept is not None
         columns = _columns(stack.equations)
         self._lines = []
         taken = np.zeros(self.count, dtype=np.int64)

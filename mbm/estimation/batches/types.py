@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mbm.equations.assembly import Assembled
     from mbm.equations.corrections.measured import Measured
     from mbm.estimation.batches.degree_types import DegreesColumns
+    from mbm.estimation.batches.remarks import Remarks
 
 REASONS = tuple(Reason)
 """Reasons by number: ``Columns.reason`` counts in this order."""
@@ -159,6 +160,7 @@ class Columns:
     means that are known beforehand, not whitened, equation by equation. ``counting`` (T, m): the residuals that count
     (None: all that there are). ``seconds`` (T,).
     ``degrees`` are those of freedom; ``log_likelihood`` (T,), where some errors are not normal with stated weights;
+    ``remarks`` are warnings whose numbers are those of the solve, by its place;
     ``limits`` are the constraints (None: there are none); with these, columns of ``factor`` and ``root`` are zero for
     the dimensions that they take away.
     """
@@ -190,18 +192,26 @@ class Columns:
     counting: Mask | None
     seconds: Floats
     degrees: DegreesColumns
+    remarks: Remarks
     limits: Limits | None = None
     log_likelihood: Floats | None = None
 
     def first(self, count: int) -> Columns:
         """The columns of the first ``count`` solves."""
-        whole = ("derived", "outliers", "degrees", "limits")  # outliers are looked up by the number of a solve
+        whole = (
+            "derived",
+            "outliers",
+            "degrees",
+            "remarks",
+            "limits",
+        )  # outliers are looked up by the number of a solve
         own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in whole}
         return replace(
             self,
             **{name: each[:count] for name, each in own.items() if each is not None},
             derived=tuple((a[:count], b[:count], c[:count]) for a, b, c in self.derived),
             degrees=self.degrees.first(count),
+            remarks={place: each for place, each in self.remarks.items() if place < count},
             limits=None if self.limits is None else self.limits.first(count),
         )
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.binding import affine
 from mbm.equations.spreads import Limited
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
+from mbm.estimation.trust.surface import exact_constraints
 from mbm.values import dataclass
 
 
@@ -47,16 +47,6 @@ def box(equations: Assembled) -> tuple[Floats, Floats]:
     lower, upper = equations.lower.copy(), equations.upper.copy()
     lower[equations.positive] = np.maximum(lower[equations.positive], 0.0)
     return lower, upper
-
-
-def exact_constraints(equations: Assembled) -> Mask:
-    """Which of the constraints (c,) are affine in the free coordinates, so that their limits stay where they are."""
-    plain = np.zeros(len(equations.layout.number), dtype=bool)
-    plain[equations.free] = True
-    found = np.zeros(len(equations.equality), dtype=bool)
-    for group in equations.constraints:
-        found[group.first : group.first + group.count] = affine(group, plain)
-    return found
 
 
 def single_limits(slopes: Floats, inequality: Mask) -> tuple[Mask, Indices]:

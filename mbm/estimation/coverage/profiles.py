@@ -14,9 +14,8 @@ import numpy as np
 from mbm.equations.spreads import Freedom
 from mbm.equations.types import Floats
 from mbm.estimation.coverage.student import coverage_factors
-from mbm.estimation.trust.curvature import Curvature, DerivedEnds
-from mbm.estimation.trust.derived_profile import DerivedProfile
-from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED, Surroundings
+from mbm.estimation.trust.curvature import Curvature, followed_ends
+from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED
 from mbm.values import dataclass
 
 ACCURACY = 1e-3
@@ -57,8 +56,14 @@ class Profiles:
         around = self.curvature.around
         below, above = (np.full(len(self.sigma), np.nan) for _ in range(2))
         reach = _reach(level, self.freedom)
+        bent = self.curvature.bent
+        if bent is not None:
+            for doubtful in bent.ends.doubtful[:MOST_FOLLOWED].tolist():
+                place = int(bent.known[doubtful])
+                below[place], above[place] = followed_ends(around, bent, doubtful, float(reach[place]), ACCURACY)
+            return below, above
         for place in self.curvature.ends.doubtful[:MOST_FOLLOWED].tolist():
-            along = around.factor[place] / self.sigma[place]
+            along = around.factor[place] / np.linalg.norm(around.factor[place])
             lower, upper = around.followed(along, float(reach[place]), ACCURACY)
             below[place], above[place] = (end * reach[place] * self.sigma[place] for end in (lower, upper))
         return below, above
@@ -72,7 +77,7 @@ class Profiles:
                 for doubtful in one.ends.doubtful.tolist():
                     place = int(one.known[doubtful])
                     far = float(reach[place])
-                    below[place], above[place] = _ends(self.curvature.around, one, doubtful, far)
+                    below[place], above[place] = followed_ends(self.curvature.around, one, doubtful, far, ACCURACY)
         return below, above
 
 
@@ -87,29 +92,3 @@ def profiles(
 
 def _reach(level: float, freedom: Freedom) -> Floats:
     return coverage_factors(level, freedom.dof) * freedom.inflation
-
-
-def _ends(around: Surroundings, one: DerivedEnds, which: int, reach: float) -> tuple[float, float]:
-    """How far the interval of a derived number goes below and above; infinite where there is no end."""
-    minimum, image = around.minimum, one.gradient[which] @ around.factor
-    sigma = float(np.linalg.norm(image))
-    begin = float(one.values(minimum.point[None])[0, which])
-
-    def change(points: Floats) -> Floats:
-        moved = one.values(points)[:, which] - begin
-        return moved - 2 * np.pi * np.round(moved / (2 * np.pi)) if one.angle else moved
-
-    lower, upper = (
-        DerivedProfile(
-            equations=around.equations,
-            point=minimum.point,
-            least=minimum.cost,
-            direction=sign * reach * (around.factor @ image) / sigma,
-            others=around.factor,
-            level=reach**2 * around.variance,
-            change=change,
-            target=sign * reach * sigma,
-        ).end(ACCURACY)
-        for sign in (-1.0, 1.0)
-    )
-    return lower * reach * sigma, upper * reach * sigma

@@ -6,21 +6,28 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, affine
-from mbm.equations.types import Floats, Indices, Minimum
+from mbm.equations.types import Covariance, Floats, Indices, Minimum
 from mbm.estimation.search.solution import DerivedSolution
+from mbm.estimation.trust.derived_profile import DerivedProfile
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
+    LOOKED_AT,
+    MOST_FOLLOWED,
+    NORMAL_95,
     IntervalEnds,
     Surroundings,
     derived_ends,
     interval_ends,
     surroundings,
 )
+from mbm.estimation.trust.profile import END_ACCURACY, Surface
+from mbm.estimation.trust.surface import on_surface
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.values import dataclass
 
-MOST_DERIVED = 20
+MOST_DERIVED = 200
 """Derived numbers whose intervals are looked at."""
 
 
@@ -41,30 +48,71 @@ class DerivedEnds:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curvature:
-    """What was found ``around`` a minimum: the ``ends`` of its coordinates, and of quantities that are ``derived``."""
+    """What was found ``around`` a minimum: the ``ends`` of its coordinates, and of quantities that are ``derived``.
+
+    On the curved surface of constraints coordinates bend as well, as quantities do: ``bent`` has those (None: none do).
+    """
 
     around: Surroundings
     ends: IntervalEnds
     derived: tuple[DerivedEnds, ...]
+    bent: DerivedEnds | None = None
 
 
 @np.errstate(all="ignore")
 def curvature(propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSolution, ...]) -> Curvature | None:
     """How curvature moves the ends of intervals; None where it does not, or is not looked at (`surroundings`)."""
-    if not minimum.reason.converged or (propagation.equations.linear and not derived):
+    equations, estimated = propagation.equations, propagation.outcome.covariance
+    if not minimum.reason.converged or minimum.blocks is not None:
         return None
-    estimated = propagation.outcome.covariance
-    around = surroundings(propagation.equations, minimum, estimated)
+    surface: Surface | None = on_surface(equations, minimum)
+    if equations.linear and surface is None and not derived:
+        return None
+    along = equations if surface is None else surface
+    if equations.lossy:  # loaded by problems with losses only, so that the others start at once
+        from mbm.estimation.trust.fixed_weights import fixed_weights
+
+        fixed = fixed_weights(equations, minimum, estimated) if surface is None else None
+        if fixed is None:
+            return None
+        along, minimum, estimated = fixed
+    around = surroundings(along, minimum, estimated)
     if around is None:
         return None
     found = tuple(_derived(propagation, around, derived))
-    return Curvature(around=around, ends=interval_ends(around, estimated), derived=found)
+    if surface is None:
+        return Curvature(around=around, ends=interval_ends(around, estimated), derived=found)
+    bent = _coordinates(equations, around, estimated)
+    every = np.ones((2, len(estimated.sigma)))
+    every[:, bent.known] = bent.ends.lower, bent.ends.upper
+    return Curvature(around=around, ends=IntervalEnds(lower=every[0], upper=every[1]), derived=found, bent=bent)
+
+
+def _coordinates(equations: Assembled, around: Surroundings, estimated: Covariance) -> DerivedEnds:
+    """Those of the free coordinates that are plain numbers."""
+    numbers = equations.layout.number[equations.free]
+    spread = np.sqrt(np.square(around.factor).sum(axis=1))
+    told = np.isfinite(estimated.sigma) & (spread > DETERMINED * spread.max(initial=0.0))
+    known = np.flatnonzero(told & (numbers >= 0))
+    gradient = np.eye(len(numbers))[known]
+
+    def values(points: Floats) -> Floats:
+        return points[:, numbers[known]]
+
+    ends = derived_ends(around, gradient, values, angle=False)
+    found = DerivedEnds(owner=-1, known=known, ends=ends, gradient=gradient, values=values, angle=False)
+    both = np.stack([ends.lower, ends.upper])
+    for place in np.flatnonzero((np.abs(both - 1.0) > LOOKED_AT).any(axis=0))[:MOST_FOLLOWED].tolist():
+        far = NORMAL_95 * float(spread[known[place]])
+        both[:, place] = np.array(followed_ends(around, found, place, NORMAL_95, END_ACCURACY)) / far
+    ends = IntervalEnds(lower=both[0], upper=both[1])
+    return DerivedEnds(owner=-1, known=known, ends=ends, gradient=gradient, values=values, angle=False)
 
 
 def _derived(
     propagation: Propagation, around: Surroundings, derived: tuple[DerivedSolution, ...]
 ) -> Iterator[DerivedEnds]:
-    """Those of quantities that are derived once, and are numbers."""
+    """Those of quantities that are numbers, in all rows if they are derived over a table."""
     left = MOST_DERIVED
     equations, point = propagation.equations, around.minimum.point
     turned = equations.layout.reported(point) - point  # quantities are derived from reported angles
@@ -73,10 +121,12 @@ def _derived(
     for one in derived:
         stated = propagation.problem.derived[one.owner]
         count = one.sigma.size
-        if stated.table is not None or stated.kind is not None or one.gradient is None or count > left:
+        if stated.kind is not None or one.gradient is None or count > left:
             continue
         groups = propagation.binder.derived(propagation.kernels, one.owner)
-        if len(groups) != 1 or (equations.linear and affine(groups[0], free)):
+        if len(groups) != 1 or groups[0].rows != len(one.values):
+            continue
+        if around.equations.linear and affine(groups[0], free):
             continue
         left -= count
         sigma = one.sigma.ravel()
@@ -90,4 +140,32 @@ def _derived(
 
 
 def _picked(group: Group, which: Indices, turned: Floats) -> Callable[[Floats], Floats]:
-    return lambda points: group.values_at(points + turned)[:, 0, which]
+    return lambda points: group.values_at(points + turned).reshape(len(points), -1)[:, which]
+
+
+def followed_ends(
+    around: Surroundings, one: DerivedEnds, which: int, reach: float, accuracy: float
+) -> tuple[float, float]:
+    """How far the interval of a derived number, ``reach`` deviations, goes below and above; infinite without an end."""
+    minimum, image = around.minimum, one.gradient[which] @ around.factor
+    sigma = float(np.linalg.norm(image))
+    begin = float(one.values(minimum.point[None])[0, which])
+
+    def change(points: Floats) -> Floats:
+        moved = one.values(points)[:, which] - begin
+        return moved - 2 * np.pi * np.round(moved / (2 * np.pi)) if one.angle else moved
+
+    lower, upper = (
+        DerivedProfile(
+            equations=around.equations,
+            point=minimum.point,
+            least=minimum.cost,
+            direction=sign * reach * (around.factor @ image) / sigma,
+            others=around.factor,
+            level=reach**2 * around.variance,
+            change=change,
+            target=sign * reach * sigma,
+        ).end(accuracy)
+        for sign in (-1.0, 1.0)
+    )
+    return lower * reach * sigma, upper * reach * sigma

@@ -13,6 +13,33 @@ CONTRADICTING_ROWS = Code(
     "Check the rows that are named; leave them out with `:when`, or reject them by "
     "`:robust (gnc :quantile 99% :trust FORM)`.",
 )
+AUTOCORRELATED_RESIDUALS = Code(
+    "autocorrelated-residuals",
+    "Residuals of rows that follow one another are alike (or opposed) more than independent noise lets expect: the "
+    "noise is correlated, or the model lacks something that varies slowly. Standard deviations suppose independent "
+    "rows; where neighbours are alike they are too small, often by half (a warning). In rows without any order, "
+    "correlation by chance is said of one solve in twenty.",
+    "Plot the residuals by row. Add what the model lacks (a drift, a curve, a common offset), or state how the noise "
+    "is correlated (`:correlation`, `:common`); rows sorted by the measured value have to be put into another order.",
+)
+BAD_LEVERAGE = Code(
+    "bad-leverage",
+    "A row under a loss stands far away from the others, disagrees with them, and draws the fit to itself. A loss "
+    "bounds the influence of large residuals, but such a row makes its own residual small (a warning).",
+    "Check these rows. Leave them out with `:when`, or use consensus (`:robust lmeds`), which has no such weakness.",
+)
+IMPROBABLE_NOISE = Code(
+    "improbable-noise",
+    "Chi² is as large, or as small, as the stated noise makes it in one of a hundred solves: the noise is probably "
+    "stated too small or too large, and so are the standard deviations, which follow it (a warning).",
+    "Check `:sigma`; let the residuals tell it with `:sigma (unknown FORM)`.",
+)
+SMALL_SAMPLE = Code(
+    "small-sample",
+    "The noise is estimated from so few rows that even intervals with Student's t and the corrections for small "
+    "samples hold the true value less often than they say (a warning).",
+    "Add rows, or state the noise with `:sigma`.",
+)
 MOST_LISTED = 6
 """Rows that the message lists."""
 
@@ -30,5 +57,58 @@ def contradicting_rows(
         place=span,
         labels=(worst,),
         hint=CONTRADICTING_ROWS.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def autocorrelated_residuals(span: Span, found: float, expected: float, spread: float) -> Diagnostic:
+    """The correlation of neighbours, and what independent noise lets expect of it."""
+    how = "alike" if found > expected else "opposed"
+    return Diagnostic(
+        code=AUTOCORRELATED_RESIDUALS,
+        message=f"residuals of successive rows are {how}: their correlation is {found:.2f}, that of independent noise "
+        f"would be {expected:.2f} ± {spread:.2f}; "
+        + ("the standard deviations are too small" if found > expected else "the standard deviations mislead"),
+        place=span,
+        hint=AUTOCORRELATED_RESIDUALS.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def bad_leverage(span: Span, name: str, rows: Sequence[int]) -> Diagnostic:
+    """Rows of the clause ``name`` that draw the fit to themselves."""
+    more = f" and {len(rows) - MOST_LISTED:,} more" if len(rows) > MOST_LISTED else ""
+    listed = ", ".join(str(row) for row in rows[:MOST_LISTED])
+    what = f"rows {listed}{more} disagree" if len(rows) > 1 else f"row {listed} disagrees"
+    return Diagnostic(
+        code=BAD_LEVERAGE,
+        message=f"{what} with the others of `{name}`, and the fit follows {'them' if len(rows) > 1 else 'it'} in spite "
+        "of the loss",
+        place=span,
+        hint=BAD_LEVERAGE.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def improbable_noise(span: Span, sigma0: float, probability: float, *, large: bool) -> Diagnostic:
+    """``probability``: that of a chi² as large, or as small."""
+    size = "large" if large else "small"
+    return Diagnostic(
+        code=IMPROBABLE_NOISE,
+        message=f"chi² is improbably {size} for the stated noise (p = {probability:.1g}): the residuals are "
+        f"{sigma0:.3g} times as large as it lets expect",
+        place=span,
+        hint=IMPROBABLE_NOISE.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def small_sample(span: Span) -> Diagnostic:
+    """Noise that too few rows tell."""
+    return Diagnostic(
+        code=SMALL_SAMPLE,
+        message="the noise is estimated from so few rows that intervals hold the true value less often than they say",
+        place=span,
+        hint=SMALL_SAMPLE.mend,
         severity=Severity.WARNING,
     )

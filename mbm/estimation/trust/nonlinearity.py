@@ -16,8 +16,8 @@ from collections.abc import Callable
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.types import Covariance, Equations, Floats, Indices, Minimum
-from mbm.estimation.trust.profile import END_ACCURACY, Profile
+from mbm.equations.types import Covariance, Floats, Indices, Minimum
+from mbm.estimation.trust.profile import END_ACCURACY, Profile, Surface
 from mbm.values import dataclass
 
 NORMAL_95 = 1.959963984540054
@@ -45,8 +45,8 @@ SAME_EQUATIONS = 1e-6
 MOST_FOLLOWED = 12
 """Doubtful coordinates whose profile is followed to its true ends; of more, the quick look has to do."""
 
-MOST_COORDINATES = 100
-MOST_RESIDUALS = 60_000
+MOST_COORDINATES = 300
+MOST_RESIDUALS = 1_000_000
 """Beyond so many residuals at all ends together the check would cost more than the solve; it is left out."""
 
 
@@ -74,7 +74,7 @@ class Surroundings:
     ``tangent`` (m, k) is orthonormal, ``variance`` the s² in the covariance ``factor @ factor.T``.
     """
 
-    equations: Equations
+    equations: Surface
     minimum: Minimum
     factor: Floats
     tangent: Floats
@@ -149,7 +149,7 @@ def too_much(coordinates: int, residuals: int) -> bool:
 
 
 @np.errstate(all="ignore")
-def surroundings(equations: Equations, minimum: Minimum, estimated: Covariance) -> Surroundings | None:
+def surroundings(equations: Surface, minimum: Minimum, estimated: Covariance) -> Surroundings | None:
     """What the ends of intervals are looked for in.
 
     None where it would be too much to do, and where the covariance is not the inverse of the normal equations at hand
@@ -223,14 +223,14 @@ def _complement(direction: Floats) -> Floats:
     return np.asarray(np.linalg.qr(np.column_stack([direction, np.eye(len(direction))]))[0][:, 1:])
 
 
-def _moved(equations: Equations, point: Floats, steps: Floats) -> Floats:
+def _moved(equations: Surface, point: Floats, steps: Floats) -> Floats:
     """The points (k, N) after each of the ``steps`` (k, n), bounds left aside; rotations all at once."""
     if not isinstance(equations, Assembled):
         return np.stack([equations.retract(point, step) for step in steps])
     return equations.retract(np.tile(point, (len(steps), 1)), steps)
 
 
-def _residuals(equations: Equations, points: Floats) -> Floats:
+def _residuals(equations: Surface, points: Floats) -> Floats:
     """Residuals (k, m) at points (k, N), which go through the kernels together."""
     if isinstance(equations, Assembled):
         return equations.residuals_at(points)

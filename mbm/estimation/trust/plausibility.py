@@ -8,19 +8,30 @@ import numpy as np
 
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled
-from mbm.equations.types import Covariance, Floats, Minimum
+from mbm.equations.types import Covariance, Floats, Mask, Minimum
 from mbm.estimation.search.solution import DerivedSolution
+from mbm.estimation.trust import faults as trust_faults
 from mbm.estimation.trust.curvature import Curvature, DerivedEnds
+from mbm.estimation.trust.lags import autocorrelation
 from mbm.estimation.trust.nonlinearity import IntervalEnds
 from mbm.estimation.uncertainty.derived import Propagation
+from mbm.estimation.uncertainty.statistics import Statistics
 from mbm.problem.naming import scalar_name
 from mbm.problem.previous import has_before, looks_back
+from mbm.problem.tables import CellKey
 from mbm.problem.types import BlockRole, Problem
+from mbm.solver.chi_square import chi_square_tail
 from mbm.solver.decisions import FARTHEST
-from mbm.text.types import Diagnostic
+from mbm.text.types import Diagnostic, Span
 
 IMPROBABLE = 1e-6
 """Probability of a cost as large as the one found below which data and stated noise disagree: never by chance."""
+
+UNLIKELY = 0.01
+"""Probability of a cost as large, or as small, as the one found below which the noise is probably stated wrongly."""
+
+MADE_UP = 1e-6
+"""Residuals, as a share of the stated noise, below which data were made without noise, and say nothing about it."""
 
 STRAINED = 4.0
 """Distance of a prior from what the data say without it, in standard deviations of that distance: once in 16,000."""
@@ -44,11 +55,46 @@ def doubts(
     found += _without_value(propagation, derived)
     if bent is not None:
         found += _nonlinear(equations, bent.ends)
-        found += _nonlinear_derived(problem, bent.derived)
-    fit = outcome.fit
-    if fit.chi2_p is not None and fit.sigma0 is not None and fit.chi2_p < IMPROBABLE and not equations.lossy:
-        found.append(faults.noise_against_data(problem.span, fit.sigma0, fit.chi2_p))
+        found += _nonlinear_derived(propagation, bent.derived)
+    found += _noise(problem, equations, outcome)
+    found += autocorrelation(problem, equations, minimum, outcome.covariance)
+    if outcome.freedoms.poor:
+        found.append(trust_faults.small_sample(problem.span))
+    if equations.lossy:  # loaded by problems with losses only, so that the others start at once
+        from mbm.estimation.trust.leverage import leverage
+
+        found += leverage(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     return (*found, *_strained(problem, equations, minimum, outcome.covariance))
+
+
+def _noise(problem: Problem, equations: Assembled, outcome: Statistics) -> Iterator[Diagnostic]:
+    """The χ² of the residuals against the stated noise."""
+    fit, tail = outcome.fit, outcome.fit.chi2_p
+    if fit.sigma0 is None:
+        return
+    if equations.lossy and equations.rows is None and not (equations.likely or problem.estimates_noise):
+        tail = chi_square_tail(fit.cost, fit.dof)
+    if tail is None:
+        return
+    if tail < IMPROBABLE and not equations.lossy:
+        yield faults.noise_against_data(problem.span, fit.sigma0, tail)
+    elif improbable(np.array(tail), np.array(fit.sigma0), lossy=equations.lossy):
+        yield improbable_noise(problem.span, fit.sigma0, tail)
+
+
+def improbable(tail: Floats, sigma0: Floats, *, lossy: bool) -> Mask:
+    """Where χ² is among the largest or smallest that the stated noise makes; ``tail`` is P of one as large.
+
+    Under losses large residuals are expected, and only small ones improbable.
+    """
+    small = (1.0 - tail < UNLIKELY) & (sigma0 > MADE_UP)
+    return np.asarray(small if lossy else small | ((tail < UNLIKELY) & (tail >= IMPROBABLE)))
+
+
+def improbable_noise(span: Span, sigma0: float, tail: float) -> Diagnostic:
+    """Such a χ²."""
+    large = tail < UNLIKELY
+    return trust_faults.improbable_noise(span, sigma0, tail if large else 1.0 - tail, large=large)
 
 
 def _without_value(propagation: Propagation, derived: tuple[DerivedSolution, ...]) -> Iterator[Diagnostic]:
@@ -78,12 +124,20 @@ def _nonlinear(equations: Assembled, ends: IntervalEnds) -> tuple[Diagnostic, ..
     return tuple(faults.too_nonlinear(layout.entry(name).unknown.span, texts) for name, texts in owners.items())
 
 
-def _nonlinear_derived(problem: Problem, derived: tuple[DerivedEnds, ...]) -> Iterator[Diagnostic]:
-    """The same for derived quantities."""
+def _nonlinear_derived(propagation: Propagation, derived: tuple[DerivedEnds, ...]) -> Iterator[Diagnostic]:
+    """The same for derived quantities, and their rows where they have some."""
     for one in derived:
-        stated = problem.derived[one.owner]
-        names = [scalar_name(stated.name, None, _index(stated.shape, int(i))) for i in one.known]
-        texts = [_ends(names[i], float(one.ends.lower[i]), float(one.ends.upper[i])) for i in one.ends.doubtful]
+        stated = propagation.problem.derived[one.owner]
+        keys: Sequence[CellKey | None] = (None,)
+        if stated.table is not None:
+            table = propagation.binder.tables[stated.table]
+            keys = table.keys() if table.key is not None else tuple(float(row) for row in table.rows)
+        size = int(np.prod(stated.shape, dtype=np.int64))
+        texts = []
+        for i in one.ends.doubtful:
+            row, place = divmod(int(one.known[i]), size)
+            name = scalar_name(stated.name, keys[row], _index(stated.shape, place))
+            texts.append(_ends(name, float(one.ends.lower[i]), float(one.ends.upper[i])))
         if texts:
             yield faults.too_nonlinear(stated.span, texts)
 

@@ -5,11 +5,40 @@ Used where the quick look of `nonlinearity` says that the linear interval mislea
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
-from mbm.equations.types import Equations, Floats
+from mbm.equations.types import Floats
 from mbm.solver.decisions import FARTHEST
 from mbm.values import dataclass
+
+
+class Surface(Protocol):
+    """What a profile is followed on: equations, or these along the surface of constraints, or with fixed weights."""
+
+    @property
+    def count(self) -> int:
+        """m, the residuals."""
+        ...
+
+    @property
+    def linear(self) -> bool:
+        """The residuals are affine in steps."""
+        ...
+
+    def residuals(self, x: Floats) -> Floats:
+        """Residuals (m,) at a point."""
+        ...
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Their derivatives (m, n) by a step."""
+        ...
+
+    def retract(self, x: Floats, step: Floats) -> Floats:
+        """The point after a step."""
+        ...
+
 
 END_ACCURACY = 0.01
 """Relative accuracy of an end."""
@@ -29,7 +58,7 @@ class Profile:
     that leave the coordinate alone; ``level`` is the growth of the cost at an end.
     """
 
-    equations: Equations
+    equations: Surface
     point: Floats
     least: float
     direction: Floats

@@ -104,7 +104,7 @@ def _whole(design: Floats, groups: list[Floats]) -> tuple[Floats, Floats]:
     slopes = np.array([np.diag(known @ -each @ known) for each in first])
     dof = 2 * np.diag(known) ** 2 / np.einsum("ip,ij,jp->p", slopes, spread, slopes)
     growth = np.diag(adjusted) / np.diag(known)
-    return np.maximum(dof / growth, 1.0), np.sqrt(growth)
+    return np.maximum(dof / growth**2, 1.0), np.sqrt(growth)
 
 
 def test_small_matrices_give_what_whole_ones_give() -> None:

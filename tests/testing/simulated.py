@@ -1,23 +1,13 @@
-"""Stated against actual uncertainty: for every kind of problem, thousands of simulated data sets are solved.
-
-python -m benchmarks.coverage [RUNS] [KIND…]
-
-``ratio`` is the actual over the stated standard deviation, of all numbers together and of the worst one; ± is what
-chance allows. The last columns are the shares of true values inside the stated 68 % and 95 % intervals, the probability
-of costs as far from χ², and how many runs carry the warning `too-nonlinear`.
-"""
+"""Kinds of problems whose data mbm itself simulates, for the harness of `mbm.testing.coverage`."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from time import perf_counter
 
 import numpy as np
 
 import mbm
-from benchmarks.machine import machine, show
 from mbm.testing.coverage import Coverage, coverage
 
 X = np.linspace(-1.0, 2.0, 25)
@@ -159,24 +149,6 @@ KINDS: dict[str, Kind] = {
 }
 
 
-def line(name: str, found: Coverage, seconds: float) -> list[str]:
-    """A row of the table."""
-    worst = max(found.numbers, key=lambda n: abs(np.log(n.ratio)))
-    inside = [np.mean([n.covered[i] for n in found.numbers]) for i in (0, 1)]
-    return [
-        name,
-        str(found.runs),
-        str(found.failures),
-        f"{found.pooled:.3f} ± {found.pooled_error:.3f}",
-        f"{worst.ratio:.3f} ± {worst.ratio_error:.3f} {worst.name}",
-        f"{100 * inside[0]:.1f} %",
-        f"{100 * inside[1]:.1f} %",
-        "" if found.cost_p is None else f"{found.cost_p:.2f}",
-        f"{100 * found.warned:.0f} %",
-        f"{1e3 * seconds / found.runs:.1f}",
-    ]
-
-
 def judged(kind: Kind, runs: int, seed: int = 1) -> Coverage:
     """One kind of problem, simulated and solved."""
     return coverage(
@@ -189,22 +161,3 @@ def judged(kind: Kind, runs: int, seed: int = 1) -> Coverage:
         outliers=kind.outliers,
         draw_priors=kind.draw_priors,
     )
-
-
-def main() -> None:
-    runs = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
-    chosen = sys.argv[2:] or list(KINDS)
-    print(machine())
-    lines = []
-    for name in chosen:
-        began = perf_counter()
-        try:
-            seed = list(KINDS).index(name) + 1  # the same draws for all kinds would go astray together
-            lines.append(line(name, judged(KINDS[name], runs, seed), perf_counter() - began))
-        except mbm.MbmError as error:
-            lines.append([name, str(error)[:100], *[""] * 8])
-    show(["kind", "runs", "failed", "ratio", "worst ratio", "in 68 %", "in 95 %", "χ² p", "warned", "ms a run"], lines)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,17 @@
+"""All kinds, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from benchmarks.coverage.judging import Kind
+from benchmarks.coverage.kinds import constrained, curved, geometric, linear, noises, robust
+
+KINDS: Mapping[str, Kind] = {
+    **linear.KINDS,
+    **noises.KINDS,
+    **curved.KINDS,
+    **geometric.KINDS,
+    **constrained.KINDS,
+    **robust.KINDS,
+}

@@ -1,0 +1,73 @@
+"""Rows with leverage under a loss: a loss bounds what a large residual does, but such a row draws the fit to itself.
+
+What shows it is the residual from the fit without the row, over its standard deviation there, and how far the row moves
+that fit, in standard deviations of the estimates (Belsley, Kuh and Welsch 1980, Regression Diagnostics, chapter 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
+from mbm.estimation.trust import faults
+from mbm.estimation.trust.fixed_weights import fixed_weights
+from mbm.problem.tables import Table
+from mbm.problem.types import Problem
+from mbm.text.types import Diagnostic
+
+CHANCE = 0.01
+"""Probability that a row of any solve without outliers is as far from the others."""
+
+MOVED = 1.0
+"""Standard deviations by which such a row moves the estimates from where the others have them."""
+
+
+@np.errstate(all="ignore")
+def drawn(residuals: Floats, basis: Floats, weights: Floats, rows: Indices, share: float = 0.0) -> Mask:
+    """Which rows (…, m) draw the fit to themselves, or nearly: nearer to the limits than by a ``share``.
+
+    ``residuals`` (…, m) are plain, ``basis`` (…, m, k) is their Jacobian times a factor of the inverse of Jᵀ W J with
+    the ``weights`` (…, m), of which ``rows`` (…) are there.
+    """
+    leverage = np.square(basis).sum(axis=-1)
+    rest = 1.0 - weights * leverage
+    misfit = np.abs(residuals) / np.sqrt(rest)
+    moved = weights * np.abs(residuals) * np.sqrt(leverage) / rest
+    limit = np.sqrt(2.0 * np.log(np.maximum(rows, 2) / CHANCE))[..., None]
+    found = (misfit > limit * (1.0 - share)) & (moved > MOVED * (1.0 - share)) & (weights > 0.0)
+    return np.asarray(found | ((rest <= 0.0) & (leverage > 0.0)))
+
+
+@np.errstate(all="ignore")
+def leverage(
+    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, estimated: Covariance
+) -> tuple[Diagnostic, ...]:
+    """A warning for each clause with a loss some of whose rows draw the fit to themselves."""
+    if not equations.lossy or minimum.blocks is not None or equations.rows is not None:
+        return ()
+    found = fixed_weights(equations, minimum, estimated)
+    if found is None:
+        return ()
+    fixed, weighed, alike = found
+    image = weighed.jacobian @ alike.factor
+    variance = float(np.square(image).sum()) / image.shape[1]
+    basis = equations.plain_jacobian(minimum.point) @ alike.factor / np.sqrt(variance)
+    weights, rows = np.square(fixed.roots), np.array(equations.count)
+    lossy = np.zeros(equations.count, dtype=bool)
+    for _, lines in loss_lines(equations):
+        lossy[lines] = True
+    wrong = drawn(equations.plain_residuals(minimum.point), basis, weights, rows) & lossy
+    shares = np.where(wrong, weights * np.square(basis).sum(axis=1), 0.0)
+    wrong &= shares >= shares.max(initial=0.0) / 2.0  # the others are what these draw the fit away from
+    told = []
+    for group in (each for each in equations.groups if each.rows):
+        own = wrong[group.first : group.first + group.count].reshape(group.rows, -1).any(axis=1)
+        block = problem.blocks[group.kernel.owner]
+        if not own.any() or block.table is None or group.positions is None:
+            continue
+        numbers = [int(row) for row in tables[block.table].rows[np.asarray(group.positions)[own]]]
+        told.append(faults.bad_leverage(block.span, block.name, numbers))
+    return tuple(told)

@@ -1,0 +1,112 @@
+"""Equations on the surface that curved constraints leave: every step is brought back to it.
+
+Intervals along the tangent space of such constraints are as wrong as those of a bent model: a point of a circle that is
+known to a tenth of its radius lies on an arc, not on a straight line.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import affine
+from mbm.equations.types import Floats, Indices, Mask, Minimum
+from mbm.values import dataclass
+
+MOST_ROUNDS = 30
+CLOSE = 1e-9
+"""Step back to the surface, in units in which the columns of the Jacobian have length 1, that counts as none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OnSurface:
+    """The ``equations`` of a problem whose constraints ``holding`` (c,) keep steps on a surface.
+
+    ``scale`` (n,) are the lengths of the columns of the Jacobian, in which the way back to the surface is shortest.
+    """
+
+    equations: Assembled
+    holding: Indices
+    scale: Floats
+
+    @property
+    def dimension(self) -> int:
+        """n, the free coordinates before constraints."""
+        return self.equations.dimension
+
+    @property
+    def count(self) -> int:
+        """m, the residuals."""
+        return self.equations.count
+
+    @property
+    def linear(self) -> bool:
+        """Never along a curved surface."""
+        return False
+
+    def residuals(self, x: Floats) -> Floats:
+        """Residuals (m,) at a point."""
+        return self.equations.residuals(x)
+
+    def residuals_at(self, points: Floats) -> Floats:
+        """Residuals (P, m) at points (P, N)."""
+        return self.equations.residuals_at(points)
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Derivatives (m, n) of the residuals by a step that is brought back."""
+        jacobian = self.equations.jacobian(x)
+        slopes = self.equations.constraint_jacobian(x)[self.holding]
+        normals = slopes.T / np.square(self.scale)[:, None]
+        return np.asarray(jacobian - (jacobian @ normals) @ np.linalg.pinv(slopes @ normals) @ slopes)
+
+    def retract(self, x: Floats, step: Floats) -> Floats:
+        """The points (…, N) of the surface near those after the steps (…, n); NaN where none is found."""
+        moved = self.equations.retract(x, step)
+        if moved.ndim == 1:
+            return self._back(moved)
+        return np.stack([self._back(each) for each in moved])
+
+    @np.errstate(all="ignore")
+    def _back(self, point: Floats) -> Floats:
+        """Newton's method, each step the shortest to where the linearised constraints hold."""
+        for _ in range(MOST_ROUNDS):
+            values = self.equations.constraint_values(point)[self.holding]
+            slopes = self.equations.constraint_jacobian(point)[self.holding] / self.scale
+            if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
+                break
+            step = -np.linalg.pinv(slopes) @ values
+            point = self.equations.retract(point, step / self.scale)
+            if float(np.abs(step).max(initial=0.0)) <= CLOSE:
+                return point
+        return np.full(len(point), np.nan)
+
+
+def on_surface(equations: Assembled, minimum: Minimum) -> OnSurface | None:
+    """The equations along the surface of the constraints that hold at a minimum; None where that is straight."""
+    state = minimum.constraints
+    if state is None or minimum.blocks is not None or not equations.constraints:
+        return None
+    holding = state.forcing
+    if not bool((holding & ~exact_constraints(equations)).any()):
+        return None
+    scale = np.sqrt(np.square(minimum.jacobian).sum(axis=0))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    return OnSurface(equations=equations, holding=np.flatnonzero(holding), scale=scale)
+
+
+def plainly_affine(equations: Assembled) -> bool:
+    """Whether all equations are affine in the free coordinates, losses aside."""
+    free = np.zeros(len(equations.layout.number), dtype=bool)
+    free[equations.free] = True
+    plain = equations.implicit is None and not equations.likely
+    return equations.linear or (plain and all(affine(group, free) for group in equations.groups))
+
+
+def exact_constraints(equations: Assembled) -> Mask:
+    """Which of the constraints (c,) are affine in the free coordinates, so that their limits stay where they are."""
+    plain = np.zeros(len(equations.layout.number), dtype=bool)
+    plain[equations.free] = True
+    found = np.zeros(len(equations.equality), dtype=bool)
+    for group in equations.constraints:
+        found[group.first : group.first + group.count] = affine(group, plain)
+    return found

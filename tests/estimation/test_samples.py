@@ -1,0 +1,163 @@
+"""What residuals say against standard deviations: correlated rows, wrong noise, leverage, few rows, bent surfaces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbm
+from mbm.estimation.trust.lags import lag_scores
+
+X = np.linspace(0.0, 1.0, 30)
+RUNS = 400
+LINE = "(problem p (data d external) (unknowns (a) (b)) (observe d (= y (+ a (* b x))) {options}) {each})"
+
+
+def solves(options: str, x: Any, y: Any) -> list[dict[str, Any]]:
+    """Lines through the rows of ``y`` (runs, rows), all at once."""
+    runs, rows = y.shape
+    data = {"run": np.repeat(np.arange(float(runs)), rows), "x": np.tile(x, runs), "y": y.ravel()}
+    text = LINE.format(options=options, each="(for-each run)")
+    return list(mbm.loads(text).solve(data={"d": data}).document()["solves"])
+
+
+def alone(options: str, x: Any, y: Any) -> dict[str, Any]:
+    return mbm.loads(LINE.format(options=options, each="")).solve(data={"d": {"x": x, "y": y}}).document()["solves"][0]
+
+
+def codes(solve: dict[str, Any]) -> list[str]:
+    return [each["code"] for each in solve["diagnostics"]]
+
+
+def share(found: list[dict[str, Any]], code: str) -> float:
+    return float(np.mean([code in codes(solve) for solve in found]))
+
+
+def test_the_moments_of_the_lag_are_those_of_whole_matrices() -> None:
+    """E and Var of eᵀBe / eᵀe for e = Mu from traces of n × n matrices, where M is a projector: exact."""
+    rng = np.random.default_rng(2)
+    count = 12
+    basis = np.linalg.qr(rng.normal(size=(count, 3)))[0]
+    residuals = rng.normal(size=count)
+    residuals -= basis @ (basis.T @ residuals)
+    following = np.append(np.arange(1, count), -1)
+    found, mean, spread = lag_scores(residuals, basis, following)
+    projector = np.eye(count) - basis @ basis.T
+    neighbours = (np.eye(count, k=1) + np.eye(count, k=-1)) / 2
+    product, free = projector @ neighbours, count - 3
+    assert found == pytest.approx(residuals[1:] @ residuals[:-1] / (residuals @ residuals))
+    assert mean == pytest.approx(np.trace(product) / free)
+    square = (2 * np.trace(product @ product) + np.trace(product) ** 2) / (free * (free + 2))
+    assert spread == pytest.approx(np.sqrt(square - mean**2))
+
+
+@pytest.mark.parametrize("sigma", ["0.1", "unknown"])
+def test_independent_rows_are_seldom_taken_for_correlated(sigma: str) -> None:
+    y = 2 - X + 0.1 * np.random.default_rng(3).normal(size=(RUNS, 30))
+    # 5 % ± 1.1 % of 400 runs
+    assert 0.02 < share(solves(f":sigma {sigma}", X, y), "autocorrelated-residuals") < 0.085
+
+
+def test_correlated_rows_are_found_out() -> None:
+    noise = np.random.default_rng(4).normal(size=(RUNS, 90))
+    for place in range(1, 90):
+        noise[:, place] = 0.5 * noise[:, place - 1] + np.sqrt(0.75) * noise[:, place]
+    x = np.linspace(0.0, 1.0, 90)
+    assert share(solves(":sigma unknown", x, 2 - x + 0.1 * noise), "autocorrelated-residuals") > 0.97
+
+
+@pytest.mark.parametrize(("stated", "least", "most"), [("0.1", 0.0, 0.05), ("0.3", 0.99, 1.0), ("0.055", 0.9, 1.0)])
+def test_noise_that_is_stated_wrongly_is_improbable(stated: str, least: float, most: float) -> None:
+    y = 2 - X + 0.1 * np.random.default_rng(5).normal(size=(RUNS, 30))
+    found = solves(f":sigma {stated}", X, y)
+    assert least <= share(found, "improbable-noise") + share(found, "noise-against-data") <= most
+
+
+def test_data_without_noise_say_nothing_about_it() -> None:
+    assert codes(alone(":sigma 0.1", X, 2 - X)) == []
+
+
+def test_each_solve_of_many_says_what_it_says_alone() -> None:
+    y = 2 - X + 0.1 * np.random.default_rng(6).normal(size=(60, 30)).cumsum(axis=1)
+    y[::2] = 2 - X + 0.01 * np.random.default_rng(7).normal(size=(30, 30))
+    made = solves(":sigma 0.1", X, y)
+    assert {code for solve in made for code in codes(solve)} >= {"autocorrelated-residuals", "improbable-noise"}
+    for run in range(0, 60, 5):
+        assert made[run]["diagnostics"] == alone(":sigma 0.1", X, y[run])["diagnostics"]
+
+
+FAR = np.append(np.linspace(0.0, 1.0, 24), 10.0)
+
+
+@pytest.mark.parametrize(("error", "said"), [(5.0, ["bad-leverage"]), (0.0, [])])
+def test_a_row_far_from_the_others_is_named_if_it_disagrees(error: float, said: list[str]) -> None:
+    y = 2 - FAR + 0.1 * np.random.default_rng(8).normal(size=25)
+    y[-1] += error
+    found = alone(":sigma 0.1 :loss (huber 1.5)", FAR, y)
+    assert [code for code in codes(found) if code != "autocorrelated-residuals"] == said
+    assert not said or found["diagnostics"][-1]["message"].startswith("row 25 disagrees")
+
+
+def test_an_outlier_without_leverage_is_what_losses_are_for() -> None:
+    y = 2 - X + 0.1 * np.random.default_rng(9).normal(size=30)
+    y[15] += 5.0
+    assert "bad-leverage" not in codes(alone(":sigma 0.1 :loss (huber 1.5)", X, y))
+
+
+@pytest.mark.parametrize("loss", ["huber", "tukey", "(cauchy)"])
+def test_stated_noise_holds_under_a_loss(loss: str) -> None:
+    """Residuals of a hundredth of the stated noise have weights of 1: σ/√n, as without a loss."""
+    rows = " ".join(f"({1 + 0.01 * (-1) ** i})" for i in range(20))
+    text = f"(problem p (data d (table (y) {rows})) (unknowns (a)) (observe d (= y a) :sigma 1 :loss {loss}))"
+    found = mbm.loads(text).solve()["a"]
+    assert float(found.sigma) == pytest.approx(1 / np.sqrt(20), rel=1e-3)
+    assert np.isinf(found.dof)
+
+
+@pytest.mark.parametrize(("rows", "said"), [((2, 2, 2), True), ((2, 2), True), ((4, 4), False), ((2, 30), False)])
+def test_pairs_of_readings_tell_no_noise(rows: tuple[int, ...], said: bool) -> None:
+    y = np.random.default_rng(10).normal(size=sum(rows))
+    i = np.repeat(np.arange(1.0, len(rows) + 1), rows)
+    clauses = " ".join(f"(observe i{k} d (= y a) :sigma unknown :when (= i {k}))" for k in range(1, len(rows) + 1))
+    text = f"(problem p (data d external) (unknowns (a)) {clauses})"
+    found = mbm.loads(text).solve(data={"d": {"i": i, "y": y}}).document()["solves"][0]
+    assert ("small-sample" in codes(found)) is said
+
+
+CIRCLE = """(problem p (data d (table (u v) (0.7 0.5) (0.9 0.6)))
+  (unknowns (x :init 0.8) (y :init 0.6))
+  (observe d (= [u v] [x y]) :sigma {sigma})
+  (constraints (= (+ (^ x 2) (^ y 2)) 1)))"""
+
+
+def test_intervals_follow_the_surface_of_a_constraint() -> None:
+    """Against the angles where the cost has grown by less than 1.96²."""
+    found = mbm.loads(CIRCLE.format(sigma=0.5)).solve()
+    turn = np.linspace(-np.pi, np.pi, 100_001)
+    cost = sum(((u - np.cos(turn)) / 0.5) ** 2 + ((v - np.sin(turn)) / 0.5) ** 2 for u, v in ((0.7, 0.5), (0.9, 0.6)))
+    inside = cost <= cost.min() + 1.959964**2
+    for name, values in (("x", np.cos(turn[inside])), ("y", np.sin(turn[inside]))):
+        assert found[name].interval_kind == "profile"
+        # ends are found to 1/1000 of the interval, where the cost is flat along it to a few times that
+        assert found[name].interval() == pytest.approx([values.min(), values.max()], abs=5e-3)
+    assert [each.code.name for each in found.first.diagnostics].count("too-nonlinear") == 2
+
+
+def test_a_surface_that_hardly_bends_is_not_doubted() -> None:
+    found = mbm.loads(CIRCLE.format(sigma=0.05)).solve()
+    assert found["x"].interval_kind == "t"
+    assert not [each for each in found.first.diagnostics if each.code.name == "too-nonlinear"]
+
+
+def test_rows_of_derived_quantities_bend_one_by_one() -> None:
+    text = """(problem p (data d (table (y x) (1 0.0) (1.1 2.0) (0.9 20.0) (1 5.0))) (unknowns (b :init 1))
+      (observe d (= y b) :sigma 1) (derive (q (/ 1 (+ b x)) :over d)))"""
+    found = mbm.loads(text).solve()
+    (said,) = [each.message for each in found.first.diagnostics if each.code.name == "too-nonlinear"]
+    assert "`q[1]`" in said
+    assert "`q[3]`" not in said
+    kinds = found.document()["solves"][0]["derived"]["q"]["interval_kind"]
+    assert kinds[0] == "profile"
+    assert kinds[2] == "t"
