@@ -164,7 +164,7 @@ def _check_content(
         check_structures(blocks, request)
     bounded = request is not None and request.method is Method.INTERVAL
     if not declarations:
-        if not (blocks or derived or work.undeclared):
+        if not (blocks or derived or work.undeclared or work.diagnostics):
             work.diagnostics.append(faults.no_unknowns(definition.span))
     elif not (blocks or bounded or work.diagnostics or all(each.options.get("fixed") for each in declarations)):
         work.diagnostics.append(faults.no_equations(definition.span))

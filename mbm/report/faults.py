@@ -58,8 +58,8 @@ INTERRUPTED = Code(
     "Run it again, and let it finish.",
 )
 
-UNKNOWN_CLAUSE = Code(
-    "unknown-clause",
+NO_SUCH_CLAUSE = Code(
+    "no-such-clause",
     "Residuals are asked for by the name of an observation clause, and none is called so.",
     "Ask for one of those named; without a name, those of all clauses are given.",
 )
@@ -181,12 +181,12 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(f"`{name}`" for name in names[:MOST_NAMES]) + more if names else "none"
 
 
-def unknown_clause(name: str, known: Sequence[str]) -> Diagnostic:
+def no_such_clause(name: str, known: Sequence[str]) -> Diagnostic:
     """No observation clause is called ``name``; those ``known`` are."""
     return Diagnostic(
-        code=UNKNOWN_CLAUSE,
+        code=NO_SUCH_CLAUSE,
         message=f"no observation is called `{name}`; there are {listed(known)}",
-        hint=did_you_mean(closest(name, known), UNKNOWN_CLAUSE.mend),
+        hint=did_you_mean(closest(name, known), NO_SUCH_CLAUSE.mend),
     )
 
 

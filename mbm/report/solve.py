@@ -194,14 +194,14 @@ class Solve(Said):
         ``leverage``, ``used``, ``outlier``; numbers are in SI. What the table calls alike is ``table.NAME``.
 
         Raises:
-            MbmError: no clause is called so (`unknown-clause`).
+            MbmError: no clause is called so (`no-such-clause`).
 
         """
         from mbm.report.frames import frame, residual_columns
 
         known = list(dict.fromkeys(name for solve in self.result.solves for name in solve.residual_summaries))
         if clause is not None and clause not in known:
-            raise MbmError(faults.unknown_clause(clause, known))
+            raise MbmError(faults.no_such_clause(clause, known))
         return frame(residual_columns(self.result.solves, clause))
 
     def profile(self, name: str) -> Any:

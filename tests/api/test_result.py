@@ -185,7 +185,7 @@ def test_residuals_of_an_unknown_name_are_an_error_that_lists_the_names(result):
     for one in (result, result.solves[0]):
         with pytest.raises(mbm.MbmError, match="`readings`") as caught:
             one.residuals("d")
-        assert caught.value.diagnostics[0].code.name == "unknown-clause"
+        assert caught.value.diagnostics[0].code.name == "no-such-clause"
     with pytest.raises(mbm.MbmError) as caught:
         result.residuals("reading")
     assert caught.value.diagnostics[0].hint == "did you mean `readings`?"

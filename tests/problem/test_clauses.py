@@ -259,3 +259,10 @@ def test_a_rotation_of_the_plane_may_have_bounds(estimate):
     text = "(problem p (data t (table (c s) (0.8 0.6))) (unknowns (r (rotation 2) :in (-1 1)))"
     found = estimate(f"{text} (observe t (= [c s] (rotate r [1 0])) :sigma 1e-3))", "r")
     np.testing.assert_allclose(np.ravel(found)[0], np.arctan2(0.6, 0.8), rtol=1e-9)
+
+
+def test_unknowns_that_could_not_be_read_are_not_said_to_be_missing():
+    text = f"(problem p {LINE} (states :over nope (x)))"
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads(text).solve()
+    assert "no-unknowns" not in {each.code.name for each in caught.value.diagnostics}

@@ -266,8 +266,9 @@ def test_a_batch_of_states_has_budgets_and_a_filter_has_none() -> None:
 )
 def test_what_has_no_budget_says_why(text: str, name: str, said: str) -> None:
     result = mbm.loads(f"(problem p (data d {TABLE}) {text})").solve()
-    with pytest.raises(mbm.MbmError, match=said):
+    with pytest.raises(mbm.MbmError, match=said) as caught:
         result.budget(name)
+    assert caught.value.diagnostics[0].code.name == ("unknown-quantity" if "neither" in said else "no-budget")
 
 
 def test_correlations_are_of_estimates_and_derived_quantities() -> None:

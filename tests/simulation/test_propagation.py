@@ -59,6 +59,15 @@ def test_unknown_noise_makes_t_distributions() -> None:
         assert made[name].validated
 
 
+def test_a_vague_prior_gives_an_unknown_noise_no_degrees_of_freedom() -> None:
+    found = propagated(line(sigma="", more=" (constraints (normal b 0 1e6))"))["b"]
+    design = np.vander(X, 2, increasing=True)
+    estimates, cost = np.linalg.lstsq(design, Y, rcond=None)[:2]
+    sigma = float(np.sqrt(cost[0] / 8 * TRUE[1, 1]))
+    ends = estimates[1] + sigma * t.ppf([0.025, 0.975], 8)  # 8 = 10 rows - 2
+    assert_interval(found, ends, t.pdf(t.ppf(0.975, 8), 8) / sigma)
+
+
 def test_two_readings_leave_a_distribution_without_a_standard_deviation() -> None:
     made = propagated("(problem p (data d (table (y) (1) (3))) (unknowns (m)) (observe d (= y m)))")
     found = made["m"]

@@ -137,7 +137,7 @@ def drawn(
         places=places,
         sigmas=sigmas,
         laws=laws,
-        unknown_noise=_unknown_noise(problem, equations, point, solution),
+        unknown_noise=_unknown_noise(problem, equations, solution),
     )
 
 
@@ -223,11 +223,9 @@ def _natural(problem: Problem, group: Group, rng: np.random.Generator, shape: tu
     return found.reshape(shape[0], -1)
 
 
-def _unknown_noise(problem: Problem, equations: Assembled, point: Floats, solution: Solution) -> tuple[Redundancy, ...]:
-    """The unknown noises with their redundancies: of several Σ(1 − h), h being the leverages of their residuals
-    (Förstner 1979).
-    """
-    if not solution.noise:
+def _unknown_noise(problem: Problem, equations: Assembled, solution: Solution) -> tuple[Redundancy, ...]:
+    """The unknown noises with the degrees of freedom that the linear answer gives them."""
+    if not solution.noise or solution.influence is None:
         return ()
     for number, noise in solution.noise.items():
         if noise.state is not NoiseState.ESTIMATED:
@@ -235,18 +233,16 @@ def _unknown_noise(problem: Problem, equations: Assembled, point: Floats, soluti
             why = noise.state.value
             mend = "state the noise with `:sigma`"
             raise MbmError(faults.not_propagated(block.span, f"the unknown noise of `{block.name}`", why, mend))
-    shared: dict[str, list[Indices]] = {}
+    shared: dict[str, list[int]] = {}
     for number in solution.noise:
-        shared.setdefault(problem.blocks[number].factor_name, []).append(equations.block_rows(number))
-    rows = [np.concatenate(parts) for parts in shared.values()]
-    if len(rows) == 1:
-        return (Redundancy(places=rows[0], dof=float(solution.fit.dof)),)
-    jacobian = equations.jacobian(point)
-    norms = np.sqrt(np.square(jacobian).sum(axis=0))
-    basis, values, _ = np.linalg.svd(jacobian / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
-    rank = int((values > values[:1].max(initial=0.0) * max(jacobian.shape) * np.finfo(float).eps).sum())
-    leverages = np.asarray(np.square(basis[:, :rank]).sum(axis=1))
-    return tuple(Redundancy(places=own, dof=float(len(own) - leverages[own].sum())) for own in rows)
+        shared.setdefault(problem.blocks[number].factor_name, []).append(number)
+    return tuple(
+        Redundancy(
+            places=np.concatenate([equations.block_rows(number) for number in numbers]),
+            dof=solution.influence.dof_of_noise(numbers[0]),
+        )
+        for numbers in shared.values()
+    )
 
 
 def weighted(problem: Problem) -> Problem:
