@@ -35,9 +35,9 @@ def test_solves_made_together_are_those_made_alone(kind: str) -> None:
     data = rows(kind)
     many = mbm.loads(text.format("(for-each key)")).solve(data={"t": data})
     alone = mbm.loads(text.format(""))
-    for solve, key in zip((each.report for each in many.solves), range(SETS), strict=True):
+    for solve, key in zip((each.record for each in many.solves), range(SETS), strict=True):
         mine = data["key"] == key
-        one = alone.solve(data={"t": {name: column[mine] for name, column in data.items()}}).solves[0].report
+        one = alone.solve(data={"t": {name: column[mine] for name, column in data.items()}}).solves[0].record
         assert solve.status == one.status
         for found, wanted in zip((*solve.estimates, *solve.derived), (*one.estimates, *one.derived), strict=True):
             # both descents end within 1e-6 deviations of the minimum
