@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mbm.api.budgets import budget_file
     from mbm.api.compiled import CompiledProblem
-    from mbm.api.designs import design_file
+    from mbm.api.designing import design_file
     from mbm.api.files import check, expand, explain, propagate_file, simulate_file, solve_file
     from mbm.api.problem import Problem, build, load, loads
     from mbm.api.trajectories import trajectory_file
@@ -26,7 +26,7 @@ _ROOMS = MappingProxyType(
     {
         "mbm.api.budgets": ("budget_file",),
         "mbm.api.compiled": ("CompiledProblem",),
-        "mbm.api.designs": ("design_file",),
+        "mbm.api.designing": ("design_file",),
         "mbm.api.files": ("check", "expand", "explain", "propagate_file", "simulate_file", "solve_file"),
         "mbm.api.problem": ("Problem", "build", "load", "loads"),
         "mbm.api.trajectories": ("trajectory_file",),

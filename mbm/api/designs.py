@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from mbm import compiler
-from mbm.api.files import inputs_of
 from mbm.api.planned import Plan, Planner
-from mbm.api.problem import opened
 from mbm.compiler import Inputs, SolveSettings
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.problem.elaborated import Elaborated
@@ -25,30 +22,44 @@ from mbm.report.designs.design import designed
 from mbm.text.types import Diagnostic, MbmError
 
 if TYPE_CHECKING:
-    from mbm.api.problem import Problem as Opened
+    from mbm.api.compiled import CompiledProblem
     from mbm.equations.binding import EvaluationCache
     from mbm.equations.types import Floats
     from mbm.kernels.types import KernelSet
+    from mbm.language.program import Program
     from mbm.problem.tables import TableDeclaration
+    from mbm.registry.standard import Registry
     from mbm.report.designs.types import Design, DesignWish
-    from mbm.report.options import SolveOptions
     from mbm.report.types import Result
     from mbm.simulation.types import Simulation
 
 
-def design_file(
-    path: str | Path, options: SolveOptions, at: Mapping[str, object] | None, candidates: str | None, wish: DesignWish
-) -> Design:
-    """The design of a problem file; ``at`` and ``candidates`` as `design_of` has them.
+class Opened(Protocol):
+    """A problem that was read."""
 
-    Raises:
-        MbmError: the problem, the data or the call is wrong; not-designed, no-candidates, unknown-quantity.
+    @property
+    def program(self) -> Program:
+        """Its text."""
+        ...
 
-    """
-    problem = opened(path, sandbox=options.sandbox)
-    if options.problem is not None:
-        problem = problem.named(options.problem)
-    return design_of(problem, inputs_of(options), at, candidates, wish)
+    @property
+    def name(self) -> str | None:
+        """Its name; None: the only one of the file."""
+        ...
+
+    @property
+    def registry(self) -> Registry:
+        """What was plugged in."""
+        ...
+
+    @property
+    def file(self) -> str | None:
+        """Where it was read."""
+        ...
+
+    def compiled(self, inputs: Inputs, backend: str) -> CompiledProblem:
+        """Ready to be solved."""
+        ...
 
 
 def design_of(
@@ -217,7 +228,7 @@ def _kernels(found: Elaborated, problem: Opened, inputs: Inputs) -> tuple[Kernel
     from mbm.equations.binding import EvaluationCache
 
     kernels = compiler.derived(found)
-    functions = compiler.called_functions(kernels, inputs, problem.reading.base)
+    functions = compiler.called_functions(kernels, inputs, problem.program.base)
     return kernels, EvaluationCache(problem.registry.suited(problem.registry.backend("auto"), kernels, functions))
 
 

@@ -173,6 +173,10 @@ NEARLY_ZERO = 1e-3
 EXHAUSTED = 1e-9
 """A freedom below this share of the residuals is rounding of none; a curvature below this share of the weights too."""
 
+TOLD = 2.0
+"""Degrees of freedom ν from which on residuals alone tell their variance: below, its deviation √(2/ν) exceeds it, and
+the stated noise counts as well."""
+
 NOISE_ROUNDS = 200
 """Rounds of variance components; each squares away most of the error unless a group has hardly any redundancy."""
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import fabs
 
 from mbm.machine.words import Integer, Real
-from mbm.solver.decisions import EXHAUSTED
+from mbm.solver.decisions import EXHAUSTED, TOLD
 from mbm.solver.losses import loss_slope, loss_weight
 
 
@@ -33,8 +33,8 @@ def spread_factor(
     """The factor of A in G with Huber's correction ``K² n/(n − p)``, ``K = 1 + p/n var ψ'/(E ψ')²`` (Huber 1981, 7.6).
 
     Where p unknowns take up all that the n components say, no residual tells the spread, and what the noise was stated
-    to be counts: 1. Stated noise holds: the factor is no less than what it makes of it, with which ``H⁻¹ G H⁻¹ = A⁻¹``,
-    and more where outliers scatter beyond it.
+    to be counts: 1. Where the weights leave fewer than `TOLD` degrees of freedom the factor is no less than that of
+    stated noise, with which ``H⁻¹ G H⁻¹ = A⁻¹``, as far as the residuals cannot tell a smaller one.
     """
     freedom = count - share
     if freedom <= EXHAUSTED * count:
@@ -45,5 +45,6 @@ def spread_factor(
         bend = max(squared_traces * count / (traces * traces) - 1.0, 0.0)
     safe = max(total, 1e-300)
     whole = 1.0 + share / count * bend
-    least = slope * slope * stated / safe
+    told = min(max((total - share) / TOLD, 0.0), 1.0)
+    least = (1.0 - told) * slope * slope * stated / safe
     return max(spread / safe * whole * whole * count / freedom, least)

@@ -154,7 +154,7 @@ def test_hypotheses():
     answers = fed(compiled, tables)
     result = compiled.solve()
     same(result, answers, ["a"], ["l"])
-    assert [each.hypotheses for each in answers] == list(result.solves[0].followed)
+    assert [each.hypotheses for each in answers] == list(result.solves[0].record.followed)
     assert max(each.hypotheses for each in answers) > 1
 
 

@@ -111,7 +111,7 @@ FIELD = {
     ),
     "mbm/report/sentences.py": (
         (
-            "    for clause, factor in solve.noise.items():",
+            "    raw = solve.raw_residuals() if solve.residual_summaries else {}",
             """    if solve.norm is not None:
         yield f"norm of the residuals {plain(solve.norm, 4)}"
 """,

@@ -82,7 +82,7 @@ def test_python_gives_what_solve_gives(name, tmp_path, monkeypatch):
     solved = mbm.loads(SHAPES[name]).solve()
     for (_, found), wanted in zip(module.solve_each(tables), solved.solves, strict=True):
         assert found["status"] == wanted.status
-        matrix = np.asarray(wanted.covariance.matrix, dtype=float)
+        matrix = np.asarray(wanted.record.covariance.matrix, dtype=float)
         own = found["covariance"]
         assert own.shape == matrix.shape or name in CORRECTED
         own = own[: len(matrix), : len(matrix)]

@@ -55,11 +55,11 @@ def test_gain_and_offset_of_each_node(calibration):
 
 
 def test_what_remains_after_the_calibration(data, calibration):
-    nodes = calibration_tables(data)["ranges"]["node"]
+    nodes = np.asarray(calibration_tables(data)["ranges"]["node"])
     rows = calibration.residuals("ranges")
     assert len(rows) == 3529
     for node in (0, 1, 5, 6):
-        own = np.abs(rows["raw"])[nodes[np.asarray(rows["row"]) - 1] == node]
+        own = np.abs(rows["raw"])[nodes[np.asarray(rows["row"], dtype=int) - 1] == node]
         # Medians of 0.34 to 0.41 m are known for this file.
         assert 0.33 < np.median(own) < 0.42
     # No gross errors in this record: nothing lies beyond four standard deviations.

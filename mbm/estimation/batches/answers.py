@@ -128,7 +128,7 @@ def _undoubted(
     fine = _all_finite([one.values for one in derived], portion.count)
     if surface is None:
         return fine & ~doubtful(problem, portion, ends, found, spread, derived, residuals, None)
-    from mbm.estimation.batches.surface import curved
+    from mbm.estimation.batches.bent import curved
 
     fine &= ~curved(portion, ends, surface[0], found, spread.deviation)
     return fine & ~doubtful(problem, portion, ends, found, spread, derived, residuals, surface[1])

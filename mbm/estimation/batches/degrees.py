@@ -30,7 +30,8 @@ def degrees_columns(
     unknown = [owner for owner, block in enumerate(problem.blocks) if block.unknown_factor]
     images = [spread.factor, *(one.image for one in derived)]
     if not unknown or portion.equations.lossy or not several_noises(problem):
-        of_solve = np.maximum(dof.astype(np.float64), LEAST) if unknown else np.full(len(dof), inf)
+        told = bool(unknown) or portion.equations.lossy
+        of_solve = np.maximum(dof.astype(np.float64), LEAST) if told else np.full(len(dof), inf)
         found = [_alike(of_solve, image.shape[:2]) for image in images]
         few: Mask = np.asarray(dof < enough(portion.equations, consensus=portion.consensus))
         poor = few if unknown else np.zeros(len(dof), dtype=bool)

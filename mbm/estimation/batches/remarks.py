@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.losses import rooted_residuals
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
+from mbm.estimation.batches.types import Remarks
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.lags import correlated, in_order, lag_scores
 from mbm.estimation.trust.plausibility import improbable, improbable_noise
 from mbm.problem.types import Problem
 from mbm.text.types import Diagnostic
-
-Remarks = Mapping[int, tuple[Diagnostic, ...]]
-"""Warnings by the place of the solve, in the order of a solve by itself."""
 
 REMARKED = frozenset(
     code.name for code in (faults.AUTOCORRELATED_RESIDUALS, faults.IMPROBABLE_NOISE, faults.SMALL_SAMPLE)

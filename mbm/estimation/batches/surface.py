@@ -9,12 +9,8 @@ import numpy as np
 
 from mbm.equations.metric import scale_of
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.factor import Factors
 from mbm.estimation.batches.portion import Portion
-from mbm.estimation.batches.types import Ends
 from mbm.estimation.minimise.constrained.linearise import violations
-from mbm.estimation.trust.nonlinearity import LOOKED_AT, NORMAL_95, end_ratios
-from mbm.estimation.trust.surface import exact_constraints
 from mbm.solver.decisions import CERTAIN, EPSILON, MET, PUSHED, ROUNDING_ERRORS
 from mbm.values import dataclass
 
@@ -24,9 +20,6 @@ CLEAR = 1e-7
 
 FAINT = CERTAIN / 10.0
 """Singular values below this share are zero, whichever of the two ways computes them."""
-
-BACK, NEARLY = 3, 0.03
-"""Steps back to a surface, and how far what they find may be from what more of them would."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,37 +116,6 @@ def tangents(found: Held, jacobian: Floats) -> Tangents:
     basis = np.where(gone[:, None, :], 0.0, right.transpose(0, 2, 1))
     sure = sure & (taken < width) & ~found.violated.any(axis=1)
     return Tangents(basis=basis, scale=scale, gone=gone, equalities=equalities, clear=sure)
-
-
-@np.errstate(all="ignore")
-def curved(portion: Portion, ends: Ends, state: Held, found: Factors, noise: Floats) -> Mask:
-    """Solves (K,) whose surface may bend within their intervals, which then are looked at one by one.
-
-    The quick look of `nonlinearity` at coordinates, the ends brought back to the surface as `trust.surface` does it;
-    ``noise`` (K,) times the root that was ``found`` leads there. Not under losses.
-    """
-    wrong = np.zeros(portion.count, dtype=bool)
-    if portion.equations.lossy or bool(exact_constraints(portion.equations).all()):
-        return wrong
-    slopes = np.where(state.forcing[:, :, None], state.slopes, 0.0)
-    slopes = np.where(np.isfinite(slopes), slopes, 0.0)
-    scale = np.where(found.scale > 0.0, found.scale, 1.0)
-    back = np.linalg.pinv(slopes / scale[:, None, :]) / scale[:, :, None]
-    for place in range(found.root.shape[1]):
-        length = np.sqrt(np.square(found.root[:, place]).sum(axis=1))
-        along = found.root[:, place] / np.where(length > 0.0, length, 1.0)[:, None]
-        far = NORMAL_95 * noise * length
-        for side in (-1.0, 1.0):
-            step = side * NORMAL_95 * noise[:, None] * np.matmul(found.root, along[:, :, None])[:, :, 0]
-            for _ in range(BACK):
-                points = portion.equations.retract(ends.points, step)
-                values = np.where(state.forcing, portion.constrained(points)[0], 0.0)
-                step = step - np.matmul(back, values[:, :, None])[:, :, 0]
-            residuals = portion.residuals(portion.equations.retract(ends.points, step))
-            grown = end_ratios(residuals, found.basis, along, ends.cost, np.square(noise))
-            ratio = step[:, place] / (side * far) * grown
-            wrong |= (length > 0.0) & ~(np.abs(ratio - 1.0) <= LOOKED_AT - NEARLY)
-    return wrong
 
 
 def lengths(jacobian: Floats) -> Floats:

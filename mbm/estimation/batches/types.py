@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from mbm.equations.assembly import Assembled
     from mbm.equations.corrections.measured import Measured
     from mbm.estimation.batches.degree_types import DegreesColumns
-    from mbm.estimation.batches.remarks import Remarks
+    from mbm.text.types import Diagnostic
 
 REASONS = tuple(Reason)
 """Reasons by number: ``Columns.reason`` counts in this order."""
 
+
+Remarks: TypeAlias = "Mapping[int, tuple[Diagnostic, ...]]"
+"""Warnings by the place of the solve, in the order of a solve by itself."""
 
 Which: TypeAlias = range | Indices
 """Some solves by number: consecutive ones, or any."""

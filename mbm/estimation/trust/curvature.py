@@ -84,16 +84,19 @@ def curvature(propagation: Propagation, minimum: Minimum, derived: tuple[Derived
         return Curvature(around=around, ends=interval_ends(around, estimated), derived=found)
     bent = _coordinates(equations, around, estimated)
     every = np.ones((2, len(estimated.sigma)))
-    every[:, bent.known] = bent.ends.lower, bent.ends.upper
+    if bent is not None:
+        every[:, bent.known] = bent.ends.lower, bent.ends.upper
     return Curvature(around=around, ends=IntervalEnds(lower=every[0], upper=every[1]), derived=found, bent=bent)
 
 
-def _coordinates(equations: Assembled, around: Surroundings, estimated: Covariance) -> DerivedEnds:
-    """Those of the free coordinates that are plain numbers."""
+def _coordinates(equations: Assembled, around: Surroundings, estimated: Covariance) -> DerivedEnds | None:
+    """Those of the free coordinates that are plain numbers; None: there are none."""
     numbers = equations.layout.number[equations.free]
     spread = np.sqrt(np.square(around.factor).sum(axis=1))
     told = np.isfinite(estimated.sigma) & (spread > DETERMINED * spread.max(initial=0.0))
     known = np.flatnonzero(told & (numbers >= 0))
+    if not known.size:
+        return None
     gradient = np.eye(len(numbers))[known]
 
     def values(points: Floats) -> Floats:

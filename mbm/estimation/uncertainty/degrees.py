@@ -211,17 +211,17 @@ def freedoms(
 ) -> Freedoms:
     """The degrees of freedom at a minimum, whose Jacobian is whitened with the final ``noises``.
 
-    Each noise comes with the blocks that share it. Stated noise leaves infinitely many. Losses with unknown noise, and
-    one noise that all rows share, leave the redundancy ``dof``. Of several noises in sparse problems the least
+    Each noise comes with the blocks that share it. Stated noise leaves infinitely many. Losses, and one noise that all
+    rows share, leave the redundancy ``dof``. Of several noises in sparse problems the least
     redundancy of any group counts, which is never more than is effective.
     """
     told = tuple(blocks for noise, blocks in noises if noise.state is NoiseState.ESTIMATED)
     rows = [np.concatenate([equations.noise_rows(number) for number in blocks]) for blocks in told]
     every = sum(map(len, rows)) == equations.count
-    if not told:
+    if not (told or equations.lossy):
         return Freedoms(dof=inf, factor=covariance.factor)
     if equations.lossy or (len(told) == 1 and every):
-        few = dof < enough(equations, consensus=equations.rows is not None)
+        few = bool(told) and dof < enough(equations, consensus=equations.rows is not None)
         return Freedoms(dof=float(max(dof, LEAST)), factor=covariance.factor, few=few)
     if minimum.blocks is not None:
         redundancy = redundancy_numbers(minimum.jacobian, observed, minimum.blocks)

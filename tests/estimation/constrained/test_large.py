@@ -154,7 +154,7 @@ def compare(solve: SolveReport, network: Network, held: Held) -> None:
     """The search ends at offsets of 1e-10: about as many standard deviations, which are some 0.1. A variance of zero is
     rounding in the inverse, the root of which is 1e-8.
     """
-    (q,) = solve.estimates
+    (q,) = solve.record.estimates
     assert solve.method == "penalty-sparse"
     expected, covariance = kkt(network, held, np.asarray(q.value).ravel())
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
