@@ -11,7 +11,8 @@ from mbm.api.files import inputs_of
 from mbm.api.problem import opened
 
 if TYPE_CHECKING:
-    from mbm.report.designs.types import Design, DesignWish
+    from mbm.report.designs.answer import Design
+    from mbm.report.designs.types import DesignWish
     from mbm.report.options import SolveOptions
 
 

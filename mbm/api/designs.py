@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from mbm.language.program import Program
     from mbm.problem.tables import TableDeclaration
     from mbm.registry.standard import Registry
-    from mbm.report.designs.types import Design, DesignWish
+    from mbm.report.designs.answer import Design
+    from mbm.report.designs.types import DesignWish
     from mbm.report.types import Result
     from mbm.simulation.types import Simulation
 

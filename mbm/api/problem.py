@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from mbm.language.program import Program
     from mbm.problem.elaborated import Elaborated
     from mbm.report.answer import Solved
-    from mbm.report.designs.types import Design
+    from mbm.report.designs.answer import Design
     from mbm.report.options import SimulationSettings
     from mbm.report.propagation.answer import Propagated
     from mbm.report.simulated import Simulated, Simulator

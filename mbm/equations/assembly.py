@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations import likelihoods
-from mbm.equations.binding import Group, affine, mentioned
+from mbm.equations.binding import Group, affine, all_seen, mentioned
 from mbm.equations.layout import Layout
+from mbm.equations.likelihoods import uncounted
 from mbm.equations.losses import rooted, rooted_jacobian
 from mbm.equations.manifolds import chart_slopes
 from mbm.equations.scatter import Scatter
@@ -295,7 +295,7 @@ class Assembled:
     def uncorrected(self) -> Assembled:
         """The same equations with all measured values taken as exact and weighted as they are, to find starts with."""
         if self.likely:
-            return likelihoods.as_written(self)
+            return replace(self._seen(plain=True), factors=None)
         return self if self.implicit is None else replace(self, implicit=None).freed(self.free, self.numbers)
 
     @property
@@ -306,11 +306,14 @@ class Assembled:
     @property
     def uncounted(self) -> Mask | None:
         """Which residuals (m,) are no part of χ², and have no noise; None: none of them."""
-        return likelihoods.uncounted(self) if self.likely else None
+        return uncounted(self) if self.likely else None
 
     def informing(self) -> Assembled:
         """Equations the squares of whose derivatives are the Fisher information; these where there is no likelihood."""
-        return likelihoods.informing(self) if self.likely else self
+        return self._seen(plain=False) if self.likely else self
+
+    def _seen(self, *, plain: bool) -> Assembled:
+        return replace(self, groups=all_seen(self.groups, plain=plain)).freed(self.free, self.numbers)
 
     def noise_rows(self, number: int) -> Indices:
         """Positions (in m) of the residuals of block ``number`` that have its noise."""

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from mbm.equations import likelihoods
 from mbm.equations.gathering import Gathered
 from mbm.equations.layout import Layout
 from mbm.equations.layouts import Layouts
+from mbm.equations.likelihoods import Readings
 from mbm.equations.sampling import Sampled
 from mbm.equations.scatter import Scatter, scatter
 from mbm.equations.types import Floats, Indices, Mask
@@ -110,6 +110,10 @@ class EvaluationCache:
         return found
 
 
+BESIDE = -1_000_000
+"""Below it are the numbers of kernels beside that of a likelihood, in caches."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Group:
     """A kernel bound to the rows it holds for.
@@ -141,7 +145,7 @@ class Group:
     sampled: tuple[Sampled, ...] = ()
     gathered: Gathered | None = None
     trusted: Mask | None = None
-    readings: likelihoods.Readings | None = None
+    readings: Readings | None = None
 
     @property
     def places(self) -> Indices:
@@ -169,7 +173,22 @@ class Group:
     @property
     def written(self) -> Group:
         """The group with its equations as they are written, model − measured; itself where it has no likelihood."""
-        return self if self.readings is None else likelihoods.seen(self, plain=True)
+        return self.seen(plain=True)
+
+    def seen(self, *, plain: bool) -> Group:
+        """The group as its equations are written, or else by what they tell; itself where it has no likelihood."""
+        kernel, stated = self.kernel.plain if plain else self.kernel.information, self.readings
+        if kernel is None or stated is None:
+            return self
+        number = BESIDE - 2 * self.number - int(plain)
+        return replace(
+            self,
+            kernel=kernel,
+            number=number,
+            evaluation=self.cache.evaluation(number, kernel, self.rows),
+            whiteners=stated.plain if plain else self.whiteners,
+            readings=None,
+        )
 
     @property
     def counting(self) -> Mask:
@@ -292,6 +311,17 @@ class Group:
         """Add the Jacobian, not whitened, to ``target`` (rows, outputs, width)."""
         self.fill(numbers)
         places.add(self.evaluation.values_and_jacobian()[1], target)
+
+
+def all_seen(groups: tuple[Group, ...], *, plain: bool) -> tuple[Group, ...]:
+    """All groups as their equations are written, or by what they tell, one after the other."""
+    found, first, first_unit = [], 0, 0
+    for each in groups:
+        group = replace(each.seen(plain=plain), first=first, first_unit=first_unit)
+        found.append(group)
+        first += group.count
+        first_unit += group.rows * len(group.whiteners)
+    return tuple(found)
 
 
 def affine(group: Group, mask: Mask) -> bool:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.sparse import csr_array, hstack
 from scipy.sparse.csgraph import connected_components
 
-from mbm.equations.structure import Chains, Common, Stated
+from mbm.equations.structure import Chains, Common, Pattern, Stated
 from mbm.equations.types import Floats, Indices
 
 MOST_DENSE = 20_000_000
@@ -73,3 +75,17 @@ def _joined(parts: list[tuple[Indices, Floats, Floats]], rows: int) -> Common:
     data = (np.concatenate(cells), (np.concatenate(lines), np.concatenate(columns))) if parts else None
     unit = csr_array(data, shape=(rows, first)) if data is not None else csr_array((rows, 0))
     return Common(vectors=unit, squares=np.concatenate(squares) if squares else np.zeros(0))
+
+
+def finished(pattern: Pattern) -> Pattern:
+    """The pattern with the directions of its common errors, as its correlation along the rows has them."""
+    if pattern.raw is None:
+        return pattern
+    return replace(pattern, common=directions(pattern.raw, pattern.along))
+
+
+def with_rho(pattern: Pattern, rho: float) -> Pattern:
+    """The same with another correlation of neighbouring rows."""
+    if pattern.chains is None:
+        raise TypeError(pattern)
+    return finished(replace(pattern, chains=Chains(gaps=pattern.chains.gaps, rho=rho)))

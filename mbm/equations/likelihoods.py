@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
-from mbm.equations.types import Floats, Mask
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener, whitener
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Expression
@@ -26,13 +26,6 @@ from mbm.values import dataclass
 
 SKEW = 1.0 / 36.0
 """Excess of a row beyond which χ² is not the distribution of its deviance: that of 5 counts."""
-
-BESIDE = -1_000_000
-"""Below it are the numbers of kernels beside that of a likelihood, in caches."""
-
-if TYPE_CHECKING:
-    from mbm.equations.assembly import Assembled
-    from mbm.equations.binding import Group
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -208,48 +201,70 @@ def _log_middle(half: Floats) -> Floats:
     return np.asarray(np.where(half < 1.0, np.log(erf(half / np.sqrt(2.0))), np.log1p(-2.0 * np.exp(log_ndtr(-half)))))
 
 
-def likely(groups: tuple[Group, ...]) -> Iterator[tuple[Group, Readings]]:
+class Member(Protocol):
+    """Rows of one kind, and what they have of a likelihood."""
+
+    @property
+    def readings(self) -> Readings | None:
+        """None: the equations have no likelihood."""
+        ...
+
+    @property
+    def number(self) -> int:
+        """Which of all groups it is."""
+        ...
+
+    @property
+    def rows(self) -> int:
+        """How many."""
+        ...
+
+    @property
+    def first(self) -> int:
+        """The place of the first residual."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """How many residuals."""
+        ...
+
+    @property
+    def whiteners(self) -> tuple[Whitener, ...]:
+        """What is known of the noise of each equation."""
+        ...
+
+
+class Members(Protocol):
+    """All rows of a solve."""
+
+    @property
+    def groups(self) -> tuple[Member, ...]:
+        """By kind."""
+        ...
+
+    @property
+    def whole(self) -> int:
+        """How many residuals there are, those too that are left out."""
+        ...
+
+    @property
+    def rows(self) -> Indices | None:
+        """The places of those that count; None: all."""
+        ...
+
+    @property
+    def factors(self) -> Floats | None:
+        """By how much the noise of each residual is larger than stated; None: 1."""
+        ...
+
+
+def likely(groups: tuple[Member, ...]) -> Iterator[tuple[Member, Readings]]:
     """The groups with a likelihood."""
     return ((group, group.readings) for group in groups if group.readings is not None)
 
 
-def as_written(equations: Assembled) -> Assembled:
-    """The equations as they are written, to find starts with."""
-    return replace(_seen(equations, plain=True), factors=None)
-
-
-def informing(equations: Assembled) -> Assembled:
-    """Equations the squares of whose derivatives are the Fisher information."""
-    return _seen(equations, plain=False)
-
-
-def seen(group: Group, *, plain: bool) -> Group:
-    """A group as its equations are written, or else by what they tell; the same where it has no likelihood."""
-    kernel, stated = group.kernel.plain if plain else group.kernel.information, group.readings
-    if kernel is None or stated is None:
-        return group
-    number = BESIDE - 2 * group.number - int(plain)
-    return replace(
-        group,
-        kernel=kernel,
-        number=number,
-        evaluation=group.cache.evaluation(number, kernel, group.rows),
-        whiteners=stated.plain if plain else group.whiteners,
-        readings=None,
-    )
-
-
-def _seen(equations: Assembled, *, plain: bool) -> Assembled:
-    groups, first, first_unit = [], 0, 0
-    for each in equations.groups:
-        group = replace(seen(each, plain=plain), first=first, first_unit=first_unit)
-        groups.append(group)
-        first += group.count
-        first_unit += group.rows * len(group.whiteners)
-    return replace(equations, groups=tuple(groups)).freed(equations.free, equations.numbers)
-
-
-def uncounted(equations: Assembled) -> Mask | None:
+def uncounted(equations: Members) -> Mask | None:
     """Which residuals (m,) are no part of χ²; None: none of them."""
     found = np.zeros(equations.whole, dtype=bool)
     for group, stated in likely(equations.groups):
@@ -258,7 +273,7 @@ def uncounted(equations: Assembled) -> Mask | None:
     return found if found.any() else None
 
 
-def log_likelihood(equations: Assembled, residuals: Floats) -> float | None:
+def log_likelihood(equations: Members, residuals: Floats) -> float | None:
     """log L of all readings at the ``residuals`` (m,), constants included; None where no equation has a likelihood."""
     stated = [each for _, each in likely(equations.groups)]
     if not stated:
@@ -279,7 +294,7 @@ def untested(excess: Floats, rows: Floats) -> Mask:
     return np.asarray((excess > np.sqrt(0.5 * rows)) | (excess > SKEW * rows))
 
 
-def is_untested(equations: Assembled) -> bool:
+def is_untested(equations: Members) -> bool:
     """The same of one solve."""
     stated = [each for _, each in likely(equations.groups)]
     excess = sum(float(each.excess.sum()) for each in stated)
@@ -287,7 +302,7 @@ def is_untested(equations: Assembled) -> bool:
     return bool(untested(np.array([excess]), np.array([float(rows)]))[0])
 
 
-def _of_weights(group: Group) -> float:
+def _of_weights(group: Member) -> float:
     """Σ −log L_max of rows with stated weights: half of log det 2πC."""
     total = 0.0
     for each in group.whiteners:

@@ -203,21 +203,6 @@ class Pattern:
             return self.chains.slope(values)
         return self.common.independent(self.chains.slope(self.common.independent(values, factor)), factor)
 
-    def with_rho(self, rho: float) -> Pattern:
-        """The same with another correlation of neighbouring rows."""
-        if self.chains is None:
-            raise TypeError(self)
-        return finished(replace(self, chains=Chains(gaps=self.chains.gaps, rho=rho)))
-
-
-def finished(pattern: Pattern) -> Pattern:
-    """The pattern with the directions of its common errors, as its correlation along the rows has them."""
-    if pattern.raw is None:
-        return pattern
-    from mbm.equations.common_errors import directions
-
-    return replace(pattern, common=directions(pattern.raw, pattern.along))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Structure:

@@ -8,8 +8,8 @@ from math import isfinite
 import numpy as np
 
 from mbm.equations.binding import Group
-from mbm.equations.common_errors import MOST_DENSE, entry, together
-from mbm.equations.structure import LARGEST_RHO, Chains, Pattern, Stated, Structure, finished
+from mbm.equations.common_errors import MOST_DENSE, entry, finished, together
+from mbm.equations.structure import LARGEST_RHO, Chains, Pattern, Stated, Structure
 from mbm.equations.types import Floats, Indices
 from mbm.problem import faults
 from mbm.problem.noise import Correlation

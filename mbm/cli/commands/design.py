@@ -16,7 +16,7 @@ from mbm.cli.statuses import ATTENTION, OK
 from mbm.files.writing import checked_target, write_whole
 
 if TYPE_CHECKING:
-    from mbm.report.designs.types import Design
+    from mbm.report.designs.answer import Design
 
 
 @click.command("design")

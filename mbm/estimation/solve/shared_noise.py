@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import sqrtm
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.common_errors import with_rho
 from mbm.equations.structure import Pattern, Structure
 from mbm.equations.types import Floats, Indices, Minimum, Noise, NoiseState, Observability
 from mbm.estimation.uncertainty.noise_parameters import NoiseParameter, Rho, Told, told
@@ -221,7 +222,7 @@ class Rounds:
             z[number] = float(np.clip(z[number] + move, -LARGEST_Z, LARGEST_Z))
             pattern = structure.pattern(number)
             if pattern is not None:
-                structure = structure.replaced(pattern.with_rho(float(np.tanh(z[number]))))
+                structure = structure.replaced(with_rho(pattern, float(np.tanh(z[number]))))
         return _State(logs=logs, z=z, structure=structure)
 
     @staticmethod

@@ -18,7 +18,8 @@ from mbm.expression.units import parse_unit
 from mbm.problem.types import Problem
 from mbm.report.budgets.targets import Target, called, gradient_of, item_of, targets_of
 from mbm.report.designs import faults
-from mbm.report.designs.types import Candidate, ChosenSet, Design, DesignWish, ExpectedSigma, RowWorth
+from mbm.report.designs.answer import Design
+from mbm.report.designs.types import Candidate, ChosenSet, DesignWish, ExpectedSigma, RowWorth
 from mbm.report.elements import factors, scalars, shown_sigma, unit_text
 from mbm.report.types import Kind, SolveReport
 from mbm.text.types import Diagnostic, MbmError

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from mbm.report.designs.types import Design
+from mbm.report.designs.types import Planned
 from mbm.version import __version__
 
 
-def design_document(design: Design) -> dict[str, Any]:
+def design_document(design: Planned) -> dict[str, Any]:
     """What ``--json`` writes: numbers in the units stated, null for what is not determined."""
     chosen = design.chosen
     return {
@@ -62,7 +62,7 @@ def design_document(design: Design) -> dict[str, Any]:
     }
 
 
-def candidate_columns(design: Design) -> dict[str, list[Any]]:
+def candidate_columns(design: Planned) -> dict[str, list[Any]]:
     """The candidates, column by column: their cells, then what is known of them; ``chosen`` counts how often."""
     chosen = design.chosen
     times = dict(zip(chosen.rows, chosen.counts, strict=True)) if chosen is not None else {}
@@ -80,7 +80,7 @@ def candidate_columns(design: Design) -> dict[str, list[Any]]:
     return columns
 
 
-def design_rows(design: Design) -> str:
+def design_rows(design: Planned) -> str:
     """What ``--csv`` writes: the candidates; without any, what is to be expected."""
     import csv
     from io import StringIO

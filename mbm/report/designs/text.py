@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from mbm.report.columns import aligned, left, right
-from mbm.report.designs.types import Candidate, ChosenSet, Design
+from mbm.report.designs.types import Candidate, ChosenSet, Planned
 from mbm.report.digits import plain
 from mbm.text.shown import Paint, Style, joined
 
@@ -23,7 +23,7 @@ SAME_SIGMA = 1.0005
 """Growth of a standard deviation that is not worth a line."""
 
 
-def text(design: Design, *, color: bool = False, full: bool = False) -> str:
+def text(design: Planned, *, color: bool = False, full: bool = False) -> str:
     """The tables, with a line break at the end; ``full`` shows every line."""
     paint = Paint(color)
     lines = [f"design of {paint(design.problem, Style.HEADING)}, {POINTS[design.point]}", ""]
@@ -36,7 +36,7 @@ def text(design: Design, *, color: bool = False, full: bool = False) -> str:
     return joined((line.rstrip() for line in lines), color=color).rstrip("\n") + "\n"
 
 
-def _expected(design: Design, paint: Paint, full: bool) -> Iterator[str]:
+def _expected(design: Planned, paint: Paint, full: bool) -> Iterator[str]:
     rows = [
         (each.name, "±", "not determined" if each.sigma is None else _number(each.sigma), each.unit or "")
         for each in design.expected
@@ -45,7 +45,7 @@ def _expected(design: Design, paint: Paint, full: bool) -> Iterator[str]:
     yield from _table(rows, paint, full, (left, left, aligned, left))
 
 
-def _worth(design: Design, paint: Paint, full: bool) -> Iterator[str]:
+def _worth(design: Planned, paint: Paint, full: bool) -> Iterator[str]:
     what = f" of {design.quantity}" if design.quantity is not None else ""
     yield f"rows that count most: by which factor the standard deviation{what} grows without them"
     rows = [
@@ -61,7 +61,7 @@ def _worth(design: Design, paint: Paint, full: bool) -> Iterator[str]:
     yield from _table(rows, paint, full, (left, right, left, left))
 
 
-def _candidates(design: Design, paint: Paint, full: bool) -> Iterator[str]:
+def _candidates(design: Planned, paint: Paint, full: bool) -> Iterator[str]:
     yield f"{design.quantity or 'estimates'}: {_told(design, design)} without candidates; with one of them"
     ranked = sorted(
         design.candidates, key=lambda each: (not each.determined, each.sigma or 1 / (each.gain or 1), each.row)
@@ -75,18 +75,18 @@ def _rank(each: Candidate) -> tuple[bool, float, int]:
     return not each.determined, each.sigma or 1 / (each.gain or 1), each.row
 
 
-def _told(found: Design | Candidate | ChosenSet, design: Design) -> str:
+def _told(found: Planned | Candidate | ChosenSet, design: Planned) -> str:
     """The standard deviation to expect."""
     if not found.determined:
         return "not determined"
     return "determined" if found.sigma is None else f"± {_number(found.sigma)}{_unit(design)}"
 
 
-def _unit(design: Design) -> str:
+def _unit(design: Planned) -> str:
     return f" {design.unit}" if design.unit else ""
 
 
-def _line(each: Candidate, design: Design) -> tuple[str, ...]:
+def _line(each: Candidate, design: Planned) -> tuple[str, ...]:
     cells = ", ".join(f"{name} {_cell(value)}" for name, value in each.cells.items() if name != "cost")
     sigma = _told(each, design)
     if each.sigma is None and each.gain is not None:
@@ -100,7 +100,7 @@ def _line(each: Candidate, design: Design) -> tuple[str, ...]:
     return (str(each.row), cells, sigma, f"cost {_number(each.cost)}" if each.cost != 1.0 else "", wanted)
 
 
-def _chosen(design: Design) -> Iterator[str]:
+def _chosen(design: Planned) -> Iterator[str]:
     found = design.chosen
     if found is None:
         return

@@ -94,7 +94,7 @@ class ChosenSet:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Design:
+class Planned:
     """The accuracy to expect of an experiment, and what to measure next.
 
     ``point`` says where the model was linearised: ``given``, ``estimates`` or ``start``. ``quantity`` is what was asked
@@ -121,25 +121,3 @@ class Design:
     def observable(self) -> bool:
         """Everything that is estimated, or asked for, is determined without candidates."""
         return self.determined if self.quantity is not None else not self.free
-
-    def __str__(self) -> str:
-        from mbm.report.designs.text import text
-
-        return text(self)
-
-    def document(self) -> dict[str, Any]:
-        """The same as JSON holds it."""
-        from mbm.report.designs.document import design_document
-
-        return design_document(self)
-
-    def table(self) -> Any:
-        """The candidates, one row for each. A pandas frame, else a dict of lists."""
-        from mbm.report.designs.document import candidate_columns
-
-        columns = candidate_columns(self)
-        try:
-            from pandas import DataFrame
-        except ImportError:
-            return columns
-        return DataFrame(columns)
