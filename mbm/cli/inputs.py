@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbm.cli import faults
 from mbm.files.journal import note, option_role
 from mbm.text.faults import shown
 from mbm.text.types import MbmError
+
+if TYPE_CHECKING:
+    from mbm.report.options import SolveOptions
+
+
+def solve_options(given: Mapping[str, Any]) -> SolveOptions:
+    """What the options that commands with a solve share say. Raises as `named_paths` and `initial_values` do."""
+    from mbm.report.options import SolveOptions
+
+    return SolveOptions(
+        problem=given["problem"],
+        set=named_texts("--set", given["settings"]),
+        data=named_paths("--data", given["data"]),
+        init=None if given.get("init") is None else initial_values(Path(given["init"])),
+        seed=given["seed"],
+        sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
+        allow_external=given["allow_external"],
+    )
 
 
 def named_texts(option: str, entries: Iterable[str]) -> tuple[tuple[str, str], ...]:

@@ -9,7 +9,7 @@ import click
 
 from mbm.cli.documents import STANDARD_OUTPUT
 from mbm.cli.failure import print_diagnostics
-from mbm.cli.inputs import initial_values, named_paths, named_texts
+from mbm.cli.inputs import initial_values, solve_options
 from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say, write_bytes
 from mbm.cli.statuses import ATTENTION, OK
@@ -75,15 +75,8 @@ def _document(design: Design) -> bytes:
 def _design(given: dict[str, Any]) -> Design:
     from mbm.api import design_file
     from mbm.report.designs.types import DesignWish
-    from mbm.report.options import SolveOptions
 
-    options = SolveOptions(
-        problem=given["problem"],
-        set=named_texts("--set", given["settings"]),
-        data=named_paths("--data", given["data"]),
-        sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
-        allow_external=given["allow_external"],
-    )
+    options = solve_options(given)
     wish = DesignWish(
         quantity=given["quantity"],
         criterion=given["criterion"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import click
 from mbm.cli import faults
 from mbm.cli.documents import STANDARD_OUTPUT
 from mbm.cli.failure import print_diagnostics
-from mbm.cli.inputs import initial_values, named_paths, named_texts
+from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
 from mbm.cli.options import Terminal, allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say, write_bytes
@@ -112,21 +113,10 @@ def _document(found: Propagated) -> bytes:
 def _propagated(given: dict[str, Any], trials: int | str, screen: Terminal, loaded: Callable[[], None]) -> Propagated:
     from mbm.api import propagate_file
     from mbm.equations.interruption import Interruption
-    from mbm.report.options import PropagationSettings, SolveOptions
+    from mbm.report.options import PropagationSettings
 
     interruption = Interruption()
-    options = SolveOptions(
-        problem=given["problem"],
-        set=named_texts("--set", given["settings"]),
-        data=named_paths("--data", given["data"]),
-        init=None if given["init"] is None else initial_values(Path(given["init"])),
-        seed=given["seed"],
-        workers=given["workers"],
-        sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
-        allow_external=given["allow_external"],
-        interruption=interruption,
-        loaded=loaded,
-    )
+    options = replace(solve_options(given), workers=given["workers"], interruption=interruption, loaded=loaded)
     with ProgressBar(shown=screen.shows_progress) as progress, interruptible(interruption):
         settings = PropagationSettings(
             trials=trials,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import click
 
 from mbm.cli.documents import STANDARD_OUTPUT
 from mbm.cli.failure import print_diagnostics
-from mbm.cli.inputs import initial_values, named_paths, named_texts
+from mbm.cli.inputs import solve_options
 from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import write_bytes
 from mbm.cli.outputs import Output, check_outputs, document_bytes, write_outputs
@@ -73,16 +74,6 @@ def _call(given: dict[str, Any]) -> str:
 
 def _solve(given: dict[str, Any], loaded: Callable[[], None]) -> Result:
     from mbm.api import solve_file
-    from mbm.report.options import SolveOptions
 
-    options = SolveOptions(
-        problem=given["problem"],
-        set=named_texts("--set", given["settings"]),
-        data=named_paths("--data", given["data"]),
-        init=None if given["init"] is None else initial_values(Path(given["init"])),
-        seed=given["seed"],
-        sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
-        allow_external=given["allow_external"],
-        loaded=loaded,
-    )
+    options = replace(solve_options(given), loaded=loaded)
     return solve_file(given["file"], options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import click
 from mbm.cli import faults
 from mbm.cli.documents import STANDARD_OUTPUT
 from mbm.cli.failure import print_diagnostics
-from mbm.cli.inputs import initial_values, named_paths, named_texts
+from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
 from mbm.cli.options import Terminal, allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say, write_bytes
@@ -99,22 +100,16 @@ def _solve(given: dict[str, Any], screen: Terminal, loaded: Callable[[], None]) 
     """Solve; ``loaded`` is called once everything was read, before the work begins."""
     from mbm.api import solve_file
     from mbm.equations.interruption import Interruption
-    from mbm.report.options import Backend, SolveOptions
+    from mbm.report.options import Backend
 
     interruption = Interruption()
     with ProgressBar(shown=screen.shows_progress) as progress, interruptible(interruption):
-        options = SolveOptions(
-            problem=given["problem"],
-            set=named_texts("--set", given["settings"]),
-            data=named_paths("--data", given["data"]),
-            init=None if given["init"] is None else initial_values(Path(given["init"])),
+        options = replace(
+            solve_options(given),
             starts=given["starts"],
-            seed=given["seed"],
             method=given["method"],
             backend=Backend(given["backend"]),
             workers=given["workers"],
-            sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
-            allow_external=given["allow_external"],
             covariance_full=given["covariance"] == "full",
             progress=progress.advance,
             interruption=interruption,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from mbm.cli.failure import print_diagnostics
-from mbm.cli.inputs import initial_values, named_paths, named_texts
+from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
 from mbm.cli.options import Terminal, allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say_error
@@ -62,20 +63,11 @@ def command(**given: Any) -> int:
 def _drawn(given: dict[str, Any], ending: str) -> Picture:
     from mbm.api import view_file
     from mbm.equations.interruption import Interruption
-    from mbm.report.options import SolveOptions
     from mbm.report.view.wishes import Show, Wishes
 
     interruption = Interruption()
-    options = SolveOptions(
-        problem=given["problem"],
-        set=named_texts("--set", given["settings"]),
-        data=named_paths("--data", given["data"]),
-        init=None if given["init"] is None else initial_values(Path(given["init"])),
-        seed=given["seed"],
-        sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
-        allow_external=given["allow_external"],
-        interruption=interruption,
-        loaded=lambda: _check(given["out"], reads_so_far()),
+    options = replace(
+        solve_options(given), interruption=interruption, loaded=lambda: _check(given["out"], reads_so_far())
     )
     wishes = Wishes(
         show=tuple(Show(kind) for kind in given["show"]),
