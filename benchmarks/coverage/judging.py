@@ -30,7 +30,6 @@ DOUBTS = frozenset(
         "bad-leverage",
         "contradicting-rows",
         "improbable-noise",
-        "limit-within-interval",
         "near-bound",
         "noise-against-data",
         "noise-not-estimated",

@@ -10,6 +10,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import affine
+from mbm.equations.forwarding import Forwarding
 from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.values import dataclass
 
@@ -19,7 +20,7 @@ CLOSE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class OnSurface:
+class OnSurface(Forwarding):
     """The ``equations`` of a problem whose constraints ``holding`` (c,) keep steps on a surface.
 
     ``scale`` (n,) are the lengths of the columns of the Jacobian, in which the way back to the surface is shortest.
@@ -30,23 +31,9 @@ class OnSurface:
     scale: Floats
 
     @property
-    def dimension(self) -> int:
-        """n, the free coordinates before constraints."""
-        return self.equations.dimension
-
-    @property
-    def count(self) -> int:
-        """m, the residuals."""
-        return self.equations.count
-
-    @property
     def linear(self) -> bool:
         """Never along a curved surface."""
         return False
-
-    def residuals(self, x: Floats) -> Floats:
-        """Residuals (m,) at a point."""
-        return self.equations.residuals(x)
 
     def residuals_at(self, points: Floats) -> Floats:
         """Residuals (P, m) at points (P, N)."""
