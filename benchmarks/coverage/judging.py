@@ -41,7 +41,7 @@ DOUBTS = frozenset(
 )
 """Diagnostics that speak of the uncertainty of a result."""
 
-SAID = {"too-nonlinear": "profile", "near-bound": "limited", "limit-within-interval": "limited"}
+SAID = {"too-nonlinear": "profile", "near-bound": "limited"}
 """Those that doubt the standard deviation alone, where the interval is one that minds what they say."""
 
 
