@@ -40,7 +40,7 @@ def threads(given: object) -> int | None:
     """
     if given is None:
         return None
-    count = operator.index(given) if isinstance(given, SupportsIndex) and not isinstance(given, bool) else 0
+    count = _whole(given)
     if count < 1:
         raise MbmError(faults.no_number_of_threads(given))
     return count
@@ -55,7 +55,7 @@ def trials(given: object) -> int | None:
     """
     if given == "auto":
         return None
-    count = operator.index(given) if isinstance(given, SupportsIndex) and not isinstance(given, bool) else 0
+    count = _whole(given)
     if count < 2:
         raise MbmError(faults.no_number_of_trials(given))
     return count
@@ -70,7 +70,7 @@ def seed(given: object) -> int | None:
     """
     if given is None:
         return None
-    found = operator.index(given) if isinstance(given, SupportsIndex) and not isinstance(given, bool) else -1
+    found = _whole(given)
     if found < 0:
         raise MbmError(faults.no_seed(given))
     return found
@@ -138,3 +138,8 @@ def overrides_of(constants: object) -> dict[str, Override]:
             raise MbmError(faults.bad_override(name, "is not finite"))
         found[name] = Override(name=name, values=tuple(numbers.tolist()))
     return found
+
+
+def _whole(given: object) -> int:
+    """The whole number that an argument is; -1 where it is none."""
+    return operator.index(given) if isinstance(given, SupportsIndex) and not isinstance(given, bool) else -1
