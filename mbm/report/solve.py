@@ -252,7 +252,7 @@ class Solve(Said):
         return prediction_table(predicted(self.record, name, at, level=level, clause=clause))
 
     def document(self) -> dict[str, Any]:
-        """The result document of CONTRACT §2."""
+        """The result document, as the manual describes it (reference, "The result document")."""
         return document(self.result)
 
     def to_json(self, path: str | Path | None = None) -> str:

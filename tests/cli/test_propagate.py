@@ -75,6 +75,17 @@ def test_samples_are_written_for_numpy() -> None:
         assert found["q"].shape == (500,)
 
 
+def test_samples_may_have_any_name(tmp_path: Path) -> None:
+    text = """(problem p (data d (table (day y) ("mon" 1) ("mon" 2) ("tue" 3) ("tue" 5))) (for-each day)
+      (unknowns (m) (file)) (constraints (normal file 0 1)) (observe d (= y m) :sigma 1) (derive (day m)))"""
+    made = mbm.loads(text).propagate(50)
+    made.save(tmp_path / "s.npz")
+    with np.load(tmp_path / "s.npz") as found:
+        assert sorted(found) == ["day", "file", "key.day", "m"]
+        assert found["key.day"].tolist() == ["mon"] * 50 + ["tue"] * 50
+        assert found["day"][50:].mean() == pytest.approx(4.0, abs=5 * np.sqrt(0.5 / 50))
+
+
 def test_samples_are_written_as_parquet_with_the_keys() -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     assert run(["propagate", "keyed.mbm", "--trials", "100", "--samples", "s.parquet"]) == 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from io import BytesIO
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
@@ -12,6 +11,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from mbm.data.writers import write_npz
+from mbm.problem.tables import Column
 from mbm.report import faults
 from mbm.report.propagation.solve import PropagatedSolve
 from mbm.text.faults import missing_extra
@@ -22,13 +23,16 @@ Writer: TypeAlias = Callable[[Sequence[PropagatedSolve]], bytes]
 
 
 def sample_columns(solves: Sequence[PropagatedSolve]) -> dict[str, Any]:
-    """The joint samples: the cells of the keys, if there are any, then the scalars by name; arrays (T,)."""
+    """The joint samples: the cells of the keys, if there are any, then the scalars by name; arrays (T,).
+
+    A key that is called as a scalar is ``key.NAME``.
+    """
     counts = [len(each.sampled.samples) for each in solves]
+    names = dict.fromkeys(name for each in solves for name in each.names)
     found: dict[str, Any] = {
-        name: np.repeat(np.array([each.solve.key[name] for each in solves]), counts)
+        f"key.{name}" if name in names else name: np.repeat(np.array([each.solve.key[name] for each in solves]), counts)
         for name in (solves[0].solve.key if solves else ())
     }
-    names = dict.fromkeys(name for each in solves for name in each.names)
     for name in names:
         parts = [
             each.sampled.samples[:, each.names.index(name)] if name in each.names else np.full(count, np.nan)
@@ -69,9 +73,13 @@ def inference_data(found: PropagatedSolve) -> Any:
 
 def _npz(found: Sequence[PropagatedSolve]) -> bytes:
     """Arrays by the names of the scalars; the cells of keys as texts or numbers."""
-    target = BytesIO()
-    np.savez(target, **sample_columns(found))
-    return target.getvalue()
+    return write_npz([_column(name, values) for name, values in sample_columns(found).items()])
+
+
+def _column(name: str, values: np.ndarray) -> Column:
+    if values.dtype.kind == "U":
+        return Column(name=name, texts=tuple(values.tolist()))
+    return Column(name=name, numbers=values)
 
 
 def _parquet(found: Sequence[PropagatedSolve]) -> bytes:
