@@ -63,10 +63,7 @@ def _worth(design: Planned, paint: Paint, full: bool) -> Iterator[str]:
 
 def _candidates(design: Planned, paint: Paint, full: bool) -> Iterator[str]:
     yield f"{design.quantity or 'estimates'}: {_told(design, design)} without candidates; with one of them"
-    ranked = sorted(
-        design.candidates, key=lambda each: (not each.determined, each.sigma or 1 / (each.gain or 1), each.row)
-    )
-    rows = [_line(each, design) for each in ranked]
+    rows = [_line(each, design) for each in sorted(design.candidates, key=_rank)]
     yield from _table(rows, paint, full, (right, left, left, right, left))
 
 
@@ -97,7 +94,8 @@ def _line(each: Candidate, design: Planned) -> tuple[str, ...]:
     if design.wanted is not None:
         often = "never reached" if each.repeats is None else f"{each.repeats} × for {_number(design.wanted)}"
         wanted = often + ("" if each.repeats is None else _unit(design))
-    return (str(each.row), cells, sigma, f"cost {_number(each.cost)}" if each.cost != 1.0 else "", wanted)
+    priced = any(one.cost != 1.0 for one in design.candidates)
+    return (str(each.row), cells, sigma, f"cost {_number(each.cost)}" if priced else "", wanted)
 
 
 def _chosen(design: Planned) -> Iterator[str]:
