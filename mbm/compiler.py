@@ -183,7 +183,8 @@ def checked(found: Elaborated, known: tuple[Mentioned, ...] | None = None) -> El
     errors, warnings = check_data(found.problem, found.tables, known)
     if errors:
         raise MbmError(*errors)
-    return replace(found, problem=replace(found.problem, warnings=(*found.lasting, *warnings)))
+    said, problem = (*found.lasting, *warnings), found.problem
+    return found if said == problem.warnings else replace(found, problem=replace(problem, warnings=said))
 
 
 def called_functions(kernels: KernelSet, inputs: Inputs, base: Path) -> CalledFunctions | None:

@@ -121,8 +121,10 @@ class CompiledProblem:
 
     def result(self, settings: SolveSettings, data: Mapping[str, object] | None = None) -> Result:
         """The report of a solve, as the command line writes it."""
-        result = self._considered(settings, data)
+        if settings.workers is not None:
+            settings = replace(settings, workers=threads(settings.workers))
         now = self._for(data)
+        result = self._considered(settings, now, data)
 
         def propagate(asked: PropagationSettings) -> Propagated:
             from mbm.api.propagation import propagated
@@ -131,10 +133,10 @@ class CompiledProblem:
 
         return replace(result, propagate=propagate)
 
-    def _considered(self, settings: SolveSettings, data: Mapping[str, object] | None) -> Result:
-        """The report of a solve with the uncertainties of constants."""
-        result = self._solved(settings, data)
-        problem = self._for(data).elaborated.problem
+    def _considered(self, settings: SolveSettings, now: Compilation, data: Mapping[str, object] | None) -> Result:
+        """The report of a solve with the uncertainties of constants; ``now`` is compiled for the ``data``."""
+        result = self._solved(settings, now)
+        problem = now.elaborated.problem
         if self.inputs.drawing:
             from mbm.api.considered import without_variance_of
             from mbm.report.considered import without_variance
@@ -151,14 +153,13 @@ class CompiledProblem:
         begun = replace(settings, init=_begun(result), progress=None)
 
         def again(inputs: Inputs) -> Result:
-            return compiled(self.origin, inputs, self.backend)._solved(begun, data)
+            other = compiled(self.origin, inputs, self.backend)
+            return other._solved(begun, other._for(data))
 
         return with_constants(result, constants, self.inputs, again)
 
-    def _solved(self, settings: SolveSettings, data: Mapping[str, object] | None) -> Result:
+    def _solved(self, settings: SolveSettings, now: Compilation) -> Result:
         """The report of a solve with constants as they are."""
-        settings = replace(settings, workers=threads(settings.workers))
-        now = self._for(data)
         known = len(now.cache.without_closed_form)
         result = compiler.solved(
             now.elaborated, now.kernels, self.inputs, settings, now.cache, self.origin.file, self.origin.registry
@@ -296,31 +297,37 @@ class CompiledProblem:
         data = by_name("data", data)
         if not data:
             return self._latest() if self.complete else compilation_of(self.origin, self.inputs, self.backend)
-        inputs = replace(self.inputs, tables={**self.inputs.tables, **data})
         before = self.kept.compilation
         found = None
         if before is not None:
             elaborated = compiler.rebound(
                 before.elaborated,
-                self._tables(before.elaborated, inputs, data),
+                self._tables(before.elaborated, data),
                 self.kept.mentioned(before.elaborated.problem),
             )
             found = replace(before, elaborated=elaborated) if elaborated is not None else None
         if found is None:
-            found = compilation_of(self.origin, inputs, self.backend)
+            found = compilation_of(self.origin, self._with(data), self.backend)
         if not self.complete:
             self.kept.compilation, self.kept.data = found, data
         return found
 
-    def _tables(self, before: Elaborated, inputs: Inputs, data: Mapping[str, object]) -> dict[str, Table]:
+    def _with(self, data: Mapping[str, object]) -> Inputs:
+        """What comes from outside, with the tables of ``data``."""
+        return replace(self.inputs, tables={**self.inputs.tables, **data})
+
+    def _tables(self, before: Elaborated, data: Mapping[str, object]) -> dict[str, Table]:
         """The tables with those of ``data``; what stands in files and in the problem is not read again."""
-        given = (*inputs.tables, *inputs.paths)
+        given = {*self.inputs.tables, *data, *self.inputs.paths}
         declarations = [plan.declaration for plan in before.problem.plans]
         wanted = [d for d in declarations if d.name in data or (d.source == EXTERNAL and d.name not in given)]
         if data.keys() <= {d.name for d in wanted} and not any(d.members for d in declarations):
-            inputs = replace(inputs, tables=dict(data), paths={})
+            inputs = replace(self.inputs, tables=dict(data), paths={})
         else:
-            wanted = declarations  # unions take other tables; of a name that no table has, loading says so
+            inputs, wanted = (
+                self._with(data),
+                declarations,
+            )  # unions take other tables; of a name that no table has, loading says so
         with noting(self.origin.reading.journal):
             read = compiler.loaded(wanted, self.origin.reading.base, inputs, self.origin.registry)
         return {d.name: read[d.name] if d.name in read else before.raw[d.name] for d in declarations}

@@ -176,8 +176,9 @@ def _loaded(declaration: TableDeclaration, sources: _Sources) -> Table:
     try:
         with np.errstate(all="ignore"):  # numbers that are none are found in the table, not on standard error
             raw = _raw(declaration, sources)
-            remarks = tuple(_with_clause(remark, declaration) for remark in raw.remarks)
-            return shape(replace(raw, remarks=remarks), declaration)
+            if raw.remarks:
+                raw = replace(raw, remarks=tuple(_with_clause(remark, declaration) for remark in raw.remarks))
+            return shape(raw, declaration)
     except MbmError as error:
         raise MbmError(*(_with_clause(fault, declaration) for fault in error.diagnostics)) from None
 

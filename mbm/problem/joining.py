@@ -62,6 +62,8 @@ def unfiltered(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
 
 def joined(table: Table, joins: tuple[Join, ...], tables: Mapping[str, Table]) -> Table:
     """``table`` with the columns of the tables whose keys it holds, called ``alias.column``."""
+    if not joins:
+        return table
     columns = dict(table.columns)
     groups = dict(table.groups)
     names = dict(table.provenance.source_columns)

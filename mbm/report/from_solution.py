@@ -115,6 +115,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         coverage=problem.request.coverage,
         diagnostics=(
             *solution.diagnostics,
+            *solution.doubts(),
             *_near_bounds(solution, names),
             *constraint_diagnostics(problem, solution, names),
         ),

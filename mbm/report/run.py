@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,7 @@ from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Consensus, Method, Problem, Request
 from mbm.report.from_solution import report_of
 from mbm.report.inputs import InputFile
+from mbm.report.later import LaterReports
 from mbm.report.options import Progress
 from mbm.report.types import Result, SolveReport
 from mbm.text.types import Code, Diagnostic, MbmError
@@ -43,14 +45,14 @@ def result_of(
         MbmError: nothing was solved, since no solve could be set up with its data.
 
     """
-    reports: list[SolveReport] = []
+    reports: list[Callable[[], SolveReport]] = []
     blocks: list[BlockReports] = []
     alone: dict[int, SolveReport] = {}
     failures: list[Failure] = []
     done = solved = 0
     for part in solutions.parts:
         if isinstance(part, Solution | Enclosure | Failure | Skipped):
-            reports.append(report_of(problem, part, covariance_full=covariance_full))
+            reports.append(partial(report_of, problem, part, covariance_full=covariance_full))
             apart, count = [part], 1
         elif isinstance(part, Alone):
             alone[part.place] = report_of(problem, part.solution, covariance_full=covariance_full)
@@ -74,7 +76,7 @@ def result_of(
         file=file,
         problem=problem.name,
         seed=request.seed,
-        solves=_joined(blocks, alone) if blocks or alone else tuple(reports),
+        solves=_joined(blocks, alone) if blocks or alone else LaterReports(reports),
         options={
             "method": request.method.value,
             "max-iterations": request.max_iterations,

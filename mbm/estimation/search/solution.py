@@ -70,6 +70,11 @@ class Hypothesis:
     sigma: Floats
 
 
+def no_doubts() -> tuple[Diagnostic, ...]:
+    """Nothing more is to be said."""
+    return ()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
     """One solve.
@@ -84,7 +89,7 @@ class Solution:
     step, and ``followed`` says how many there were after each. ``freedom`` are the degrees of freedom of the standard
     deviations, ``limited`` hard limits (None: there are none), ``profiles`` intervals where the linear ones are wrong
     (None: nowhere). ``influence`` tells what the covariance is the sum of (None: of a filter, which has no sum over
-    rows). ``elsewhere`` derives for other rows (None: nothing can be).
+    rows). ``elsewhere`` derives for other rows (None: nothing can be). ``doubts`` looks for further ``diagnostics``.
     """
 
     key: Mapping[str, CellKey]
@@ -123,6 +128,7 @@ class Solution:
     evaluations: int
     seconds: float
     diagnostics: tuple[Diagnostic, ...]
+    doubts: Callable[[], tuple[Diagnostic, ...]] = no_doubts
     influence: Influence | None = None
     elsewhere: Elsewhere | None = None
 

@@ -171,7 +171,6 @@ def answered(
         *robust.diagnostics,
         *(against := contradictions(problem, run.tables, weighted, minimum, observed)),
         *rivals(problem, minimum, end.others, outcome.fit, end.noise),
-        *doubts(propagation, minimum, derived, bent),
     )
     return Solution(
         key=run.key,
@@ -209,7 +208,10 @@ def answered(
         seconds=seconds(),
         elsewhere=propagation.elsewhere,
         diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
-        influence=replace(outcome.influence, informing=robust.informing),
+        doubts=lambda: doubts(propagation, minimum, derived, bent),
+        influence=outcome.influence
+        if robust.informing is None
+        else replace(outcome.influence, informing=robust.informing),
     )
 
 

@@ -36,7 +36,7 @@ def with_moved_rows(problem: Problem, kernels: KernelSet, cache: EvaluationCache
         left, entered = (rows[np.setdiff1d(a, b)] for a, b in ((before, after), (after, before)))
         if len(left) or len(entered):
             said.append(faults.sampled_rows_moved(block.span, block.name, left.tolist(), entered.tolist()))
-    return replace(solution, diagnostics=(*solution.diagnostics, *said)) if said else solution
+    return replace(solution, doubts=lambda: (*solution.doubts(), *said)) if said else solution
 
 
 def _positions(groups: tuple[Group, ...]) -> dict[int, Indices]:

@@ -39,29 +39,33 @@ def lag_scores(residuals: Floats, basis: Floats, following: Indices) -> tuple[Fl
     """
     count = residuals.shape[-1]
     has = following >= 0
-    place = np.where(has, following, count)
-    padded = np.zeros((*residuals.shape[:-1], count + 1), dtype=bool)
-    np.put_along_axis(padded, place, True, axis=-1)
-    series = has | padded[..., :-1]
-    own = np.where(series[..., None], basis, 0.0)
-    after = _taken(own, place)
-    before = np.zeros((*basis.shape[:-2], count + 1, basis.shape[-1]))
-    np.put_along_axis(before, place[..., None], own, axis=-2)
-    averaged = np.where(series[..., None], (after + before[..., :-1, :]) / 2.0, 0.0)
-    crossed = np.matmul(np.swapaxes(own, -1, -2), averaged)
-    squared = np.matmul(np.swapaxes(own, -1, -2), own)
+    first = np.flatnonzero(has)
+    second = first - first % count + following.ravel()[first]  # of the same data set
+    series = has.copy()
+    series.ravel()[second] = True
+    own = basis if bool(series.all()) else np.where(series[..., None], basis, 0.0)
+    lines = own.reshape(residuals.size, own.shape[-1])
+    averaged = np.zeros_like(lines)
+    averaged[first] = lines[second]
+    averaged[second] += lines[first]
+    averaged = averaged.reshape(own.shape) / 2.0
+    turned = np.swapaxes(own, -1, -2)
+    crossed, squared = np.matmul(turned, averaged), np.matmul(turned, own)
+    inside = np.einsum("...ii->...", squared)
     mean = -np.einsum("...ii->...", crossed)
-    free = series.sum(axis=-1) - np.einsum("...ii->...", squared)
+    length = series.sum(axis=-1)
+    free = length - inside
     trace = has.sum(axis=-1) / 2.0 - 2.0 * np.square(averaged).sum(axis=(-2, -1)) + _double(crossed)
-    whole = series.sum(axis=-1) - 2.0 * np.einsum("...ii->...", squared) + _double(squared)
+    whole = length - 2.0 * inside + _double(squared)
     expected = mean / free
     spread = np.sqrt((2.0 * trace + np.square(mean)) / (np.square(free) + 2.0 * whole) - np.square(expected))
-    values = np.where(series, residuals, 0.0)
-    found = (values * _taken(values[..., None], place)[..., 0]).sum(axis=-1) / np.square(values).sum(axis=-1)
+    products = np.zeros(residuals.shape)
+    products.ravel()[first] = residuals.ravel()[first] * residuals.ravel()[second]
+    found = products.sum(axis=-1) / np.where(series, np.square(residuals), 0.0).sum(axis=-1)
     return (
         found,
         expected,
-        np.where((free >= LEAST_FREEDOM) & (free >= CHECKED_HALF * series.sum(axis=-1)), spread, np.nan),
+        np.where((free >= LEAST_FREEDOM) & (free >= CHECKED_HALF * length), spread, np.nan),
     )
 
 
@@ -96,12 +100,6 @@ def autocorrelation(
     if not correlated(found, expected, spread):
         return ()
     return (faults.autocorrelated_residuals(problem.span, float(found), float(expected), float(spread)),)
-
-
-def _taken(values: Floats, place: Indices) -> Floats:
-    """The rows (…, m, k) at places (…, m), zero at m."""
-    padded = np.concatenate([values, np.zeros((*values.shape[:-2], 1, values.shape[-1]))], axis=-2)
-    return np.take_along_axis(padded, place[..., None], axis=-2)
 
 
 def _double(matrix: Floats) -> Floats:

@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mbm.equations.types import Covariance, Floats, Observability, Propagated
@@ -28,17 +26,20 @@ def covariance(observed: Observability, variance: float = 1.0) -> Covariance:
         return sparse_covariance(observed, variance)
     rank = observed.row_space.shape[1]
     factor = observed.row_space / observed.singular_values[:rank] / observed.scale[:, None] * np.sqrt(variance)
-    return replace(of_factor(factor, observed), variance=variance)
+    return of_factor(factor, observed, variance)
 
 
-def of_factor(factor: Floats, observed: Observability) -> Covariance:
-    """The covariance with the ``factor`` (n, k) before a datum is chosen; NaN for what is not determined."""
+def of_factor(factor: Floats, observed: Observability, variance: float = 1.0) -> Covariance:
+    """The covariance with the ``factor`` (n, k) before a datum is chosen; NaN for what is not determined.
+
+    ``variance`` is that of the residuals, which the ``factor`` holds.
+    """
     factor = in_datum(factor, observed)
     matrix = factor @ factor.T
     undetermined = ~observed.estimable & ~observed.fixed
     matrix[undetermined, :] = np.nan
     matrix[:, undetermined] = np.nan
-    return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor)
+    return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor, variance=variance)
 
 
 def in_datum(vectors: Floats, observed: Observability) -> Floats:

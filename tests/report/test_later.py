@@ -1,0 +1,82 @@
+"""Reports are written when they are asked for: what was solved in between changes nothing in them."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbm
+from mbm.report.later import LaterReports
+from mbm.report.types import SolveReport, SolveStatus
+
+X = np.linspace(0.5, 4.0, 24)
+WAVE = 0.3 * np.sin(X)
+"""Neighbouring residuals are alike: there is something to doubt."""
+
+KINDS = {
+    "line": "(unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma 0.05)",
+    "unknown noise": "(unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma unknown)",
+    "loss": "(unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma 0.05 :loss (huber 1.5))",
+    "curved": """(unknowns (a :init 1) (b :init 0.5)) (observe d (= y (* a (exp (* b x)))) :sigma 0.5)
+        (derive (half (/ (log 2) b)))""",
+    "bound": "(unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma 0.05) (constraints (>= a 1.2) (<= b 0.4))",
+    "prior": "(unknowns (a) (b :prior (normal 0 0.01))) (observe d (= y (+ a (* b x))) :sigma 0.05)",
+    "errors": "(unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma 0.05 :errors ((x 0.02)))",
+    "consensus": "(unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma 0.05) (solve :robust lmeds)",
+}
+
+
+def table(seed: int, rows: int) -> dict[str, Any]:
+    noise = np.random.default_rng(seed).normal(size=rows)
+    return {"d": {"x": X[:rows], "y": (1.0 + 0.4 * X + WAVE)[:rows] + 0.02 * noise}}
+
+
+def said(solved: Any) -> Any:
+    document = copy.deepcopy(solved.document())
+    for solve in document["solves"]:
+        solve.pop("seconds", None)
+    return document
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_later_solves_change_no_report(kind: str) -> None:
+    text = f"(problem p (data d external) {KINDS[kind]})"
+    first, second, fewer = table(1, 24), table(2, 24), table(3, 15)
+    at_once = said(mbm.loads(text).compile(data=second).solve(data=first))
+    compiled = mbm.loads(text).compile(data=second)
+    kept = compiled.solve(data=first)
+    for other in (second, fewer):
+        compiled.solve(data=other).document()
+    assert said(kept) == at_once
+
+
+def test_what_is_doubted_is_said_after_other_solves() -> None:
+    compiled = mbm.loads(f"(problem p (data d external) {KINDS['line']})").compile(data=table(1, 24))
+    kept = compiled.solve(data=table(1, 24))
+    compiled.solve(data=table(2, 15))
+    assert "autocorrelated-residuals" in {each.code.name for each in kept.diagnostics}
+    again = pickle.loads(pickle.dumps(kept))  # noqa: S301 - its own
+    assert said(again) == said(kept)
+
+
+def test_each_report_is_made_once() -> None:
+    made: list[int] = []
+
+    def maker(number: int) -> SolveReport:
+        made.append(number)
+        return SolveReport(status=SolveStatus.CONVERGED, message=str(number))
+
+    reports = LaterReports([lambda k=k: maker(k) for k in range(3)])  # type: ignore[misc]
+    assert len(reports) == 3
+    assert made == []
+    assert reports[-1] is reports[2]
+    assert [each.message for each in reports[1:]] == ["1", "2"]
+    assert made == [2, 1]
+    assert [each.message for each in reports] == ["0", "1", "2"]
+    with pytest.raises(IndexError):
+        reports[3]
+    assert made == [2, 1, 0]
