@@ -12,11 +12,11 @@ from benchmarks.machine import best, machine, show
 from benchmarks.scenes import RANGE, REPROJECTION, range_rows, reprojection_rows
 from mbm.kernels.backends import casadi_map, native, numpy_stream
 from mbm.kernels.native.engine import compiled
-from mbm.kernels.native.kernels import native_kernels
+from mbm.kernels.native.kernels import KernelCode
 from mbm.kernels.native.normal import normal_kernels, normal_rows
 from mbm.kernels.native.normal_rows import Unit
 from mbm.kernels.native.processor import vector_library
-from mbm.kernels.types import Kernel, KernelSet
+from mbm.kernels.types import Kernel
 from mbm.machine import blocks_of_rows
 from mbm.machine.kinds import LANES
 from mbm.machine.program import Program
@@ -87,7 +87,7 @@ def storing(program: Program) -> Program:
 def of_blocks(kernel: Kernel, rows: int) -> list[float]:
     """Seconds for blocks of rows: machine code, only its stores, and normal equations summed without a Jacobian."""
     program, blocks = kernel.jacobian_program, -(-rows // LANES)
-    code = native_kernels(KernelSet(name="k", kernels=(kernel,)), None, rows)
+    code = KernelCode(None).of([kernel], rows)
     store = compiled(blocks_of_rows.module_of({"store": storing(program)}, vector_library()), None, 1)
     units = tuple(Unit(first=o, last=o + 1, loss=NO_LOSS) for o in range(kernel.outputs))
     sums = normal_kernels({0: kernel}, {0: units}, None)

@@ -104,6 +104,7 @@ class _Lowering:
         self._function = _declared(target, function)
         self._builder = ir.IRBuilder(self._function.append_basic_block("entry"))
         self._places: dict[str, Any] = {}
+        self._marks: dict[str, Any] = {}
         self._loops: list[tuple[ir.Block, ir.Block]] = []
 
     def run(self) -> None:
@@ -228,9 +229,11 @@ class _Lowering:
         """A load or store of what has the type of ``node``: reals, integers and pointers do not overlap one another."""
         names = {Type.REAL: "real", Type.INTEGER: "integer"}
         name = names.get(node.type, "pointer") if isinstance(node.type, Type) else "pointer"
-        root = self._target.add_metadata(["mbm"])
-        kind = self._target.add_metadata([name, root, INTEGER(0)])
-        access.set_metadata("tbaa", self._target.add_metadata([kind, kind, INTEGER(0)]))
+        if name not in self._marks:
+            root = self._target.add_metadata(["mbm"])
+            kind = self._target.add_metadata([name, root, INTEGER(0)])
+            self._marks[name] = self._target.add_metadata([kind, kind, INTEGER(0)])
+        access.set_metadata("tbaa", self._marks[name])
         return access
 
     def _test(self, node: Expression) -> Any:

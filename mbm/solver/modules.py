@@ -12,6 +12,7 @@ from mbm.solver.filters import filter_steps
 from mbm.solver.smoother_lag import lag_end, lag_steps
 from mbm.solver.smoothers import smooth_all
 from mbm.solver.spheres import places_of_many
+from mbm.solver.tables import evaluate_rows
 
 
 def solver_module(lanes: int) -> Module:
@@ -28,3 +29,8 @@ def consensus_module(lanes: int) -> Module:
 def filters_module(lanes: int) -> Module:
     """Filters and smoothers likewise."""
     return module_of("filters", (begin_walk, filter_steps, smooth_all, lag_steps, lag_end), constants={"LANES": lanes})
+
+
+def tables_module(lanes: int) -> Module:
+    """What evaluates kernels over tables."""
+    return module_of("tables", (evaluate_rows,), constants={"LANES": lanes})

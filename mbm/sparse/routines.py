@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.types import Floats
-from mbm.kernels.native.sources import source_digest
+from mbm.kernels.native.sources import lowered, source_digest
 from mbm.kernels.types import MachineCode
 from mbm.machine.records import blank, put
 from mbm.machine.tree import Module
@@ -179,16 +179,6 @@ class Making:
             from mbm.machine.interpreted import Interpreted, code_of
 
             return Interpreted(code_of(module()))
-        name = f"{name} {source_digest('sparse/blocks', __file__)}"
+        name = f"{name} {source_digest('sparse/blocks')}"
         level = FAST if self.numbers >= WORTH else LIGHT
-        return _MachineCode(kept(name, lambda: _lowered(module()), store, level, loops=loops))
-
-
-def _lowered(module: Module) -> str:
-    from llvmlite import ir
-
-    from mbm.machine.llvm import lower_into
-
-    target = ir.Module(module.name)
-    lower_into(target, module, FLAGS)
-    return str(target)
+        return _MachineCode(kept(name, lambda: lowered(module(), FLAGS), store, level, loops=loops))

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.binding import EvaluationCache
-from mbm.kernels.native.sources import source_digest
-from mbm.kernels.types import Backend, Kernel, KernelSet, MachineCode, Stream
+from mbm.kernels.native.sources import lowered, source_digest
+from mbm.kernels.types import Backend, Kernel, MachineCode, Stream
 from mbm.machine.kinds import LANES
 from mbm.machine.records import address, blank
 from mbm.values import dataclass
@@ -22,10 +22,9 @@ if TYPE_CHECKING:
     from mbm.estimation.native.callbacks import CallbackKernels
     from mbm.estimation.native.interpreted import InterpretedCode
     from mbm.kernels.native.engine import Library
-    from mbm.kernels.native.kernels import NativeKernels
+    from mbm.kernels.native.kernels import KernelCode, NativeKernels
     from mbm.kernels.native.normal import NormalKernels
     from mbm.kernels.store import Store
-    from mbm.machine.tree import Module
 
 UNOPTIMISED, OPTIMISED = 0, 2
 """Levels of optimisation."""
@@ -64,7 +63,7 @@ class SolverCode:
 
     def __init__(self, store: Store | None, name: str, text: Callable[[], str]) -> None:
         self._store = store
-        self._name = f"{name} {source_digest('solver', __file__)}"
+        self._name = f"{name} {source_digest('solver')}"
         self._text = text
         self._expected = 0.0
         self._lock = Lock()
@@ -113,43 +112,23 @@ AnyCode: TypeAlias = "SolverCode | InterpretedCode"
 
 def _text() -> str:
     """The IR of the solver."""
-    from llvmlite import ir
-
-    from mbm.machine.llvm import lower_into
-    from mbm.machine.tree import Return
     from mbm.solver.modules import solver_module
 
-    target, solver = ir.Module("solver"), solver_module(LANES)
-    lower_into(target, solver)
-    for each in solver.functions:
-        made = target.get_global(each.name)
-        if len(each.body) == 1 and isinstance(each.body[0], Return):
-            made.attributes.add("alwaysinline")
-    return str(target)
+    return lowered(solver_module(LANES))
 
 
 def _consensus_text() -> str:
     """The IR of consensus."""
     from mbm.solver.modules import consensus_module
 
-    return _lowered(consensus_module(LANES))
+    return lowered(consensus_module(LANES))
 
 
 def _filters_text() -> str:
     """The IR of filters and smoothers."""
     from mbm.solver.modules import filters_module
 
-    return _lowered(filters_module(LANES))
-
-
-def _lowered(module: Module) -> str:
-    from llvmlite import ir
-
-    from mbm.machine.llvm import lower_into
-
-    target = ir.Module(module.name)
-    lower_into(target, module)
-    return str(target)
+    return lowered(filters_module(LANES))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -171,11 +150,11 @@ class NativeCode:
 
     def __init__(self, backend: Backend | None) -> None:
         self.store: Store | None = getattr(backend, "store", None)
+        self._code: KernelCode | None = getattr(backend, "code", None)
         self._sure = isinstance(backend, MachineCode)
         self._solver: AnyCode | None = None
         self._consensus: AnyCode | None = None
         self._filters: AnyCode | None = None
-        self._kernels: dict[tuple[int, ...], NativeKernels] = {}
         self._callbacks: dict[tuple[int, ...], CallbackKernels] = {}
         self.sums: dict[object, NormalKernels] = {}
         self.systems: dict[object, Described] = {}
@@ -224,14 +203,13 @@ class NativeCode:
             self._callbacks[key] = CallbackKernels(streams, widths)
         return self._callbacks[key]
 
-    def kernels(self, numbers: Sequence[int], kernels: Sequence[Kernel], rows: int) -> NativeKernels:
-        """The code of some kernels, the k-th under the number k."""
-        key = tuple(numbers)
-        if key not in self._kernels:
-            from mbm.kernels.native.kernels import native_kernels
+    def kernels(self, kernels: Sequence[Kernel], rows: int) -> NativeKernels:
+        """The code of some kernels, the k-th under the number k; that of the backend, where it is machine code."""
+        if self._code is None:
+            from mbm.kernels.native.kernels import KernelCode
 
-            self._kernels[key] = native_kernels(KernelSet(name="system", kernels=tuple(kernels)), self.store, rows)
-        return self._kernels[key]
+            self._code = KernelCode(self.store)
+        return self._code.of(kernels, rows)
 
 
 def native_code(cache: EvaluationCache) -> NativeCode:

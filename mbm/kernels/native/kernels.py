@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 from mbm.kernels.native.engine import Library, compiled
 from mbm.kernels.native.processor import vector_library
-from mbm.kernels.types import Kernel, KernelSet
+from mbm.kernels.types import Kernel
 from mbm.machine import blocks_of_rows
 from mbm.values import dataclass
 
@@ -29,36 +31,56 @@ def level_for(kernel: Kernel, rows: int) -> int:
     return FAST if len(kernel.jacobian_program.instructions) <= LONG or rows >= MANY else PLAIN
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class NativeKernels:
     """Addresses of functions ``void f(const double *inputs, double *outputs, int64 blocks)`` over blocks of rows.
 
-    See `mbm.machine.blocks_of_rows`. The code lives as long as this does.
+    See `mbm.machine.blocks_of_rows`. The code lives as long as this does. Each kernel has a library and its number
+    there.
     """
 
-    _library: Library
+    _places: tuple[tuple[Library, int], ...]
 
     def values_address(self, k: int) -> int:
         """Of what gives the values of kernel ``k``."""
-        return self._library.address(f"values{k}")
+        library, number = self._places[k]
+        return library.address(f"values{number}")
 
     def jacobian_address(self, k: int) -> int:
         """Of what gives the values of kernel ``k`` and behind them the nonzeros of the Jacobian."""
-        return self._library.address(f"jacobian{k}")
+        library, number = self._places[k]
+        return library.address(f"jacobian{number}")
 
 
-def native_kernels(kernels: KernelSet, store: Store | None, rows: int = 0) -> NativeKernels:
-    """All kernels of a set as machine code in one library.
+@dataclass(frozen=True, slots=True, eq=False)
+class KernelCode:
+    """Kernels as machine code, made once for each and level; object code is kept in ``store``.
 
-    Args:
-        kernels: the kernels.
-        store: where object code is kept; None: nowhere.
-        rows: about how many rows a solve has; many are worth better code.
+    Local to one compiled problem in one thread.
     """
-    programs = {}
-    for k, kernel in enumerate(kernels.kernels):
-        programs[f"values{k}"] = kernel.value_program
-        programs[f"jacobian{k}"] = kernel.jacobian_program
-    level = min((level_for(kernel, rows) for kernel in kernels.kernels), default=PLAIN)
-    text = blocks_of_rows.module_of(programs, vector_library())
-    return NativeKernels(_library=compiled(text, store, level))
+
+    store: Store | None
+    _made: dict[tuple[int, int], tuple[Kernel, Library, int]] = field(default_factory=dict, init=False, repr=False)
+
+    def of(self, kernels: Sequence[Kernel], rows: int = 0) -> NativeKernels:
+        """The code of some kernels; what is missing is made, in one library.
+
+        ``rows``: about how many rows a solve has; many are worth better code.
+        """
+        levels = [level_for(kernel, rows) for kernel in kernels]
+        for level in set(levels):
+            missing = {id(k): k for k, own in zip(kernels, levels, strict=True) if own == level}
+            self._make([k for key, k in missing.items() if (key, level) not in self._made], level)
+        found = [self._made[id(kernel), level] for kernel, level in zip(kernels, levels, strict=True)]
+        return NativeKernels(tuple((library, number) for _, library, number in found))
+
+    def _make(self, kernels: Sequence[Kernel], level: int) -> None:
+        if not kernels:
+            return
+        programs = {}
+        for k, kernel in enumerate(kernels):
+            programs[f"values{k}"] = kernel.value_program
+            programs[f"jacobian{k}"] = kernel.jacobian_program
+        library = compiled(blocks_of_rows.module_of(programs, vector_library()), self.store, level)
+        for k, kernel in enumerate(kernels):
+            self._made[id(kernel), level] = kernel, library, k

@@ -12,8 +12,7 @@ pytest.importorskip("llvmlite")
 
 import mbm
 from mbm.kernels.backends import casadi_map, native, numpy_stream
-from mbm.kernels.native.kernels import LONG, MANY, level_for, native_kernels
-from mbm.kernels.types import KernelSet
+from mbm.kernels.native.kernels import LONG, MANY, KernelCode, level_for
 from mbm.machine.kinds import LANES
 
 PROBLEMS = sorted((Path(__file__).parents[3] / "problems").glob("*/*.mbm"))
@@ -42,7 +41,7 @@ def close(found, wanted):
 def test_all_backends_on_all_kernels(path, name):
     kernels = kernels_of(path, name)
     machine = native.backend(None)
-    code = native_kernels(KernelSet(name=name, kernels=kernels), None)
+    code = KernelCode(None).of(kernels)
     for number, kernel in enumerate(kernels):
         inputs = np.random.default_rng(number).uniform(0.5, 1.5, (ROWS, len(kernel.jacobian_program.inputs)))
         reference = casadi_map.BACKEND.stream(kernel).values_and_jacobian(inputs)

@@ -393,7 +393,7 @@ def system_of(
 
 def kernels_of(code: NativeCode, groups: Sequence[Group], *, compiled: bool) -> NativeKernels | CallbackKernels:
     """The kernels of groups, as machine code where that is wanted."""
-    numbers, kernels = [g.number for g in groups], [g.kernel for g in groups]
+    kernels = [g.kernel for g in groups]
     if compiled:
-        return code.kernels(numbers, kernels, max(g.rows for g in groups))
-    return code.callbacks(numbers, kernels, [g.cache.stream(g.number, g.kernel) for g in groups])
+        return code.kernels(kernels, max((g.rows for g in groups), default=0))
+    return code.callbacks([g.number for g in groups], kernels, [g.cache.stream(g.number, g.kernel) for g in groups])
