@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from mbm.api.budgets import budget_file
     from mbm.api.compiled import CompiledProblem
     from mbm.api.designing import design_file
-    from mbm.api.files import check, expand, explain, propagate_file, simulate_file, solve_file
+    from mbm.api.files import check, expand, explain, propagate_file, sequences, simulate_file, solve_file
     from mbm.api.problem import Problem, build, load, loads
     from mbm.api.trajectories import trajectory_file
     from mbm.api.viewing import view_file
@@ -27,7 +27,7 @@ _ROOMS = MappingProxyType(
         "mbm.api.budgets": ("budget_file",),
         "mbm.api.compiled": ("CompiledProblem",),
         "mbm.api.designing": ("design_file",),
-        "mbm.api.files": ("check", "expand", "explain", "propagate_file", "simulate_file", "solve_file"),
+        "mbm.api.files": ("check", "expand", "explain", "propagate_file", "sequences", "simulate_file", "solve_file"),
         "mbm.api.problem": ("Problem", "build", "load", "loads"),
         "mbm.api.trajectories": ("trajectory_file",),
         "mbm.api.viewing": ("view_file",),
@@ -39,7 +39,7 @@ _ROOMS = MappingProxyType(
 )
 __all__ = ["CompiledProblem", "MbmError", "Problem", "Solve", "Solved", "budget_file", "build", "check", "expand"]
 __all__ += ["explain", "keyword", "load", "loads", "propagate_file", "simulate_file", "solve_file", "symbol"]
-__all__ += ["design_file", "trajectory_file", "view_file"]
+__all__ += ["design_file", "sequences", "trajectory_file", "view_file"]
 
 
 def __getattr__(name: str) -> Any:

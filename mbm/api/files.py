@@ -118,6 +118,36 @@ def check(
     return tuple(found)
 
 
+def sequences(
+    path: str | Path,
+    *,
+    problem: str | None = None,
+    data: Mapping[str, Path] | None = None,
+    sandbox: Path | None = None,
+    allow_external: bool = False,
+) -> tuple[str, ...]:
+    """For each problem of a file that has states, which must be right, its steps in words.
+
+    Raises:
+        MbmError: a problem is wrong.
+
+    """
+    loaded = opened(path, sandbox=sandbox)
+    if "states" not in loaded.program.source.text:
+        return ()
+    from mbm.report.steps import steps_text
+
+    paths = {name: str(given) for name, given in (data or {}).items()}
+    inputs = Inputs(paths=paths, sandbox=sandbox, allow_external=allow_external)
+    told = []
+    for name in (problem,) if problem is not None else loaded.names or (None,):
+        found = compiler.elaborated(loaded.program, name, inputs, loaded.registry)
+        if found.problem.sequence is not None:
+            words = steps_text(found.problem, found.problem.sequence, found.tables)
+            told.append(f"problem `{found.problem.name}`: {words}")
+    return tuple(told)
+
+
 def explain(
     path: str | Path,
     *,

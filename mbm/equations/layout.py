@@ -134,8 +134,12 @@ class Layout:
         return result
 
 
-def layout(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, Floats]) -> Layout:
+def layout(
+    problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, Floats], *, spread: bool = False
+) -> Layout:
     """The layout for these tables; ``starts`` overrides ``:init``, by name, in SI.
+
+    ``spread``: states that do not change have a member for each step, as the others have.
 
     Raises:
         MbmError: bounds the wrong way round, or a start of the wrong shape.
@@ -143,7 +147,7 @@ def layout(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, F
     """
     entries: list[Entry] = []
     offset = first = 0
-    still = problem.sequence.static if problem.sequence is not None else frozenset()
+    still = frozenset() if problem.sequence is None or spread else problem.sequence.static
     for unknown in problem.unknowns:
         keys: tuple[CellKey, ...] | None = None
         if unknown.family is not None:

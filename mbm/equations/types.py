@@ -314,7 +314,7 @@ class Covariance:
     fixed at a bound; ``sigma`` (n,) its root diagonal; ``factor`` (n, rank) with ``factor @ factor.T`` the covariance
     on the estimable subspace (minimum norm in the scaled metric), from which derived quantities are propagated.
     ``variance`` is the estimated s² in it. Of sparse problems ``factor`` and ``matrix`` are empty, and
-    ``inverse`` times ``variance`` is the covariance.
+    ``inverse`` times ``variance`` is the covariance. ``reason`` says why NaN stands elsewhere (None: it does not).
     """
 
     matrix: Floats
@@ -322,6 +322,7 @@ class Covariance:
     factor: Floats
     variance: float = 1.0
     inverse: CovarianceFactor | None = field(default=None, repr=False)
+    reason: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.estimation.search.solution import Solution
+from mbm.report.derived_values import FREE
 from mbm.report.elements import element_names
 from mbm.report.geometric import GEOMETRIC, coordinate_factors
 from mbm.report.quantities import Shown
@@ -32,15 +33,23 @@ def estimates_covariance(solution: Solution, shown: Shown, unknown: str | None, 
     matrix = _whole(solution)
     if matrix is None:
         return _matrix(chosen, factors, None, f"{len(chosen)} scalars are too many")
+    reason = _reason(matrix, solution)
     if not bool(held.any()):
-        return _matrix(chosen, factors, matrix, None)
-    return _matrix(chosen, factors, np.where(np.logical_or.outer(held, held), np.nan, matrix), None)
+        return _matrix(chosen, factors, matrix, reason)
+    return _matrix(chosen, factors, np.where(np.logical_or.outer(held, held), np.nan, matrix), reason)
+
+
+def _reason(matrix: Floats, solution: Solution) -> str | None:
+    """Why numbers are missing, where the method is the cause; and the data, if variances are missing too."""
+    reason = solution.covariance.reason
+    return f"{reason}, or {FREE}" if reason is not None and bool(np.isnan(np.diag(matrix)).any()) else reason
 
 
 def _whole(solution: Solution) -> Floats | None:
     """The covariance matrix of all coordinates; None where it would be too large."""
     if solution.covariance.inverse is None:
-        return solution.covariance.matrix
+        matrix = solution.covariance.matrix
+        return matrix if len(matrix) == len(solution.free) else None
     # Loaded by sparse problems only, so that the others start at once.
     from mbm.estimation.uncertainty.sparse import whole_covariance
 
@@ -71,7 +80,7 @@ def derived_covariance(
         return _matrix(chosen, by_row, np.full((len(chosen),) * 2, np.nan), unknown)
     if solution.derived_covariance is None:
         return _matrix(chosen, by_row, None, f"{len(chosen)} scalars are too many")
-    return _matrix(chosen, by_row, solution.derived_covariance, None)
+    return _matrix(chosen, by_row, solution.derived_covariance, solution.covariance.reason)
 
 
 def _matrix(names: tuple[str, ...], factors: Floats, matrix: Floats | None, reason: str | None) -> CovarianceMatrix:

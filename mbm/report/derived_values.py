@@ -55,7 +55,7 @@ def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floa
     missing = np.isnan(sigma) & ~undefined
     causes = [_NOT_FINITE] if bool(undefined.any()) else []
     if bool(missing.any()):
-        causes.append(unknown or (NO_NOISE if _noise_alone(solution, found, missing) else FREE))
+        causes.append(unknown or found.reason or (NO_NOISE if _noise_alone(solution, found, missing) else FREE))
     return ", or ".join(causes) or None
 
 

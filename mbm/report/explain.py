@@ -32,6 +32,7 @@ from mbm.problem.types import (
     UnknownKind,
 )
 from mbm.report.columns import wrapped
+from mbm.report.steps import steps_text
 from mbm.symbolic.printing import latex_name, printed
 from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
 from mbm.text.shown import joined
@@ -78,7 +79,7 @@ def explanation(
     if problem.unknowns:
         lines += ["unknowns", *(f"  {line}" for u in problem.unknowns for line in _unknown(u, tables)), ""]
     if problem.sequence is not None:
-        lines += ["sequence", *(f"  {line}" for line in _sequence(problem.sequence, tables)), ""]
+        lines += ["sequence", *(f"  {line}" for line in _sequence(problem, problem.sequence, tables)), ""]
     if problem.constants:
         lines += ["constants", *(f"  {c.name} = {' '.join(f'{v:g}' for v in c.values)}" for c in problem.constants), ""]
     for i, block in enumerate(problem.blocks):
@@ -121,12 +122,9 @@ def _unknown(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[str]:
     yield text + (f"; {', '.join(options)}" if options else "")
 
 
-def _sequence(sequence: Sequence, tables: Mapping[str, Table]) -> Iterator[str]:
+def _sequence(problem: Problem, sequence: Sequence, tables: Mapping[str, Table]) -> Iterator[str]:
     """The steps, how the states get from one to the next, and how they are estimated."""
-    steps = tables[sequence.steps].numbers(sequence.column)
-    named = ", ".join(dict.fromkeys(table for table, _ in sequence.sources))
-    ends = f" from {steps[0]:g} to {steps[-1]:g}" if len(steps) else ""
-    yield f"{len(steps)} steps{ends}: the values of {sequence.column} in {named}"
+    yield steps_text(problem, sequence, tables)
     for transition in sequence.transitions:
         yield f"{' and '.join(transition.states)}: {' '.join(transition.span.text.split())}"
     yield f"estimated by {sequence.estimator.method.value}"

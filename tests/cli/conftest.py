@@ -62,7 +62,15 @@ class FakeApi:
 
 @pytest.fixture
 def api(monkeypatch: pytest.MonkeyPatch) -> FakeApi:
-    fake = FakeApi(answers={"solve_file": a_result(), "check": (), "explain": "h = 1 + x\n", "expand": "(subvv 2 a b)"})
+    fake = FakeApi(
+        answers={
+            "solve_file": a_result(),
+            "check": (),
+            "sequences": (),
+            "explain": "h = 1 + x\n",
+            "expand": "(subvv 2 a b)",
+        }
+    )
     module = ModuleType("mbm.api")
     for name in fake.answers:
         setattr(module, name, fake.function(name))

@@ -26,8 +26,10 @@ UGLY = "(defun   f (x)\n x ) ; kept\n"
 def test_check_without_faults(mbm: Run, api: Any) -> None:
     outcome = mbm("check", "desk.mbm", "--strict-units", "--problem", "desk", "--data", "d=x.csv", "--sandbox", "here")
     assert (outcome.status, outcome.out) == (0, "desk.mbm: no errors, no warnings\n")
-    ((_name, positional, named),) = api.calls
-    assert positional == (Path("desk.mbm"),)
+    (name, positional, named), (other, same, others) = api.calls
+    assert (name, other) == ("check", "sequences")
+    assert positional == same == (Path("desk.mbm"),)
+    assert named == others | {"strict_units": True}
     assert named == {
         "problem": "desk",
         "strict_units": True,
@@ -35,6 +37,13 @@ def test_check_without_faults(mbm: Run, api: Any) -> None:
         "sandbox": Path("here"),
         "allow_external": False,
     }
+
+
+def test_check_tells_the_steps_of_sequences(mbm: Run, api: Any) -> None:
+    api.answers["sequences"] = ("problem `p`: 3 steps from 0 to 2: the values of k in d",)
+    outcome = mbm("check", "desk.mbm")
+    first = "desk.mbm: problem `p`: 3 steps from 0 to 2: the values of k in d\n"
+    assert outcome.out == first + "desk.mbm: no errors, no warnings\n"
 
 
 def test_check_with_warnings_and_errors(mbm: Run, api: Any, diagnostic_of: Callable[..., Diagnostic]) -> None:

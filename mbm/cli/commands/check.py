@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -38,23 +39,23 @@ def command(
 
     Exit status: 0 nothing, or nothing but warnings; 2 errors.
     """
-    from mbm.api import check
+    from mbm.api import check, sequences
 
     check_document(json_path, ())
-    found = check(
-        file,
-        problem=problem,
-        strict_units=strict_units,
-        data=named_paths("--data", data),
-        sandbox=None if sandbox is None else Path(sandbox),
-        allow_external=allow_external,
-    )
+    given: dict[str, Any] = {
+        "data": named_paths("--data", data),
+        "sandbox": None if sandbox is None else Path(sandbox),
+        "allow_external": allow_external,
+    }
+    found = check(file, problem=problem, strict_units=strict_units, **given)
     screen = terminal()
     errors = [diagnostic for diagnostic in found if diagnostic.severity is Severity.ERROR]
     print_diagnostics(errors if screen.quiet else found, color=screen.color_errors)
     if json_path is not None:
         write_json(found, json_path, reads=reads_so_far())
     if json_path != STANDARD_OUTPUT and not screen.quiet:
+        for line in () if errors else sequences(file, problem=problem, **given):
+            say(f"{one_line(str(file))}: {line}")
         say(f"{one_line(str(file))}: {_counted(len(errors), 'error')}, {_counted(len(found) - len(errors), 'warning')}")
     return WRONG if errors else OK
 

@@ -56,7 +56,7 @@ def agreeing(
     # graduated non-convexity narrows down from fits to all rows: which of the closed form's roots it begins at decides
     anywhere = settings.starts is None and consensus.kind is not ConsensusKind.GNC
     asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=observed)
-    if _by_truncation(consensus, equations):
+    if _by_truncation(problem, consensus, equations):
         return _truncated(asked, equations, starts)
     found = _startless(asked, equations) if anywhere else None
     beginnings: tuple[Beginning, ...] = ()
@@ -69,6 +69,8 @@ def agreeing(
     point = beginnings[0].point if found is None or beginnings else found.point
     units = units_of(equations, problem, point, observed)
     if found is None and (units.scalars <= equations.dimension or not equations.dimension):
+        if problem.sequence is not None and equations.dimension:
+            raise MbmError(faults.no_subset(problem.sequence.span, consensus.kind.value))
         return Prepared(equations=equations, starts=beginnings)
     if found is None or beginnings:
         found = _agreed(asked, equations, units, beginnings)
@@ -77,12 +79,14 @@ def agreeing(
     return _prepared(asked, equations, units, found, beginnings)
 
 
-def _by_truncation(consensus: Consensus, equations: Assembled) -> bool:
-    """Whether graduated non-convexity leads to truncated least squares by fits of all rows that are left."""
+def _by_truncation(problem: Problem, consensus: Consensus, equations: Assembled) -> bool:
+    """Whether graduated non-convexity leads to truncated least squares by fits of all rows that are left: where it is
+    asked for, of many unknowns, and of states, which subsets without transitions do not determine.
+    """
     if consensus.kind is not ConsensusKind.GNC or not equations.dimension:
         return False
     large = equations.dimension > MANY_CONNECTED and max(len(p.columns) for p in parts_of(equations)) > MANY_CONNECTED
-    return consensus.literal or large
+    return consensus.literal or large or problem.sequence is not None
 
 
 def _truncated(asked: Asked, equations: Assembled, starts: Starts) -> Prepared:

@@ -14,6 +14,18 @@ AMBIGUOUS_CONSENSUS = Code(
     "Two different solutions explain equally many measurements: which of them are outliers cannot be told.",
     "Add measurements, a prior, or bounds that decide between the two.",
 )
+NO_SUBSET = Code(
+    "no-subset",
+    "The rule for outliers fits subsets of the rows, and no subset determines all states: transitions, which join the "
+    "steps, belong to none.",
+    "Use `:robust (gnc :quantile 99%)`, which judges each row by fits to all others, or a `:loss`.",
+)
+
+
+def no_subset(span: Span, rule: str) -> Diagnostic:
+    """States with too few rows for the ``rule``."""
+    message = f"`{rule}` fits subsets of the rows, and the rows of no subset determine all states"
+    return Diagnostic(code=NO_SUBSET, message=message, place=span, hint=NO_SUBSET.mend)
 
 
 def too_few_agree(span: Span, agreeing: int, units: int) -> Diagnostic:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class DerivedSolution:
     """A derived quantity: ``values`` and ``sigma`` (rows, size), sigma NaN where the data do not determine it.
 
-    ``freedom`` is that of the sigmas.
+    ``freedom`` is that of the sigmas. ``reason`` says why the method has no sigma that the data would determine.
     ``gradient`` (rows·size, n) is with respect to the free numbers; None where it was left out for its size.
     """
 
@@ -34,6 +34,7 @@ class DerivedSolution:
     sigma: Floats
     freedom: Freedom
     gradient: Floats | None
+    reason: str | None = None
 
 
 Elsewhere: TypeAlias = Callable[[int, Table], DerivedSolution]

@@ -7,16 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.assembly import Assembled
-from mbm.equations.binder import Binder
+from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.binding import Group
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Observability, Reason
+from mbm.estimation.consensus.faults import too_few_agree
+from mbm.estimation.consensus.preparation import outliers, unit_weights
 from mbm.estimation.search.solution import DerivedSolution, Hypothesis, Solution
 from mbm.estimation.sequences import faults
+from mbm.estimation.sequences.deviations import ONE_AT_A_TIME, Deviations, joint
 from mbm.estimation.sequences.lowering import of_no_step, steps_of
 from mbm.estimation.sequences.own_steps import SEVERAL, OwnSteps
 from mbm.estimation.sequences.places import Places
+from mbm.estimation.sequences.spread import Told
 from mbm.estimation.sequences.walk import Chained, Prior, Rules, Track
 from mbm.estimation.trust.plausibility import IMPROBABLE
 from mbm.estimation.uncertainty.degrees import common
@@ -35,15 +38,14 @@ FORMED = 2000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Walked:
-    """A walk, with the problem that it was for."""
+    """A walk, with the problem that it was for: the equations that were ``solved``, and those it is ``told`` with."""
 
     problem: Problem
     kernels: KernelSet
     tables: Mapping[str, Table]
     key: Mapping[str, CellKey]
-    equations: Assembled
-    binder: Binder
-    places: Places
+    solved: Told
+    told: Told
     chained: Chained
     prior: Prior
     rules: Rules
@@ -52,15 +54,17 @@ class Walked:
 
 def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
     """The solution that a walk gives. Plain unknowns are those after the last row, in rows those of their step."""
-    equations, track, places = walked.equations, walked.track, walked.places
+    equations, track, places = walked.told.equations, walked.track, walked.told.places
     own = OwnSteps.of(places, track.made)
     numbers = own.numbers(_numbers(walked), track.points)
-    groups = tuple(own.placed(group, _steps_of(walked, own, group)) for group in equations.groups)
+    solved = walked.solved.equations
+    groups = _placed(walked, own, equations.groups, solved.groups)
     free = np.union1d(equations.free, _free(places))
     sigma = _sigmas(walked)[free]
-    covariance = Covariance(matrix=_matrix(walked, free), sigma=sigma, factor=np.zeros((len(free), 0)))
-    derived = _derived(walked, own)
-    residuals = replace(equations, groups=groups).plain_residuals(numbers)
+    covariance = _covariance(walked, free, sigma)
+    derived, derived_covariance = _derived(walked, own)
+    counted = replace(equations, groups=groups)
+    residuals = counted.plain_residuals(numbers)
     reason = _reason(walked)
     fit = _fit(walked, reason)
     lost = int(track.opens[max(track.made - 1, 0)])
@@ -69,7 +73,7 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         tables=walked.tables,
         layout=equations.layout,
         groups=groups,
-        constraints=tuple(own.placed(group, _steps_of(walked, own, group)) for group in equations.constraints),
+        constraints=_placed(walked, own, equations.constraints, solved.constraints),
         numbers=numbers,
         free=free,
         minimum=Minimum(
@@ -84,15 +88,15 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
             at_bound=np.zeros(len(free), dtype=np.int8),
         ),
         residuals=residuals,
-        weights=None,
-        outliers=None,
+        weights=unit_weights(counted, residuals),
+        outliers=outliers(counted, residuals),
         robust_cost=track.cost if equations.lossy else None,
         alternatives=(),
         tally=None,
         origin="the prior of the first step",
         observability=_observability(len(free), lost, np.isfinite(sigma)),
         covariance=covariance,
-        derived_covariance=None,
+        derived_covariance=derived_covariance,
         derived=derived,
         fit=fit,
         noise={},
@@ -108,7 +112,7 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         iterations=track.iterations,
         evaluations=track.evaluations,
         seconds=seconds(),
-        diagnostics=_doubts(walked, fit),
+        diagnostics=(*_doubts(walked, fit), *_lost(walked, counted, residuals)),
     )
 
 
@@ -122,8 +126,8 @@ def _name(walked: Walked) -> str:
 
 def _numbers(walked: Walked) -> Floats:
     """All numbers of the problem; NaN at steps that were not reached."""
-    places, track = walked.places, walked.track
-    numbers = walked.equations.numbers.copy()
+    places, track = walked.told.places, walked.track
+    numbers = walked.told.equations.numbers.copy()
     numbers[places.numbers[track.made :]] = np.nan
     numbers[places.numbers[: track.made]] = track.points[: track.made]
     if track.made:
@@ -133,15 +137,15 @@ def _numbers(walked: Walked) -> Floats:
 
 def _hypotheses(walked: Walked, free: Indices) -> tuple[Hypothesis, ...]:
     """What is followed after the last step, with the probabilities that the costs say."""
-    places, crowd = walked.places, walked.track.crowd
+    places, crowd = walked.told.places, walked.track.crowd
     if not crowd or walked.track.made < walked.chained.steps:
         return ()
     weights = np.exp(0.5 * (crowd[0].cost - np.array([each.cost for each in crowd])))
     found = []
     for each, weight in zip(crowd, weights / weights.sum(), strict=True):
-        numbers = np.full(len(walked.equations.numbers), np.nan)
+        numbers = np.full(len(walked.told.equations.numbers), np.nan)
         numbers[places.numbers[-1]] = each.point
-        sigma = np.full(len(walked.equations.layout.number), np.nan)
+        sigma = np.full(len(walked.told.equations.layout.number), np.nan)
         sigma[places.coordinates[-1, places.free]] = np.sqrt(np.square(each.factor).sum(axis=0))
         found.append(Hypothesis(cost=each.cost, weight=float(weight), numbers=numbers, sigma=sigma[free]))
     return tuple(found)
@@ -153,8 +157,8 @@ def _free(places: Places) -> Indices:
 
 def _sigmas(walked: Walked) -> Floats:
     """The standard deviation of every coordinate (M,); NaN where the rows so far do not determine it."""
-    places, track = walked.places, walked.track
-    found = np.full(len(walked.equations.layout.number), np.nan)
+    places, track = walked.told.places, walked.track
+    found = np.full(len(walked.told.equations.layout.number), np.nan)
     deviations = np.sqrt(np.square(track.factors).sum(axis=1))
     deviations[track.touched] = np.nan
     deviations[track.made :] = np.nan
@@ -165,11 +169,12 @@ def _sigmas(walked: Walked) -> Floats:
     return found
 
 
-def _matrix(walked: Walked, free: Indices) -> Floats:
-    """The covariance (n, n) of what is free: of each step; what is not known of two different ones is NaN."""
-    places, track = walked.places, walked.track
+def _covariance(walked: Walked, free: Indices, sigma: Floats) -> Covariance:
+    """The covariance of what is free: of each step; what is not known of two different ones is NaN."""
+    places, track = walked.told.places, walked.track
+    factor = np.zeros((len(free), 0))
     if len(free) > FORMED:
-        return np.zeros((0, 0))
+        return Covariance(matrix=np.zeros((0, 0)), sigma=sigma, factor=factor)
     found = np.full((len(free), len(free)), np.nan)
     for k, covariance in enumerate(track.covariances[: track.made]):
         covariance = np.where(track.touched[k][:, None] | track.touched[k], np.nan, covariance)
@@ -178,7 +183,7 @@ def _matrix(walked: Walked, free: Indices) -> Floats:
         if k < track.made - 1:
             found[np.ix_(at[: places.still], at)] = np.nan
             found[np.ix_(at, at[: places.still])] = np.nan
-    return found
+    return Covariance(matrix=found, sigma=sigma, factor=factor, reason=ONE_AT_A_TIME if track.made > 1 else None)
 
 
 def _observability(size: int, lost: int, estimable: Mask) -> Observability:
@@ -211,7 +216,7 @@ def _fit(walked: Walked, reason: Reason) -> Fit:
     seen, track = walked.chained.seen, walked.track
     rows = int(seen.residuals[: track.made].sum())
     rank = int(walked.prior.open.sum()) - (int(track.opens[track.made - 1]) if track.made else 0)
-    lossy = walked.equations.lossy
+    lossy = walked.solved.equations.lossy
     found = fit_statistics(track.cost, rows, rank, noise_stated=not lossy, equalities=seen.equalities)
     return found if reason.converged else Fit(cost=found.cost, dof=found.dof, sigma0=found.sigma0, chi2_p=None)
 
@@ -223,56 +228,75 @@ def _doubts(walked: Walked, fit: Fit) -> tuple[Diagnostic, ...]:
     return (faults.overconfident_filter(walked.problem.span, fit.sigma0, fit.chi2_p),)
 
 
+def _lost(walked: Walked, counted: Assembled, residuals: Floats) -> tuple[Diagnostic, ...]:
+    """Where losses leave out more rows than they keep, a filter may follow what is wrong, or nothing any more."""
+    rows = [lines[:, 0] for _, lines in loss_lines(counted)]
+    left = outliers(counted, residuals)
+    if not rows or left is None:
+        return ()
+    wrong = left[np.concatenate(rows)]
+    if 2 * int(wrong.sum()) <= len(wrong):
+        return ()
+    return (too_few_agree(walked.problem.span, int((~wrong).sum()), len(wrong)),)
+
+
+def _placed(walked: Walked, own: OwnSteps, told: tuple[Group, ...], solved: tuple[Group, ...]) -> tuple[Group, ...]:
+    """Groups that take the numbers of a walk, each row at its own step."""
+    known = OwnSteps.of(walked.solved.places, walked.track.made)
+    pairs = zip(told, solved, strict=True)
+    return tuple(own.placed(group, _steps_of(walked, known, same)) for group, same in pairs)
+
+
 def _steps_of(walked: Walked, own: OwnSteps, group: Group) -> Indices:
-    """The step of each row (rows,) of what is observed or constrained."""
+    """The step of each row (rows,) of what is observed or constrained, of the equations that were solved."""
     sequence = walked.problem.sequence
     block = walked.problem.blocks[group.kernel.owner]
     observed = block.role is BlockRole.OBSERVATION
     if sequence is None or not (observed or block.role is BlockRole.CONSTRAINT):
         return own.reached(group)
-    if not observed and of_no_step(group, block, walked.places, sequence, walked.tables):
+    if not observed and of_no_step(group, block, own.places, sequence, walked.tables):
         return own.reached(group)
     exact = (transition.exact for transition in sequence.transitions)
     if block.name in exact:
         return own.reached(group)
-    return steps_of(group, block, walked.places, sequence, walked.tables)
+    return steps_of(group, block, own.places, sequence, walked.tables)
 
 
-def _derived(walked: Walked, own: OwnSteps) -> tuple[DerivedSolution, ...]:
-    """Derived quantities, each row with the covariance of the step that it belongs to, else of the last."""
-    layout, step = walked.equations.layout, walked.chained.seen.equations.layout
+def _derived(walked: Walked, own: OwnSteps) -> tuple[tuple[DerivedSolution, ...], Floats | None]:
+    """Derived quantities, each row with the covariance of the step that it belongs to, else of the last; and that of
+    them all, as `Solution` has it.
+    """
+    layout, step = walked.told.equations.layout, walked.chained.seen.equations.layout
     numbers = own.numbers(layout.reported(_numbers(walked)), step.reported(walked.track.points))
     with np.errstate(all="ignore"):
-        return tuple(_one(walked, own, numbers, owner) for owner in range(len(walked.problem.derived)))
+        found = [_one(walked, own, numbers, owner) for owner in range(len(walked.problem.derived))]
+    return tuple(one for one, _ in found), joint([spread for _, spread in found])
 
 
-def _one(walked: Walked, own: OwnSteps, numbers: Floats, owner: int) -> DerivedSolution:
+def _one(walked: Walked, own: OwnSteps, numbers: Floats, owner: int) -> tuple[DerivedSolution, Deviations]:
     derived = walked.problem.derived[owner]
     rows = len(walked.tables[derived.table]) if derived.table is not None else 1
     count = size = len(derived.cases[0].values) if derived.cases else 0
     if derived.kind is not None:
         shape = manifold_of(derived.kind.value, derived.dimension, 0)
         count, size = shape.size, shape.tangent
-    values, sigma = np.full((rows, count), np.nan), np.full((rows, size), np.nan)
-    for each in walked.binder.derived(walked.kernels, owner):
+    values = np.full((rows, count), np.nan)
+    spread = Deviations.blank(rows, size, len(own.places.free))
+    for each in walked.told.binder.derived(walked.kernels, owner):
         steps = own.steps(each)
         group = own.placed(each, steps)
         positions = group.positions if group.positions is not None else np.arange(1)
         stated = group.values(numbers).copy()
-        slopes = group.dense_jacobian(numbers, own.column, len(walked.places.free))
+        slopes = group.dense_jacobian(numbers, own.column, len(own.places.free))
         if derived.kind is None:
             values[positions] = reported(derived, stated)
         else:
             values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
             slopes = tangent_slopes(derived.kind, derived.dimension, stated, slopes)
-        sigma[positions] = _spread(walked.track, steps, slopes)
-    return DerivedSolution(owner=owner, values=values, sigma=sigma, gradient=None, freedom=common(np.inf, sigma.shape))
-
-
-def _spread(track: Track, steps: Indices, slopes: Floats) -> Floats:
-    """Standard deviations (rows, outputs); NaN where a step is not determined, or several are in one row."""
-    known = (steps != SEVERAL) & (steps < track.made)
-    at = np.where(known, steps, 0)
-    sigma = np.sqrt(np.square(np.einsum("rfn,ron->rof", track.factors[at], slopes)).sum(axis=2))
-    loose = (np.where(track.touched[at][:, None, :], slopes, 0.0) != 0.0).any(axis=2)
-    return np.where(known[:, None] & ~loose, sigma, np.nan)
+        spread.put(positions, steps, slopes, walked.track)
+    sigma = spread.sigma
+    freedom, several = common(np.inf, sigma.shape), bool((spread.steps == SEVERAL).any())
+    reason = ONE_AT_A_TIME if several else None
+    return DerivedSolution(
+        owner=owner, values=values, sigma=sigma, gradient=None, freedom=freedom, reason=reason
+    ), spread

@@ -17,6 +17,12 @@ OVERCONFIDENT_FILTER = Code(
     "Where the equations are curved, linearise better: `:method iterated-ekf`, `(smoother :lag n)` or `batch`; else "
     "correct the sigmas and the noise of the transitions.",
 )
+BEYOND_BOUNDS = Code(
+    "beyond-bounds",
+    "A filter that does not cut its distribution takes no notice of `:in` and `positive`, and an estimate lies outside "
+    "(a warning).",
+    "Use `:constraints truncate`, by which bounds and inequalities cut, or `batch` or `(smoother)`, which meet them.",
+)
 
 OTHER_EQUATIONS = Code(
     "no-equation-for-row",
@@ -24,6 +30,18 @@ OTHER_EQUATIONS = Code(
     "or numbers that decide which equation holds, are others.",
     "Compile the problem with data that have a row of each kind.",
 )
+
+
+def beyond_bounds(span: Span | None, name: str, steps: int | None) -> Diagnostic:
+    """An unknown outside its bounds, which a filter does not use: at so many steps (None: it is no state)."""
+    where = "" if steps is None else f" at {steps} step{'' if steps == 1 else 's'}"
+    return Diagnostic(
+        code=BEYOND_BOUNDS,
+        severity=Severity.WARNING,
+        message=f"`{name}` is outside its bounds{where}: this filter does not use them",
+        place=span,
+        hint=BEYOND_BOUNDS.mend,
+    )
 
 
 def other_equations(span: Span | None, name: str) -> Diagnostic:

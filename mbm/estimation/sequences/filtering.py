@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.types import Floats
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.settings import Settings
+from mbm.estimation.solve.estimate import estimate
 from mbm.kernels.types import KernelSet
 from mbm.problem.sequence.types import SequenceMethod
 from mbm.problem.tables import CellKey, Table
@@ -32,12 +34,25 @@ def filtered(
 ) -> Solution:
     """The states of one data set by the method that the problem asks for; the arguments are those of `estimate`.
 
+    A smoother of all steps meets inequalities and bounds as ``batch`` does, which it hands over to where some matter.
+
     Raises:
         MbmError: the problem has what filters do not take, or something has no start.
 
     """
     # Loaded by problems with states only, so that the others start at once.
+    from mbm.estimation.sequences.limits import meets_limits
     from mbm.estimation.sequences.run import walked
 
-    del last
-    return walked(problem, kernels, tables, key=key, starts=starts, settings=settings, cache=cache)
+    found = walked(problem, kernels, tables, key=key, starts=starts, settings=settings, cache=cache)
+    sequence = problem.sequence
+    if sequence is None or not sequence.estimator.whole or meets_limits(problem, found):
+        return found
+    # What all rows say is beyond a limit: `batch` has it met, and takes all rows as this smoother does.
+    estimator = replace(sequence.estimator, method=SequenceMethod.BATCH)
+    together = replace(problem, sequence=replace(sequence, estimator=estimator))
+    begun = {e.unknown.name: found.numbers[e.range] for e in found.layout.entries}
+    met = estimate(
+        together, kernels, tables, key=key, starts={**begun, **starts}, settings=settings, cache=cache, last=last
+    )
+    return replace(met, method=f"smoother, limits by {met.method}", seconds=found.seconds + met.seconds)

@@ -55,8 +55,9 @@ def places_of(equations: Assembled, steps: int, method: str) -> Places:
     """
     layout = equations.layout
     order = spread_entries(layout)
-    numbers = np.hstack([_spread(e.offset, e.unknown.size, e, steps) for e in order])
-    coordinates = np.hstack([_spread(e.first, e.unknown.freedom, e, steps) for e in order])
+    sizes = [(e, e.members, _rank(e) == MOVING) for e in order]
+    numbers = np.hstack([_laid(e.offset, e.unknown.size, members, steps, moves) for e, members, moves in sizes])
+    coordinates = np.hstack([_laid(e.first, e.unknown.freedom, members, steps, moves) for e, members, moves in sizes])
     still = [entry for entry in order if _rank(entry) < MOVING]
     free_everywhere = np.zeros(len(layout.number), dtype=bool)
     free_everywhere[equations.free] = True
@@ -82,6 +83,32 @@ def places_of(equations: Assembled, steps: int, method: str) -> Places:
     )
 
 
+def spread_places(equations: Assembled, spread: Assembled, places: Places) -> Places:
+    """Those of equations in which static states have a member for each step; steps have their numbers in one order.
+
+    ``places`` are those of ``equations``, in which they have one for all.
+    """
+    steps = len(places.numbers)
+    order = [(spread.layout.entry(e.unknown.name), _rank(e) > 0) for e in spread_entries(equations.layout)]
+    numbers = np.hstack([_laid(e.offset, e.unknown.size, e.members, steps, moves) for e, moves in order])
+    coordinates = np.hstack([_laid(e.first, e.unknown.freedom, e.members, steps, moves) for e, moves in order])
+    plain = [e for e, moves in order if not moves]
+    step_of_number, number = _inverse(numbers, len(spread.layout.start), sum(e.count for e in plain))
+    plain_coordinates = sum(e.members * e.unknown.freedom for e in plain)
+    step_of_coordinate, coordinate = _inverse(coordinates, len(spread.layout.number), plain_coordinates)
+    return replace(
+        places,
+        numbers=numbers,
+        coordinates=coordinates,
+        still=places.plain,
+        still_numbers=sum(e.count for e in plain),
+        step_of_number=step_of_number,
+        step_of_coordinate=step_of_coordinate,
+        number=number,
+        coordinate=coordinate,
+    )
+
+
 def spread_entries(layout: Layout) -> list[Entry]:
     """The unknowns in the order in which they have the numbers of a step."""
     return sorted(layout.entries, key=_rank)
@@ -97,11 +124,11 @@ def _rank(entry: Entry) -> int:
     return 1 if entry.steps is not None else MOVING
 
 
-def _spread(first: int, size: int, entry: Entry, steps: int) -> Indices:
-    """Places (steps, …) of the numbers or coordinates of an unknown at each step."""
-    if _rank(entry) == MOVING:
+def _laid(first: int, size: int, members: int, steps: int, moves: bool) -> Indices:
+    """Places (steps, …) of the numbers or coordinates of an unknown at each step; what does not move has members."""
+    if moves:
         return first + size * np.arange(steps)[:, None] + np.arange(size)
-    return np.broadcast_to(first + np.arange(size * entry.members), (steps, size * entry.members))
+    return np.broadcast_to(first + np.arange(size * members), (steps, size * members))
 
 
 def _moves(layout: Layout) -> Mask:

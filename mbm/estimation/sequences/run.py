@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -15,9 +16,11 @@ from mbm.equations.types import Floats
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.sequences import faults
 from mbm.estimation.sequences.answer import Walked, solution_of
+from mbm.estimation.sequences.limits import beyond_bounds, refuse_limits
 from mbm.estimation.sequences.lowering import lowered
 from mbm.estimation.sequences.places import Places, places_of
 from mbm.estimation.sequences.prior import prior_of
+from mbm.estimation.sequences.spread import Told, told
 from mbm.estimation.sequences.walk import Chained, Prior, Rules
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.estimate import bound_equations
@@ -69,6 +72,7 @@ def begun(
         raise TypeError(problem.name)
     _refuse(sequence, settings)
     equations, binder = bound_equations(problem, kernels, tables, starts, cache)
+    refuse_limits(problem, equations)
     method = sequence.estimator.method.value
     places = places_of(equations, len(tables[sequence.steps]), method)
     if not len(places.free):
@@ -112,15 +116,15 @@ def walked(
     began = perf_counter()
     ready = begun(problem, kernels, tables, starts, settings, cache)
     track = ready.chained.walk(ready.prior, ready.rules, settings.stopped)
-    return solution_of(
+    solved = Told(equations=ready.equations, binder=ready.binder, places=ready.places)
+    found = solution_of(
         Walked(
             problem=problem,
             kernels=kernels,
             tables=tables,
             key=key,
-            equations=ready.equations,
-            binder=ready.binder,
-            places=ready.places,
+            solved=solved,
+            told=told(solved, ready.sequence, kernels, starts),
             chained=ready.chained,
             prior=ready.prior,
             rules=ready.rules,
@@ -128,6 +132,9 @@ def walked(
         ),
         seconds=lambda: perf_counter() - began,
     )
+    if ready.sequence.estimator.whole:
+        return found
+    return replace(found, diagnostics=(*found.diagnostics, *beyond_bounds(problem, found)))
 
 
 def _refuse(sequence: Sequence, settings: Settings) -> None:

@@ -45,6 +45,12 @@ class Estimator:
     cuts: bool = False
     span: Span | None = None
 
+    @property
+    def whole(self) -> bool:
+        """Whether a state is given all rows: by ``batch``, and the smoother of all steps."""
+        smoother = self.method is SequenceMethod.SMOOTHER and self.lag is None
+        return smoother or self.method is SequenceMethod.BATCH
+
 
 class TransitionKind(StrEnum):
     """How a transition is written; the value is its head in ``dynamics``."""

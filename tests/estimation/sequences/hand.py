@@ -90,7 +90,7 @@ def spreads(inputs, still=()):
     return np.tile(found, (54, 1, 1))
 
 
-def sequence_text(inputs, mean, covariance, method):
+def sequence_text(inputs, mean, covariance, method, constraints=True):
     """The same in the language of sequences: ``mean`` and ``covariance`` by name and in the order of the reference."""
     place = inputs["state"].index
     q = [place(f"q{i}") for i in range(4)]
@@ -115,7 +115,7 @@ def sequence_text(inputs, mean, covariance, method):
   (define (q0 (q 1)) (q1 (q 2)) (q2 (q 3)) (q3 (q 4)))
 {MODEL}
   (dynamics {moved} (constant-velocity q :acceleration {inputs["acc_sd"][2]!r} :velocity 0 :velocity-sigma {spin!r}))
-  {rows_text(inputs)}
+  {rows_text(inputs, constraints)}
   (solve :method {method}))"""
 
 

@@ -101,7 +101,8 @@ def test_the_language_says_the_same(folder, method, rules):
     """With states, a first covariance of rank 3, and plain unknowns for the sizes, which are cut once."""
     inputs = settings(folder)
     mean = {name: column[0] for name, column in table(folder / "x0_A.csv").items()}
-    text = sequence_text(inputs, mean, np.loadtxt(folder / "P0_A.csv", delimiter=","), method)
+    covariance = np.loadtxt(folder / "P0_A.csv", delimiter=",")
+    text = sequence_text(inputs, mean, covariance, method, constraints=rules.cut)
     result = mbm.loads(text).solve(data={"o": observed(folder)})
     truth = table(folder / "truth_A.csv")
     error = np.array([result[name].value - truth[name][-1] for name in SIZES])

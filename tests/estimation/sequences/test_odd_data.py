@@ -83,3 +83,39 @@ def test_every_backend_gives_the_same(method, backend):
     found = solved(rows, method, dynamics=curved, backend=backend)
     plain = solved(rows, method, dynamics=curved)
     np.testing.assert_allclose(found["x"].value, plain["x"].value, rtol=0, atol=1e-12)
+
+
+ROBUST = [
+    *((method, ":loss (tukey)", "") for method in ("iterated-ekf", "smoother", "(smoother :lag 2)", "batch")),
+    ("batch", "", ":robust (gnc)"),
+    ("batch", "", ":robust (gnc :quantile 99%)"),
+]
+
+
+@pytest.mark.parametrize(("method", "loss", "rule"), ROBUST)
+def test_a_step_with_outliers_only_counts_as_one_without_rows(method, loss, rule):
+    rows = {"k": [0, 1, 2, 2, 3, 4], "y": [0.1, 0.9, 900.0, -700.0, 2.2, 2.9]}
+    good = {"k": [0, 1, 3, 4], "y": [0.1, 0.9, 2.2, 2.9]}
+    text = TEXT.replace("(data z external)", "(data z external) (data f (table (k) (0) (1) (2) (3) (4)))")
+    filled = {"dynamics": "(random-walk x :sigma 1)", "rest": "", "method": f"{method} {rule}"}
+    found = mbm.loads(text.format(when=loss, **filled)).solve(data={"z": rows})
+    filled["method"] = method
+    without = mbm.loads(text.format(when="", **filled)).solve(data={"z": good})
+    # what Tukey's weights take off residuals of good rows, up to a deviation
+    np.testing.assert_allclose(found["x"].value, without["x"].value, rtol=0, atol=0.25 if loss else 1e-9)
+    row = [each for each in found.result.solves[0].rows() if each.clause == "z"]
+    assert [each.weight == 0.0 for each in row] == [False, False, True, True, False, False]
+
+
+@pytest.mark.parametrize("method", ["iterated-ekf", "(smoother :lag 2)", "smoother"])
+def test_a_filter_that_a_loss_has_lost_doubts_itself(method):
+    """Rows beyond the limit of Tukey's loss, as seen from a prediction, are left out for good."""
+    rows = {"k": [0, 1, 2, 3, 4, 5], "y": [0.1, 0.9, 900.0, 9.2, 9.9, 10.1]}
+    found = solved(rows, method, when=":loss (tukey)")
+    assert "too-few-agree" in [d.code.name for d in found.diagnostics]
+
+
+def test_rules_that_fit_subsets_are_refused():
+    for rule in ("lmeds", "(ransac :threshold 3)", "(msac)"):
+        with pytest.raises(mbm.MbmError, match="no-subset"):
+            solved({"k": [0, 1, 2], "y": [0.1, 900.0, 2.2]}, f"batch :robust {rule}")

@@ -1,0 +1,68 @@
+"""Bounds and inequalities of a problem, which what takes one step after the other does not meet by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.layout import within_turns
+from mbm.equations.types import Mask
+from mbm.estimation.search.solution import Solution
+from mbm.estimation.sequences import faults
+from mbm.problem.kinds import ConstraintKind
+from mbm.problem.types import Problem
+from mbm.text.types import Diagnostic, MbmError
+
+
+def refuse_limits(problem: Problem, equations: Assembled) -> None:
+    """A smoother of fixed lag takes neither.
+
+    Raises:
+        MbmError: there is one.
+
+    """
+    estimator = None if problem.sequence is None else problem.sequence.estimator
+    if estimator is None or estimator.lag is None:
+        return
+    what = "takes no {}: what is known later would have to meet it at steps that are over"
+    mend = "use `(smoother)` or `:method batch`, which meet it, or a filter with `:constraints truncate`"
+    for group in equations.constraints:
+        block = problem.blocks[group.kernel.owner]
+        if block.constraint is not ConstraintKind.EQUAL:
+            told = what.format(f"inequality, as `{block.name}` is")
+            raise MbmError(faults.not_for_filters(block.span, f"(smoother :lag {estimator.lag})", told, mend))
+    for unknown in problem.unknowns:
+        if unknown.lower is not None or unknown.upper is not None:
+            told = what.format(f"bounds, as `{unknown.name}` has")
+            raise MbmError(faults.not_for_filters(unknown.span, f"(smoother :lag {estimator.lag})", told, mend))
+
+
+def meets_limits(problem: Problem, solution: Solution) -> bool:
+    """Whether all inequalities and bounds hold."""
+    for group in solution.constraints:
+        equation = problem.blocks[group.kernel.owner].constraint is ConstraintKind.EQUAL
+        if not equation and not bool((group.values(solution.numbers) <= 0.0).all()):
+            return False
+    return not bool(_beyond(solution).any())
+
+
+def beyond_bounds(problem: Problem, solution: Solution) -> Iterator[Diagnostic]:
+    """A warning for each unknown that is somewhere beyond its bounds."""
+    outside = _beyond(solution)
+    for entry in solution.layout.entries:
+        own = outside[entry.coordinates].reshape(entry.members, -1).any(axis=1)
+        if bool(own.any()):
+            steps = int(own.sum()) if entry.unknown.is_state else None
+            yield faults.beyond_bounds(entry.unknown.span, entry.unknown.name, steps)
+
+
+def _beyond(solution: Solution) -> Mask:
+    """Coordinates (M,) whose number is beyond its bounds."""
+    layout = solution.layout
+    lower = np.where(layout.positive, np.maximum(layout.lower, 0.0), layout.lower)
+    numbers = within_turns(solution.numbers, layout.number, layout.angle, layout.lower, layout.upper)
+    values = np.where(layout.number >= 0, numbers[layout.number], np.nan)
+    with np.errstate(invalid="ignore"):
+        return np.asarray((values < lower) | (values > layout.upper))
