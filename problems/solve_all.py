@@ -1,4 +1,4 @@
-"""Solves every problem of ``problems/*/*.mbm`` through the command line and prints the answers.
+"""Solves every problem below ``problems`` through the command line and prints the answers.
 
 Where a folder's ``expected.json`` foresees another status than ``ok`` for a problem (``{"NAME": {"status":
 "attention"}}``), the command has to end with it; anything else counts as failed, and then the exit status is 1.
@@ -20,7 +20,7 @@ EXIT = {"ok": 0, "attention": 1}
 
 def problems(folder: Path = HERE) -> Iterator[tuple[Path, str, int]]:
     """Every file, the names of its problems, and the exit status that solving them shall have."""
-    for file in sorted(folder.glob("*/*.mbm")):
+    for file in sorted(folder.rglob("*.mbm")):
         expected_path = file.parent / "expected.json"
         expected = json.loads(expected_path.read_text(encoding="utf-8")) if expected_path.is_file() else {}
         for name in mbm.load(file).names:

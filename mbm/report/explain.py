@@ -16,6 +16,7 @@ from mbm.problem.enclosing import Contractor, Enclosing
 from mbm.problem.kinds import ConsensusKind, ConstraintKind
 from mbm.problem.likely import called, likelihood_of
 from mbm.problem.naming import PRIOR
+from mbm.problem.overrides import ConstantValue
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import Table
 from mbm.problem.types import (
@@ -81,7 +82,7 @@ def explanation(
     if problem.sequence is not None:
         lines += ["sequence", *(f"  {line}" for line in _sequence(problem, problem.sequence, tables)), ""]
     if problem.constants:
-        lines += ["constants", *(f"  {c.name} = {' '.join(f'{v:g}' for v in c.values)}" for c in problem.constants), ""]
+        lines += ["constants", *(f"  {_constant(each)}" for each in problem.constants), ""]
     for i, block in enumerate(problem.blocks):
         lines += [*_block(i, block, tables, model, latex=latex), ""]
     for i, derived in enumerate(problem.derived):
@@ -94,6 +95,13 @@ def explanation(
         lines += [title, *_equations(blocks[:1], "value", latex=latex), ""]
     lines += ["solver", *(f"  {line}" for line in _solver(found, kernels, cache, closed_forms))]
     return joined(lines) + "\n"
+
+
+def _constant(constant: ConstantValue) -> str:
+    """In SI, with the standard deviations of an uncertain one."""
+    values = " ".join(f"{value:.12g}" for value in constant.values)
+    spread = " ".join(f"{sigma:.3g}" for sigma in constant.sigmas)
+    return f"{constant.name} = {values}" + (f" ± {spread}" if spread else "")
 
 
 def _unknown(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[str]:

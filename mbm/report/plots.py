@@ -40,7 +40,7 @@ def draw(result: Result) -> Figure:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MbmError(missing_extra("plotting", "plot")) from error
-    panels = list(_panels(result))[:MOST_PANELS]
+    panels = _shown(result)
     columns = 1 if len(panels) < 2 else 2 if len(panels) < 5 else 3
     rows = max(-(-len(panels) // columns), 1)
     width, height = _PANEL_INCHES
@@ -113,3 +113,13 @@ def _panels(result: Result) -> Iterator[Panel]:
     yield from panels.data_panels(result)
     yield from panels.estimate_panels(result)
     yield from panels.residual_panels(result)
+
+
+def _shown(result: Result) -> list[Panel]:
+    """The panels of the picture: what makes the uncertainty, where nothing was measured."""
+    found = list(_panels(result))[:MOST_PANELS]
+    if not found:
+        from mbm.report.budgets.panels import budget_panels
+
+        found = list(budget_panels(result))[:MOST_PANELS]
+    return found

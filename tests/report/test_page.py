@@ -231,3 +231,14 @@ def test_what_was_read_is_not_replaced(folder):
         mbm.load(kept).solve().report(kept)
     assert caught.value.diagnostics[0].code.name == "would-overwrite"
     assert kept.read_text() == LINE
+
+
+def test_a_page_of_constants_alone(tmp_path):
+    """It says that nothing is estimated, and holds no section without content."""
+    text = "(problem p (constants (a 2mm :sigma 3um) (b 1mm :sigma 4um)) (derive (c (+ a b) :unit um)))"
+    mbm.loads(text).solve().report(tmp_path / "p.html")
+    said = (tmp_path / "p.html").read_text(encoding="utf-8")
+    assert "nothing is estimated, the results follow from the constants" in said
+    for absent in ("the estimates are a minimum", "all 0 numbers", "Residuals", "What the data cannot tell"):
+        assert absent not in said
+    assert "Uncertainty budget" in said

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+import mbm
 from mbm.report.plot_data import PlotData
 from mbm.report.plots import draw, save
 from mbm.report.row_data import ResidualRow
@@ -149,3 +150,12 @@ def test_nothing_solved_is_a_picture_too(epochs: Result) -> None:
     nothing = draw(replace(epochs, solves=()))
     assert nothing.axes == []
     assert [text.get_text() for text in nothing.texts] == [epochs.problem, "nothing was solved"]
+
+
+def test_without_measurements_the_picture_has_the_budgets() -> None:
+    text = "(problem p (constants (a 2 :sigma 3) (b 1 :sigma 4)) (derive (c (+ a b)) (d (* a b))))"
+    figure = mbm.loads(text).solve().plot()
+    assert [axes.get_title().split(" = ")[0] for axes in figure.axes] == ["c", "d"]
+    labels = [[label.get_text() for label in axes.get_yticklabels()] for axes in figure.axes]
+    assert labels == [["a", "b", "combined"]] * 2
+    assert [patch.get_width() for patch in figure.axes[0].patches] == pytest.approx([3.0, 4.0, 5.0])

@@ -5,30 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from mbm.report.budgets.text import chosen, heading, share_text
+from mbm.report.budgets.panels import COLOURS, MOST_BARS, bars
 from mbm.report.budgets.types import Budget, InputKind
 from mbm.report.plots import show_plainly
 from mbm.text.faults import missing_extra
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MOST_SHOWN = 6
 """Budgets of one picture."""
 
-MOST_BARS = 20
-"""Bars of a panel: those of the largest contributions."""
-
-COLOURS = {
-    InputKind.ROWS: "C0",
-    InputKind.PRIOR: "C1",
-    InputKind.CONSTANT: "C2",
-    InputKind.TRANSITION: "C4",
-}
 _WIDTH, _BAR, _MARGIN = 6.4, 0.3, 1.1
-_ROOM = 1.22
 
 
 def draw(budgets: Sequence[Budget], title: str) -> Figure:
@@ -47,32 +36,10 @@ def draw(budgets: Sequence[Budget], title: str) -> Figure:
     figure.suptitle(title, fontsize=11, fontweight="bold")
     grid = figure.add_gridspec(len(shown), 1, height_ratios=heights)
     for number, budget in enumerate(shown):
-        _bars(figure.add_subplot(grid[number, 0]), budget)
+        bars(figure.add_subplot(grid[number, 0]), budget)
     kinds = [kind for kind in InputKind if any(row.kind is kind for budget in shown for row in budget.rows)]
     if len(kinds) > 1:
         handles = [Patch(color=COLOURS[kind], label=kind.value) for kind in kinds]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(kinds), fontsize=8, frameon=False)
     show_plainly(figure)
     return figure
-
-
-def _bars(axes: Axes, budget: Budget) -> None:
-    rows = chosen(budget.rows, MOST_BARS)
-    labels = [*(row.label for row in rows), "combined"]
-    widths = [*(row.contribution for row in rows), budget.sigma]
-    colours = [*(COLOURS[row.kind] for row in rows), "0.35"]
-    places = range(len(labels))
-    axes.barh(list(places), widths, color=colours, height=0.7)
-    for place, row in zip(places, rows, strict=False):
-        axes.annotate(
-            share_text(row.share), (row.contribution, place), xytext=(4, 0), textcoords="offset points", va="center",
-            fontsize=8,
-        )  # fmt: skip
-    axes.set_yticks(list(places), labels, fontsize=8)
-    axes.invert_yaxis()
-    axes.set_xlim(0.0, _ROOM * max(widths) if max(widths) > 0.0 else 1.0)
-    axes.set_xlabel(f"contribution{'' if budget.unit is None else f' ({budget.unit})'}")
-    left_out = len(budget.rows) - len(rows)
-    axes.set_title(heading(budget) + (f" ({left_out} more inputs)" if left_out else ""), fontsize=9)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)

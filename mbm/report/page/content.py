@@ -77,10 +77,16 @@ def page_of(result: Result, command: str | None) -> Page:
     sections.append(Section("Provenance", tuple(_provenance(result, command))))
     return Page(
         title=f"Report on {result.problem}",
-        verdict=statuses_in_words(solves) if many else f"{solves[0].status.value}: {solves[0].status.sentence}",
+        verdict=statuses_in_words(solves) if many else _verdict(solves[0]),
         trusted=result.status.value == "ok",
         sections=tuple(section for section in sections if section.blocks),
     )
+
+
+def _verdict(solve: SolveReport) -> str:
+    derived_only = solve.status.trusted and not solve.estimates
+    said = "nothing is estimated, the results follow from the constants" if derived_only else solve.status.sentence
+    return f"{solve.status.value}: {said}"
 
 
 def _one(solve: SolveReport) -> Iterator[Section]:
@@ -89,7 +95,8 @@ def _one(solve: SolveReport) -> Iterator[Section]:
     yield Section("What the data cannot tell", tuple(_blind(solve)))
     yield Section("Uncertainty budget", tuple(budget_blocks(solve, BUDGET)))
     yield Section("Correlations", tuple(correlation_blocks(solve)))
-    yield Section("Residuals", (Paragraph(RESIDUALS), *_residuals(solve)))
+    if solve.residual_summaries:
+        yield Section("Residuals", (Paragraph(RESIDUALS), *_residuals(solve)))
 
 
 def _problem(result: Result) -> Iterator[Block]:
@@ -183,7 +190,7 @@ def _told(diagnostics: Iterable[Diagnostic]) -> Iterator[str]:
 
 def _blind(solve: SolveReport) -> Iterator[Block]:
     found = solve.observability
-    if found is None:
+    if found is None or not found.dimension:
         return
     said = tuple(observability_sentences(found))
     if said:

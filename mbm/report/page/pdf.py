@@ -39,8 +39,11 @@ def pdf(page: Page) -> bytes:
     story.append(_paragraph(page.verdict, styles["good" if page.trusted else "doubt"]))
     for section in page.sections:
         story.append(_paragraph(section.title, styles["heading"]))
-        for block in section.blocks:
-            story.extend(_flowables(block, styles, width))
+        for block, following in zip(section.blocks, (*section.blocks[1:], None), strict=True):
+            if isinstance(block, Paragraph) and isinstance(following, Grid) and not block.doubt:
+                story.append(_paragraph(block.text, styles["lead"]))
+            else:
+                story.extend(_flowables(block, styles, width))
     stream = BytesIO()
     sides = dict.fromkeys(("leftMargin", "rightMargin", "topMargin", "bottomMargin"), _MARGIN)
     document = SimpleDocTemplate(stream, pagesize=A4, title=one_line(page.title), author="mbm", invariant=1, **sides)
@@ -66,6 +69,7 @@ def _styles() -> Mapping[str, Any]:
         "heading": ParagraphStyle(
             "heading", plain, fontName=BOLD, fontSize=12, leading=15, spaceBefore=12, spaceAfter=5, keepWithNext=1
         ),
+        "lead": ParagraphStyle("lead", plain, keepWithNext=1),
         "good": ParagraphStyle("good", plain, textColor="#0b5c32"),
         "doubt": ParagraphStyle("doubt", plain, textColor="#8a3b00", leftIndent=8),
         "bullet": ParagraphStyle("bullet", plain, leftIndent=12, bulletIndent=2),
