@@ -100,6 +100,48 @@ def test_corners_are_left_out_and_straight_edges_measured(tmp_path):
     assert distance.min() > 1  # the blur rounds off a corner; no point stands on the rounding
 
 
+def test_the_ends_of_a_thin_ellipse_are_measured(tmp_path):
+    """Where an edge turns within two points, its bend is not that of its neighbours': strips have to tell it."""
+    long, thin, turn = 70.0, 22.0, 0.4
+    c, s = np.cos(turn), np.sin(turn)
+    x, y = c * (U - 160) + s * (V - 120), c * (V - 120) - s * (U - 160)
+    q, w = (x / long) ** 2 + (y / thin) ** 2, np.hypot(x / long**2, y / thin**2)
+    away = np.sqrt(q) * (1 - np.sqrt(q)) / np.maximum(w, 1e-9)  # its square is 1e-3 px at a small pixel from the edge
+    picture = image(np.clip(away * SAMPLES + 0.5, 0, 1))
+    around = np.linspace(0, 2 * np.pi, 20_001)
+    ends, sides = [], []
+    for seed in range(5):
+        table = of(tmp_path, picture, seed=seed)
+        p, q = table["u"] - 160, table["v"] - 120
+        x, y = c * p + s * q, c * q - s * p
+        squares = (x[:, None] - long * np.cos(around)) ** 2 + (y[:, None] - thin * np.sin(around)) ** 2
+        outside = (x / long) ** 2 + (y / thin) ** 2 > 1
+        z = np.sqrt(squares.min(axis=1)) * np.where(outside, 1, -1) / table["sigma"]
+        ends.extend(z[np.abs(x) > 0.85 * long])
+        sides.extend(z[np.abs(x) <= 0.85 * long])
+    for z, least in ((np.array(ends), 60), (np.array(sides), 180)):
+        assert len(z) > least
+        assert abs((z**2).mean() - 1.065) < 4 * np.sqrt(2 / len(z))
+        assert abs(z.mean()) < 4 / np.sqrt(len(z))
+
+
+def test_edges_between_near_corners_are_straight(tmp_path):
+    """A hole of 14 × 50 px: beside the corners neighbours tell a bend that the edges do not have."""
+    c, s = np.cos(0.35), np.sin(0.35)
+    hole = [(160 + c * x - s * y, 120 + s * x + c * y) for x, y in ((-25, -7), (25, -7), (25, 7), (-25, 7))]
+    picture = image(disk(160, 120, 80) - polygon(*hole))
+    found = []
+    for seed in range(5):
+        table = of(tmp_path, picture, seed=seed)
+        p, q = (table[name][table["contour"] == 2] - middle for name, middle in (("u", 160), ("v", 120)))
+        beyond = np.abs([c * p + s * q, c * q - s * p]) - np.array([[25], [7]])
+        side, other = beyond.max(axis=0), beyond.min(axis=0)
+        found.extend((side / table["sigma"][table["contour"] == 2])[(other < -3.5) & (other > -12)])
+    z = np.array(found)
+    assert len(z) > 50
+    assert abs((z**2).mean() - 1.065) < 4 * np.sqrt(2 / len(z))
+
+
 def test_holes_are_contours_of_their_own(tmp_path):
     ring = disk(160, 120, 80) - disk(165, 118, 40)
     table = of(tmp_path, image(ring, inside=DARK, outside=BRIGHT))

@@ -1,8 +1,10 @@
 """Points of closed edges in an image to a fraction of a pixel, each from pixels that no other point uses.
 
 Points stand at equal distances along the edge. About each lies a strip across the edge, as wide as points are apart.
-A blurred step is fitted to its pixels, bent as the edge is. So errors of different points are independent. A point is
-left out where the strip shows something else: a corner, a second edge.
+A blurred step is fitted to its pixels, bent as the edge is. So errors of different points are independent. The points
+beside it tell how much it is bent, as far as they agree; where they do not, as near a corner or at the end of a thin
+ellipse, the strip has to tell itself, and its point is less certain. A point is left out where the strip shows
+something else: a corner, a second edge.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from mbm.data.images.features import USUAL_BLUR, edge
 from mbm.data.images.fitting import Fitted, Floats, Image, Patches, Strips, fit
+from mbm.values import dataclass
 
 REACHES = 6.0, 3.0
 """How far strips reach to either side in px; the second where the first does not fit, as in thin parts."""
@@ -29,17 +32,36 @@ WIDEST = 2.0
 SMOOTHED = 1.5
 """Pixels over which the staircase of an outline is smoothed."""
 
-APART = 2
-"""Points from one to the next of the three that tell the curvature: the noise of nearer ones bends a line."""
+OPEN = 0.1
+"""Standard deviation of a curvature in 1/px of which nothing is known."""
 
-ALIKE = 2.0
-"""Curvatures along a smooth edge differ by less, from one point to the next."""
+CERTAIN = 1e-6
+"""The least that is stated of one in 1/px: it moves no edge."""
+
+CORNER = 0.4
+"""Angle in rad by which half a strip turns at a corner, more than the points beside it tell."""
+
+BEND, BLUR = 1, 2
+"""Places of the pattern's parameters."""
 
 FEWEST = 8
 """Points on an edge."""
 
 MISFIT, LEAST_NOISE = 4.0, 1.0
 """A strip that shows something else has so many times the usual variance about the fit, which counts as 1 at least."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bends:
+    """The curvature (n,) of a line at its points in 1/px, positive to the right as seen with y down, and its σ (n,)."""
+
+    mean: Floats
+    sigma: Floats
+
+    @classmethod
+    def unknown(cls, count: int) -> Bends:
+        """That of so many points of a line that was not measured yet."""
+        return cls(mean=np.zeros(count), sigma=np.full(count, OPEN))
 
 
 def smoothed(line: Floats) -> Floats:
@@ -60,8 +82,10 @@ def refined(levels: Sequence[Image], lines: Sequence[Floats], spacing: float) ->
             if number:
                 line = 2 * line + 0.5
             line = _spaced(line, spacing)
-            line = _on_edge(level, line, np.zeros(len(line)), spacing, None).points
-        found.append(_on_edge(levels[0], line, _bends(line), spacing, usual))
+            coarse = _on_edge(level, line, Bends.unknown(len(line)), spacing, LEAST_NOISE, None)
+            line = coarse.points
+        noise = usual or _usual(coarse) or LEAST_NOISE
+        found.append(_on_edge(levels[0], line, _bends(line), spacing, noise, usual))
         usual = usual or _usual(found[-1])
     return tuple(found)
 
@@ -81,46 +105,47 @@ def _directions(line: Floats) -> Floats:
     return np.arctan2(along[:, 1], along[:, 0])
 
 
-def _bends(line: Floats) -> Floats:
-    """The curvature (n,) of a closed line in 1/px, that of the circle through three points (K. Menger, 1930).
+def _bends(line: Floats) -> Bends:
+    """The curvature of a closed line, that of the circle through three points (K. Menger, 1930).
 
-    The mean of those by the points before, about and behind each; the least where they differ much, 0 where they
-    disagree: so a corner does not bend the straight edge beside it.
+    It is the mean of those by the points before, about and behind each; as uncertain as they are far apart.
     """
-    before, after = np.roll(line, APART, axis=0) - line, np.roll(line, -APART, axis=0) - line
+    before, after = np.roll(line, 1, axis=0) - line, np.roll(line, -1, axis=0) - line
     across = after[:, 1] * before[:, 0] - after[:, 0] * before[:, 1]
     sides = np.hypot(*before.T) * np.hypot(*after.T) * np.hypot(*(after - before).T)
     own = -2 * across / np.maximum(sides, 1e-9)
-    three = np.stack([np.roll(own, APART), own, np.roll(own, -APART)])
-    least, greatest = np.abs(three).min(axis=0), np.abs(three).max(axis=0)
-    agree = (three > 0).all(axis=0) | (three < 0).all(axis=0)
-    return np.where(agree, np.where(greatest < ALIKE * least, three.mean(axis=0), np.sign(own) * least), 0.0)
+    three = np.stack([np.roll(own, 1), own, np.roll(own, -1)])
+    return Bends(mean=three.mean(axis=0), sigma=np.maximum(np.ptp(three, axis=0), CERTAIN))
 
 
-def _on_edge(image: Image, line: Floats, bends: Floats, spacing: float, usual: float | None) -> Fitted:
+def _on_edge(image: Image, line: Floats, bends: Bends, spacing: float, noise: float, usual: float | None) -> Fitted:
     """The points of a line moved across it onto the edge; those that cannot be stay, and are not good.
 
-    A blur of s px moves an edge of curvature κ by s²κ/2 towards the centre of curvature (H. Bouma et al., "Correction
-    for the dislocation of curved surfaces caused by the PSF in 2D and 3D CT images", 2005), which is taken off.
+    ``noise`` is the variance of grey values, ``usual`` that of a strip that shows one edge, where it is known.
     """
-    strips = Strips(angles=_directions(line), bends=bends, half=min(spacing / 2, WIDEST))
-    shape = np.tile([0.0, np.log(USUAL_BLUR)], (len(line), 1))
-    patches = Patches(points=line, radii=np.full(len(line), REACHES[0]), parameters=shape, strips=strips)
+    strips = Strips(angles=_directions(line), half=min(spacing / 2, WIDEST))
+    none = np.zeros(len(line))
+    patches = Patches(
+        points=line,
+        radii=np.full(len(line), REACHES[0]),
+        parameters=np.column_stack([none, bends.mean, none + np.log(USUAL_BLUR)]),
+        known=np.column_stack([none, noise / bends.sigma**2, none]),
+        strips=strips,
+    )
     found = _without_misfits(_fitted(image, patches), usual)
     for reach in REACHES[1:]:
         again = ~found.good
         if again.any():
             shorter = replace(patches, radii=np.full(len(line), reach)).of(again)
             found = _without_misfits(_replaced(found, _fitted(image, shorter), again), usual)
-    variance = np.exp(2 * np.where(found.good, found.parameters[:, 1], 0.0))
-    across = patches.axes[:, 0] * (variance * bends / 2)[:, None]
-    return replace(found, points=np.where(found.good[:, None], found.points - across, line))
+    good = found.good & (np.abs(found.parameters[:, BEND] - bends.mean) * strips.half < CORNER)
+    return replace(found, points=np.where(good[:, None], found.points, line), good=good)
 
 
 def _fitted(image: Image, patches: Patches) -> Fitted:
     """Edges in strips; those are not good whose blur is so wide that a strip does not show both sides."""
     found = fit(image, patches, edge)
-    return replace(found, good=found.good & (found.parameters[:, 1] <= np.log(WHOLE * patches.radii)))
+    return replace(found, good=found.good & (found.parameters[:, BLUR] <= np.log(WHOLE * patches.radii)))
 
 
 def _without_misfits(found: Fitted, usual: float | None) -> Fitted:

@@ -65,14 +65,12 @@ FAINTEST = 4.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strips:
-    """Patches about points of a curve: x runs along it, y across, from the curve itself.
+    """Patches about points of a curve: x runs along it, y across.
 
-    ``angles`` (n,) in rad of the curve in the image, ``bends`` (n,) its curvature in 1/px, towards y; ``half`` the
-    width of the strip along the curve, in px to either side.
+    ``angles`` (n,) in rad of the curve in the image; ``half`` the width of the strip along it, in px to either side.
     """
 
     angles: Floats
-    bends: Floats
     half: float
 
 
@@ -80,21 +78,27 @@ class Strips:
 class Patches:
     """What is fitted: a point (n, 2) in each patch, its radius (n,) in px, and the pattern's parameters (n, k).
 
-    Patches are round, or strips across a curve that reach as far as the radius.
+    Patches are round, or strips across a curve that reach as far as the radius. How well the parameters are known
+    beforehand, ``known`` (n, k) tells: the variance of grey values over that of a parameter; None if nothing is.
     """
 
     points: Floats
     radii: Floats
     parameters: Floats
+    known: Floats | None = None
     strips: Strips | None = None
 
     def of(self, which: slice | NDArray[np.bool_]) -> Patches:
         """Some of the patches."""
         strips = self.strips
         if strips is not None:
-            strips = Strips(angles=strips.angles[which], bends=strips.bends[which], half=strips.half)
+            strips = Strips(angles=strips.angles[which], half=strips.half)
         return Patches(
-            points=self.points[which], radii=self.radii[which], parameters=self.parameters[which], strips=strips
+            points=self.points[which],
+            radii=self.radii[which],
+            parameters=self.parameters[which],
+            known=None if self.known is None else self.known[which],
+            strips=strips,
         )
 
     @property
@@ -129,16 +133,23 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Pixels:
-    """Pixels of patches (n, pixels): their places from the point, grey values, and 1 where they count, else 0."""
+    """Pixels of patches (n, pixels): their places from the point, grey values, and 1 where they count, else 0.
+
+    ``expected`` and ``known`` (n, parameters) are what the pattern's parameters are beforehand, and how well.
+    """
 
     x: Floats
     y: Floats
     grey: Floats
     counts: Floats
+    expected: Floats
+    known: Floats
 
     def of(self, which: NDArray[np.bool_]) -> _Pixels:
         """Those of some of the patches."""
-        return _Pixels(x=self.x[which], y=self.y[which], grey=self.grey[which], counts=self.counts[which])
+        own = (each[which] for each in (self.x, self.y, self.grey, self.counts, self.expected, self.known))
+        x, y, grey, counts, expected, known = own
+        return _Pixels(x=x, y=y, grey=grey, counts=counts, expected=expected, known=known)
 
 
 def fit(image: Image, patches: Patches, pattern: Pattern, enough: float = LEAST_MOVE) -> Fitted:
@@ -175,11 +186,17 @@ def _pixels(image: Image, patches: Patches) -> _Pixels:
     else:
         c, s = np.cos(strips.angles)[:, None], np.sin(strips.angles)[:, None]
         x, y = c * x + s * y, c * y - s * x
-        y = y - strips.bends[:, None] / 2 * x**2
         near = (np.abs(x) <= strips.half) & (np.abs(y) <= patches.radii[:, None])
     inside = near & (u >= 0) & (u < width) & (v >= 0) & (v < height)
     rows, columns = (np.clip(p, 0, n - 1).astype(np.intp) for p, n in ((v, height), (u, width)))
-    return _Pixels(x=x, y=y, grey=image[rows, columns].astype(np.float64), counts=inside.astype(np.float64))
+    return _Pixels(
+        x=x,
+        y=y,
+        grey=image[rows, columns].astype(np.float64),
+        counts=inside.astype(np.float64),
+        expected=patches.parameters,
+        known=np.zeros_like(patches.parameters) if patches.known is None else patches.known,
+    )
 
 
 def _fit(image: Image, patches: Patches, pattern: Pattern, enough: float) -> Fitted:
@@ -188,7 +205,7 @@ def _fit(image: Image, patches: Patches, pattern: Pattern, enough: float) -> Fit
     dimension = axes.shape[1]
     first = _with_background(patches, pixels, pattern)
     found, sums, settled = _minimised(first, pixels, pattern, dimension, enough)
-    spare = pixels.counts.sum(axis=1) - found.shape[1]
+    spare = pixels.counts.sum(axis=1) + (pixels.known > 0).sum(axis=1) - found.shape[1]
     variance = np.maximum(sums.squares / np.maximum(spare, 1), ROUNDING)
     inverse, regular = _inverse(sums.normal)
     covariances = variance[:, None, None] * inverse
@@ -239,7 +256,10 @@ def _linearised(parameters: Floats, pixels: _Pixels, pattern: Pattern, dimension
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sums:
-    """Of each patch: the sum of squares (n,) of the residuals r, Jᵀr (n, k), and JᵀJ (n, k, k)."""
+    """Of each patch: the sum of squares (n,) of the residuals r, Jᵀr (n, k), and JᵀJ (n, k, k).
+
+    What is known of parameters beforehand counts as residuals.
+    """
 
     squares: Floats
     gradient: Floats
@@ -259,11 +279,13 @@ class _Sums:
 def _summed(parameters: Floats, pixels: _Pixels, pattern: Pattern, dimension: int) -> _Sums:
     residuals, jacobian = _linearised(parameters, pixels, pattern, dimension)
     turned = jacobian.transpose(0, 2, 1)
-    return _Sums(
-        squares=(residuals**2).sum(axis=1),
-        gradient=(turned @ residuals[:, :, None])[:, :, 0],
-        normal=turned @ jacobian,
-    )
+    squares, gradient = (residuals**2).sum(axis=1), (turned @ residuals[:, :, None])[:, :, 0]
+    normal = turned @ jacobian
+    shape = np.arange(dimension, parameters.shape[1] - BACKGROUND)
+    away = parameters[:, shape] - pixels.expected
+    gradient[:, shape] += pixels.known * away
+    normal[:, shape, shape] += pixels.known
+    return _Sums(squares=squares + (pixels.known * away**2).sum(axis=1), gradient=gradient, normal=normal)
 
 
 def _minimised(
