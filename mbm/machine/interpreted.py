@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.machine import python
+from mbm.machine.kinds import LANES
 from mbm.machine.tree import Module
 from mbm.machine.words import call_fused, call_kernel, call_normal
 
@@ -49,4 +50,4 @@ def _flat(array: NDArray[Any]) -> NDArray[Any]:
 
 def code_of(module: Module) -> CodeType:
     """A module as compiled Python."""
-    return compile(f"{python.PRELUDE}\n\n{python.text(module)}", f"<{module.name}>", "exec")
+    return compile(f"{python.PRELUDE}\n\nLANES = {LANES}\n\n\n{python.text(module)}", f"<{module.name}>", "exec")

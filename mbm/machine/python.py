@@ -53,6 +53,7 @@ PRIMITIVES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "dot": ("return a[:n] @ b[:n]",),
         "add_multiple": ("target[:n] += factor * a[:n]",),
         "copied": ("target[:n] = a[:n]",),
+        "divided": ("target[:n] = a[:n] / b[:n]",),
         "filled": ("target[:n] = value",),
         "rotate": (
             "turned = cosine * a[:width] - sine * b[:width]",
@@ -64,9 +65,42 @@ PRIMITIVES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "more = as_strided(chunk, (rows, width), (chunk.itemsize, stride * chunk.itemsize))",
             'own[:] = qr(vstack([own, more]), mode="r")',
         ),
+        "inverted_upper": (
+            "upper = triu(factor[: n * n].reshape(n, n))",
+            "inverse[: n * n].reshape(n, n)[:] = inv(upper)",
+        ),
+        "put_shared": ("inputs[lanes_at(groups_of(rows), width)] = value",),
+        "put_numbers": (
+            "row = minimum(arange(groups_of(rows) * LANES), rows - 1)",
+            "inputs[lanes_at(groups_of(rows), width)] = point[index[row * step]]",
+        ),
+        "add_to_column": (
+            "weight = weights[lanes_at(groups, heavy)]",
+            "value = weight * values[lanes_at(groups, width)]",
+            "column[lanes_at(groups, rows)] += where(weight != 0.0, value, 0.0)",
+        ),
+        "add_plain_to_column": ("column[lanes_at(groups, rows)] += values[lanes_at(groups, width)]",),
     }
 )
-"""Bodies of the array primitives of `solver.linear_algebra` by NumPy's own: the last bits of their sums may differ."""
+"""Bodies by NumPy's own of the array primitives of `solver.linear_algebra`, the last bits of whose sums may differ, and
+of what takes all rows of a block, lane by lane."""
+
+LOOPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "add_to_columns": (
+            "row = arange(rows)",
+            "column = columns[row * step + tangent]",
+            "row, column = row[column >= 0], column[column >= 0]",
+            "group, lane = row // LANES, row % LANES",
+            "value = values[group * width + lane]",
+            "if weight >= 0:",
+            "    factor = whitening[group * heavy + weight + lane]",
+            "    value = where(factor != 0.0, factor * value, 0.0)",
+            "chunk[column * stride + group * lines * LANES + line + lane] += value",
+        ),
+    }
+)
+"""What takes the place of the loop that a function ends with, over rows that do not depend on one another."""
 
 
 def definition(function: Function) -> str:
@@ -75,8 +109,10 @@ def definition(function: Function) -> str:
     lines = [f"def {function.name}({parameters}):"]
     if function.doc:
         lines.append('    """' + "\n    ".join(map(in_docstring, function.doc.split("\n"))) + '"""')
-    own = PRIMITIVES.get(function.name)
-    lines += _block(function.body, 1) if own is None else [f"    {line}" for line in own]
+    own, loop = PRIMITIVES.get(function.name), LOOPS.get(function.name)
+    if own is None:
+        lines += _block(function.body if loop is None else function.body[:-1], 1)
+    lines += [f"    {line}" for line in own or loop or ()]
     return "\n".join(line.rstrip() for line in lines)
 
 
@@ -252,6 +288,7 @@ def _literal(value: float | int) -> str:
 PRELUDE = """from math import erf as scalar_erf
 from math import remainder as scalar_remainder
 
+from numpy import arange
 from numpy import arccos as acos
 from numpy import arccosh as acosh
 from numpy import arcsin as asin
@@ -262,10 +299,15 @@ from numpy import arctanh as atanh
 from numpy import (
     ceil, copysign, cos, cosh, exp, expm1, fabs, float64, floor, fmax, fmin, fmod, hypot, inf, isfinite, log, log1p, nan
 )
+from numpy import minimum
 from numpy import power as pow
-from numpy import sin, sinh, sqrt, tan, tanh, vstack
+from numpy import sin, sinh, sqrt, tan, tanh, triu, vstack, where
 from numpy.lib.stride_tricks import as_strided
-from numpy.linalg import qr
+from numpy.linalg import inv, qr
+
+
+def lanes_at(groups, width):
+    return (arange(groups)[:, None] * width + arange(LANES)).reshape(-1)
 
 
 def greater(a, b):
@@ -283,4 +325,4 @@ def erf(x):
 def nearest_remainder(a, b):
     return float64(scalar_remainder(a, b)) if isfinite(a) and b != 0.0 and b == b else float64(nan)
 """
-"""What every file of Python needs before the functions."""
+"""What every file of Python needs before the functions, and ``LANES``, how many rows a kernel takes at a time."""

@@ -7,6 +7,7 @@ from math import exp, inf, isfinite, log
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 from mbm.solver.consensus_order import selected
 from mbm.solver.decisions import STATED
+from mbm.solver.linear_algebra import divided
 
 LMEDS = 0
 RANSAC = 1
@@ -25,13 +26,6 @@ def rank_of_half(count: Integer, size: Integer) -> Integer:
     if found > count:
         return count
     return found
-
-
-@distinct_arrays
-def divided(count: Integer, values: ConstantReals, by: ConstantReals, target: Reals) -> None:
-    """``target = values / by``."""
-    for i in range(count):
-        target[i] = values[i] / by[i]
 
 
 @distinct_arrays

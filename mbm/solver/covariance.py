@@ -10,7 +10,7 @@ from math import inf, sqrt
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.solver.decisions import decided_rank
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import append_rows, copied, dot, filled, inverted_upper
+from mbm.solver.linear_algebra import append_rows, copied, divided, dot, filled, inverted_upper
 from mbm.solver.null_space import from_null_space, reflect_constraints, to_null_space
 from mbm.solver.rank_deficient import set_determined, singular_values
 from mbm.solver.workspace import Work
@@ -54,8 +54,7 @@ def set_covariance(
     width = count - reflected
     if width == n:
         for i in range(n):
-            for k in range(i, n):
-                small[i * (n + 1) + k] = triangle[i * (n + 1) + k] / scale[k]
+            divided(n - i, triangle[i * (n + 1) + i :], scale[i:], small[i * (n + 1) + i :])
     else:
         filled(n, 0.0, work.along)
         filled(n, 0.0, work.right)

@@ -85,6 +85,27 @@ def load_rows(problem: Problem, rows: Rows) -> None:
 
 
 @distinct_arrays
+def put_shared(rows: Integer, width: Integer, value: Real, inputs: Reals) -> None:
+    """One number for all rows into the kernels' inputs, ``width`` of them for each kernel block."""
+    for group in range(groups_of(rows)):
+        for lane in range(LANES):
+            inputs[group * width + lane] = value
+
+
+@distinct_arrays
+def put_numbers(
+    rows: Integer, width: Integer, step: Integer, index: ConstantIntegers, point: ConstantReals, inputs: Reals
+) -> None:
+    """The number of each row likewise, the places of which stand ``step`` apart in ``index``."""
+    for group in range(groups_of(rows)):
+        for lane in range(LANES):
+            row = group * LANES + lane
+            if row >= rows:
+                row = rows - 1
+            inputs[group * width + lane] = point[index[row * step]]
+
+
+@distinct_arrays
 def gather(block: Block, rows: Integer, index: ConstantIntegers, point: ConstantReals, inputs: Reals) -> None:
     """Put the numbers of the point into the kernels' inputs."""
     if rows == 0:
@@ -94,17 +115,9 @@ def gather(block: Block, rows: Integer, index: ConstantIntegers, point: Constant
     width = (variables + block.parameters) * LANES
     for v in range(variables):
         if step == 0:
-            value = point[index[v]]
-            for group in range(groups_of(rows)):
-                for lane in range(LANES):
-                    inputs[group * width + v * LANES + lane] = value
+            put_shared(rows, width, point[index[v]], inputs[v * LANES :])
         else:
-            for group in range(groups_of(rows)):
-                for lane in range(LANES):
-                    row = group * LANES + lane
-                    if row >= rows:
-                        row = rows - 1
-                    inputs[group * width + v * LANES + lane] = point[index[row * step + v]]
+            put_numbers(rows, width, step, index[v:], point, inputs[v * LANES :])
 
 
 @distinct_arrays

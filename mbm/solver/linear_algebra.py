@@ -35,6 +35,13 @@ def add_multiple(n: Integer, factor: Real, a: ConstantReals, target: Reals) -> N
 
 
 @distinct_arrays
+def divided(n: Integer, a: ConstantReals, b: ConstantReals, target: Reals) -> None:
+    """``target = a / b``, number by number."""
+    for i in range(n):
+        target[i] = a[i] / b[i]
+
+
+@distinct_arrays
 def rotate(width: Integer, cosine: Real, sine: Real, a: Reals, b: Reals) -> None:
     """A rotation of two vectors (width,)."""
     for k in range(width):

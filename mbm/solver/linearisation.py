@@ -21,7 +21,7 @@ from mbm.solver.decisions import (
     rounding_of_norm,
 )
 from mbm.solver.description import BOUNDS_AT, EXACT_FIT, ROUNDING, RUNNING, SMALL_OFFSET, Problem
-from mbm.solver.linear_algebra import filled, times_transposed
+from mbm.solver.linear_algebra import divided, filled, times_transposed
 from mbm.solver.manifolds import coordinates_of
 from mbm.solver.newton import newton_step
 from mbm.solver.step_control import relative_offset
@@ -67,10 +67,10 @@ def set_factor(
     n: Integer, least: Real, triangle: ConstantReals, scale: ConstantReals, factor: Reals, projected: Reals
 ) -> Integer:
     """The scaled triangle and Qᵀr; how many columns are as good as dependent on those before them (share ``least``)."""
-    for j in range(n):
-        for i in range(n):
-            factor[i * n + j] = triangle[i * (n + 1) + j] / scale[j] if i <= j else 0.0
-        projected[j] = triangle[j * (n + 1) + n]
+    for i in range(n):
+        filled(i, 0.0, factor[i * n :])
+        divided(n - i, triangle[i * (n + 1) + i :], scale[i:], factor[i * n + i :])
+        projected[i] = triangle[i * (n + 1) + n]
     return without_dependent(n, least, factor, projected)
 
 

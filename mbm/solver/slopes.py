@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mbm.machine.kinds import LANES
-from mbm.machine.words import ConstantReals, Integer, Reals, distinct_arrays
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
 from mbm.solver.description import NO_LOSS, Block, DataBlock, Problem
 from mbm.solver.equations import square_of
 from mbm.solver.losses import root_factor, root_slope
@@ -34,6 +34,39 @@ def add_plain_to_column(groups: Integer, rows: Integer, width: Integer, values: 
     for group in range(groups):
         for lane in range(LANES):
             column[group * rows + lane] += values[group * width + lane]
+
+
+@distinct_arrays
+def add_to_columns(
+    block: Block,
+    k: Integer,
+    rows: Integer,
+    columns: ConstantIntegers,
+    outputs: ConstantReals,
+    whitening: ConstantReals,
+    stride: Integer,
+    chunk: Reals,
+) -> None:
+    """Nonzero ``k`` of so many rows, times its weight, each into the column that its row says."""
+    lines = block.outputs
+    width = (lines + block.nonzero_count) * LANES
+    heavy = block.weights * LANES
+    step = block.columns
+    nonzero = block.nonzeros[k]
+    tangent = nonzero.tangent
+    line = nonzero.output * LANES
+    weight = nonzero.weight * LANES
+    values = outputs[(lines + k) * LANES :]
+    for row in range(rows):
+        column = columns[row * step + tangent]
+        group = row // LANES
+        lane = row % LANES
+        if column >= 0:
+            value = values[group * width + lane]
+            if weight >= 0:
+                factor = whitening[group * heavy + weight + lane]
+                value = factor * value if factor != 0.0 else 0.0
+            chunk[column * stride + group * lines * LANES + line + lane] += value
 
 
 @distinct_arrays
@@ -73,19 +106,11 @@ def scatter(
                 else:
                     add_plain_to_column(groups, lines * LANES, width, values, chunk[place:])
         else:
-            count = part.rows
-            for group in range(groups):
-                for lane in range(LANES):
-                    row = (first + group) * LANES + lane
-                    column = -1
-                    if row < count:
-                        column = columns[row * step + tangent]
-                    if column >= 0:
-                        value = values[group * width + lane]
-                        if weight >= 0:
-                            factor = whitening[group * heavy + weight + lane]
-                            value = factor * value if factor != 0.0 else 0.0
-                        chunk[column * stride + group * lines * LANES + line + lane] += value
+            before = first * LANES
+            count = groups * LANES
+            if before + count > part.rows:
+                count = part.rows - before
+            add_to_columns(block, k, count, columns[before * step :], outputs, whitening, stride, chunk)
 
 
 @distinct_arrays

@@ -144,6 +144,7 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     values += [
         ("MULTIPLIERS", description.Problem.most_multipliers),
         ("N", description.Problem.n),
+        ("LANES", 1),
         ("DATA_COUNT", description.DataSet.count),
     ]
     values += [("DATA_COLUMNS", description.DataBlock.columns), ("DATA_ROWS", description.DataBlock.rows)]
