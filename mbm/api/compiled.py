@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbm import compiler
-from mbm.api.arguments import by_name, coordinates, steps_of, threads
+from mbm.api.arguments import by_name, coordinates, threads
 from mbm.api.compilation import Compilation, Origin, compilation_of
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
@@ -237,19 +237,20 @@ class CompiledProblem:
         out with the density 1/s. With losses it is −½ Σ ρ. Tables as for ``residuals``.
 
         Raises:
-            MbmError: ``x`` has another shape, the data do not go with the problem, or `no-density`: equations among the
-                constraints, `:errors`, states, uncertain constants have none here.
+            MbmError: ``x`` has another shape, the data do not go with the problem, or `no-density`.
 
         """
-        from mbm.api.density import refuse_density
+        from mbm.api.density import at_coordinates
         from mbm.simulation.density import log_density
 
-        equations, start = self._assembled(data)
-        problem = self.elaborated.problem
-        refuse_density(problem, equations)
-        steps = steps_of(x, equations.dimension)
-        found = log_density(problem, equations, start, steps.reshape(-1, equations.dimension))
-        return found.reshape(steps.shape[:-1])
+        return at_coordinates(log_density, self.elaborated.problem, self._assembled(data), x)
+
+    def log_density_gradient(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
+        """The derivative of ``log_density`` by ``x``, in its shape; 0 where there is no density. Raises alike."""
+        from mbm.api.density import at_coordinates
+        from mbm.simulation.density import log_density_gradient
+
+        return at_coordinates(log_density_gradient, self.elaborated.problem, self._assembled(data), x)
 
     @property
     def elaborated(self) -> Elaborated:

@@ -2,11 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from mbm.api.arguments import steps_of
 from mbm.equations.assembly import Assembled
 from mbm.problem.likely import called, likelihood_of
 from mbm.problem.types import BlockRole, Problem
 from mbm.simulation.trials import faults
 from mbm.text.types import Diagnostic, MbmError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from mbm.equations.types import Floats
+
+    Density = Callable[[Problem, Assembled, Floats, Floats], Floats]
+
+
+def at_coordinates(density: Density, problem: Problem, assembled: tuple[Assembled, Floats], x: ArrayLike) -> Floats:
+    """What a ``density`` says (…) at tangent coordinates (n,) or (K, n) about a start, of ``assembled`` equations.
+
+    Raises:
+        MbmError: ``x`` has another shape; `no-density`.
+
+    """
+    equations, start = assembled
+    refuse_density(problem, equations)
+    steps = steps_of(x, equations.dimension)
+    found = density(problem, equations, start, steps.reshape(-1, equations.dimension))
+    return found.reshape((*steps.shape[:-1], *found.shape[1:]))
 
 
 def refuse_density(problem: Problem, equations: Assembled) -> None:
@@ -25,12 +50,18 @@ def refuse_density(problem: Problem, equations: Assembled) -> None:
             wrong.append(faults.no_density(constant.span, f"the uncertain constant `{constant.name}`", mend))
     for block in problem.blocks:
         likelihood = likelihood_of(block)
-        if likelihood is not None:
-            mend = "use the covariances of `mbm solve`"
-            wrong.append(faults.no_density(block.span, f"{called(likelihood)} of `{block.name}`", mend))
-        if block.structure.joins:
-            mend = "use the covariances of `mbm solve`"
-            wrong.append(faults.no_density(block.span, f"{block.structure.what} of `{block.name}`", mend))
+        if likelihood is not None and block.unknown_factor:
+            mend = "state the factor, or use the covariances of `mbm solve`"
+            wrong.append(
+                faults.no_density(
+                    block.span, f"{called(likelihood)} beside an unknown factor, in `{block.name}`,", mend
+                )
+            )
+        if block.structure.estimated or (block.structure.joins and block.unknown_factor):
+            mend = "state the noise, with `:sigma` and numbers"
+            wrong.append(
+                faults.no_density(block.span, f"{block.structure.what} of unknown noise, in `{block.name}`,", mend)
+            )
         if block.errors:
             mend = "make the true values unknowns"
             wrong.append(faults.no_density(block.span, f"`:errors` of `{block.name}`", mend))

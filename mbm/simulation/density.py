@@ -4,6 +4,9 @@ The likelihood of the observations times the densities of the priors, and a flat
 rotations (Haar measure), 1/s for an unknown noise factor s, which is integrated out:
 
     ∫ (2π)^(−m/2) s^(−m−1) exp(−S/(2 s²)) ds = Γ(m/2) (π S)^(−m/2) / 2,   S = Σ r², m residuals
+
+Counts, limits, rounded readings and weights by the model have the likelihood that is maximised, rows that share noise
+the density of all together.
 """
 
 from __future__ import annotations
@@ -14,9 +17,15 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
-from mbm.equations.types import Floats, Mask
+from mbm.equations.likelihoods import Readings
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.problem.laws import NORMAL_LAW
+from mbm.problem.likelihoods.types import SHIFT
 from mbm.problem.types import Problem
 from mbm.simulation.laws import log_densities
+
+DIFFERENCE = 1e-5
+"""Of central differences of functions of size and curvature 1: they are right to 1e-10."""
 
 
 @np.errstate(all="ignore")
@@ -30,11 +39,16 @@ def log_density(problem: Problem, equations: Assembled, start: Floats, steps: Fl
         block = problem.blocks[group.kernel.owner]
         own = residuals[:, group.first : group.first + group.count]
         counted = _counted(group)
+        if group.readings is not None:
+            found += _likelihood(group, group.readings, own)
+            continue
         if block.unknown_factor:
             shared.setdefault(block.factor_name, []).append(own[:, counted.ravel()])
         else:
             found += _stated(problem, group, own, counted)
         found += _scale(group)
+    if equations.structure is not None:
+        found += equations.structure.log_determinant
     for parts in shared.values():
         count = sum(part.shape[1] for part in parts)
         squares = np.sum([np.square(part).sum(axis=1) for part in parts], axis=0)
@@ -42,6 +56,61 @@ def log_density(problem: Problem, equations: Assembled, start: Floats, steps: Fl
     if equations.layout.curved:
         found += [np.linalg.slogdet(equations.chart_slopes(start, step))[1] for step in steps]
     return np.where(_allowed(equations, points) & ~np.isnan(found), found, -np.inf)
+
+
+@np.errstate(all="ignore")
+def log_density_gradient(problem: Problem, equations: Assembled, start: Floats, steps: Floats) -> Floats:
+    """The derivative (K, n) of ``log_density`` by the steps; 0 where the density is."""
+    found = np.zeros(steps.shape)
+    for k in np.flatnonzero(log_density(problem, equations, start, steps) > -np.inf).tolist():
+        point = equations.retract(start, steps[k])
+        residuals, slopes = equations.residuals(point), np.zeros(equations.count)
+        shared: dict[str, list[Indices]] = {}
+        for group in equations.groups:
+            block = problem.blocks[group.kernel.owner]
+            places = np.arange(group.first, group.first + group.count)
+            slopes[places] = -residuals[places]
+            if block.unknown_factor:
+                shared.setdefault(block.factor_name, []).append(places[_counted(group).ravel()])
+            elif group.readings is None:
+                slopes[places] = _slopes(problem, group, residuals[places])
+        for every in shared.values():
+            rows = np.concatenate(every)
+            slopes[rows] *= len(rows) / np.square(residuals[rows]).sum()
+        charts = equations.chart_slopes(start, steps[k])
+        found[k] = slopes @ equations.jacobian(point) @ charts + _of_charts(equations, start, steps[k])
+    return found
+
+
+def _slopes(problem: Problem, group: Group, residuals: Floats) -> Floats:
+    """The derivative of the densities of a group by its residuals (rows·outputs,)."""
+    shaped = residuals.reshape(group.rows, group.kernel.outputs)
+    equations = problem.blocks[group.kernel.owner].cases[group.kernel.case].equations
+    found = -shaped
+    for equation, each in zip(equations, group.whiteners, strict=True):
+        if equation.law != NORMAL_LAW:
+            own = shaped[:, each.first : each.last]
+            ends = [log_densities(equation.law, own + side * DIFFERENCE) for side in (1.0, -1.0)]
+            found[:, each.first : each.last] = (ends[0] - ends[1]) / (2.0 * DIFFERENCE)
+    return np.where(_counted(group), found, 0.0).ravel()
+
+
+def _of_charts(equations: Assembled, start: Floats, step: Floats) -> Floats:
+    """The derivative (n,) of the logarithm of the determinant of the chart."""
+    found = np.zeros(len(step))
+    turning = equations.turning
+    for place in () if turning is None else np.flatnonzero(turning):
+        moved = np.zeros(len(step))
+        moved[place] = DIFFERENCE
+        ends = [np.linalg.slogdet(equations.chart_slopes(start, step + side * moved))[1] for side in (1.0, -1.0)]
+        found[place] = (ends[0] - ends[1]) / (2.0 * DIFFERENCE)
+    return found
+
+
+def _likelihood(group: Group, stated: Readings, residuals: Floats) -> Floats:
+    """The log likelihoods (K,) of a group in residuals (K, rows·outputs), which are roots of its deviance."""
+    shifted = float(stated.shifted.sum()) * group.rows * SHIFT
+    return np.asarray(-0.5 * (np.square(residuals).sum(axis=1) - shifted) - float(stated.surprise.sum()))
 
 
 def _counted(group: Group) -> Mask:

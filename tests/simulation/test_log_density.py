@@ -131,8 +131,12 @@ REFUSED = {
         "(problem p (unknowns (x :init 1 :sigma 1) (y :init 1 :sigma 1)) (constraints (= x y)))"
     ),
     "the uncertain constant `c`": "(problem p (constants (c 1 :sigma 1)) (unknowns (x :init c :sigma 1)))",
-    "`:distribution poisson` of `d`": (
-        "(problem p (data d (table (n) (3) (5))) (unknowns (b :init 1)) (observe d (= n b) :distribution poisson))"
+    "`model` in the noise beside an unknown factor, in `d`": (
+        "(problem p (data d (table (n) (3) (5))) (unknowns (b :init 1)) (observe d (= n b) :sigma (unknown model)))"
+    ),
+    "`:correlation` of unknown noise, in `d`": (
+        "(problem p (data d (table (n) (3) (5) (4) (6))) (unknowns (b :init 1))"
+        " (observe d (= n b) :correlation (ar1 unknown)))"
     ),
     "`:errors` of `d`": (
         "(problem p (data d (table (x y) (0 0) (1 1) (2 2))) (unknowns (b :init 1))"
@@ -173,3 +177,99 @@ def test_a_sampler_finds_the_posterior_and_the_trials_too() -> None:
         assert chain[:, k].mean() == pytest.approx(mean[k], abs=0.15 * sigma)
         assert chain[:, k].std() == pytest.approx(sigma, rel=0.1)
         assert float(trials[name].sigma) == pytest.approx(sigma, rel=0.03)
+
+
+LINE_ROWS = " ".join(f"({x:g} {y})" for x, y in zip(X, (3, 0, 7, 9, 12, 20), strict=True))
+
+
+def means(steps: np.ndarray) -> np.ndarray:
+    """The model 4 + 2 x at steps (K, rows)."""
+    return (4.0 + steps[:, :1]) + (2.0 + steps[:, 1:]) * X
+
+
+COUNTS = np.array([3.0, 0, 7, 9, 12, 20])
+LIKELIHOODS = {
+    ":distribution poisson": lambda m: stats.poisson.logpmf(COUNTS, m),
+    ":distribution (binomial 40)": lambda m: stats.binom.logpmf(COUNTS, 40, m / 40),
+    ":distribution (student 3) :sigma 0.8": lambda m: stats.t.logpdf(COUNTS, 3, m, 0.8),
+    ":sigma (hypot 1 (* 20% model))": lambda m: stats.norm.logpdf(COUNTS, m, np.hypot(1, 0.2 * m)),
+    ":sigma 2 :below (= y 0) :above (> y 15)": lambda m: np.select(
+        [COUNTS == 0, COUNTS > 15],
+        [stats.norm.logcdf(COUNTS, m, 2), stats.norm.logsf(COUNTS, m, 2)],
+        stats.norm.logpdf(COUNTS, m, 2),
+    ),
+    ":sigma 2 :resolution 1": lambda m: np.log(stats.norm.cdf(COUNTS + 0.5, m, 2) - stats.norm.cdf(COUNTS - 0.5, m, 2)),
+}
+
+
+@pytest.mark.parametrize("option", LIKELIHOODS)
+def test_likelihoods_are_those_of_scipy(option: str) -> None:
+    text = (
+        f"(problem p (data d (table (x y) {LINE_ROWS})) (unknowns (a :init 4) (b :init 2))"
+        f" (observe d (= y (+ a (* b x))) {option}))"
+    )
+    compiled = mbm.loads(text).compile()
+    wanted = LIKELIHOODS[option](means(STEPS)).sum(axis=1)
+    np.testing.assert_allclose(compiled.log_density(STEPS), wanted, rtol=1e-10)
+    check_gradient(compiled, STEPS[:3])
+
+
+SHARED = {
+    ":sigma 0.3 :common ((0.5 :per day) (0.2 :per x))": 0.09 * np.eye(6) + 0.25 * np.kron(np.eye(2), np.ones((3, 3)))
+    + 0.04 * np.eye(6),
+    ":sigma 0.3 :correlation (ar1 0.6)": 0.09 * 0.6 ** np.abs(np.subtract.outer(X, X)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("option", SHARED)
+def test_rows_that_share_noise_have_the_density_of_all_together(option: str) -> None:
+    rows = " ".join(f"({x:g} {y} {day})" for x, y, day in zip(X, Y, (1, 1, 1, 2, 2, 2), strict=True))
+    text = (
+        f"(problem p (data d (table (x y day) {rows})) (unknowns (a :init 1) (b :init 2))"
+        f" (observe d (= y (+ a (* b x))) {option}))"
+    )
+    compiled = mbm.loads(text).compile()
+    wanted = stats.multivariate_normal(cov=SHARED[option]).logpdf(misfits(STEPS))
+    np.testing.assert_allclose(compiled.log_density(STEPS), wanted, rtol=1e-10)
+    check_gradient(compiled, STEPS[:3])
+
+
+def check_gradient(compiled: Any, points: np.ndarray, tolerance: float = 1e-6) -> None:
+    """Against central differences of the density, which are right to 1e-7 of it or so."""
+    found = compiled.log_density_gradient(points)
+    assert found.shape == points.shape
+    for k, point in enumerate(points):
+        for i in range(points.shape[1]):
+            moved = np.zeros(points.shape[1])
+            moved[i] = 1e-5
+            ends = compiled.log_density([point + moved, point - moved])
+            wanted = (ends[0] - ends[1]) / 2e-5
+            assert found[k, i] == pytest.approx(wanted, rel=tolerance, abs=tolerance * (1 + abs(ends[0])))
+
+
+@pytest.mark.parametrize("law", [law for law in LAWS if "rect" not in law])
+def test_gradients_of_priors(law: str) -> None:
+    compiled = mbm.loads(f"(problem p (unknowns (x :init 3 :prior {law})))").compile()
+    check_gradient(compiled, np.array([[-0.45], [0.3]]))
+
+
+@pytest.mark.parametrize(
+    ("sigma", "more"), [("", ""), (":sigma 0.1 :loss (huber 1.5)", "(constraints (normal b 2 1))")]
+)
+def test_gradients_of_unknown_noise_and_losses(sigma: str, more: str) -> None:
+    check_gradient(line(sigma=sigma, more=more), STEPS)
+
+
+def test_gradients_over_rotations_and_directions() -> None:
+    text = (
+        "(problem p (data d (table (x y z u v w) (1 0 0 0.1 0.9 0.2) (0 1 0 -1 0.1 0)))"
+        " (unknowns (R (rotation 3) :init (rot-z 0.3)) (n direction :init [0 0.6 0.8]))"
+        " (observe d (= [u v w] (rotate R [x y z])) :sigma 0.3) (observe d (= u (dot n [x y z])) :sigma 0.3))"
+    )
+    check_gradient(mbm.loads(text).compile(), np.array([[0.4, -0.2, 0.9, 0.5, 0.3], [0, 0, 0, 0, 0.0]]), 1e-5)
+
+
+def test_there_is_no_gradient_where_there_is_no_density() -> None:
+    compiled = mbm.loads("(problem p (unknowns (x :init 1 :in (0 2) :sigma 1)))").compile()
+    assert compiled.log_density_gradient([[-1.5], [0.5]]).tolist() == [[0.0], [pytest.approx(-0.5)]]
+    assert compiled.log_density_gradient([0.5]).shape == (1,)

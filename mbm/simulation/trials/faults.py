@@ -36,7 +36,8 @@ NOT_SETTLED = Code(
 NO_DENSITY = Code(
     "no-density",
     "`compiled.log_density` is asked of a problem whose unknowns have no density: equations among the constraints "
-    "leave a surface, corrections of measured values and states are eliminated, uncertain constants are not estimated.",
+    "leave a surface, corrections of measured values and states are eliminated, uncertain constants are not "
+    "estimated, nor are noises that rows share.",
     "Do what the message says, or use `mbm propagate`.",
 )
 
