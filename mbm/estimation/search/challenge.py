@@ -1,4 +1,9 @@
-"""A start against the closed forms for all unknowns: where one of these leads lower, its minimum is the answer."""
+"""A start against the closed forms for all unknowns: where one of these leads lower, its minimum is the answer.
+
+Where there is none, as for a fisheye whose focal lengths are unknown, and the fit is worse than stated noise lets
+expect, those for poses and rotations have a word, with all else as it was found: a board that is seen turned round
+drags the camera with it, and is seen rightly even by that camera.
+"""
 
 from __future__ import annotations
 
@@ -110,6 +115,8 @@ class Challenge:
         if form is None:
             if solved and not self._recognised:
                 self._cache.without_closed_form.add(self._kind)
+            form = None if solved and minimum.cost < self._most else self._poses_anew(minimum)
+        if form is None:
             return found
         rounding = rounding_at(self._equations, minimum)
         away = self._away(minimum, form.numbers)
@@ -128,7 +135,11 @@ class Challenge:
 
     @cached_property
     def _reached(self) -> tuple[bool, tuple[Completion, ...]]:
-        """How far closed forms get; whether they were made of a sample of the rows."""
+        """How far closed forms for all unknowns get; whether they were made of a sample of the rows."""
+        return self._completed(blank_numbers(self._equations))
+
+    def _completed(self, every: Sequence[Floats]) -> tuple[bool, tuple[Completion, ...]]:
+        """How far closed forms get from each of some numbers (N,); whether they were made of a sample of the rows."""
         # Loaded where a start is challenged only, so that other problems start at once.
         from mbm.estimation.starts.closed_forms.completion import completions
         from mbm.estimation.starts.closed_forms.situation import Situation
@@ -136,7 +147,7 @@ class Challenge:
 
         situations = [
             Situation(layout=self._equations.layout, groups=self._equations.groups, numbers=numbers, most=ENOUGH)
-            for numbers in blank_numbers(self._equations)
+            for numbers in every
         ]
         reached = [completions(situation, self._settings.closed_forms) for situation in situations]
         return situations[0].thins, tuple(each for found in reached for each in found)
@@ -148,7 +159,22 @@ class Challenge:
     @cached_property
     def _form(self) -> _Form | None:
         """The best of the closed forms that give all numbers; None: there is none."""
-        thins, reached = self._reached
+        return self._best_of(*self._reached)
+
+    def _poses_anew(self, minimum: Minimum) -> _Form | None:
+        """The best of the closed forms that give all poses and rotations, the rest being as at a minimum."""
+        layout, sought = self._equations.layout, self._equations.sought()
+        turned = {int(number) for each in layout.curved for number in each.numbers[:, 0]}
+        numbers = minimum.point.copy()
+        for entry in layout.entries:
+            if not turned.isdisjoint(range(entry.range.start, entry.range.stop)):
+                numbers[entry.range] = np.where(sought[entry.range], np.nan, numbers[entry.range])
+        unknown = np.isnan(numbers)
+        if not bool(unknown.any()) or bool(unknown[sought].all()):
+            return None
+        return self._best_of(*self._completed([numbers]))
+
+    def _best_of(self, thins: bool, reached: Sequence[Completion]) -> _Form | None:
         complete = [c for c in reached if not bool(np.isnan(c.numbers).any())]
         if not complete:
             return None

@@ -32,22 +32,28 @@ def data(seed):
     return {"photos": {"photo": np.arange(float(PHOTOS))}, "left": left, "right": right}
 
 
-@pytest.mark.parametrize("seed", [6, 8])
+@pytest.mark.parametrize("seed", [6, 7, 8])
 def test_a_rough_start_is_enough(seed):
+    """By itself the search of seed 7 ends with boards turned round, and focal lengths of 500 px."""
     found = mbm.loads(TEXT).solve(data=data(seed))
     for name, focal in (("fa", 150.0), ("ga", 151.5), ("fb", 150.0), ("gb", 151.5)):
         assert abs(found[name].value - focal) < 4 * found[name].sigma
     assert found.first.chi2_p > 1e-4
 
 
+WAVE = """
+(problem wave (data d external) (unknowns (w :init 2 :start (0.5 5)))
+  (observe d (= y (sin (* w t))) :sigma 0.05))"""
+
+
+def wave():
+    t = np.linspace(0, 10, 60)
+    return {"d": {"t": t, "y": np.sin(3.7 * t) + np.random.default_rng(2).normal(0, 0.05, 60)}}
+
+
 def test_another_minimum_is_doubted_and_the_way_out_is_named():
-    found = mbm.loads(TEXT).solve(data=data(7))
+    found = mbm.loads(WAVE).solve(data=wave())
     (diagnostic,) = (d for d in found.first.diagnostics if d.code.name == "noise-against-data")
     assert "`--starts 20` looks for a better minimum" in diagnostic.hint
-
-
-@pytest.mark.slow
-def test_more_starts_find_the_better_minimum():
-    found = mbm.loads(TEXT).solve(data=data(7), starts=20, seed=1)
-    assert found.first.chi2_p > 1e-4
-    assert abs(found["fa"].value - 150) < 4 * found["fa"].sigma
+    better = mbm.loads(WAVE).solve(data=wave(), starts=20, seed=1)
+    assert abs(better["w"].value - 3.7) < 4 * better["w"].sigma
