@@ -76,3 +76,26 @@ def test_the_whole_drive_without_a_start(tmp_path):
     assert np.all(np.abs(result["gain"].value - 1.069) < 0.01)
     # mean square in standard deviations: the noise of odometry is a guess, and errors are correlated
     assert 0.3 < np.mean(np.square(error / result["T"].sigma[:, 1:])) < 3.0
+
+
+@pytest.mark.slow
+def test_the_whole_drive_with_nodes_of_unknown_places(tmp_path):
+    """The first pose is known, the places of the nodes, their scales and offsets are not; no start."""
+    tables, truth, _ = recorded()
+    text = DRIVE.replace(
+        "(T (pose 2) :per poses)",
+        "(T (pose 2) :per poses :fixed (= k 0) :at (pose2 0 0 4.222432)) (p (vector 2) :per nodes)",
+    ).replace("[nodes.x nodes.y]", "(p node)")
+    result = loaded(tmp_path, text, **tables).solve()
+    assert result.first.status.trusted
+    error = result["T"].value[1:, 1:] - truth[1:]
+    # mean square in standard deviations, which hold what the heading of the first pose is off, too
+    assert np.mean(np.square(error / result["T"].sigma[1:, 1:])) < 3.0
+    nodes = np.array([tables["nodes"]["x"], tables["nodes"]["y"]]).T
+    assert np.abs((result["p"].value - nodes) / result["p"].sigma).max() < 3.0
+    # the shape alone, after a rigid motion: as with places that are known
+    inner, outer = result["T"].value[:, 1:], truth
+    inner, outer = inner - inner.mean(axis=0), outer - outer.mean(axis=0)
+    U, _, Vt = np.linalg.svd(inner.T @ outer)
+    assert np.linalg.det(U @ Vt) > 0
+    assert np.sqrt(np.mean(np.square(inner @ U @ Vt - outer).sum(axis=1))) < 0.3

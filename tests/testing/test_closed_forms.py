@@ -16,6 +16,7 @@ from mbm.estimation.starts.closed_forms.planar_calibration import PLANAR_CALIBRA
 from mbm.estimation.starts.closed_forms.planes import PLANES
 from mbm.estimation.starts.closed_forms.pose_from_points import POSE_FROM_POINTS
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES
+from mbm.estimation.starts.closed_forms.scaled_ranges import SCALED_RANGES
 from mbm.estimation.starts.closed_forms.similarity import SIMILARITY
 from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan
 from mbm.testing.closed_forms import ClosedFormSample, check_closed_form
@@ -24,6 +25,7 @@ from mbm.testing.requirement import NotConformingError
 GENERATOR = np.random.default_rng(1)
 POINTS = GENERATOR.uniform(-1, 1, size=(9, 3))
 PLACE = np.array([0.5, 2.0, 3.0])
+MANY = GENERATOR.uniform(-1, 1, size=(16, 3))
 TURNED = np.stack([-POINTS[:, 1], POINTS[:, 0], POINTS[:, 2]], axis=1)
 """A quarter of a turn about z: the quaternion (√½ 0 0 √½)."""
 
@@ -98,6 +100,17 @@ SAMPLES: dict[str, tuple[ClosedForm, ClosedFormSample]] = {
             numbers={"p": PLACE},
             data=table(
                 x=POINTS[:, 0], y=POINTS[:, 1], z=POINTS[:, 2], r=np.sqrt(np.square(POINTS - PLACE).sum(axis=1))
+            ),
+        ),
+    ),
+    "radio": (
+        SCALED_RANGES,
+        ClosedFormSample(
+            text="""(problem p (data d external) (unknowns (p (vector 3)) (gain) (offset))
+              (observe d (= r (+ (* gain (distance p [x y z])) offset))))""",
+            numbers={"p": PLACE, "gain": np.array(1.07), "offset": np.array(0.4)},
+            data=table(
+                x=MANY[:, 0], y=MANY[:, 1], z=MANY[:, 2], r=1.07 * np.sqrt(np.square(MANY - PLACE).sum(axis=1)) + 0.4
             ),
         ),
     ),

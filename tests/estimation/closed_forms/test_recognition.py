@@ -54,6 +54,32 @@ def test_ranges_with_a_known_coordinate_and_stations_far_away() -> None:
     np.testing.assert_allclose([found["e"], found["n"]], [4e5 + 1, 5e6 + 2], atol=1e-4)
 
 
+RADIO = np.array([7.0, -9.0])
+"""A place outside of those from which it is heard."""
+
+
+@pytest.mark.parametrize("far", [0.0, 4e5])
+@pytest.mark.parametrize(
+    ("unknowns", "equation", "gain", "offset"),
+    [
+        ("(p (vector 2)) (gain) (offset)", "(= r (+ (* gain (distance [x y] p)) offset))", 1.07, 0.4),
+        ("(offset) (gain positive) (p (vector 2))", "(= r (- (* gain (norm (- p [x y]))) offset))", 0.9, -0.6),
+        ("(p (vector 2)) (gain)", "(= r (* gain (distance p [x y])))", 1.2, 0.0),
+        ("(a) (gain) (b)", "(- (/ (* gain (hypot (- a x) (- b y))) 3) (/ r 3))", 1.1, 0.0),
+    ],
+)
+def test_ranges_of_unknown_scale_to_an_unknown_place(unknowns, equation, gain, offset, far):
+    places = cloud(14, 3)[:, :2] * 3
+    r = gain * np.linalg.norm(places - RADIO, axis=1) + offset
+    places = places + far
+    text = f"(unknowns {unknowns}) (observe d {equation})"
+    found = solved(text, "scaled-ranges", x=places[:, 0], y=places[:, 1], r=r)
+    at = found["p"] if "p" in found else [found["a"], found["b"]]
+    close = 1e-7 if far == 0 else 1e-4  # squares of lengths about a middle that has six digits before the point
+    np.testing.assert_allclose(np.array(at) - far, RADIO, atol=close)
+    assert found["gain"] == pytest.approx(gain, abs=close)
+
+
 def test_pseudo_ranges() -> None:
     text = "(unknowns (p (vector 3)) (bias)) (observe d (= r (+ bias (distance p [x y z]))))"
     found = solved(text, "multilateration", **ranges(RANGES + 3.0))

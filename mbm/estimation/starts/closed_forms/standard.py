@@ -12,6 +12,7 @@ from mbm.estimation.starts.closed_forms.planes import PLANES
 from mbm.estimation.starts.closed_forms.pose_from_points import POSE_FROM_POINTS
 from mbm.estimation.starts.closed_forms.pose_in_product import POSE_IN_PRODUCT
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES
+from mbm.estimation.starts.closed_forms.scaled_ranges import SCALED_RANGES
 from mbm.estimation.starts.closed_forms.similarity import SIMILARITY
 from mbm.estimation.starts.closed_forms.types import ClosedForm
 
@@ -19,6 +20,7 @@ STANDARD: tuple[ClosedForm, ...] = (
     LINEAR,
     SIMILARITY,
     MULTILATERATION,
+    SCALED_RANGES,
     PLANES,
     POSE_IN_PRODUCT,
     POSE_FROM_POINTS,
