@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections import Counter
@@ -11,10 +12,13 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from mbm.cli.main import COLLECTED
 from mbm.kernels.store import VARIABLE
 
 settings.register_profile("untimed", deadline=None)  # no test asserts how long anything takes
 settings.load_profile("untimed")
+
+gc.set_threshold(COLLECTED, *gc.get_threshold()[1:])  # as the command line has it: what is loaded stays
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -174,6 +174,8 @@ def robust_stream_of(
     if consensus is None or unsuited is not None:
         return unsuited or "no consensus is asked for"
     plain = without_losses(equations)
+    if plain.machine_code is not None:  # compiled for many solves; the system takes what is there
+        native_code(plain.groups[0].cache).kernels([g.kernel for g in plain.groups], 0, often=True)
     system = system_of(plain, settings)
     form = None if system is None else known_form(plain, settings.closed_forms)
     if system is None:

@@ -203,13 +203,16 @@ class NativeCode:
             self._callbacks[key] = CallbackKernels(streams, widths)
         return self._callbacks[key]
 
-    def kernels(self, kernels: Sequence[Kernel], rows: int) -> NativeKernels:
-        """The code of some kernels, the k-th under the number k; that of the backend, where it is machine code."""
+    def kernels(self, kernels: Sequence[Kernel], rows: int, *, often: bool) -> NativeKernels:
+        """The code of some kernels, the k-th under the number k; that of the backend, where it is machine code.
+
+        ``rows`` and ``often`` as `KernelCode.of` takes them.
+        """
         if self._code is None:
             from mbm.kernels.native.kernels import KernelCode
 
             self._code = KernelCode(self.store)
-        return self._code.of(kernels, rows)
+        return self._code.of(kernels, rows, often=often)
 
 
 def native_code(cache: EvaluationCache) -> NativeCode:

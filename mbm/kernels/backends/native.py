@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.kernels.native.engine import Library, hindrance, kept
-from mbm.kernels.native.kernels import KernelCode, NativeKernels
+from mbm.kernels.native.kernels import EVALUATIONS, MANY, KernelCode, NativeKernels
 from mbm.kernels.native.sources import lowered, source_digest
 from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream
 from mbm.machine.kinds import LANES
@@ -35,33 +35,59 @@ def _tables_text() -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Stream:
-    """A kernel for any number of rows; ``run`` is `mbm.solver.tables.evaluate_rows`, ``held`` keeps its code alive."""
+class _Call:
+    """A call of `mbm.solver.tables.evaluate_rows` with the arrays that it fills, and those that have to stay."""
 
-    inputs: int
-    outputs: int
-    nonzeros: int
-    code: NativeKernels
-    run: Callable[..., int]
-    held: Library
+    arguments: tuple[int, ...]
+    values: Floats
+    nonzeros: Floats
+    held: tuple[object, ...]
+
+    @staticmethod
+    def of(kernel: Kernel, code: NativeKernels, inputs: Floats, *, jacobian: bool) -> _Call:
+        """``inputs``: contiguous, for all rows."""
+        rows, width = inputs.shape
+        place = code.jacobian_address(0) if jacobian else code.values_address(0)
+        others = len(kernel.jacobian_rows) if jacobian else 0
+        portion = min(PORTION, -(-rows // LANES))
+        values, nonzeros = np.empty((rows, kernel.outputs)), np.empty((rows, others))
+        work = np.empty(portion * LANES * (width + kernel.outputs + others))
+        table = np.array([place, width, kernel.outputs, others, portion], dtype=np.int64)
+        first, second = address(values), address(nonzeros if jacobian else values)
+        return _Call(
+            arguments=(address(table), rows, address(inputs), first, second, address(work)),
+            values=values,
+            nonzeros=nonzeros,
+            held=(code, inputs, table, work),
+        )
+
+
+@dataclass(slots=True, eq=False)
+class _Stream:
+    """A kernel for any number of rows, compiled for speed once they are many."""
+
+    _kernel: Kernel
+    _backend: NativeBackend
+    _code: NativeKernels
+    _done: int = 0
 
     def values(self, inputs: Floats) -> Floats:
         """The outputs (rows, outputs) at inputs (rows, variables + parameters)."""
-        return self._evaluated(self.code.values_address(0), inputs, 0)[0]
+        return self._called(inputs, jacobian=False).values
 
     def values_and_jacobian(self, inputs: Floats) -> tuple[Floats, Floats]:
         """The outputs (rows, outputs) and the nonzeros of their Jacobian (rows, nonzeros)."""
-        return self._evaluated(self.code.jacobian_address(0), inputs, self.nonzeros)
+        call = self._called(inputs, jacobian=True)
+        return call.values, call.nonzeros
 
-    def _evaluated(self, kernel: int, inputs: Floats, nonzeros: int) -> tuple[Floats, Floats]:
-        rows = len(inputs)
-        portion = min(PORTION, -(-rows // LANES))
+    def _called(self, inputs: Floats, *, jacobian: bool) -> _Call:
+        before, self._done = self._done, self._done + len(inputs)
+        if before < MANY * EVALUATIONS <= self._done:
+            self._code = self._backend.code.of([self._kernel], MANY)
         given = np.ascontiguousarray(inputs, dtype=np.float64)
-        values, slopes = np.empty((rows, self.outputs)), np.empty((rows, nonzeros))
-        work = np.empty(portion * LANES * (self.inputs + self.outputs + nonzeros))
-        table = np.array([kernel, self.inputs, self.outputs, nonzeros, portion], dtype=np.int64)
-        self.run(address(table), rows, *(address(array) for array in (given, values, slopes, work)))
-        return values, slopes
+        call = _Call.of(self._kernel, self._code, given, jacobian=jacobian)
+        self._backend.run(*call.arguments)
+        return call
 
 
 @dataclass(slots=True, eq=False)
@@ -69,20 +95,24 @@ class _Evaluation:
     """A kernel for the rows of a table; its code is made when it is first asked for."""
 
     inputs: Floats
-    _made: Callable[[], Stream]
-    _stream: Stream | None = None
-
-    @property
-    def _code(self) -> Stream:
-        if self._stream is None:
-            self._stream = self._made()
-        return self._stream
+    _kernel: Kernel
+    _backend: NativeBackend
+    _calls: dict[bool, _Call] = field(default_factory=dict, init=False)
 
     def values(self) -> Floats:
-        return self._code.values(self.inputs)
+        return self._called(jacobian=False).values
 
     def values_and_jacobian(self) -> tuple[Floats, Floats]:
-        return self._code.values_and_jacobian(self.inputs)
+        call = self._called(jacobian=True)
+        return call.values, call.nonzeros
+
+    def _called(self, *, jacobian: bool) -> _Call:
+        call = self._calls.get(jacobian)
+        if call is None:
+            code = self._backend.code.of([self._kernel], len(self.inputs))
+            call = self._calls[jacobian] = _Call.of(self._kernel, code, self.inputs, jacobian=jacobian)
+        self._backend.run(*call.arguments)
+        return call
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,33 +123,27 @@ class NativeBackend(MachineCode):
     """
 
     code: KernelCode = field(init=False, repr=False)
-    _tables: list[Library] = field(default_factory=list, init=False, repr=False)
+    _tables: list[tuple[Library, Callable[..., int]]] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "code", KernelCode(self.store))
 
     def prepare(self, kernel: Kernel, rows: int) -> Evaluation:
         """A table for ``rows`` rows."""
-        inputs = np.zeros((rows, len(kernel.jacobian_program.inputs)))
-        return _Evaluation(inputs, lambda: self._stream(kernel, rows))
+        return _Evaluation(np.zeros((rows, len(kernel.jacobian_program.inputs))), kernel, self)
 
     def stream(self, kernel: Kernel) -> Stream:
-        """The kernel for points by the thousand."""
-        return self._stream(kernel, 0)
+        """The kernel for points by the thousand; its code is made now."""
+        return _Stream(kernel, self, self.code.of([kernel]))
 
-    def _stream(self, kernel: Kernel, rows: int) -> Stream:
-        """The kernel, whose machine code is made now if it has none that suits so many rows."""
+    @property
+    def run(self) -> Callable[..., int]:
+        """`mbm.solver.tables.evaluate_rows`, which takes addresses and a number of rows."""
         if not self._tables:
             name = f"tables {source_digest('solver')}"
-            self._tables.append(kept(name, _tables_text, self.store, _LEVEL, loops=False))
-        return _Stream(
-            inputs=len(kernel.jacobian_program.inputs),
-            outputs=kernel.outputs,
-            nonzeros=len(kernel.jacobian_rows),
-            code=self.code.of([kernel], rows),
-            run=_SIGNATURE(self._tables[0].address("evaluate_rows")),
-            held=self._tables[0],
-        )
+            library = kept(name, _tables_text, self.store, _LEVEL, loops=False)
+            self._tables.append((library, _SIGNATURE(library.address("evaluate_rows"))))
+        return self._tables[0][1]
 
 
 def backend(store: Store | None) -> NativeBackend:

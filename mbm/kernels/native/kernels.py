@@ -15,20 +15,25 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.kernels.store import Store
 
-LONG = 2_000
-"""Instructions of a kernel from which it is made fast rather than running fast: compiling for speed takes 60 µs for
-each instruction, four times as long as without, and saves 0.03 ns of it for each row (`benchmarks/kernels.py`)."""
+FAST, PLAIN = 1, 0
+"""Levels of optimisation, with the same numbers to the last bit; beyond 1 there is nothing more in straight lines.
+
+Compiling for speed takes 60 µs for each instruction (and 10 ms), four times as long as without, and saves 0.03 ns of it
+for each row (`benchmarks/kernels.py`): 5 to 15 % of what a row takes."""
 
 MANY = 50_000
-"""Rows of a solve from which that pays for itself all the same."""
+"""Rows of a solve from which that pays: each is evaluated some `EVALUATIONS` times."""
 
-FAST, PLAIN = 1, 0
-"""Levels of optimisation; higher ones than 1 find nothing more in straight lines."""
+EVALUATIONS = 20
+
+LONG = 2_000
+"""Instructions of a kernel that is not compiled for speed for the sake of solves to come, however many."""
 
 
-def level_for(kernel: Kernel, rows: int) -> int:
-    """The level of optimisation that suits a kernel for a number of rows in each solve."""
-    return FAST if len(kernel.jacobian_program.instructions) <= LONG or rows >= MANY else PLAIN
+def level_for(kernel: Kernel, rows: int, *, often: bool = False) -> int:
+    """The level of optimisation that suits a kernel for solves of so many rows, of which many are to come if often."""
+    short = len(kernel.jacobian_program.instructions) <= LONG
+    return FAST if rows >= MANY or (often and short) else PLAIN
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,17 +67,18 @@ class KernelCode:
     store: Store | None
     _made: dict[tuple[int, int], tuple[Kernel, Library, int]] = field(default_factory=dict, init=False, repr=False)
 
-    def of(self, kernels: Sequence[Kernel], rows: int = 0) -> NativeKernels:
-        """The code of some kernels; what is missing is made, in one library.
-
-        ``rows``: about how many rows a solve has; many are worth better code.
-        """
-        levels = [level_for(kernel, rows) for kernel in kernels]
+    def of(self, kernels: Sequence[Kernel], rows: int = 0, *, often: bool = False) -> NativeKernels:
+        """The code of some kernels at the levels that `level_for` says, or better; what is missing is made at once."""
+        levels = [level_for(kernel, rows, often=often) for kernel in kernels]
         for level in set(levels):
-            missing = {id(k): k for k, own in zip(kernels, levels, strict=True) if own == level}
-            self._make([k for key, k in missing.items() if (key, level) not in self._made], level)
-        found = [self._made[id(kernel), level] for kernel, level in zip(kernels, levels, strict=True)]
+            wanted = {id(k): k for k, own in zip(kernels, levels, strict=True) if own == level}
+            self._make([k for key, k in wanted.items() if not self._has(key, level)], level)
+        places = zip(kernels, levels, strict=True)
+        found = [self._made.get((id(k), FAST)) or self._made[id(k), level] for k, level in places]
         return NativeKernels(tuple((library, number) for _, library, number in found))
+
+    def _has(self, key: int, level: int) -> bool:
+        return any((key, each) in self._made for each in {level, FAST})
 
     def _make(self, kernels: Sequence[Kernel], level: int) -> None:
         if not kernels:

@@ -63,7 +63,7 @@ def normal_kernels(
         function(f"normal{k}", normal_rows(kernel, units[k]), text)
     if any(unit.loss != NO_LOSS for of_kernel in units.values() for unit in of_kernel):
         _add_losses(text)
-    level = max((level_for(kernel, rows=0) for kernel in kernels.values()), default=0)
+    level = max((level_for(kernel, 0, often=True) for kernel in kernels.values()), default=0)
     return NormalKernels(_library=compiled(text.module(), store, level))
 
 

@@ -101,9 +101,11 @@ def test_inputs_of_streams_need_not_lie_together(kernel):
     np.testing.assert_array_equal(stream.values(inputs), stream.values(inputs.copy()))
 
 
-def test_long_kernels_are_optimised_where_many_rows_pay_for_it(kernel):
+def test_kernels_are_optimised_where_rows_or_solves_to_come_pay_for_it(kernel):
     class Long:
         class jacobian_program:  # noqa: N801
             instructions = range(LONG + 1)
 
-    assert [level_for(kernel, 1), level_for(Long, 1), level_for(Long, MANY)] == [1, 0, 1]
+    assert [level_for(each, MANY) for each in (kernel, Long)] == [1, 1]
+    assert [level_for(each, MANY - 1) for each in (kernel, Long)] == [0, 0]
+    assert [level_for(each, 1, often=True) for each in (kernel, Long)] == [1, 0]

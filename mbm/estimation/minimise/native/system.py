@@ -243,8 +243,7 @@ class NativeSystem:
         ``end`` is the routine that answers; `set_end` leaves out what is known about the answer there.
         """
         ends = self.blank(1)
-        begun = np.ascontiguousarray(start, dtype=np.float64)
-        work = self.scratch()
+        work, begun = self.scratch(), np.ascontiguousarray(start, dtype=np.float64)
         most = 1 if stopped is not None else int(max(AT_A_TIME / self._products, 1))
         self.code.expect(self.expected)
         self._alone(begun, which, ends.arrays(), work, most, stopped or never, end)
@@ -348,7 +347,7 @@ def system_of(
     if not groups:
         return None
     code = native_code(groups[0].cache)
-    kernels = kernels_of(code, groups, compiled=equations.machine_code is not None)
+    kernels = kernels_of(code, groups, compiled=equations.machine_code is not None, often=often)
     guard = getattr(kernels, "guard", None)
     iteration = iteration_of(equations, settings, direct=direct, strict=strict)
     rows = [g.rows for g in groups] if most_rows is None else list(most_rows)
@@ -391,9 +390,11 @@ def system_of(
     )
 
 
-def kernels_of(code: NativeCode, groups: Sequence[Group], *, compiled: bool) -> NativeKernels | CallbackKernels:
-    """The kernels of groups, as machine code where that is wanted."""
+def kernels_of(
+    code: NativeCode, groups: Sequence[Group], *, compiled: bool, often: bool = False
+) -> NativeKernels | CallbackKernels:
+    """The kernels of groups, as machine code where that is wanted; ``often`` as `KernelCode.of` takes it."""
     kernels = [g.kernel for g in groups]
     if compiled:
-        return code.kernels(kernels, max((g.rows for g in groups), default=0))
+        return code.kernels(kernels, max((g.rows for g in groups), default=0), often=often)
     return code.callbacks([g.number for g in groups], kernels, [g.cache.stream(g.number, g.kernel) for g in groups])
