@@ -367,6 +367,10 @@ def emitted(
     model = symbolic(found)
     kernels = derive(model)
     cache = EvaluationCache(registry.suited(registry.backend("auto"), kernels, None))
+    if found.problem.sequence is not None:
+        from mbm.report.embedded import filter_files_of
+
+        return filter_files_of(found, model, kernels, cache, registry.closed_forms)
     known = answered(found, kernels, cache, registry.closed_forms, solving=made.solves)
     drafted = blueprint(found, model, kernels, known, loss_scale, __version__)
     refuse_startless(found, made, drafted.startless)

@@ -73,11 +73,14 @@ def blueprint(
     version: str,
 ) -> Blueprint:
     """The solver of a problem as plain data; `refusals` says which problems have one."""
-    return _Drafting(found, model, kernels, answers, loss_scale).whole(version)
+    return Drafting(found, model, kernels, answers, loss_scale).whole(version)
 
 
-class _Drafting:
-    """One blueprint under construction."""
+class Drafting:
+    """One blueprint under construction; what generated text makes of the names of problems and of kernels."""
+
+    problem_forms: tuple[str, ...] = PROBLEM_FORMS
+    case_forms: tuple[str, ...] = CASE_FORMS
 
     def __init__(
         self,
@@ -86,14 +89,15 @@ class _Drafting:
         kernels: KernelSet,
         answers: Answers,
         loss_scale: LossScale,
+        taken: frozenset[str] = TAKEN,
     ) -> None:
         self.found = found
         self.problem: Problem = found.problem
         self.references = answers.references
         self.answers = answers
         self.loss_scale = loss_scale
-        self.names = Identifiers(TAKEN)
-        self.name = self.names.made(self.problem.name, *PROBLEM_FORMS, words=frozenset())
+        self.names = Identifiers(taken)
+        self.name = self.names.made(self.problem.name, *self.problem_forms, words=frozenset())
         self.places = Places(found, self.names)
         self.pairs: dict[tuple[Purpose, int], list[tuple[Kernel, ResidualBlock]]] = {}
         for kernel, block in zip(kernels.kernels, model.blocks, strict=True):
@@ -101,9 +105,10 @@ class _Drafting:
         self.position = {u.name: i for i, u in enumerate(self.problem.unknowns)}
 
     def whole(self, version: str) -> Blueprint:
+        """The blueprint."""
         problem = self.problem
         unknowns = self._unknowns()
-        blocks = tuple(self._block(i, block) for i, block in enumerate(problem.blocks))
+        blocks = self.clauses()
         derived = tuple(self._derived(i, each) for i, each in enumerate(problem.derived))
         filters = {
             plan.name: None if plan.where is None else self._rows(plan.where, f"{plan.name}_kept")
@@ -139,6 +144,10 @@ class _Drafting:
             agreement=self.answers.agreement,
             ranges=self.answers.ranges,
         )
+
+    def clauses(self) -> tuple[BlockShape, ...]:
+        """The clauses that the solver takes."""
+        return tuple(self.clause(i, block) for i, block in enumerate(self.problem.blocks))
 
     def _table(
         self,
@@ -239,8 +248,9 @@ class _Drafting:
             doc=Foreign(unknown.doc),
         )
 
-    def _block(self, number: int, block: Block) -> BlockShape:
-        identifier = self.names.made(block.name, "function.{name}_rows", *CASE_FORMS)
+    def clause(self, number: int, block: Block) -> BlockShape:
+        """A clause with its kernels."""
+        identifier = self.names.made(block.name, "function.{name}_rows", *self.case_forms)
         mine = self.pairs.get((Purpose.EQUATION, number), ())
         distinct: tuple[ColumnValue, ...] = ()
         table = None if block.table is None else self.places.own_table(block.table)
@@ -273,11 +283,11 @@ class _Drafting:
         lines = printed(symbolic, latex=False)
         sign = "=" if block.role is not BlockRole.CONSTRAINT or shapes[0].equality else ">="
         return BlockCase(
-            identifier=self.names.made(f"{name}_{kernel.case + 1}", *CASE_FORMS) if many else name,
+            identifier=self.names.made(f"{name}_{kernel.case + 1}", *self.case_forms) if many else name,
             kernel=kernel,
             static=self.places.static(block.table, case.static),
-            variables=tuple(self._slot(s, block.table) for s in kernel.variables),
-            tangents=tuple(self._slot(s, block.table) for s in kernel.tangents),
+            variables=tuple(self.place(s, block.table) for s in kernel.variables),
+            tangents=tuple(self.place(s, block.table) for s in kernel.tangents),
             parameters=tuple(self.places.parameter(p, block.table) for p in kernel.parameters),
             equations=tuple(shapes),
             noise=self._case(block.table, case.static, noise) if block.role is not BlockRole.CONSTRAINT else None,
@@ -306,8 +316,8 @@ class _Drafting:
             identifier=self.names.made(f"{name}_{kernel.case + 1}" if many else name, *DERIVED_CASE_FORMS),
             kernel=kernel,
             static=self.places.static(derived.table, case.static),
-            variables=tuple(self._slot(s, derived.table) for s in kernel.variables),
-            tangents=tuple(self._slot(s, derived.table) for s in kernel.tangents),
+            variables=tuple(self.place(s, derived.table) for s in kernel.variables),
+            tangents=tuple(self.place(s, derived.table) for s in kernel.tangents),
             parameters=tuple(self.places.parameter(p, derived.table) for p in kernel.parameters),
             equations=(),
             noise=None,
@@ -325,7 +335,8 @@ class _Drafting:
             equality=equation.relation is Relation.ZERO,
         )
 
-    def _slot(self, slot: Slot, table: str | None) -> SlotPlace:
+    def place(self, slot: Slot, table: str | None) -> SlotPlace:
+        """Where an input or tangent of a kernel stands."""
         return SlotPlace(
             unknown=self.position[slot.unknown],
             component=slot.component,

@@ -21,12 +21,13 @@ def data_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
     """``data/<table>.csv`` for each table, and ``reference.csv``."""
     given = {table.name: table for table in blueprint.given}
     files = [
-        OutputFile(path=f"data/{t.identifier}.csv", content=_table(t, given[t.name]).encode()) for t in blueprint.tables
+        OutputFile(path=f"data/{t.identifier}.csv", content=table_text(t, given[t.name]).encode())
+        for t in blueprint.tables
     ]
     return (*files, OutputFile(path="reference.csv", content=_references(blueprint).encode()))
 
 
-def _table(shape: TableShape, given: GivenTable) -> str:
+def table_text(shape: TableShape, given: GivenTable) -> str:
     """The columns that the solver reads, in the units of the file."""
     lines = [",".join(field(c.source) for c in shape.columns)]
     columns = []

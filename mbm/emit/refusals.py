@@ -13,6 +13,7 @@ from mbm.expression.nodes import Column, Expression, externals, leaves
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import Gauge
 from mbm.problem.likely import called, likelihood_of
+from mbm.problem.sequence.types import SequenceMethod
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.types import BlockRole, Method, Problem, TablePlan, Unknown
 from mbm.solver.decisions import MOST_DENSE
@@ -29,7 +30,8 @@ def refuse(found: Elaborated, target: Target) -> None:
 
     """
     problem = found.problem
-    faults_found = [*_sequence(problem), *_data(problem), *_blocks(problem), *_derived(problem, target)]
+    faults_found = [*_sequence(problem, target), *_data(problem), *_blocks(problem)]
+    faults_found += [] if problem.sequence is not None else _derived(problem, target)
     for constant in (each for each in problem.constants if each.sigmas and target.solves):
         what, why = f"the uncertainty of the constant `{constant.name}`", "generated solvers solve once, for its value"
         todo = "leave its `:sigma` or `:prior` out, or make it an unknown with a prior"
@@ -37,17 +39,21 @@ def refuse(found: Elaborated, target: Target) -> None:
     if target.solves and not problem.unknowns:
         why, todo = "a generated solver estimates something", "use `mbm solve`, or compile for `casadi`"
         faults_found.append(faults.not_emitted(problem.span, "a problem without unknowns", why, todo))
-    if target.solves:
-        faults_found += [*_starts(problem), *_request(problem), *_keys(found), *_constraints(problem)]
+    if target.solves and problem.sequence is None:
+        faults_found += [*_starts(problem), *_request(problem), *_keys(found), *_constraints(problem), *_size(found)]
+    if faults_found:
+        raise MbmError(*faults_found)
+
+
+def _size(found: Elaborated) -> Iterator[Diagnostic]:
+    """What is too large to be solved densely."""
     count = sum(
         u.freedom * (1 if u.family is None else len(found.tables[u.family.rows])) for u in found.problem.unknowns
     )
-    if target.solves and count > MOST_DENSE:
+    if count > MOST_DENSE:
         message = f"generated solvers are dense, for up to {MOST_DENSE} coordinates"
         todo = "use `mbm solve`, which has a sparse solver; or compile for `casadi`"
-        faults_found.append(faults.not_emitted(found.problem.span, f"a problem of {count} coordinates", message, todo))
-    if faults_found:
-        raise MbmError(*faults_found)
+        yield faults.not_emitted(found.problem.span, f"a problem of {count} coordinates", message, todo)
 
 
 def refuse_startless(found: Elaborated, target: Target, known: frozenset[int]) -> None:
@@ -108,11 +114,30 @@ def _is_text(text: str) -> bool:
     return "\0" not in text and not any("\ud800" <= character <= "\udfff" for character in text)
 
 
-def _sequence(problem: Problem) -> Iterator[Diagnostic]:
-    if problem.sequence is not None:
-        why = "the tables of steps and of transitions are made of the data, which generated solvers do not do"
-        todo = "use `mbm solve`, or `compile()` in Python, which takes one data set after the other"
-        yield faults.not_emitted(problem.sequence.span, "a problem with `states`", why, todo)
+def _sequence(problem: Problem, target: Target) -> Iterator[Diagnostic]:
+    """States by what takes one step after the other, in C."""
+    sequence = problem.sequence
+    if sequence is None:
+        return
+    estimator = sequence.estimator
+    if target is not Target.C:
+        what, why = f"a problem with `states` for `{target.value}`", "filters and smoothers are written in C alone"
+        yield faults.not_emitted(sequence.span, what, why, "compile with `--target c`, or use `mbm solve`")
+    method = estimator.method.value
+    whole = estimator.method is SequenceMethod.SMOOTHER and estimator.lag is None
+    if estimator.method is SequenceMethod.BATCH or whole:
+        what = f"a problem with `states` by `:method {f'({method})' if whole else method}`"
+        why = "it takes the rows of all steps at once, and a generated filter those of one step after the other"
+        todo = "say `(solve :method ekf)`, another filter, or `(smoother :lag n)`"
+        yield faults.not_emitted(estimator.span or sequence.span, what, why, todo)
+    if problem.request.for_each or problem.request.window is not None:
+        why = "a generated filter follows one sequence"
+        todo = "leave `for-each` and `window` out, and let there be a filter for each"
+        yield faults.not_emitted(sequence.span, "`for-each` or `window` with `states`", why, todo)
+    for derived in problem.derived:
+        what = f"the derived quantity `{derived.name}` beside `states`"
+        why = "a generated filter answers the unknowns and states of a step"
+        yield faults.not_emitted(derived.span, what, why, "leave it out, and compute it of the answer")
 
 
 def _data(problem: Problem) -> Iterator[Diagnostic]:

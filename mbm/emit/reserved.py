@@ -23,10 +23,10 @@ ULLONG_MAX ULONG_MAX USHRT_MAX math_errhandling stderr stdin stdout"""
 MACROS = frozenset(_MACROS.split())
 """Macros of the headers of C99 that generated text includes: no name of any kind can be one of them."""
 
-_FUNCTIONS = """add_noise add_slopes all_rows append_rows eliminate_noise find_rows finish_solve fused_rows group_noise
-kept_rows know_rows limit_by_noise load_noise load_rows penalise_slopes penalise_values root_slopes root_values
-separate_rows set_covariance set_rotation_slopes set_slopes set_sphere_slopes singular_values start_solve tried_noise
-weights_of_covariance whiten_values"""
+_FUNCTIONS = """add_noise add_slopes all_rows by_rows evaluate_rows append_rows eliminate_noise find_rows finish_solve
+fused_rows group_noise kept_rows know_rows limit_by_noise load_noise load_rows penalise_slopes penalise_values
+put_covariance root_of_covariance root_slopes root_values separate_rows set_covariance set_rotation_slopes set_slopes
+set_sphere_slopes singular_values start_solve tried_noise weights_of_covariance whiten_values"""
 _FRAME = """agreement chosen column consensus columns columns_used constants coordinates covariance data data_numbers
 data_set firsts fixed form index index_used kappa known lower members multipliers offsets parameters
 parameters_used point results rules scratch sides sigma spare start startless states system
@@ -45,6 +45,15 @@ TAKEN = frozenset(f"{place}.{name}" for place, names in _PLACES for name in name
 """Forms (see `mbm.emit.identifiers`) that generated text has in any case: functions that the name of a clause or of the
 problem could become, members of its structs; files, programs and targets of `make` and CMake. Some systems, and CasADi,
 do not have some of the files."""
+
+_IN_FILTERS = (
+    ("function", "answer_at begin_all close_frame find_rows open_frame put_fixed take_rows take_step take_transition"),
+    ("frame", "chain count data dt given keys memory moves moves_count previous rows spread walk"),
+    ("result", "at hypotheses innovation residuals"),
+    ("data", "at"),
+)
+TAKEN_IN_FILTERS = TAKEN.union(f"{place}.{name}" for place, names in _IN_FILTERS for name in names.split())
+"""The same of generated filters."""
 
 _CALLS = """solve begin residual_count residuals jacobian covariance workspace_size status_text data result workspace
 read_tables free_columns free_tables next_key select"""
@@ -70,3 +79,9 @@ CASE_FORMS = (
     "function.{name}_noise", "function.{name}_assemble",
 )  # fmt: skip
 DERIVED_CASE_FORMS = ("kernel.{lower}", "function.{name}_derived", "function.{name}_assemble")
+FILTER_FORMS = (
+    *PROBLEM_FORMS,
+    *(f"function.{{name}}_{word}" for word in ["filter", "rows", "step", "finish", "next_step"]),
+)
+FILTER_CASE_FORMS = (*CASE_FORMS, "function.{name}_begin", "function.{name}_take")
+"""Those of filters."""

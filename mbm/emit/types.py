@@ -204,13 +204,14 @@ class UnknownShape:
 class SlotPlace:
     """An input or tangent of a kernel: component of an unknown, of the member that a link names (None: the one).
 
-    ``shown`` is the unknown, with the member that is meant, for readers.
+    ``shown`` is the unknown, with the member that is meant, for readers. ``ahead``: a state at the step reached.
     """
 
     unknown: int
     component: int
     member: int | None
     shown: Foreign
+    ahead: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

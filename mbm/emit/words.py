@@ -32,8 +32,7 @@ def described(blueprint: Blueprint) -> Iterator[str]:
     for constant in blueprint.constants:
         yield f"* constant {code(constant.name)} = {constant.value:.17g}"
     yield ""
-    for block in blueprint.blocks:
-        yield from _block(block)
+    yield from described_blocks(blueprint)
     for derived in blueprint.derived:
         over = f" for each row of {code(derived.table)}" if derived.table is not None else ""
         unit = f", shown in {prose(derived.unit)}" if derived.unit else ""
@@ -56,6 +55,12 @@ def described(blueprint: Blueprint) -> Iterator[str]:
     method = METHODS.get(asked, "Marquardt's" if RULES.get(asked, MARQUARDT) == MARQUARDT else code(asked))
     yield f"The iteration is {method} in a trust region, for at most {blueprint.settings.max_iterations} iterations."
     yield ""
+
+
+def described_blocks(blueprint: Blueprint) -> Iterator[str]:
+    """The clauses."""
+    for block in blueprint.blocks:
+        yield from _block(block)
 
 
 def _unknown(blueprint: Blueprint, unknown: UnknownShape) -> str:

@@ -265,10 +265,13 @@ def number(value: float | int) -> str:
     return repr(value)
 
 
-PRELUDE = """#include <math.h>
+_HELPERS = (
+    ("mbm_max", "static double mbm_max(double a, double b) { return a > b ? a : b; }"),
+    ("mbm_min", "static double mbm_min(double a, double b) { return a < b ? a : b; }"),
+    ("mbm_isfinite", "static long mbm_isfinite(double a) { return a - a == 0.0; }"),
+)
 
-static double mbm_max(double a, double b) { return a > b ? a : b; }
-static double mbm_min(double a, double b) { return a < b ? a : b; }
-static long mbm_isfinite(double a) { return a - a == 0.0; }
-"""
-"""What every file of C needs before the functions."""
+
+def prelude(code: str) -> str:
+    """What a file of C with this text needs before its functions."""
+    return "\n".join(["#include <math.h>", "", *(line for name, line in _HELPERS if f"{name}(" in code), ""])

@@ -17,7 +17,7 @@ def clause_functions(blueprint: Blueprint) -> str:
     numbers = {id(case): number for number, (_, case) in enumerate(blueprint.cases)}
     parts = []
     for block in blueprint.blocks:
-        parts += ["\n".join(_chosen(blueprint, cells, block))]
+        parts += ["\n".join(chosen_rows(blueprint, cells, block))]
         parts += ["\n".join(_case(blueprint, cells, block, c, numbers[id(c)])) for c in block.cases]
     return "\n".join([*parts, *_assemble(blueprint, cells)])
 
@@ -28,7 +28,7 @@ def _inputs(block: BlockShape) -> int:
     return max(noise, when, 1)
 
 
-def _chosen(blueprint: Blueprint, cells: Cells, block: BlockShape) -> Iterator[str]:
+def chosen_rows(blueprint: Blueprint, cells: Cells, block: BlockShape) -> Iterator[str]:
     """The rows of the table that a clause uses: of `kept` those that `:when` lets through, each kind once."""
     if block.table is None:
         return
@@ -105,7 +105,7 @@ def _row(blueprint: Blueprint, cells: Cells, case: BlockCase) -> Iterator[str]:
     for value in case.parameters:
         yield f"f->parameters[f->parameters_used++] = {cells.input(value)};"
     if case.noise is not None:
-        yield from _weights(cells, case)
+        yield from weights(cells, case)
     lines = [
         *(_place(cells, blueprint, "index", "offsets", s) for s in case.variables),
         *(_place(cells, blueprint, "columns", "firsts", s) for s in case.tangents),
@@ -128,7 +128,7 @@ def _place(cells: Cells, blueprint: Blueprint, array: str, origin: str, slot: Sl
     return f"{text}    {remark(unknown.name)}"
 
 
-def _weights(cells: Cells, case: BlockCase) -> Iterator[str]:
+def weights(cells: Cells, case: BlockCase) -> Iterator[str]:
     """The noise of the row at hand as weights."""
     if case.noise is None:
         return

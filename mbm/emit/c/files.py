@@ -73,7 +73,7 @@ def c_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
     texts = {
         f"{name}.h": header(blueprint),
         f"{name}.c": source,
-        f"{name}_kernels.h": kernels_file(blueprint),
+        f"{name}_kernels.h": kernels_file(blueprint, [case for _, case in blueprint.cases]),
         f"{name}_solver.h": solver_file(blueprint, source),
         f"{name}_tables.h": tables_file(blueprint),
         "csv.h": CSV,

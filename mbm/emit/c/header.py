@@ -35,7 +35,7 @@ def header(blueprint: Blueprint) -> str:
     """``<problem>.h``."""
     name = blueprint.identifier
     guard = f"{name.upper()}__H"  # two underscores in a row are in no name that a problem gives
-    lines = [f"#ifndef {guard}", f"#define {guard}", "", comment(_doc(blueprint)), "", *_guarded('extern "C" {'), ""]
+    lines = [f"#ifndef {guard}", f"#define {guard}", "", comment(_doc(blueprint)), "", *guarded('extern "C" {'), ""]
     lines += ["/* What a call answers; `_status_text` has the sentence. */", f"enum {name}_status {{"]
     words = [f"    {name.upper()}_{word} = {number}" for number, word in enumerate(STATUSES)]
     lines += [",\n".join(words), "};", ""]
@@ -48,11 +48,11 @@ def header(blueprint: Blueprint) -> str:
     lines += ["typedef struct {", *_result(blueprint), *_agreed(blueprint)]
     lines += [line for unknown in blueprint.unknowns for line in _estimate(unknown)]
     lines += [line for derived in blueprint.derived for line in _derived(derived)]
-    lines += [f"}} {name}_result;", "", *_workspace(name), *_calls(name), *_guarded("}"), "", "#endif", ""]
+    lines += [f"}} {name}_result;", "", *_workspace(name), *_calls(name), *guarded("}"), "", "#endif", ""]
     return "\n".join(lines)
 
 
-def _guarded(line: str) -> tuple[str, ...]:
+def guarded(line: str) -> tuple[str, ...]:
     """A line for C++ alone, where names are otherwise changed by the types of what they are called with."""
     return "#ifdef __cplusplus", line, "#endif"
 

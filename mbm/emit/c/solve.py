@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from mbm.emit.c.agreement import agreement_answer, agreement_beginning, agreement_function
 from mbm.emit.c.cells import Cells
@@ -12,7 +12,7 @@ from mbm.emit.c.ranges import range_beginning, range_solve
 from mbm.emit.c.sizes import lossy
 from mbm.emit.routines.noises import SCATTER, SQUARES
 from mbm.emit.system import StaticSystem, kinds_of_units
-from mbm.emit.types import Blueprint
+from mbm.emit.types import BlockCase, Blueprint
 from mbm.solver import description as at
 from mbm.solver.consensus_records import Verdict
 
@@ -44,12 +44,12 @@ def _spread(group: int, what: int) -> str:
     return f"spread_of_group({given},\n        {group}, {what}, f->spare)"
 
 
-def call_kernel(blueprint: Blueprint) -> str:
+def call_kernel(cases: Sequence[BlockCase]) -> str:
     """``call_kernel``: which function a number means."""
     lines = ["/* Kernel 2k gives the values of kernel k, 2k + 1 the values and the derivatives; `rows` of them. */"]
     lines += ["static void call_kernel(long kernel, const double *inputs, double *outputs, long rows)", "{"]
     lines += ["    long row;", "", "    switch (kernel) {"]
-    for number, (_, case) in enumerate(blueprint.cases):
+    for number, case in enumerate(cases):
         wide = len(case.variables) + len(case.parameters)
         for shift, word, count in (
             (0, "values", case.kernel.outputs),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from mbm.emit.c.agreement import agreement_constants
 from mbm.emit.c.cells import input_name, program_name
 from mbm.emit.c.clauses import clause_functions
@@ -17,8 +19,8 @@ from mbm.emit.c.unknowns import unknown_functions
 from mbm.emit.foreign import told
 from mbm.emit.routines.modules import called_in_c, emitted_module
 from mbm.emit.system import StaticSystem
-from mbm.emit.types import Blueprint
-from mbm.machine.c import PRELUDE, number
+from mbm.emit.types import BlockCase, Blueprint
+from mbm.machine.c import number, prelude
 from mbm.machine.c import text as module_text
 
 LONG_CHECK = """#include <limits.h>
@@ -28,11 +30,11 @@ LONG_CHECK = """#include <limits.h>
 """
 
 
-def kernels_file(blueprint: Blueprint) -> str:
-    """The equations, and the programs of data, as functions."""
-    parts = [kernel_functions(case) for _, case in blueprint.cases]
+def kernels_file(blueprint: Blueprint, cases: Sequence[BlockCase]) -> str:
+    """The equations, and the programs of data, as functions; kernel k is that of case k."""
+    parts = [kernel_functions(case) for case in cases]
     parts += derived_kernels(blueprint)
-    for _, case in blueprint.cases:
+    for case in cases:
         if case.noise is not None:
             names = [input_name(v) for v in case.noise.inputs]
             parts.append(
@@ -45,9 +47,7 @@ def kernels_file(blueprint: Blueprint) -> str:
     body = "\n".join(parts)
     doc = [told(blueprint.name, ": its equations. Everything is in SI, angles in radians.")]
     constants = _constants(blueprint)
-    return "\n".join(
-        [comment(doc), "", "#include <math.h>", "", helpers(body), body, call_kernel(blueprint), constants]
-    )
+    return "\n".join([comment(doc), "", "#include <math.h>", "", helpers(body), body, call_kernel(cases), constants])
 
 
 def _constants(blueprint: Blueprint) -> str:
@@ -58,15 +58,15 @@ def _constants(blueprint: Blueprint) -> str:
     return "\n".join(["/* Constants of the problem. */", *lines, ""]) if lines else ""
 
 
-def solver_file(blueprint: Blueprint, source: str) -> str:
-    """The solver: the same for all problems, as far as the text of this one calls it."""
-    doc = [
-        "Least squares with Marquardt's method in a trust region: losses, bounds, constraints, covariance.",
-        "The same algorithm as mbm's own native solver; arrays are described where the solver is called.",
-    ]
+LEAST_SQUARES = "Least squares with Marquardt's method in a trust region: losses, bounds, constraints, covariance."
+
+
+def solver_file(blueprint: Blueprint, source: str, what: str = LEAST_SQUARES) -> str:
+    """The solver, ``what`` in words: the same for all problems, as far as the text of this one calls it."""
+    doc = [what, "The same algorithm as mbm's own native solver; arrays are described where the solver is called."]
     text = module_text(emitted_module(called_in_c(source)))
     checked = [LONG_CHECK] if blueprint.agreement is not None or blueprint.ranges is not None else []
-    return "\n".join([comment(doc), "", PRELUDE, *checked, text])
+    return "\n".join([comment(doc), "", prelude(text), *checked, text])
 
 
 def source_file(blueprint: Blueprint, static: StaticSystem) -> str:

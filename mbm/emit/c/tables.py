@@ -38,12 +38,15 @@ static long place_of_number(double key, const double *cells, const long *rows, l
 """
 
 
-def table_functions(blueprint: Blueprint) -> str:
-    """``find_rows``: kept rows, families, links, in the order in which they need one another."""
+def table_functions(blueprint: Blueprint, lacking: frozenset[Foreign] = frozenset()) -> str:
+    """``find_rows``: kept rows, families, links, in the order in which they need one another.
+
+    Tables that are ``lacking`` may have no row where one is named: nobody reads it then.
+    """
     cells = Cells(blueprint)
     body = [*_kept(blueprint, cells)]
     for name, choice in ends(blueprint):
-        body += _end(blueprint, cells, name, choice)
+        body += _end(blueprint, cells, name, choice, lacking)
     for family in blueprint.families:
         body += _family(blueprint, cells, family)
     for link in blueprint.links:
@@ -82,13 +85,18 @@ def _kept(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
         yield "    }"
 
 
-def _end(blueprint: Blueprint, cells: Cells, name: Foreign, choice: Choice) -> Iterator[str]:
+def _end(
+    blueprint: Blueprint, cells: Cells, name: Foreign, choice: Choice, lacking: frozenset[Foreign]
+) -> Iterator[str]:
     table = blueprint.table(name)
     count = cells.rows(name) if table.where is None else f"f->kept_of_{table.identifier}_count"
     place = "0" if choice is Choice.FIRST else f"{count} - 1"
     row = place if table.where is None else f"f->kept_of_{table.identifier}[{place}]"
-    yield f"    if ({count} == 0)"
-    yield f"        return {cells.status('NO_ROWS')};"
+    if name in lacking:
+        row = f"{count} > 0 ? {row} : 0"
+    else:
+        yield f"    if ({count} == 0)"
+        yield f"        return {cells.status('NO_ROWS')};"
     yield f"    f->{choice.value}_of_{table.identifier} = {row};"
 
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
-
-SKEW = 1e-9
-"""Share of the largest element by which a symmetric matrix may be none."""
+from mbm.solver.noise_roots import SYMMETRIC
 
 
 def weight_of_sigma(sigma: Real, weights: Reals) -> Integer:
@@ -30,7 +28,7 @@ def lower_factor(matrix: ConstantReals, size: Integer, lower: Reals) -> Integer:
     for i in range(size):
         for j in range(size):
             lower[i * size + j] = 0.0
-            if fabs(matrix[i * size + j] - matrix[j * size + i]) > SKEW * largest:
+            if fabs(matrix[i * size + j] - matrix[j * size + i]) > SYMMETRIC * largest:
                 return 0
     for j in range(size):
         for i in range(j, size):

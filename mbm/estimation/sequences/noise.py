@@ -11,9 +11,7 @@ from mbm.equations.whitening import stated_noise
 from mbm.problem.rows import Positions
 from mbm.problem.tables import Table
 from mbm.problem.types import Equation, NoiseKind
-
-NEGLIGIBLE = 1e-12
-"""An eigenvalue of a covariance that is this share of the largest, or less, is rounding: there is no noise there."""
+from mbm.solver.noise_roots import NEGLIGIBLE
 
 
 class Spreads:

@@ -100,8 +100,18 @@ class Room:
         return int(step % self.held * self.capacity[number])
 
 
-def room(template: Local, held: int, capacity: Indices, cache: EvaluationCache, blocks: Sequence[Block]) -> Room:
-    """Room for so many rows of the equations ``template``, with none in it; ``blocks`` are those of the problem."""
+def room(
+    template: Local,
+    held: int,
+    capacity: Indices,
+    cache: EvaluationCache,
+    blocks: Sequence[Block],
+    calls: int = WORTH_MACHINE_CODE,
+) -> Room:
+    """Room for so many rows of the equations ``template``, with none in it; ``blocks`` are those of the problem.
+
+    ``calls`` of its kernels are to come.
+    """
     equations = template.equations
     kinds = len(equations.groups)
     made: list[Group] = []
@@ -123,9 +133,7 @@ def room(template: Local, held: int, capacity: Indices, cache: EvaluationCache, 
         equality=np.concatenate([np.zeros(0, dtype=bool), *equal]),
     )
     first = np.arange(held) * np.asarray(capacity)[:, None]
-    found = local(
-        whole, first, np.broadcast_to(np.asarray(capacity)[:, None], first.shape), cache, calls=WORTH_MACHINE_CODE
-    )
+    found = local(whole, first, np.broadcast_to(np.asarray(capacity)[:, None], first.shape), cache, calls=calls)
     parts = _parts(found)
     empty = found.native.rows.data
     empty[:, of.DATA_HEAD + of.DataBlock.rows :: of.DATA_BLOCK] = 0

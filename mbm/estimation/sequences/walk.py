@@ -166,7 +166,7 @@ class Memory:
         self._code = seen.code
         self._prior, self._rules = prior, rules
         self._failed = (seen.failed, moving.failed)
-        self.chain = _sizes(chained, rules)
+        self.chain = chain_of(chained, rules)
         n, steps, numbers = (int(self.chain[at]) for at in (Chain.n, Chain.held, Chain.numbers))
         passes = 1.0 if self.chain[Chain.iterations] == 1 else PASSES
         self.points = np.full((steps, numbers), np.nan)
@@ -329,7 +329,7 @@ class Memory:
         return self._code.routine(name, *kinds)(self.walk, *numbers)
 
 
-def _sizes(chained: Chained, rules: Rules) -> Indices:
+def chain_of(chained: Chained, rules: Rules) -> Indices:
     """`Chain` of a sequence."""
     seen, moving = chained.seen, chained.moving
     n = seen.equations.dimension

@@ -1,0 +1,139 @@
+"""All files of a generated filter in C: header, source, a program, a test, what builds them, and the README."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from math import isnan
+
+import numpy as np
+
+from mbm.emit.c.csv import CSV
+from mbm.emit.c.files import cmake, makefile
+from mbm.emit.c.filter_header import filter_header
+from mbm.emit.c.filter_main import main_file, tables_file, test_file
+from mbm.emit.c.filter_memory import places
+from mbm.emit.c.filter_source import filter_source
+from mbm.emit.c.source import kernels_file, solver_file
+from mbm.emit.data_files import table_text
+from mbm.emit.filtering.types import FilterBlueprint
+from mbm.emit.markdown import code, prose
+from mbm.emit.types import BlockCase, OutputFile
+from mbm.emit.words import described_blocks
+
+WHAT = "Filters and smoothers: square-root covariances, updates as least squares, cuts by constraints."
+
+
+def filter_files(made: FilterBlueprint) -> tuple[OutputFile, ...]:
+    """The files, in the order of their paths."""
+    blueprint = made.blueprint
+    name = blueprint.identifier
+    source = filter_source(made)
+    texts = {
+        f"{name}.h": filter_header(made),
+        f"{name}.c": source,
+        f"{name}_kernels.h": kernels_file(blueprint, _kernels(made)),
+        f"{name}_solver.h": solver_file(blueprint, source, WHAT),
+        f"{name}_tables.h": tables_file(made),
+        "csv.h": CSV,
+        "main.c": main_file(made),
+        "test.c": test_file(made),
+        "Makefile": makefile(blueprint),
+        "CMakeLists.txt": cmake(blueprint),
+        "README.md": _readme(made),
+        "reference.csv": _references(made),
+    }
+    given = {table.name: table for table in blueprint.given}
+    for table in blueprint.tables:
+        if table.name in made.given:
+            texts[f"data/{table.identifier}.csv"] = table_text(table, given[table.name])
+    files = (OutputFile(path=path, content=text.encode()) for path, text in texts.items())
+    return tuple(sorted(files, key=lambda file: file.path))
+
+
+def _kernels(made: FilterBlueprint) -> list[BlockCase]:
+    """The kernels in their order, with the programs of noise that are called."""
+    groups = (*made.plan.seen.groups, *made.plan.moving.groups)
+    cases = (*made.seen, *made.moving)
+    first = len(made.seen)
+    return [
+        replace(case, noise=None) if group.fixed is not None or (k >= first and not group.noise[1]) else case
+        for k, (case, group) in enumerate(zip(cases, groups, strict=True))
+    ]
+
+
+def _references(made: FilterBlueprint) -> str:
+    """One line for each step: where it is, its numbers, its covariance row by row, v' S^-1 v; nothing for NaN."""
+    known = made.plan.references
+    size = known.covariances.shape[1] ** 2
+    heads = ["at", *(f"number {k + 1}" for k in range(known.numbers.shape[1]))]
+    heads += [*(f"covariance {k + 1}" for k in range(size)), "innovation"]
+    columns = [known.keys[:, None], known.numbers, known.covariances.reshape(len(known.keys), -1), known.costs[:, None]]
+    lines = [",".join(heads)]
+    rows = np.hstack(columns).tolist()
+    lines += [",".join("" if isnan(value) else repr(value) for value in row) for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _readme(made: FilterBlueprint) -> str:
+    return "\n".join([*_building(made), *_calling(made), *described_blocks(made.blueprint)]) + "\n"
+
+
+def _building(made: FilterBlueprint) -> Iterator[str]:
+    blueprint = made.blueprint
+    name = blueprint.identifier
+    usage = " ".join(f"{t.identifier}.csv" for t in blueprint.tables if t.name in made.given)
+    yield f"# {prose(blueprint.name)}"
+    yield ""
+    yield from (prose(blueprint.doc), "") if blueprint.doc else ()
+    yield f"A filter (`{made.plan.method}`) in C99, written by mbm {blueprint.version}, for computers without memory to"
+    yield "allocate and without files. It needs a C compiler and `libm`, nothing else."
+    yield ""
+    yield "## Build"
+    yield ""
+    yield "```sh"
+    yield f"make            # the program {name} and its test; or: cmake -B build && cmake --build build"
+    yield "make test       # filters data/ and compares with reference.csv, the answers of `mbm solve`"
+    yield f"./{name} {usage}".rstrip()
+    yield "```"
+    yield ""
+    yield "The program prints a line for each step: where it is, `innovation`, and estimates with standard deviations."
+    yield ""
+
+
+def _calling(made: FilterBlueprint) -> Iterator[str]:
+    name, plan = made.blueprint.identifier, made.plan
+    reals, integers = (sum(sizes.values()) for sizes in places(made))
+    first = made.blueprint.unknowns[0].identifier
+    tables = [table for table in made.blueprint.tables if table.name in made.given]
+    yield "## Call"
+    yield ""
+    yield f"`{name}.c` with `{name}.h`, `{name}_kernels.h` and `{name}_solver.h` is the filter. All numbers are in SI."
+    yield f"A filter takes {reals} `double` and {integers} `long`: {8 * (reals + integers)} bytes where both have 8. A"
+    yield "call takes some kB of the stack; descriptions of the equations are constant. Nothing is allocated, read or"
+    yield "printed."
+    yield ""
+    yield "```c"
+    yield f"static {name}_filter filter;"
+    yield f"{name}_rows rows = {{0}};"
+    yield f"{name}_result result;"
+    yield ""
+    yield f"{name}_begin(&filter);"
+    yield "for (;;) {"
+    yield "    rows.at = ...;    /* where the step is */"
+    yield from (f"    rows.{t.identifier}_rows = ...;    /* 0: the step has none; and its columns */" for t in tables)
+    yield f"    if ({name}_step(&filter, &rows, &result) == {name.upper()}_ESTIMATED)"
+    yield f"        use(result.{first}[0], result.{first}_sigma[0]);"
+    yield "}"
+    yield "```"
+    yield ""
+    for table in tables:
+        columns = ", ".join(code(c.source) + (f" ({prose(c.unit)})" if c.unit else "") for c in table.columns)
+        most = f"{name.upper()}_MOST_{table.identifier.upper()}"
+        yield f"* table {code(table.name)}: {columns}; at most {plan.rows[table.name]} rows at a step (`{most}`)"
+    yield ""
+    yield "`innovation` is v'S^-1 v of the innovations v with their covariance S: of a consistent filter chi-square"
+    yield "distributed with `residuals` degrees of freedom, so that steps much above that doubt it."
+    if plan.smooth:
+        yield f"`{name}_step` answers the step {plan.chain['lag']} before; `{name}_finish` those left at the end."
+    yield ""

@@ -1,0 +1,1 @@
+"""Generated filters as plain data, before they are text in some language."""

@@ -1,0 +1,252 @@
+"""Generated filters: the numbers of textbooks and of `mbm solve`, in C that allocates nothing and warns of nothing."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+
+import numpy as np
+import pytest
+
+import mbm
+from mbm import compiler
+from mbm.compiler import Inputs
+from tests.emit import sequences
+from tests.emit.hostile import FORMULA, KEYS, NAME, TEXT, quoted
+from tests.emit.making import flags, make, run, written
+from tests.estimation.sequences.kalman import filtered
+
+noisy, plain = sequences.noisy, sequences.plain
+
+
+def files(text, data):
+    """The files of the filter of a text."""
+    problem = mbm.loads(text)
+    found = compiler.elaborated(problem.program, problem.name, Inputs(tables=data), problem.registry)
+    return compiler.emitted(found, "c", problem.registry)
+
+
+def hostile():
+    """Names and keys of any characters."""
+    rows = " ".join(f"({i} {quoted(KEYS[i % len(KEYS)])} {i * 0.5} {i})" for i in range(14))
+    keys = " ".join(f"({quoted(key)} {i + 1})" for i, key in enumerate(KEYS))
+    formula = quoted(FORMULA)
+    text = f"""
+    (problem ../../p{NAME} {quoted(TEXT)} (constants (%n{NAME} 2))
+      (data t{NAME} (table (id{NAME} w{NAME}) {keys}) :key id{NAME})
+      (data *d{NAME} (table (k{NAME} who{NAME} y{NAME} go{NAME}) {rows}) :with (t{NAME} who{NAME})
+        :where (> y{NAME} -3))
+      (unknowns (=f{NAME} :per t{NAME} :init 0 :sigma 1 :doc {quoted(TEXT)})
+        (ω{NAME} :per *d{NAME}.who{NAME} :init 0 :sigma 1))
+      (states :over k{NAME} (s{NAME} :init 0 :sigma 1))
+      (dynamics (= (next s{NAME}) (+ s{NAME} (* 0.1 go{NAME})) :sigma %n{NAME}))
+      (observe o{NAME} *d{NAME}
+        (= y{NAME} (+ s{NAME} t{NAME}.w{NAME} (=f{NAME} who{NAME}) (ω{NAME} who{NAME})
+          (if (= who{NAME} {formula}) 1 0))) :sigma 2)
+      (constraints (<= (=f{NAME} {formula}) 5))
+      (solve :method truncated-ekf))"""
+    return text, {}
+
+
+COVARIANCES = """
+(problem covariances (data z external)
+  (states :over k (x (vector 2) :init [0 0] :covariance [[0.1 0.05] [0.05 0.2]]))
+  (dynamics (= (next x) (* 0.9 x) :{noise}))
+  (observe z (= [y y] x) :{seen})
+  (constraints (<= (x 1) (x 2)))
+  (solve :method (truncated-ekf :skip 3 :iterated true)))"""
+TURNING = """
+(problem turning (data z external)
+  (states :over k (R (rotation 3) :init (rot-z 10deg) :sigma 10deg))
+  (dynamics {moves})
+  (observe z (= [y 0.2 0.9] (rotate R [0 0 1])) :sigma 0.05) (solve :method {method}))"""
+WALK = """
+(problem filter (data frame external) (unknowns (at :init 0 :sigma 1) (innovation :init 0 :sigma 2))
+  (states :over chain (filter :init 0 :sigma 1)) (dynamics (random-walk filter :sigma 3))
+  (observe frame (= step (+ filter at innovation)) :sigma 5) (solve :method ekf))"""
+"""Names that the generated text has for itself."""
+OPEN = """
+(problem nothing-known (data z external) (unknowns (g)) (states :over k (x))
+  (dynamics (random-walk x :sigma 0.3)) (observe z (= y (+ x (* g k))) :sigma 0.1) (solve :method ekf))"""
+THROWN = """
+(problem thrown (data z external) (states :over k (h :init 0 :sigma 1) (v :init 1 :sigma 1))
+  (dynamics (= (next h) (+ h (* v (dt))) :sigma 0) (= (next v) (- v 0.1) :sigma 0))
+  (observe z (= y h) :sigma 0.1) (solve :method ekf))"""
+UNITS = """
+(problem units (data z external :columns ((k ms :unit ms) (y mm :unit mm)))
+  (states :over k (x :init 0m :sigma 1m :unit cm)) (dynamics (random-walk x :sigma 3m))
+  (observe z (= y x) :sigma 5mm :loss huber) (solve :method iterated-ekf))"""
+
+SHAPES = {
+    "iterated, members, kinds": sequences.stations("iterated-ekf"),
+    "cuts": sequences.cart("truncated-ekf", "s", "(constraints (<= x 0.5) (= b 0.2))"),
+    "poses": sequences.drive("ekf"),
+    "hypotheses": sequences.arm(),
+    "fixed lag": sequences.drive("(smoother :lag 3)"),
+    "hostile": hostile(),
+}
+"""What is made in each usual run."""
+
+MORE = {
+    "iterated": sequences.cart("iterated-ekf"),
+    "lag 1": sequences.cart("(smoother :lag 1)", "s"),
+    "lag 20": sequences.cart("(smoother :lag 20)"),
+    "lag, members": sequences.stations("(smoother :lag 2)"),
+    "iterated poses": sequences.drive("iterated-ekf"),
+    "covariances": plain(
+        COVARIANCES.format(noise="covariance [[0.02 0.01] [0.01 0.03]]", seen="covariance [[0.1 0.02] [0.02 s]]"),
+        y=noisy,
+        s=lambda k, g: 0.1 + g.random(len(k)),
+    ),
+    "information": plain(
+        COVARIANCES.format(noise="information [[20 3] [3 10]]", seen="information [[10 2] [2 8]]"), y=noisy
+    ),
+    "rotation": plain(TURNING.format(moves="(random-walk R :sigma 5deg)", method="iterated-ekf"), y=noisy),
+    "rotation with rate": plain(
+        TURNING.format(
+            moves="(constant-velocity R :acceleration 5deg :velocity 0deg :velocity-sigma 5deg)", method="ekf"
+        ),
+        y=noisy,
+    ),
+    "names": (WALK, {"frame": {"chain": [1, 2, 3], "step": [1, 2, 3]}}),
+    "nothing known": plain(OPEN, y=noisy),
+    "exact": plain(THROWN, y=noisy),
+    "units and loss": (UNITS, {"z": {"ms": [0.1, 0.3, 0.7], "mm": [3.0, 5.0, 2.0]}}),
+}
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, *(pytest.param(name, marks=pytest.mark.slow) for name in MORE)], ids=str)
+def test_a_generated_filter_answers_as_the_solver_does(shape, tmp_path):
+    folder = written(files(*{**SHAPES, **MORE}[shape]), tmp_path)
+    made = make(folder, "test")
+    assert made.returncode == 0, made.stdout[-500:] + made.stderr[-3000:]
+    assert re.search(r"^0 of [1-9]\d* numbers differ$", made.stdout, re.MULTILINE)
+
+
+def test_a_generated_filter_is_the_one_of_textbooks(tmp_path):
+    """Kalman's equations with inverses in NumPy, of irregular steps, some of them with several rows or none."""
+    text, data = sequences.cart("ekf", "s")
+    z, steps = data["z"], data["frames"]["k"] ** 1.1
+    data = {"frames": {"k": steps}, "z": {**z, "k": z["k"] ** 1.1}}
+    moves = []
+    for dt in np.diff(steps):
+        F = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
+        g = np.array([0.0, dt**2 / 2, dt])
+        moves.append((F, 0.3**2 * np.outer(g, g)))
+    rows = []
+    for at in steps:
+        mine = data["z"]["k"] == at
+        rows.append((np.tile([1.0, 1.0, 0.0], (mine.sum(), 1)), z["y"][mine], np.diag(z["s"][mine] ** 2)))
+    means, covariances, cost = filtered(np.array([0.1, 0.0, 0.2]), np.diag([0.25, 1.0, 0.25]), moves, rows)
+    folder = written(files(text, data), tmp_path)
+    made = make(folder)
+    assert made.returncode == 0, made.stderr[-3000:]
+    shown = run("./cart", "data/frames.csv", "data/z.csv", folder=folder)
+    lines = list(csv.DictReader(io.StringIO(shown.stdout)))
+    # inverses of covariances lose some digits of the sixteen
+    for c, name in enumerate(("b", "x", "x.rate")):
+        found = [[float(line[name]), float(line[f"{name} sigma"])] for line in lines]
+        np.testing.assert_allclose(found, np.stack([means[:, c], np.sqrt(covariances[:, c, c])], 1), rtol=1e-10)
+    np.testing.assert_allclose(sum(float(line["innovation"]) for line in lines), cost, rtol=1e-10)
+
+
+CALLS = """
+#include <math.h>
+#include <stdio.h>
+#include "drive.h"
+
+static drive_filter filter, before;
+
+static int give(double at, double wheels, long ranges, double d)
+{
+    const double px = 5.0, turn = 0.1;
+    const double ds[9] = {d, d, d, d, d, d, d, d, d}, zeros[9] = {0.0};
+    drive_rows rows = {0};
+    drive_result result;
+    (void)px;
+    rows.at = at;
+    rows.wheels_rows = wheels > 0.0;
+    rows.wheels_forward = &wheels;
+    rows.wheels_turn = &turn;
+    rows.ranges_rows = ranges;
+    rows.ranges_px = ds;
+    rows.ranges_py = zeros;
+    rows.ranges_d = ds;
+    return drive_step(&filter, &rows, &result);
+}
+
+int main(void)
+{
+    drive_begin(&filter);
+    printf("%d", give(0.0, 1.0, 1, 5.0));
+    before = filter;
+    printf(" %d", give(0.0, 1.0, 1, 5.0));
+    printf(" %d", give(NAN, 1.0, 1, 5.0));
+    printf(" %d", give(1.0, 1.0, DRIVE_MOST_RANGES + 1, 5.0));
+    printf(" %d", give(1.0, 1.0, -1, 5.0));
+    printf(" %d", give(1.0, 1.0, 1, INFINITY));
+    printf(" %d", give(1.0, 0.0, 1, 5.0));
+    printf(" %d", give(1.0, 1.0, 0, 5.0));
+    printf(" %d", give(2.0, 1.0, 2, 5.0));
+    printf(" %s\\n", drive_status_text(DRIVE_TOO_MANY_ROWS));
+    return before.reals[0] == before.reals[0] ? 0 : 1;
+}
+"""
+
+
+def test_what_is_wrong_with_rows_is_answered_and_the_step_can_be_given_again(tmp_path):
+    folder = written(files(*sequences.drive("ekf")), tmp_path)
+    (folder / "calls.c").write_text(CALLS, encoding="utf-8")
+    sources = "calls.c", "drive.c"
+    built = run("cc", "-std=c99", "-Wall", "-Werror", *flags().split(), "-o", "calls", *sources, "-lm", folder=folder)
+    assert built.returncode == 0, built.stderr[-2000:]
+    shown = run("./calls", folder=folder)
+    header = (folder / "drive.h").read_text(encoding="utf-8")
+    words = {int(number): word for word, number in re.findall(r"DRIVE_(\w+) = (\d+)[,\n]", header.partition("};")[0])}
+    codes = [words[int(each)] for each in re.findall(r"\b\d+\b", shown.stdout)]
+    assert codes == [
+        "ESTIMATED", "OUT_OF_ORDER", "OUT_OF_ORDER", "TOO_MANY_ROWS", "TOO_MANY_ROWS", "NOT_A_NUMBER", "NO_TRANSITION",
+        "ESTIMATED", "ESTIMATED",
+    ]  # fmt: skip
+    assert "more rows than there is room for" in shown.stdout
+
+
+def test_a_filter_allocates_nothing_and_c_plus_plus_may_include_its_header(tmp_path):
+    made = files(*sequences.cart("(smoother :lag 2)"))
+    folder = written(made, tmp_path)
+    for name in ("cart.h", "cart.c", "cart_kernels.h", "cart_solver.h"):
+        text = (folder / name).read_text(encoding="utf-8")
+        assert not re.search(r"\b(\w*alloc|free|printf|puts)\(|stdio|stdlib", text), name
+    (folder / "with.cpp").write_text('#include "cart.h"\nint main() { return cart_status_text(0) == 0; }\n')
+    checked = run("c++", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "with.cpp", folder=folder)
+    assert checked.returncode == 0, checked.stderr
+
+
+REFUSED = {
+    "batch": ("(solve :method batch)", "rows of all steps at once"),
+    "smoother": ("(solve :method (smoother))", "`:method \\(smoother\\)`"),
+    "derive": ("(derive (d (* 2 x))) (solve :method ekf)", "the derived quantity `d`"),
+    "for-each": ("(for-each run) (solve :method ekf)", "`for-each`"),
+    "loss": ("(observe z (= y x) :sigma 1 :loss huber) (solve :method ekf)", "a loss needs iteration"),
+    "first": ("(observe z (= y (* x (first z y))) :sigma 1) (solve :method ekf)", "rows of other steps"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_no_filter_has_is_refused(case):
+    rest, message = REFUSED[case]
+    text = f"""
+    (problem p (data z (table (k y run) (0 1 1) (1 2 1) (2 1 1))) (states :over k (x :init 0 :sigma 1))
+      (dynamics (random-walk x :sigma 1)) (observe z (= y x) :sigma 1) {rest})"""
+    with pytest.raises(mbm.MbmError, match=message):
+        files(text, {})
+
+
+@pytest.mark.parametrize("target", ["python", "casadi"])
+def test_filters_are_written_in_c_alone(target):
+    problem = mbm.loads(sequences.cart("ekf")[0])
+    data = sequences.cart("ekf")[1]
+    found = compiler.elaborated(problem.program, problem.name, Inputs(tables=data), problem.registry)
+    with pytest.raises(mbm.MbmError, match="in C alone"):
+        compiler.emitted(found, target, problem.registry)
