@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mbm.problem.naming import key_text
+from mbm.solver.decisions import LOWER
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
 NO_EQUATIONS = Code(
@@ -95,9 +96,11 @@ PRIOR_AGAINST_DATA = Code(
 )
 ANOTHER_SOLUTION = Code(
     "another-solution",
-    "Several starts were tried, and another minimum fits the data as well as the one that is reported, or so nearly "
-    "that the noise may have decided between them (a warning). It stands among the `alternatives`.",
-    "Measure something that tells the two apart, or exclude one with `:in` or a constraint.",
+    "Another minimum fits the data as well as the one that is reported, or so nearly that the noise may have decided "
+    "between them, or better: several starts have led to it, or it was found beside that of a single start (a "
+    "warning). It stands among the `alternatives`.",
+    "Measure something that tells the two apart, or exclude one with `:in` or a constraint; if it fits better, start "
+    "there, or with `--starts 20`.",
 )
 MOST_NAMED = 6
 """Numbers of one unknown, or rows of a table, that a message lists."""
@@ -281,14 +284,16 @@ def prior_against_data(span: Span, name: str, innovation: float) -> Diagnostic:
 
 
 def another_solution(place: Place | None, count: int, cost: float, best: float, *, mirrored: bool) -> Diagnostic:
-    """Of ``count`` other minima that fit about as well as the best, the first costs ``cost``."""
+    """Of ``count`` other minima that fit about as well as that reported, or better, the first costs ``cost``."""
     others = "another solution fits" if count == 1 else f"{count} other solutions fit"
     what = " (the mirror image)" if mirrored and count == 1 else ""
+    lower = cost < (1.0 - LOWER) * best
+    well = "as well" if not lower else "better" if count == 1 else "as well or better"
     return Diagnostic(
         code=ANOTHER_SOLUTION,
-        message=f"{others} as well{what}: its cost is {cost:.6g}, that of the solution reported {best:.6g}"
+        message=f"{others} {well}{what}: its cost is {cost:.6g}, that of the solution reported {best:.6g}"
         if count == 1
-        else f"{others} as well: the first costs {cost:.6g}, the solution reported {best:.6g}",
+        else f"{others} {well}: the first costs {cost:.6g}, the solution reported {best:.6g}",
         place=place,
         hint=ANOTHER_SOLUTION.mend,
         severity=Severity.WARNING,

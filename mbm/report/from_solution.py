@@ -108,7 +108,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         priors=prior_reports(problem, solution),
         corrections=correction_reports(solution),
         constraints=constraints,
-        alternatives=tuple(_alternative(solution, how, each) for each in solution.alternatives),
+        alternatives=tuple(_alternative(solution, how, each) for each in solution.alternatives()),
         hypotheses=tuple(_hypothesis(solution, how, each) for each in solution.hypotheses),
         followed=solution.followed,
         starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),

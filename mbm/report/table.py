@@ -208,7 +208,9 @@ def _narrowest(solve: SolveReport, piece: Piece) -> str:
 
 
 def _other(solve: SolveReport, other: Alternative) -> str:
-    found = f"cost {plain(other.cost, 5)} from {other.starts} start{'' if other.starts == 1 else 's'}"
+    found = f"cost {plain(other.cost, 5)}"
+    if solve.starts is not None:
+        found += f" from {other.starts} start{'' if other.starts == 1 else 's'}"
     remark = f" ({other.remark})" if other.remark else ""
     apart = sorted(_differences(solve.estimates, other.estimates), key=lambda pair: -pair[0])
     if not apart:

@@ -19,14 +19,13 @@ from mbm.equations.binding import EvaluationCache
 from mbm.equations.metric import roundings, steps_between
 from mbm.equations.selection import Selection
 from mbm.equations.types import Floats, Indices, Mask, Minimum, Noise
-from mbm.estimation.batches.answers import answers
 from mbm.estimation.batches.chain import NOT_SOLVED, SAME_ENDS
 from mbm.estimation.batches.components import estimated_on_the_way
 from mbm.estimation.batches.descent import solver_of
 from mbm.estimation.batches.raw import raw_rows
 from mbm.estimation.batches.sets import Sets
 from mbm.estimation.batches.stack import Stack
-from mbm.estimation.batches.types import REASONS, Block, Columns, Corrections, Descent
+from mbm.estimation.batches.types import REASONS, Block, Columns, Corrections
 from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
 from mbm.estimation.search.challenge import Challenge
@@ -80,9 +79,9 @@ NOTHING = _past(None, -1)
 class Together:
     """Many solves of one problem whose equations are bound together.
 
-    ``before`` (T,) is the number of the window before each, as `Chain` has it (None: these are no windows). ``form``
-    gives the closed form for all solves, None where there is none; called by one thread, it is made once. ``places``
-    (T,) are the numbers of the solves among all of the problem.
+    ``answers`` are those of some consecutive solves. ``before`` (T,) is the number of the window before each, as
+    `Chain` has it (None: these are no windows). ``form`` gives the closed form for all solves, None where there is
+    none; called by one thread, it is made once. ``places`` (T,) are the numbers of the solves among all of the problem.
     """
 
     problem: Problem
@@ -91,7 +90,7 @@ class Together:
     stack: Stack
     settings: Settings
     cache: EvaluationCache
-    descent: Descent
+    answers: Callable[[range], Columns]
     before: Indices | None
     form: Callable[[], Formed | None]
     places: Indices
@@ -114,19 +113,16 @@ class Together:
         """
         slices = self.stack.ranges()
 
-        def work(which: range) -> Columns:
-            return answers(self.problem, self.stack, which, self.descent)
-
         threads = min(workers or os.cpu_count() or 1, len(slices))
         if threads == 1:
             for which in slices:
                 if self.settings.stopped():
                     return past
-                block, past = self._block(which, work(which), apart, past)
+                block, past = self._block(which, self.answers(which), apart, past)
                 yield block
             return past
         with ThreadPoolExecutor(max_workers=threads) as pool:
-            ahead = iter([(which, pool.submit(work, which)) for which in slices])
+            ahead = iter([(which, pool.submit(self.answers, which)) for which in slices])
             try:
                 for which, answer in ahead:
                     if self.settings.stopped():
@@ -296,7 +292,7 @@ class Together:
             return True
         equations, _ = assemble(self.problem, self.kernels, self.sets.selection(number).tables, {}, self.cache)
         found = Found(
-            minimum=_minimum(equations, columns, place),
+            minimum=minimum_at(equations, columns, place),
             alternatives=(),
             tally=None,
             origin=GIVEN if self.before is None else LAST_WINDOW,
@@ -312,7 +308,7 @@ class Together:
         selection = self.sets.selection(number)
         tables = selection.tables
         equations, binder = assemble(self.problem, self.kernels, tables, {}, self.cache)
-        minimum = _minimum(equations, columns, place)
+        minimum = minimum_at(equations, columns, place)
         noise: dict[int, Noise] = {
             i: common_factor(minimum.cost, int(columns.dof[place]))
             for i, block in enumerate(self.problem.blocks)
@@ -371,7 +367,7 @@ def _behind(before: Indices, number: int) -> int:
     return number + 1 + int(found[0]) if len(found) else -1
 
 
-def _minimum(equations: Assembled, columns: Columns, place: int) -> Minimum:
+def minimum_at(equations: Assembled, columns: Columns, place: int) -> Minimum:
     """The end of one solve."""
     point = columns.points[place]
     found = Minimum(

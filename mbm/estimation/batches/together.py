@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache as kept
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,8 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache, affine
 from mbm.equations.selected import column_families
 from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.batches.answers import answers
+from mbm.estimation.batches.beside import sample
 from mbm.estimation.batches.chain import NOT_SOLVED, Chain, places_before
 from mbm.estimation.batches.components import components_solver, estimated_on_the_way, several_noises
 from mbm.estimation.batches.consensus import consensus_solver, loss_solver
@@ -141,6 +144,8 @@ def _made(
     descent = _descent(problem, bound, part.first, part.points, before, closed, settings)
     if descent is None:
         return None
+    answered = partial(answers, problem, bound, descent=descent)
+    beside = sample(problem, kernels, part, settings, cache, answered)
     return Together(
         problem=problem,
         kernels=kernels,
@@ -148,7 +153,7 @@ def _made(
         stack=bound,
         settings=settings,
         cache=cache,
-        descent=descent,
+        answers=answered if beside is None else lambda which: beside.looked_at(which, answered(which)),
         before=before,
         form=form,
         places=part.which,

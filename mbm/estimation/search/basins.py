@@ -74,7 +74,7 @@ def merged(equations: Assembled, basins: Sequence[Basin]) -> tuple[Basin, ...]:
     order = sorted(basins, key=lambda b: (b.minimum.cost, int(b.starts[0])))
     kept: list[Basin] = []
     for basin in order:
-        number = next((i for i, k in enumerate(kept) if _same(equations, k.minimum, basin.minimum)), None)
+        number = next((i for i, k in enumerate(kept) if same_minimum(equations, k.minimum, basin.minimum)), None)
         if number is None:
             kept.append(basin)
         else:
@@ -156,8 +156,8 @@ def _units(equations: Assembled, minimum: Minimum, spread: float) -> Floats:
     return np.asarray(spread / np.maximum(length, spread / most))
 
 
-def _same(equations: Assembled, one: Minimum, other: Minimum) -> bool:
-    """One minimum, found twice; or points of one valley along which no residual changes."""
+def same_minimum(equations: Assembled, one: Minimum, other: Minimum) -> bool:
+    """Whether it is one minimum, found twice; or they are points of one valley along which no residual changes."""
     if not equal_costs(one.cost, other.cost):
         return False
     apart = separation(equations, one.point, other.point[None])[0]

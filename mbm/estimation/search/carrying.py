@@ -72,7 +72,8 @@ def carried(layout: Layout, last: Solution) -> Floats:
 
 def _is_expected(equations: Assembled, settings: Settings, last: Solution, point: Floats) -> bool:
     """Whether nothing speaks for another start: one minimum in the last window, and a cost that noise explains here."""
-    trusted = last.minimum.reason.converged and last.observability.observable and not last.alternatives
+    several = last.tally is not None and bool(last.alternatives())
+    trusted = last.minimum.reason.converged and last.observability.observable and not several
     freedom = equations.count - equations.dimension
     if not trusted or last.noise or settings.robust is not None or freedom <= 0:
         return False

@@ -71,6 +71,11 @@ class Hypothesis:
     sigma: Floats
 
 
+def no_alternatives() -> tuple[Alternative, ...]:
+    """There are no other minima, or nobody asks for them."""
+    return ()
+
+
 def no_doubts() -> tuple[Diagnostic, ...]:
     """Nothing more is to be said."""
     return ()
@@ -90,7 +95,8 @@ class Solution:
     step, and ``followed`` says how many there were after each. ``freedom`` are the degrees of freedom of the standard
     deviations, ``limited`` hard limits (None: there are none), ``profiles`` intervals where the linear ones are wrong
     (None: nowhere). ``influence`` tells what the covariance is the sum of (None: of a filter, which has no sum over
-    rows). ``elsewhere`` derives for other rows (None: nothing can be). ``doubts`` looks for further ``diagnostics``.
+    rows). ``elsewhere`` derives for other rows (None: nothing can be). ``doubts`` looks for further ``diagnostics``,
+    ``alternatives`` for other minima.
     """
 
     key: Mapping[str, CellKey]
@@ -106,7 +112,7 @@ class Solution:
     outliers: Mask | None
     robust_cost: float | None
     log_likelihood: float | None = None
-    alternatives: tuple[Alternative, ...]
+    alternatives: Callable[[], tuple[Alternative, ...]] = no_alternatives
     tally: Tally | None
     origin: str
     observability: Observability

@@ -153,17 +153,17 @@ def _holds(equations: Assembled, candidate: _Map, about: Floats, places: Indices
 def separation(equations: Assembled, point: Floats, others: Floats) -> Floats:
     """How far other points (T, N) are from a point (N,), per free coordinate, shape (T, n), at least 0.
 
-    Angles differ by less than half a turn; rotations and directions by the angle between them, scales by the logarithm
-    of their ratio, in each of their coordinates.
+    ``point`` (T, N): each from one of its own. Angles differ by less than half a turn; rotations and directions by
+    the angle between them, scales by the logarithm of their ratio, in each of their coordinates.
     """
     layout = equations.layout
     apart = np.zeros((len(others), len(layout.number)))
     plain = layout.number >= 0
-    difference = others[:, layout.number[plain]] - point[layout.number[plain]]
+    difference = others[:, layout.number[plain]] - point[..., layout.number[plain]]
     turn = np.remainder(difference + np.pi, 2 * np.pi) - np.pi
     apart[:, plain] = np.abs(np.where(layout.angle[plain], turn, difference))
     for curved in layout.curved:
-        here, there = point[curved.numbers], others[:, curved.numbers]
+        here, there = point[..., curved.numbers], others[:, curved.numbers]
         if curved.piece.size == 1:
             angle = np.abs(np.log(there / here))[:, :, 0]
         else:

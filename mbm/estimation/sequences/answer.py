@@ -91,7 +91,6 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         weights=unit_weights(counted, residuals),
         outliers=outliers(counted, residuals),
         robust_cost=track.cost if equations.lossy else None,
-        alternatives=(),
         tally=None,
         origin="the prior of the first step",
         observability=_observability(len(free), lost, np.isfinite(sigma)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache as cached
 from time import perf_counter
 
 import numpy as np
@@ -30,7 +31,7 @@ from mbm.estimation.minimise.minimise import solver_name
 from mbm.estimation.search.agreement import derived_agreement
 from mbm.estimation.search.challenge import Challenge
 from mbm.estimation.search.multistart import starting_points
-from mbm.estimation.search.search import Tally, search
+from mbm.estimation.search.search import Alternative, Tally, search
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.at_start import start_faults
@@ -43,11 +44,11 @@ from mbm.estimation.uncertainty.gauge import with_gauge
 from mbm.estimation.uncertainty.informed import informed
 from mbm.estimation.uncertainty.motion import with_motions
 from mbm.estimation.uncertainty.observability import observed_at
-from mbm.estimation.uncertainty.statistics import statistics
+from mbm.estimation.uncertainty.statistics import Statistics, statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
-from mbm.text.types import MbmError
+from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
 
@@ -167,10 +168,10 @@ def answered(
     whole = weighted.everything().plain_residuals(minimum.point)
     bent = curvature(propagation, minimum, derived)
     freedom = outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
+    beside = cached(lambda: _others(run, end, minimum, outcome, alone=tally is None))
     warnings = (
         *robust.diagnostics,
         *(against := contradictions(problem, run.tables, weighted, minimum, observed)),
-        *rivals(problem, minimum, end.others, outcome.fit, end.noise),
     )
     return Solution(
         key=run.key,
@@ -186,7 +187,7 @@ def answered(
         outliers=outliers(weighted, whole),
         robust_cost=robust_cost(weighted, minimum),
         log_likelihood=log_likelihood(weighted, minimum.residuals),
-        alternatives=end.others,
+        alternatives=lambda: beside()[0],
         tally=tally,
         origin=origin,
         observability=outcome.observed,
@@ -208,11 +209,29 @@ def answered(
         seconds=seconds(),
         elsewhere=propagation.elsewhere,
         diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
-        doubts=lambda: doubts(propagation, minimum, derived, bent),
+        doubts=lambda: (*beside()[1], *doubts(propagation, minimum, derived, bent)),
         influence=outcome.influence
         if robust.informing is None
         else replace(outcome.influence, informing=robust.informing),
     )
+
+
+def _others(
+    run: Run, end: Reached, minimum: Minimum, outcome: Statistics, *, alone: bool
+) -> tuple[tuple[Alternative, ...], tuple[Diagnostic, ...]]:
+    """The other minima, looked for beside the one where a start was ``alone``, and what is to be said of them."""
+    equations = end.equations
+    if not end.others and (equations.linear or not alone):
+        return (), ()
+    # Loaded by problems that bend only, so that the others start at once.
+    from mbm.estimation.search.beside import centre, minima_beside
+
+    about = centre(minimum, outcome.covariance.factor, outcome.fit, end.noise)
+    others = end.others
+    if alone:
+        agrees = derived_agreement(run.problem, run.binder, run.kernels)
+        others = minima_beside(equations, about, run.settings, run.problem, agrees)
+    return others, rivals(run.problem, minimum, others, about.most)
 
 
 def _confirmed(equations: Assembled, minimum: Minimum) -> Minimum:

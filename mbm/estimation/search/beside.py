@@ -1,0 +1,214 @@
+"""Other minima beside one that a single start has led to, as far as the data do not exclude them.
+
+From the minimum along rays: the directions of the coordinates' intervals and those of the singular vectors, both ways,
+at distances from a few standard deviations to tens of thousands. Where the cost is far below that of a linear model, or
+falls again, another basin may begin: the most promising of these points are followed down, all at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.metric import column_norms
+from mbm.equations.types import Fit, Floats, Mask, Minimum, Noise
+from mbm.estimation.minimise.minimise import minima
+from mbm.estimation.search.agreement import Agreement
+from mbm.estimation.search.basins import Basin, merged, same_minimum, without_twins
+from mbm.estimation.search.search import Alternative
+from mbm.estimation.search.twins import Twin, separation
+from mbm.estimation.settings import Settings
+from mbm.estimation.starts.random_starts import costs
+from mbm.problem.types import Problem
+from mbm.values import dataclass
+
+PLAUSIBLE = 9.0
+"""A minimum whose Σ r² is larger by less is not excluded: three standard deviations, were it one of two hypotheses."""
+
+BOTH_ZERO = 1e-6
+"""What Σ r² may differ by where both are zero."""
+
+DISTANCES = 8.0 * 2.0 ** np.arange(13)
+"""Standard deviations at which points on a ray are looked at: 8 to 33,000 …"""
+
+RESIDUALS, LEAST = 60_000, 3
+"""… fewer where these are more residuals in all than that, but so many at least."""
+
+CURVED = 0.5
+"""Share of the cost of a linear model below which a point may lie in another basin (`decisions.SAME_BASIN`)."""
+
+FOLLOWED = 6
+"""Points that are followed down."""
+
+ITERATIONS = 12
+"""Steps of a descent at first …"""
+
+NEARLY = 30.0
+"""… after which it goes on if it costs less above the minimum than so many times what is allowed."""
+
+BACK = 1e-2
+"""Squared standard deviations below which an end is at the minimum again, by the derivatives there."""
+
+EQUAL = 1e-6
+"""Share of the largest residual by which those of two minima differ that no observation tells apart."""
+
+ROUGHLY = 1e-4
+"""The same where a descent has ended with moderate accuracy."""
+
+POSITIVE = 1e-2
+"""Share of its value at the minimum that a positive number keeps."""
+
+LARGE, MOST_UNKNOWNS = 20_000, 20
+"""Numbers in the Jacobian, and unknowns, above which the search would cost more than the solve."""
+
+
+def looks_beside(equations: Assembled, settings: Settings, problem: Problem) -> bool:
+    """Whether other minima are looked for beside the one of a single start: plain equations of moderate size."""
+    asked = settings.starts is not None or settings.robust is not None or not settings.iterative
+    plain = not (equations.lossy or equations.constraints or problem.sequence is not None)
+    known = equations.implicit is None and equations.structure is None and equations.rows is None
+    called = any(group.kernel.calls for group in equations.groups)
+    if equations.linear or asked or not plain or not known or called:
+        return False
+    small = equations.dimension <= MOST_UNKNOWNS and equations.count * equations.dimension <= LARGE
+    return small and min(equations.count, equations.dimension) > 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Centre:
+    """A minimum, beside which others that cost ``most`` at most are of interest.
+
+    ``factor`` (n, k) is that of its covariance, ``variance`` that of the noise which is in it.
+    """
+
+    minimum: Minimum
+    factor: Floats
+    variance: float
+    most: float
+
+
+def centre(minimum: Minimum, factor: Floats, fit: Fit, noise: Mapping[int, Noise]) -> Centre:
+    """Beside a minimum those that the data do not exclude; with unknown noise, in units of its estimate."""
+    variance = minimum.cost / fit.dof if noise and fit.dof > 0 else 1.0
+    return Centre(
+        minimum=minimum, factor=factor, variance=variance, most=minimum.cost + PLAUSIBLE * variance + BOTH_ZERO
+    )
+
+
+def minima_beside(
+    equations: Assembled, about: Centre, settings: Settings, problem: Problem, agrees: Agreement
+) -> tuple[Alternative, ...]:
+    """The other minima, the lowest first.
+
+    What is one solution written twice is none. Of minima that are equal in all residuals no observation says which is
+    meant: the start does, where one is stated, and then they are none either.
+    """
+    minimum, most = about.minimum, about.most
+    found_well = minimum.reason.converged and minimum.blocks is None and bool(np.isfinite(minimum.cost))
+    if not found_well or not looks_beside(equations, settings, problem):
+        return ()
+    trials = _promising(equations, about)
+    if not len(trials):
+        return ()
+    # Loaded where a point is followed only, so that other problems start at once.
+    from mbm.estimation.minimise.native.starts import ends_of_starts
+
+    ends = ends_of_starts(equations, trials, ITERATIONS, settings)
+    low = np.flatnonzero(ends.cost <= minimum.cost + NEARLY * (most - minimum.cost))
+    apart = separation(equations, minimum.point, ends.points[low]) * column_norms(minimum.jacobian)
+    points = ends.points[low[np.square(apart).sum(axis=1) > BACK * about.variance]]
+    points = points[~_chosen(equations, minimum, points, ROUGHLY)] if len(points) else points
+    found = [
+        Basin(minimum=each, starts=np.array([1 + number]))
+        for number, each in enumerate(minima(equations, points, settings, problem.span))
+        if each.reason.converged and each.cost <= most and not same_minimum(equations, minimum, each)
+    ]
+    found = [each for each in found if not _chosen(equations, minimum, each.minimum.point[None], EQUAL)[0]]
+    if not found:
+        return ()
+    own = Basin(minimum=minimum, starts=np.array([0]))
+    others = without_twins(equations, (own, *merged(equations, found)), agrees)[1:]
+    return tuple(
+        Alternative(
+            minimum=each.minimum,
+            cost=each.minimum.cost,
+            starts=len(each.starts),
+            mirrored=each.twin is Twin.MIRRORED,
+        )
+        for each in others
+    )
+
+
+def _chosen(equations: Assembled, minimum: Minimum, points: Floats, share: float) -> Mask:
+    """Which points (T, N) are equal to the minimum in all residuals, so that a start that is stated has chosen it."""
+    apart = np.abs(equations.residuals_at(points) - minimum.residuals).max(axis=1, initial=0.0)
+    layout = equations.layout
+    stated = np.isfinite(layout.start) & ~layout.guessed
+    decided = (stated & (points != minimum.point)).any(axis=1)
+    return np.asarray(decided & (apart <= share * (1.0 + np.abs(minimum.residuals).max(initial=0.0))))
+
+
+def _promising(equations: Assembled, about: Centre) -> Floats:
+    """Points (T, N) on rays from a minimum in other basins, perhaps: where the cost falls, and where it is flattest."""
+    minimum, rays = about.minimum, _rays(about.factor)
+    if not len(rays):
+        return np.empty((0, len(minimum.point)))
+    distances = _distances(equations, rays)
+    steps = (rays[:, None, :] * distances[:, :, None]).reshape(-1, rays.shape[1])
+    points = _within(equations, equations.retract(np.tile(minimum.point, (len(steps), 1)), steps), minimum.point)
+    grown = costs(equations, points).reshape(distances.shape) - minimum.cost
+    with np.errstate(invalid="ignore"):
+        share = grown / (about.variance * np.square(distances))
+        falls = np.concatenate([np.zeros((len(rays), 1), dtype=bool), grown[:, 1:] < grown[:, :-1]], axis=1)
+    lowest = np.where(falls, grown, np.inf).argmin(axis=1)
+    flattest = np.where(np.isfinite(share), share, np.inf).argmin(axis=1)
+    line, none = np.arange(len(rays)), np.full(len(rays), np.inf)
+    first = np.where(falls[line, lowest], grown[line, lowest], none)
+    second = np.where(
+        (share[line, flattest] < CURVED) & ((flattest != lowest) | np.isinf(first)), share[line, flattest], none
+    )
+    order = [*np.argsort(first, kind="stable")[: int(np.isfinite(first).sum())].tolist()]
+    further = [*np.argsort(second, kind="stable")[: int(np.isfinite(second).sum())].tolist()]
+    chosen = [
+        *(distances.shape[1] * k + lowest[k] for k in order),
+        *(distances.shape[1] * k + flattest[k] for k in further),
+    ]
+    return points[np.array(chosen[:FOLLOWED], dtype=np.int64)]
+
+
+def _rays(factor: Floats) -> Floats:
+    """Steps (p, n) of one standard deviation in some directions, each with its opposite."""
+    lengths = np.linalg.norm(factor, axis=1)
+    known = np.flatnonzero(np.isfinite(lengths) & (lengths > 0.0))
+    if not known.size:
+        return np.empty((0, len(lengths)))
+    parts = np.nan_to_num(factor)
+    rays = parts.T if parts.shape[1] == 1 else np.vstack([parts.T, (parts[known] / lengths[known, None]) @ parts.T])
+    return np.vstack([rays, -rays])
+
+
+def _distances(equations: Assembled, rays: Floats) -> Floats:
+    """How far along each ray (p, k) points are looked at; no angle moves by more than half a turn."""
+    angles = equations.layout.angle[equations.free]
+    turning = angles if equations.turning is None else angles | equations.turning
+    fastest = np.abs(rays[:, turning]).max(axis=1, initial=0.0)
+    count = max(RESIDUALS // (len(rays) * equations.count), LEAST)
+    shares = DISTANCES[:: -(-len(DISTANCES) // count)] / DISTANCES[-1]
+    with np.errstate(divide="ignore"):
+        farthest: Floats = np.minimum(DISTANCES[-1], np.pi / fastest)
+    return np.asarray(farthest[:, None] * shares)
+
+
+def _within(equations: Assembled, points: Floats, inside: Floats) -> Floats:
+    """The points (T, N) brought back within the bounds; positive numbers keep a share of what they are ``inside``."""
+    layout = equations.layout
+    places = layout.number[equations.free]
+    plain = places >= 0
+    places = places[plain]
+    lower = np.where(
+        equations.positive[plain], np.maximum(equations.lower[plain], POSITIVE * inside[places]), equations.lower[plain]
+    )
+    points[:, places] = np.clip(points[:, places], lower, equations.upper[plain])
+    return points
