@@ -174,5 +174,5 @@ def test_an_interruption_ends_with_what_is_there():
 
     compiled = mbm.loads(QUARTIC).compile()
     result = compiled.result(SolveSettings(interruption=asked))
-    assert (result.complete, result.solves, result.status.value) == (False, (), "attention")
+    assert (result.complete, tuple(result.solves), result.status.value) == (False, (), "attention")
     assert [d.code.name for d in result.diagnostics] == ["interrupted"]

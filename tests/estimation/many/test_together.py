@@ -220,7 +220,7 @@ def test_an_interrupted_run_keeps_the_solves_that_were_made(monkeypatch):
     text, data = PROBLEMS["ranges"]
     compiled = mbm.loads(text).compile(data=data)
     whole = compiled.result(SolveSettings())
-    part = compiled.result(SolveSettings(interruption=After(5), workers=1))
+    part = compiled.result(SolveSettings(interruption=After(9), workers=1))
     assert not part.complete
     assert 0 < len(part.solves) < len(whole.solves)
     for i in range(len(part.solves)):
