@@ -16,8 +16,9 @@ from mbm.equations.metric import column_norms
 from mbm.equations.types import Fit, Floats, Mask, Minimum, Noise
 from mbm.estimation.minimise.minimise import minima
 from mbm.estimation.search.agreement import Agreement
-from mbm.estimation.search.basins import Basin, merged, same_minimum, without_twins
+from mbm.estimation.search.basins import EQUAL, Basin, merged, same_minimum, without_twins
 from mbm.estimation.search.search import Alternative
+from mbm.estimation.search.starting import LARGE
 from mbm.estimation.search.twins import Twin, separation
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
@@ -42,7 +43,7 @@ CURVED = 0.5
 FOLLOWED = 6
 """Points that are followed down."""
 
-ITERATIONS = 12
+AT_FIRST = 12
 """Steps of a descent at first …"""
 
 NEARLY = 30.0
@@ -51,17 +52,15 @@ NEARLY = 30.0
 BACK = 1e-2
 """Squared standard deviations below which an end is at the minimum again, by the derivatives there."""
 
-EQUAL = 1e-6
-"""Share of the largest residual by which those of two minima differ that no observation tells apart."""
-
 ROUGHLY = 1e-4
-"""The same where a descent has ended with moderate accuracy."""
+"""Share of the largest residual by which those of two minima differ that no observation tells apart, where a descent
+has ended with moderate accuracy; EQUAL afterwards."""
 
 POSITIVE = 1e-2
 """Share of its value at the minimum that a positive number keeps."""
 
-LARGE, MOST_UNKNOWNS = 20_000, 20
-"""Numbers in the Jacobian, and unknowns, above which the search would cost more than the solve."""
+MOST_UNKNOWNS = 20
+"""Unknowns above which the search would cost more than the solve."""
 
 
 def looks_beside(equations: Assembled, settings: Settings, problem: Problem) -> bool:
@@ -115,7 +114,7 @@ def minima_beside(
     # Loaded where a point is followed only, so that other problems start at once.
     from mbm.estimation.minimise.native.starts import ends_of_starts
 
-    ends = ends_of_starts(equations, trials, ITERATIONS, settings)
+    ends = ends_of_starts(equations, trials, AT_FIRST, settings)
     low = np.flatnonzero(ends.cost <= minimum.cost + NEARLY * (most - minimum.cost))
     apart = separation(equations, minimum.point, ends.points[low]) * column_norms(minimum.jacobian)
     points = ends.points[low[np.square(apart).sum(axis=1) > BACK * about.variance]]
