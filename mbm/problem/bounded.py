@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from mbm.expression.nodes import Apply, Column, Component, Expression, postorder
 from mbm.problem import faults
 from mbm.problem.aggregates import is_aggregate
+from mbm.problem.enclosing import Contractor
 from mbm.problem.kinds import ConstraintMethod, Gauge
 from mbm.problem.likely import refused_likelihoods
 from mbm.problem.types import Block, BlockRole, Method, NoiseKind, Problem, UnknownKind
@@ -46,6 +47,7 @@ def _for_intervals(problem: Problem) -> Iterator[Diagnostic]:
     request = problem.request
     for block in problem.blocks:
         yield from _block(block)
+    yield from _sequence(problem)
     for unknown in problem.unknowns:
         if not unknown.manifold.flat:
             hint = "write it with angles and numbers, e.g. `(euler phi theta psi)` of three unknowns of type `angle`"
@@ -80,6 +82,28 @@ def _for_intervals(problem: Problem) -> Iterator[Diagnostic]:
     for given, what, hint in asked:
         if given:
             yield faults.not_for_intervals(problem.span, what, hint)
+
+
+def _sequence(problem: Problem) -> Iterator[Diagnostic]:
+    """Transitions whose noise is not bounded, and what of a sequence is not looked for frame by frame."""
+    sequence, enclosing = problem.sequence, problem.request.enclosing
+    if sequence is None:
+        return
+    blocks = {block.name: block for block in problem.blocks}
+    for transition in sequence.transitions:
+        block = None if transition.block is None else blocks[transition.block]
+        if block is not None and not bounded(block):
+            name = transition.states[0]
+            hint = f"write `(= (next {name}) FORM :bound b)`, with `:sigma 0` for what is exact; `(dt)` is the time"
+            what = f"the standard deviation of the transition of `{name}`"
+            yield faults.not_for_intervals(transition.span, what, hint)
+    for state in sequence.states:
+        if state.prior is not None:
+            hint = f"write `:in (low high)`, or a constraint on `{state.name}` with `:at first`"
+            yield faults.not_for_intervals(state.span, f"the standard deviation of `{state.name}`", hint)
+    if enclosing is not None and enclosing.contractor is Contractor.HULL:
+        hint = "use `hc4`: states of all steps are too many to be bisected together"
+        yield faults.not_for_intervals(sequence.span, "`:contract hull` with states", hint)
 
 
 def _block(block: Block) -> Iterator[Diagnostic]:

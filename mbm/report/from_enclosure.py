@@ -8,7 +8,7 @@ from mbm.equations.layout import Entry, half_turns
 from mbm.estimation.intervals.types import Enclosure, Ranges
 from mbm.problem.types import Derived, Problem, UnknownKind
 from mbm.report.numbers import nothing_known
-from mbm.report.quantities import derived_quantity, keys_over, quantity_of
+from mbm.report.quantities import derived_quantity, keys_over, quantity_of, repeated
 from mbm.report.types import DerivedValue, Estimate, Floats, Piece, SolveReport, SolveStatus
 
 _ENCLOSED = "every solution lies within the bounds"
@@ -56,6 +56,7 @@ def _estimates(problem: Problem, found: Enclosure, numbers: Ranges) -> tuple[Est
 def _estimate(problem: Problem, found: Enclosure, entry: Entry, numbers: Ranges) -> Estimate:
     unknown = entry.unknown
     leading = () if entry.keys is None else (entry.members,)
+    steps = () if entry.steps is None else (len(entry.steps),)
     shape = (*leading, *(unknown.shape if not unknown.dimension else (unknown.freedom,)))
     low, high = numbers.low[entry.range], numbers.high[entry.range]
     value = _middle(low, high)
@@ -63,13 +64,13 @@ def _estimate(problem: Problem, found: Enclosure, entry: Entry, numbers: Ranges)
         value = half_turns(value)
     return Estimate(
         quantity=quantity_of(problem, unknown),
-        value=value.reshape((*leading, *unknown.shape)),
+        value=repeated(value.reshape((*leading, *unknown.shape)), steps),
         sigma=None,
-        fixed=found.layout.fixed[entry.coordinates].reshape(shape),
-        keys=entry.keys,
+        fixed=repeated(found.layout.fixed[entry.coordinates].reshape(shape), steps),
+        keys=entry.keys if entry.steps is None else entry.steps,
         per=unknown.family.rows if unknown.family is not None else None,
         reason=_EMPTY if found.whole is None else None,
-        bounds=np.stack([low, high], axis=-1).reshape((*shape, 2)),
+        bounds=repeated(np.stack([low, high], axis=-1).reshape((*shape, 2)), steps),
     )
 
 

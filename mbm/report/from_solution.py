@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mbm.equations.layout import Entry, half_turns
 from mbm.equations.types import Reason
@@ -30,7 +28,7 @@ from mbm.report.maps import maps_of
 from mbm.report.noise import noise_reports
 from mbm.report.numbers import nothing_known, numbers_of
 from mbm.report.pictures import plot_data
-from mbm.report.quantities import Shown, shown
+from mbm.report.quantities import Shown, repeated, shown
 from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries, row_data
 from mbm.report.root_means import of_solution
 from mbm.report.solution_spreads import coordinate_spread, entry_spread
@@ -229,14 +227,14 @@ def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each)
     bound = each.bound[place]
     return Estimate(
         quantity=quantity,
-        value=_repeated(numbers.reshape((*leading, *entry.unknown.shape)), steps),
-        sigma=_repeated(each.sigma[place].reshape(shape), steps),
-        fixed=_repeated(each.fixed[place].reshape(shape), steps),
+        value=repeated(numbers.reshape((*leading, *entry.unknown.shape)), steps),
+        sigma=repeated(each.sigma[place].reshape(shape), steps),
+        fixed=repeated(each.fixed[place].reshape(shape), steps),
         keys=entry.keys if entry.steps is None else entry.steps,
         per=entry.unknown.family.rows if entry.unknown.family is not None else None,
-        at_bound=_repeated(bound.reshape(shape), steps) if bool(bound.any()) else None,
+        at_bound=repeated(bound.reshape(shape), steps) if bool(bound.any()) else None,
         reason=each.why_missing(place),
-        spread=entry_spread(solution, each.spread, entry, shape).each(lambda values: _repeated(values, steps)),
+        spread=entry_spread(solution, each.spread, entry, shape).each(lambda values: repeated(values, steps)),
     )
 
 
@@ -249,11 +247,6 @@ def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alterna
         estimates=_estimates(there, how, _NOT_THE_BEST),
         remark=_MIRRORED if other.mirrored else None,
     )
-
-
-def _repeated(values: NDArray[Any], steps: tuple[int, ...]) -> NDArray[Any]:
-    """The values, for all steps where a state does not change."""
-    return np.tile(values, (*steps, *(1,) * values.ndim)) if steps else values
 
 
 def _hypothesis(solution: Solution, how: Shown, other: Hypothesis) -> Alternative:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.equations.layout import Entry
 from mbm.estimation.search.solution import Solution
@@ -60,6 +62,11 @@ def quantity_of(problem: Problem, unknown: Unknown) -> Quantity:
         doc=unknown.doc or None,
         over=_steps(problem) if unknown.is_state else None,
     )
+
+
+def repeated(values: NDArray[Any], steps: tuple[int, ...]) -> NDArray[Any]:
+    """The values, for all ``steps`` (their number) where a state does not change."""
+    return np.tile(values, (*steps, *(1,) * values.ndim)) if steps else values
 
 
 def coordinate_factors(quantity: Quantity, entry: Entry) -> Floats:

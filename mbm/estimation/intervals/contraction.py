@@ -237,7 +237,7 @@ def ranges(network: Network, extents: list[Interval | None], boxes: int) -> Inte
         rows = 1 if wanted.positions is None else len(wanted.positions)
         for ends, side in ((low, 0), (high, 1)):
             parts = [np.broadcast_to(_side(extents[n], side), (boxes, rows)) for n in wanted.nodes]
-            ends.append(np.stack(parts, axis=2).reshape(boxes, -1))
+            ends.append(np.stack(parts, axis=2).reshape(boxes, rows * len(wanted.nodes)))
     return np.concatenate(low, axis=1), np.concatenate(high, axis=1)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -45,7 +46,7 @@ def enclose(
     asked = problem.request.enclosing or Enclosing()
     network = network_of(problem, selection.tables, starts)
     turning = _turning(network)
-    found = _forward(network) if asked.contractor is Contractor.FORWARD else _searched(network, asked, stopped)
+    found = _found(problem, network, asked, stopped)
     whole: Ranges | None = None
     pieces: tuple[Ranges, ...] = ()
     if len(found.boxes):
@@ -76,6 +77,9 @@ def refusals(problem: Problem, tables: Mapping[str, Table]) -> tuple[Diagnostic,
     asked = problem.request.enclosing or Enclosing()
     try:
         network = network_of(problem, selection.tables, {})
+        if problem.sequence is not None:
+            _found(problem, network, asked, lambda: True)
+            return ()
         searched = network if asked.contractor is not Contractor.FORWARD else network.without_observations()
         first = contracted(searched, network.low[None], network.high[None], shrink=FIXED)
         if len(first):
@@ -83,6 +87,23 @@ def refusals(problem: Problem, tables: Mapping[str, Table]) -> tuple[Diagnostic,
     except MbmError as error:
         return error.diagnostics
     return ()
+
+
+def _found(problem: Problem, network: Network, asked: Enclosing, stopped: Callable[[], bool]) -> Paving:
+    """The boxes of the set: of a sequence one, frame by frame."""
+    forward = asked.contractor is Contractor.FORWARD
+    if problem.sequence is None:
+        return _forward(network) if forward else _searched(network, asked, stopped)
+    # Loaded by problems with states only, so that the others start at once.
+    from mbm.estimation.intervals.frames import framed
+
+    found = framed(network.without_observations() if forward else network, stopped)
+    if not len(found.boxes):
+        return found
+    _refuse_unbounded(network, found.boxes)
+    boxes = found.boxes
+    possible = meets(network, boxes.low, boxes.high) if forward else np.ones(1, dtype=bool)
+    return replace(found, boxes=boxes.at(possible))
 
 
 def _turning(network: Network) -> Mask:
