@@ -35,7 +35,7 @@ class Readings:
     ``plain`` whiten the equations as they are written; ``uncounted`` (outputs,) are residuals that are no part of χ²,
     ``shifted`` those of them that are `SHIFT` too large. ``surprise`` (rows,) is −log L_max, ``excess`` (rows,) by how
     much the deviance of a row is expected to be more than that of a normal reading; infinite where its distribution is
-    another one.
+    another one. ``free``: a scale has unknowns of its own.
     """
 
     plain: tuple[Whitener, ...]
@@ -43,6 +43,7 @@ class Readings:
     shifted: Mask
     surprise: Floats
     excess: Floats
+    free: bool
 
 
 def readings(
@@ -80,6 +81,7 @@ def readings(
         shifted=np.array(shifted, dtype=bool),
         surprise=surprise,
         excess=excess,
+        free=any(each.likelihood is not None and each.likelihood.free for each in case.equations),
     )
 
 
@@ -127,7 +129,7 @@ class _Given:
     def excess(self) -> Floats:
         """By how much the deviance of a count is expected to be more than 1: 1/6μ (McCullagh and Nelder 1989)."""
         measured = self._numbers(self._errors.measured)
-        if self._errors.law is Law.NORMAL and self._errors.truncation is None:
+        if self._errors.law is Law.NORMAL and self._errors.truncation is None and not self._errors.free:
             return np.zeros(measured.shape[1])
         if not self._errors.law.counts:
             return np.full(measured.shape[1], np.inf)

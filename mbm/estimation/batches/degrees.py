@@ -13,7 +13,7 @@ from mbm.estimation.batches.degree_types import DegreesColumns
 from mbm.estimation.batches.derived import DerivedColumns
 from mbm.estimation.batches.factor import Spread
 from mbm.estimation.batches.portion import Portion
-from mbm.estimation.uncertainty.degrees import LEAST, effective, enough, untold
+from mbm.estimation.uncertainty.degrees import LEAST, effective, enough, scaled, untold
 from mbm.problem.types import Problem
 
 
@@ -34,7 +34,7 @@ def degrees_columns(
         of_solve = np.maximum(dof.astype(np.float64), LEAST) if told else np.full(len(dof), inf)
         found = [_alike(of_solve, image.shape[:2]) for image in images]
         few: Mask = np.asarray(dof < enough(portion.equations, consensus=portion.consensus))
-        poor = few if unknown else np.zeros(len(dof), dtype=bool)
+        poor = few if unknown or scaled(portion.equations) else np.zeros(len(dof), dtype=bool)
         return DegreesColumns(estimates=found[0], derived=tuple(found[1:]), poor=poor)
     grams = np.zeros((len(basis), len(unknown), basis.shape[2], basis.shape[2]))
     counts = np.zeros((len(basis), len(unknown)))

@@ -54,6 +54,12 @@ def _weigh(block: Block, tables: Mapping[str, Table]) -> None:
         if table is not None and mask is not None:
             positions = rows_of(case.static, table)
             positions = positions[mask[positions]]
+        if any(equation.likelihood is not None for equation in case.equations):
+            # Loaded by problems with likelihoods only.
+            from mbm.equations.likelihoods import readings
+
+            readings(case, table, positions, tables)
+            continue
         first, exact = 0, _uncertain(block, case)
         for equation in case.equations:
             whitener(equation, first, table, positions, tables, may_be_exact=exact, may_be_singular=block.singular)

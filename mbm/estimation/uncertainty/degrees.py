@@ -42,6 +42,10 @@ large residuals out, and by consensus: such estimates of a scale scatter more th
 Simulated lines are held in 88 % (6 rows) to 93.5 % (12 rows) of all cases under Huber's loss, in 92 % with 12 to 20
 rows under Tukey's, and in 90 % with 10 to 15 rows by consensus."""
 
+FEW_SCALED = 30.0
+"""Degrees of freedom below which intervals fall short where a scale is an unknown of a likelihood: that of greatest
+likelihood is low by the root of ν/n, so that a mean and slope of 30 exact readings are held in 93 %."""
+
 BALANCING = 20
 """Rounds in which weights are brought to where each row tells as much as any other."""
 
@@ -50,9 +54,16 @@ def enough(equations: Assembled, *, consensus: bool) -> float:
     """Degrees of freedom that tell unknown noise well enough under the losses that there are; 0 without any."""
     if consensus:
         return FEW_AGREEING
+    if scaled(equations):
+        return FEW_SCALED
     losses = [loss for group in equations.groups for loss in group.losses]
     ends = any(float(loss.weight(np.array([1e12 * loss.scale**2]))[0]) == 0.0 for loss in losses)
     return FEW_ENDING if ends else FEW_WEIGHED * bool(losses)
+
+
+def scaled(equations: Assembled) -> bool:
+    """Whether scales of likelihoods are among the unknowns."""
+    return any(group.readings is not None and group.readings.free for group in equations.groups)
 
 
 def common(dof: float, shape: tuple[int, ...]) -> Freedom:
@@ -148,7 +159,7 @@ class Freedoms:
     ``factor`` (n, k) is that of the covariance, ``grams`` and ``counts`` as `effective` has them (None: all alike), or
     ``grams``, ``scatter`` and ``products`` as `of_parameters` does. ``estimated`` are the blocks of each of these
     groups or parameters, or those whose noise has ``dof`` (none: all have).
-    ``few``: under losses, these are not enough.
+    ``few``: under losses, or of scales that are unknowns, these are not enough.
     """
 
     dof: float
@@ -219,7 +230,8 @@ def freedoms(
     rows = [np.concatenate([equations.noise_rows(number) for number in blocks]) for blocks in told]
     every = sum(map(len, rows)) == equations.count
     if not (told or equations.lossy):
-        return Freedoms(dof=inf, factor=covariance.factor)
+        few = scaled(equations) and dof < FEW_SCALED
+        return Freedoms(dof=inf, factor=covariance.factor, few=few)
     if equations.lossy or (len(told) == 1 and every):
         few = bool(told) and dof < enough(equations, consensus=equations.rows is not None)
         return Freedoms(dof=float(max(dof, LEAST)), factor=covariance.factor, few=few)

@@ -53,6 +53,8 @@ def sigma_wanted(span: Span, what: str, unknown: bool) -> Diagnostic:
     """Errors of a stated form, of unknown size."""
     why = "takes no unknown factor" if unknown else "needs a `:sigma`"
     hint = "give `:sigma FORM`, the standard deviation before rounding; of `student` the scale"
+    if unknown:
+        hint = "make the scale an unknown, `(s positive :init 1)`, and write `:sigma s`"
     return Diagnostic(code=SIGMA_WANTED, message=f"{what} {why}", place=span, hint=hint)
 
 

@@ -17,7 +17,8 @@ class Errors:
     """What is stated: ``off`` is model − measured, ``sigma`` the scale of each component, or the matrix row by row.
 
     ``reference`` is ``sigma`` with the measurement in place of the model, where the model occurs in it (None: it does
-    not). ``inverse``: the matrix is that of ``:information``.
+    not), and 1 in place of unknowns that are its own (``free``: there are some). ``inverse``: the matrix is that of
+    ``:information``.
     """
 
     off: tuple[Expression, ...]
@@ -30,6 +31,7 @@ class Errors:
     law: Law = Law.NORMAL
     parameter: Expression | None = None
     truncation: Truncation | None = field(default=None)
+    free: bool = False
 
 
 def likelihood(errors: Errors) -> Likelihood:
@@ -67,12 +69,9 @@ def _by_scale(errors: Errors) -> Likelihood:
     if errors.reference is None:
         return _made(errors, residuals, information, scales)
     exact = _where_exact(errors.truncation)
-    for scale, reference in zip(scales, references, strict=True):
-        residuals.append(exact(weights.determinant(scale, reference), SHIFT**0.5))
-        told = weights.told_by_scale(scale)
-        if errors.law is Law.STUDENT and errors.parameter is not None:
-            freedom = Term(errors.parameter)
-            told = square_root(freedom / (freedom + 3.0)) * told
+    for off, scale, reference in zip(_terms(errors.off), scales, references, strict=True):
+        height, told = _of_scale(errors, off / scale, scale, reference)
+        residuals.append(exact(height, SHIFT**0.5))
         information.append(exact(told, 0.0))
     return _made(errors, residuals, information, references)
 
@@ -87,9 +86,13 @@ def _one(errors: Errors, off: Term, scale: Term) -> tuple[Term, Term]:
     stated = errors.truncation
     if stated is None:
         return residual, told
+    if errors.free:
+        told = ratio
     if stated.step is not None:
         half = 0.5 * Term(stated.step) / scale
         residual, told = tails.within(ratio, half), tails.within_information(ratio, half)
+        if errors.reference is not None:
+            told = tails.scaled_information(ratio, half)[0]
     if stated.above is not None:
         beyond = Term(stated.above)
         residual = chosen(beyond, -tails.below(ratio), residual)
@@ -99,6 +102,24 @@ def _one(errors: Errors, off: Term, scale: Term) -> tuple[Term, Term]:
         residual = chosen(beyond, tails.below(-ratio), residual)
         told = chosen(beyond, tails.below_information(-ratio), told)
     return residual, told
+
+
+def _of_scale(errors: Errors, ratio: Term, scale: Term, reference: Term) -> tuple[Term, Term]:
+    """The residual of a scale that the solve decides, and what a reading tells of it beside the model.
+
+    Beside limits the information is the observed one: log L is concave in ``1/σ`` and ``model/σ`` (Olsen 1978).
+    """
+    stated = errors.truncation
+    if stated is not None and stated.step is not None:
+        half = 0.5 * Term(stated.step)
+        return tails.highest(half / scale, half / reference), tails.scaled_information(ratio, half / scale)[1]
+    told = weights.told_by_scale(scale)
+    if stated is not None and errors.free:
+        told = scale / held(scale)
+    if errors.law is Law.STUDENT and errors.parameter is not None:
+        freedom = Term(errors.parameter)
+        told = square_root(freedom / (freedom + 3.0)) * told
+    return weights.determinant(scale, reference), told
 
 
 def _where_exact(stated: Truncation | None) -> Callable[[Term, float], Term]:
@@ -143,6 +164,7 @@ def _made(errors: Errors, residuals: Sequence[Term], information: Sequence[Term]
         spread=tuple(each.node for each in spread),
         parameter=errors.parameter,
         truncation=errors.truncation,
+        free=errors.free,
     )
 
 

@@ -6,6 +6,7 @@ from math import log, pi, sqrt
 
 from mbm.expression.nodes import Operation
 from mbm.expression.terms import Term, chosen, function, held, polynomial, square, square_root
+from mbm.problem.likelihoods.types import SHIFT
 
 _COEFFICIENTS = (
     -1.3026537197817094, 0.64196979235649026, 0.019476473204185836, -0.0095615147868086316, -0.00094659534448203687,
@@ -72,6 +73,41 @@ def within_information(ratio: Term, half: Term) -> Term:
     bend = (off - d) * lower - (off + d) * upper
     curvature = chosen(coarse, _at_least(square(slope) - bend, 0.0), 1.0 / (1.0 + square(half) / 3.0))
     return held(square_root(curvature)) * ratio
+
+
+def highest(half: Term, reference: Term) -> Term:
+    """√(SHIFT + 2 log(P₀(d_ref)/P₀(d))), P₀ being the largest probability of a step of half width d: by it readings
+    tell the deviation that d is measured in.
+    """
+    return square_root(SHIFT + 2.0 * (_log_middle(reference) - _log_middle(half)))
+
+
+def scaled_information(ratio: Term, half: Term) -> tuple[Term, Term]:
+    """Two numbers whose derivatives' products are the observed information of −log P by u and d, both of which vary.
+
+    As P is log-concave in both, it is L Lᵀ with L triangular (Pratt 1981).
+    """
+    coarse = ~(half < EXACT)
+    d = chosen(coarse, half, 1.0)
+    off = function(Operation.ABS, ratio)
+    whole = _log_within(off, d)
+    lower, upper = _share(off - d, whole), _share(off + d, whole)
+    inner, outer = square(lower) - (off - d) * lower, square(upper) + (off + d) * upper  # by u - d and u + d
+    both = -lower * upper
+    across = _at_least(inner + outer + 2.0 * both, FLAT)
+    along = _at_least(inner + outer - 2.0 * both - square(outer - inner) / across, 0.0)
+    first = chosen(coarse, square_root(across), 1.0 / square_root(1.0 + square(half) / 3.0))
+    mixed = chosen(coarse, function(Operation.SIGN, ratio) * (outer - inner) / square_root(across), 0.0)
+    second = chosen(coarse, square_root(along), 1.0 / half)
+    return held(first) * ratio + held(mixed) * half, held(second) * half
+
+
+def _log_middle(half: Term) -> Term:
+    """``log P₀(d)``."""
+    coarse = ~(half < EXACT)
+    d = chosen(coarse, half, 1.0)
+    fine = function(Operation.LOG, 2.0 * DENSITY * half) - square(half) / 6.0
+    return chosen(coarse, _log_within(d * 0.0, d), fine)
 
 
 def log_upper(x: Term) -> Term:

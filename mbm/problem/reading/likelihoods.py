@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from mbm.expression.algebra import ONE
@@ -16,7 +16,7 @@ from mbm.problem.likelihoods.making import Errors, likelihood
 from mbm.problem.likelihoods.types import Law, Truncation
 from mbm.problem.options import Options
 from mbm.problem.reading.equations import Residual
-from mbm.problem.types import Equation, NoiseKind
+from mbm.problem.types import Equation, EquationCase, NoiseKind
 from mbm.text.types import Diagnostic, Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
@@ -120,6 +120,7 @@ def observed(
     named = noise is not None and _mentions(noise) and scope.lookup(MODEL, noise.span) is None
     if stated.plain and not named:
         return plain(scope, True)
+    own_scales = _unknown_scales(noise, scope)
     if residual.model is None or (residual.measured is None and not stated.plain):
         if named and noise is not None:
             raise MbmError(faults.without_model_side(noise.span))
@@ -128,9 +129,11 @@ def observed(
     if stated.limits and len(residual.components) > 1:
         raise MbmError(_not_here(stated, "goes with equations of one number", "write one equation for each number"))
     seen = residual.measured or tuple(Number(1, None, residual.span) for _ in residual.components)
-    known = made = plain(LocalScope({MODEL: _like(residual.model, seen)}, scope) if named else scope, True)
-    if named:
-        made = plain(LocalScope({MODEL: residual.model}, scope), False)
+    ones = dict.fromkeys(own_scales, Number(1, None, residual.span))
+    sides = ({MODEL: _like(residual.model, seen)}, {MODEL: residual.model}) if named else ({}, {})
+    known = made = plain(LocalScope({**ones, **sides[0]}, scope), True)
+    if named or own_scales:
+        made = plain(LocalScope(sides[1], scope), False)
     decides = any(isinstance(leaf, Component) for leaf in leaves(made.noise))
     if stated.plain and not decides:
         return made
@@ -150,10 +153,23 @@ def observed(
         law=stated.law,
         parameter=own[0],
         truncation=own[1],
+        free=bool(own_scales),
     )
-    if decides and own[1] is not None and own[1].step is not None:
-        raise MbmError(_not_here(stated, "does not go with weights by `model`", "state `:sigma` by columns"))
     return replace(made, noise=(ONE,) * len(seen) if stated.law.counts else made.noise, likelihood=likelihood(errors))
+
+
+def refuse_two_scales(noise: Form, cases: list[EquationCase]) -> None:
+    """Refuse a factor beside unknowns in the noise.
+
+    Raises:
+        MbmError: likelihood-not-here.
+
+    """
+    for each in (equation for case in cases for equation in case.equations):
+        if each.likelihood is not None and each.likelihood.free:
+            hint = "leave `unknown` out: the noise has a scale of its own"
+            why = "does not go with an unknown in the noise"
+            raise MbmError(faults.likelihood_not_here(noise.span, "`unknown`", why, hint))
 
 
 def _own(work: Workspace, stated: StatedErrors, scope: Scope) -> tuple[Expression | None, Truncation | None]:
@@ -179,15 +195,24 @@ def _like(model: Value, elements: tuple[Expression, ...]) -> Value:
     return Array(model.shape, elements) if isinstance(model, Array) else elements[0]
 
 
-def _mentions(form: Form) -> bool:
+def _symbols(form: Form) -> Iterator[Symbol]:
     stack = [form]
     while stack:
         each = stack.pop()
-        if isinstance(each, Symbol) and each.name == MODEL:
-            return True
+        if isinstance(each, Symbol):
+            yield each
         if isinstance(each, Sequence):
             stack.extend(each.items)
-    return False
+
+
+def _mentions(form: Form) -> bool:
+    return any(each.name == MODEL for each in _symbols(form))
+
+
+def _unknown_scales(noise: Form | None, scope: Scope) -> frozenset[str]:
+    """The numbers that stand in the noise and are to be estimated."""
+    found = () if noise is None else _symbols(noise)
+    return frozenset(each.name for each in found if isinstance(scope.lookup(each.name, each.span), Component))
 
 
 def _not_here(stated: StatedErrors, why: str, hint: str) -> Diagnostic:

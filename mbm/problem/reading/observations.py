@@ -61,6 +61,8 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
         errors = read_errors(work, options.get("errors"), table)
         when = None if when_form is None else work.conditions(when_form, table, 1, wanted="`:when`")
         cases = [EquationCase(static=s, equations=e) for s, e in work.cases(table, evaluate, clause.span, when)]
+        if factor and form is not None:
+            likelihoods.refuse_two_scales(form, cases)
         structure, shared = read_structure(work, options, table, cases)
     except MbmError as error:
         raise _explain_missing_table(work, error, symbols, table) from None
