@@ -104,13 +104,16 @@ def _fields(node: object) -> Iterator[Field]:
             continue
         if isinstance(each, Field):
             yield each
-        left.extend(getattr(each, name) for name in _parts(each.__class__))
+        for name in _parts(each.__class__):
+            part = getattr(each, name)
+            if _parts(part.__class__) or isinstance(part, tuple):
+                left.append(part)
 
 
 @cache
 def _parts(kind: Any) -> tuple[str, ...]:
     """The names of what statements and expressions of a kind are made of; none of what is neither."""
-    if issubclass(kind, Member) or not is_dataclass(kind):
+    if issubclass(kind, Member | Record | Records) or not is_dataclass(kind):
         return ()
     return tuple(one.name for one in fields(kind))
 
