@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbm.data.readers import READERS
+from mbm.data.readers.plain_rows import plain_columns
 
 
 def read(folder: Path, content: str | bytes, ending: str = "csv"):
@@ -182,3 +183,10 @@ def test_the_fast_way_and_the_general_way_agree(tmp_path_factory, rows):
     for a, b in zip(fast.columns, general.columns, strict=True):
         assert a.texts == b.texts
         np.testing.assert_array_equal(a.numbers, b.numbers)
+
+
+def test_columns_that_become_texts_are_told_beforehand():
+    told = []
+    columns = plain_columns(b"1,ab,x\n2,cd,y\n3,ef,z", (0, 20), ",", ["n", "t", "u"], told.append)
+    assert told == [3 * 2]
+    assert [column.texts for column in columns] == [None, ("ab", "cd", "ef"), ("x", "y", "z")]

@@ -11,6 +11,7 @@ from scipy.linalg import solve_triangular
 from mbm.machine import python
 from mbm.machine.from_python import module_of
 from mbm.machine.records import blank, put, slots_of
+from mbm.machine.words import Integer
 from mbm.solver.description import Block, Nonzero
 from mbm.solver.equations import put_numbers, put_shared
 from mbm.solver.linear_algebra import divided, inverted_upper
@@ -126,3 +127,19 @@ def test_numbers_are_divided(text: dict[str, Any]) -> None:
     a, b, target = np.array([6.0, 1.0, 5.0]), np.array([2.0, 4.0, 0.0]), np.zeros(3)
     text["divided"](2, a, b, target)
     assert target.tolist() == [3.0, 0.25, 0.0]
+
+
+def odd_ones(n: Integer) -> Integer:
+    """The sum of the odd numbers below ``n``."""
+    total = 0
+    for i in range(n):
+        if i % 2 == 0:
+            continue
+        total += i
+    return total
+
+
+def test_loops_go_on_where_the_text_says() -> None:
+    names: dict[str, Any] = {}
+    exec(f"{python.PRELUDE}\n{python.text(module_of('odd', [odd_ones]))}", names)  # noqa: S102 - our own text
+    assert names["odd_ones"](6) == 1 + 3 + 5

@@ -216,3 +216,9 @@ def test_a_list_at_the_top_with_one_list_in_it_is_laid_out_as_a_model():
     lines = formatted(f"(camera {part})").splitlines()
     assert lines[0] == "(camera"
     assert [len(line) - len(line.lstrip()) for line in lines[1:]] == [2, 4]
+
+
+def test_what_repeats_shapes_keeps_its_range_on_its_line():
+    assert formatted(f"(defmodel m () (for (i 1 3) (trans (1 0 0) (sphere {'1' * 60})) (sphere 2)))") == (
+        f"(defmodel m ()\n  (for (i 1 3)\n    (trans (1 0 0) (sphere {'1' * 60}))\n    (sphere 2)))\n"
+    )

@@ -116,3 +116,11 @@ def test_half_a_surrogate_pair_is_no_text():
 def test_a_text_beyond_the_limit_is_refused():
     (diagnostic,) = diagnostics_of(" " * (LARGEST_TEXT + 1))
     assert diagnostic.code is faults.TEXT_TOO_LARGE
+
+
+@pytest.mark.parametrize(
+    ("text", "around"), [("(a (b c", ", nor is another"), ("(a (b [c", ", nor are 2 others"), ("(a", "")]
+)
+def test_other_brackets_that_are_open_are_counted(text: str, around: str) -> None:
+    (diagnostic,) = diagnostics_of(text)
+    assert diagnostic.message.partition("is never closed")[2] == (f"{around} around it" if around else "")
