@@ -18,7 +18,7 @@ from mbm.data.images.photographs import PER_PIXEL
 from mbm.data.union.patterns import MOST_MATCHES
 from mbm.equations.selection import MAXIMUM_SOLVES, MAXIMUM_WINDOWS
 from mbm.estimation.minimise.minimise import DENSE_LIMIT
-from mbm.expression.units import PLAIN, PREFIXES, REFUSED, TAKE_PREFIXES
+from mbm.expression.units import PLAIN, PREFIXES, REFUSED, TAKE_PREFIXES, WITH_ZERO
 from mbm.files import memory
 from mbm.language import limits as language_limits
 from mbm.language.vocabulary import (
@@ -102,6 +102,30 @@ UNITS_INTRODUCTION = """Quantities are kept in SI: a unit is a factor and a dime
 (`µ` is `u`). `G` is the standard acceleration of gravity. A result without a stated unit is in SI, in the unit with the
 shortest name: `ohm`, `W/m/K`, `m/s^2`.
 
+## Temperatures
+
+`degC` and `degF` are temperatures with a zero of their own. mbm keeps them in kelvin: `20degC` is 293.15 K, in formulas
+too (the gas law wants kelvin and gets them). Values come back in degC if `:unit degC` says so; standard deviations,
+widths and sensitivities beside them are differences, which have no zero: 1 °C of difference is 1 K.
+
+| you write | it means |
+| --- | --- |
+| `(+ 20degC 5K)` | 25 °C |
+| `(- 20degC 15degC)` | a difference of 5 K |
+| `(/ (+ 20degC 30degC) 2)`, `(mean d t)` | 25 °C, the mean of the column |
+| `:sigma 0.1K`, `:sigma 0.2degR` | a difference: 0.1 K; 0.2 degrees Fahrenheit |
+| `:sigma 0.1degC`, `(= t (+ x 5degC))` | an error: `0.1degC` is 273.25 K. Write `0.1K`, `5K` |
+| `:init 20`, `(< t 100)` beside degC | an error: a plain 20 would be 20 K. Write `20degC` |
+| `:unit degC` of a difference | an error: report it in K |
+| `:sigma (* 5% model)` of a temperature in degC | an error: 5 % counts from 0 K, which nobody means |
+| `4mV/degC`, `1/degF` | in a compound a temperature is a difference: 4 mV/K |
+| `(* 8.314J/mol/K 20degC)` | a product with the absolute temperature, 293.15 K |
+
+A column that holds differences (a standard deviation in degC) is declared `:unit K`. The [recipe for a
+thermometer](../how-to/laboratory-recipes.md#calibrate-a-thermometer) uses all this.
+
+## Known units
+
 """
 VOCABULARY_INTRODUCTION = """All functions that problems may use; a definition in the file shadows one of the same name.
 Arguments are numbers, or vectors of one length (element by element; numbers broadcast), unless it says otherwise. The
@@ -142,9 +166,14 @@ def code(text: str) -> str:
 
 def units() -> str:
     """The closed list of units."""
-    known = {"prefixes": TAKE_PREFIXES, "none": PLAIN}
+    known = {"prefixes": TAKE_PREFIXES, "none": {**PLAIN, **WITH_ZERO}}
     rows = [
-        (code(u.symbol), f"{u.factor:.12g}", u.dimension.symbol() or "—", beside)
+        (
+            code(u.symbol),
+            f"{u.factor:.12g}" + (f" · value + {u.zero:.12g}" if u.zero else ""),
+            u.dimension.symbol() or "—",
+            beside,
+        )
         for beside, units in known.items()
         for u in units.values()
     ]
@@ -156,7 +185,7 @@ def units() -> str:
         + table(("unit", "in SI", "SI unit", "takes"), rows)
         + "\n## Prefixes\n\n"
         + table(("prefix", "factor"), prefixes)
-        + "\n## Refused\n\nWhat people write although it is no factor times SI:\n\n"
+        + "\n## Refused\n\nWhat people write and mbm does not read:\n\n"
         + table(("unit", "instead"), refused)
     )
 

@@ -23,6 +23,7 @@ from mbm.problem.sequence.tables import transitions_table
 from mbm.problem.sequence.types import INTERVAL, PREVIOUS
 from mbm.problem.tables import Column, Provenance, Table
 from mbm.problem.types import Equation, Problem, TablePlan
+from mbm.scales import SI, Scale
 from mbm.symbolic.types import ColumnInput
 from mbm.text.types import MbmError
 
@@ -39,7 +40,7 @@ class Arrivals:
         self._begun, self._compilation, self._origin, self._inputs = begun, compilation, origin, inputs
         problem, sequence = begun.problem, begun.sequence
         plans = {plan.name: plan for plan in problem.plans}
-        self._sources = {table: _factor(plans[table], sequence.column) for table, _ in sequence.sources}
+        self._sources = {table: _scale(plans[table], sequence.column) for table, _ in sequence.sources}
         self._plans = {name: plans[name] for name in self._sources}
         paired = {table for pair in problem.pairs for _, table in pair.sides}
         self._simple = {name for name, plan in self._plans.items() if _simple(plan) and name not in paired}
@@ -87,7 +88,7 @@ class Arrivals:
                 return None
             for declared in self._plans[name].declaration.columns:
                 if declared.source in own:
-                    own[declared.name] = own[declared.source] * declared.factor
+                    own[declared.name] = declared.scale.to_si(own[declared.source])
             shapes = {each.shape for each in own.values()}
             if len(shapes) != 1 or len(next(iter(shapes))) != 1 or not self._wanted[name] <= own.keys():
                 return None
@@ -157,7 +158,7 @@ class Arrivals:
             rows = max(rows, len(cells))
         source = _source(self._plans[name], self._begun.sequence.column)
         if source not in columns and key is not None:
-            columns[source] = np.full(rows, key / self._sources[name])
+            columns[source] = np.full(rows, self._sources[name].from_si(key))
         return columns
 
     def _tables(self, read: Mapping[str, Table], key: float, before: float | None) -> dict[str, Table]:
@@ -201,8 +202,8 @@ def _simple(plan: TablePlan) -> bool:
     return not (plan.joins or plan.where or declaration.members or declaration.skip_missing)
 
 
-def _factor(plan: TablePlan, column: str) -> float:
-    return next((declared.factor for declared in plan.declaration.columns if declared.name == column), 1.0)
+def _scale(plan: TablePlan, column: str) -> Scale:
+    return next((declared.scale for declared in plan.declaration.columns if declared.name == column), SI)
 
 
 def _source(plan: TablePlan, column: str) -> str:

@@ -11,6 +11,7 @@ from mbm.problem.types import Problem
 from mbm.report.considered import considered
 from mbm.report.spreads import ConsideredConstant
 from mbm.report.types import Result
+from mbm.scales import SI
 
 
 def without_variance_of(problem: Problem) -> str | None:
@@ -43,7 +44,7 @@ def _named(constant: ConstantValue, place: int) -> ConsideredConstant:
         value=constant.values[place],
         sigma=constant.sigmas[place],
         unit=None if unit is None else unit.symbol,
-        factor=1.0 if unit is None else unit.factor,
+        scale=SI if unit is None else unit.scale,
         dof=constant.dof,
     )
 

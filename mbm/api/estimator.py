@@ -88,6 +88,7 @@ class Estimator:
     _shapes: Shapes = field(repr=False)
     _first: Shape = field(repr=False)
     _factors: Floats = field(repr=False)
+    _zeros: Floats = field(repr=False)
     _outer: Floats = field(repr=False)
     _plain: bool = field(repr=False)
     _places: Mapping[str, tuple[slice, tuple[int, ...]]] = field(repr=False)
@@ -202,7 +203,7 @@ class Estimator:
 
     def _in_units(self, values: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         """Values and covariance in the units of the report."""
-        return values / self._factors, covariance / self._outer
+        return (values - self._zeros) / self._factors, covariance / self._outer
 
     def _answer(self, report: SolveReport) -> tuple[Floats, Floats, float, str]:
         n = len(self.names)
@@ -210,7 +211,7 @@ class Estimator:
         matrix = np.full((n, n), np.nan) if found is None or found.matrix is None else found.matrix / self._outer
         numbers = np.concatenate([np.ravel(estimate.value) for estimate in report.estimates])
         cost = np.nan if report.cost is None else report.cost
-        return numbers / self._factors, matrix, cost, report.status.value
+        return (numbers - self._zeros) / self._factors, matrix, cost, report.status.value
 
 
 def _quickly(
@@ -245,11 +246,12 @@ def estimator(
     if first.covariance is None:
         raise TypeError(first.status)
     factors = np.array(first.covariance.factors)
-    places, scales, offset = {}, [], 0
+    places, scales, zeros, offset = {}, [], [], 0
     for estimate in first.estimates:
         quantity, size = estimate.quantity, estimate.value.size
-        per_number = number_factors(quantity) if quantity.kind in GEOMETRIC else np.array([quantity.factor])
+        per_number = number_factors(quantity) if quantity.kind in GEOMETRIC else np.array([quantity.scale.factor])
         scales.append(np.resize(per_number, size))
+        zeros.append(np.full(size, 0.0 if quantity.kind in GEOMETRIC else quantity.scale.zero))
         places[quantity.name] = (slice(offset, offset + size), estimate.value.shape)
         offset += size
     return Estimator(
@@ -260,8 +262,9 @@ def estimator(
         _shapes=shapes,
         _first=shapes.first,
         _factors=np.concatenate(scales),
+        _zeros=np.concatenate(zeros),
         _outer=np.outer(factors, factors),
-        _plain=all(bool((each == 1.0).all()) for each in (factors, *scales)),
+        _plain=all(bool((each == 1.0).all()) for each in (factors, *scales)) and not any(each.any() for each in zeros),
         _places=MappingProxyType(places),
         _made_of=(origin, inputs, backend),
     )

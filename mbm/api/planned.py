@@ -244,15 +244,16 @@ def _filled(numbers: np.ndarray) -> np.ndarray:
 
 def _cells(rows: Table, hidden: set[str]) -> dict[str, Any]:
     """The columns of candidates in the units of their table."""
-    from mbm.expression.units import parse_unit
+    from mbm.expression.units import scale_of
 
     found: dict[str, Any] = {}
     for name, column in rows.columns.items():
         if name in hidden:
             continue
-        unit = parse_unit(column.unit) if column.unit is not None else None
-        factor = unit.factor if unit is not None else 1.0
-        found[name] = list(column.texts) if column.texts is not None else (np.asarray(column.numbers) / factor).tolist()
+        if column.texts is not None:
+            found[name] = list(column.texts)
+        else:
+            found[name] = scale_of(column.unit).from_si(np.asarray(column.numbers)).tolist()
     return found
 
 

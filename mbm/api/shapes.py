@@ -187,6 +187,6 @@ def _replaced(shape: Shape, given: Sequence[Floats]) -> Tables:
     tables = dict(shape.tables)
     for each, cells in zip(shape.columns, given, strict=True):
         table = tables[each.table]
-        column = replace(table.columns[each.name], numbers=np.array(cells) * each.factor)
+        column = replace(table.columns[each.name], numbers=each.scale.to_si(np.array(cells)))
         tables[each.table] = replace(table, columns={**table.columns, each.name: column})
     return tables

@@ -241,7 +241,7 @@ def _plan(ready: Begun) -> Plan:
         numbers, coordinates = numbers + count, coordinates + size
         names += element_names(quantity, None if unknown.is_state else entry.keys)
         own = quantity.kind in geometric.GEOMETRIC
-        one = geometric.coordinate_factors(quantity) if own else np.full(unknown.freedom, quantity.factor)
+        one = geometric.coordinate_factors(quantity) if own else np.full(unknown.freedom, quantity.scale.factor)
         factors.append(np.tile(one, members))
     free = places.free
     return Plan(

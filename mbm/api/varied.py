@@ -13,6 +13,7 @@ from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Ro
 from mbm.problem.previous import column_before
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, Problem, RowValues
+from mbm.scales import SI, Scale
 from mbm.symbolic.types import ColumnInput
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
@@ -29,27 +30,27 @@ _NAMING = (_NAMES, _JOINS)
 class Varied:
     """A column whose cells are given anew for each data set.
 
-    ``rows`` is the length of the table. The cell at ``positions[i]`` times ``factor`` (SI per unit of the data clause)
-    is number ``cells[i]`` of the parameters of a data set: those of its groups one after the other, each row by row.
+    ``rows`` is the length of the table. The cell at ``positions[i]``, in SI by the ``scale`` of the data clause, is
+    number ``cells[i]`` of the parameters of a data set: those of its groups one after the other, each row by row.
     Either is a slice where its places are evenly spaced.
     """
 
     table: str
     name: str
     rows: int
-    factor: float
+    scale: Scale
     positions: Indices | slice
     cells: Indices | slice
 
     def enter(self, given: Floats, parameters: Floats) -> None:
         """Put columns (…, rows) into the parameters (…, P)."""
         chosen = given[..., self.positions]
-        parameters[..., self.cells] = chosen if self.factor == 1.0 else chosen * self.factor
+        parameters[..., self.cells] = self.scale.to_si(chosen)
 
     def entry(self, parameters: Floats) -> Callable[[Floats], None]:
         """What puts columns (rows,) into these very parameters (P,): `enter` in a third of the time."""
         every = isinstance(self.positions, slice) and self.positions == slice(0, self.rows, 1)
-        if not every or not isinstance(self.cells, slice) or self.factor != 1.0:
+        if not every or not isinstance(self.cells, slice) or not self.scale.is_si:
             return lambda given: self.enter(given, parameters)
         target = parameters[self.cells]
 
@@ -150,7 +151,7 @@ def _placed(problem: Problem, tables: Mapping[str, Table], groups: tuple[Group, 
         table=table,
         name=column,
         rows=len(tables[table]),
-        factor=_factor(problem, table, column),
+        scale=_scale(problem, table, column),
         positions=_spaced(np.concatenate(positions)),
         cells=_spaced(np.concatenate(cells)),
     )
@@ -165,22 +166,22 @@ def _spaced(places: Indices) -> Indices | slice:
     return slice(int(places[0]), int(places[-1]) + 1, step)
 
 
-def _factor(problem: Problem, table: str, column: str) -> float:
-    """SI per unit in which the data clause wants the column; columns of pairs and joins follow those they came from."""
+def _scale(problem: Problem, table: str, column: str) -> Scale:
+    """The scale in which the data clause wants the column; columns of pairs and joins follow those they came from."""
     for pair in problem.pairs:
         if pair.name == table:
             alias, _, column = column.partition(".")
-            return _factor(problem, dict(pair.sides)[alias], column)
+            return _scale(problem, dict(pair.sides)[alias], column)
     plan = next((p for p in problem.plans if p.name == table), None)
     if plan is None:
-        return 1.0
+        return SI
     for declared in plan.declaration.columns:
         if declared.name == column:
-            return declared.factor
+            return declared.scale
     for join in plan.joins:
         if column.startswith(f"{join.alias}."):
-            return _factor(problem, join.table, column.removeprefix(f"{join.alias}."))
-    return 1.0
+            return _scale(problem, join.table, column.removeprefix(f"{join.alias}."))
+    return SI
 
 
 def _deciding(problem: Problem, groups: tuple[Group, ...]) -> dict[Name, str]:

@@ -71,10 +71,10 @@ def _renamed(raw: RawTable, declaration: TableDeclaration) -> dict[str, Column]:
 
 
 def _in_si(column: Column, declared: ColumnDeclaration) -> Column:
-    """The column with its new name, its numbers times the factor of the unit."""
+    """The column with its new name, its numbers in SI."""
     numbers = column.numbers
-    if numbers is not None and declared.factor != 1.0:
-        numbers = frozen(numbers * declared.factor)
+    if numbers is not None and not declared.scale.is_si:
+        numbers = frozen(declared.scale.to_si(numbers))
     return replace(column, name=declared.name, numbers=numbers, unit=declared.unit or column.unit)
 
 

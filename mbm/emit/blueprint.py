@@ -39,7 +39,7 @@ from mbm.emit.types import (
     UnknownShape,
 )
 from mbm.expression.nodes import ColumnMember, Expression, Member
-from mbm.expression.units import parse_unit
+from mbm.expression.units import scale_of
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import Relation
@@ -57,6 +57,7 @@ from mbm.problem.types import (
     Unknown,
     UnknownKind,
 )
+from mbm.scales import SI
 from mbm.symbolic.printing import printed
 from mbm.symbolic.types import Purpose, ResidualBlock, Slot, SymbolicModel
 
@@ -167,7 +168,6 @@ class Drafting:
         for column in raw.columns.values():
             if column.name not in wanted:
                 continue
-            unit = parse_unit(column.unit) if column.unit else None
             columns.append(
                 TableColumn(
                     name=Foreign(column.name),
@@ -175,7 +175,7 @@ class Drafting:
                     source=Foreign(raw.provenance.source_columns.get(column.name, column.name)),
                     is_text=column.is_text,
                     unit=Foreign(column.unit or ""),
-                    factor=1.0 if unit is None else unit.factor,
+                    scale=scale_of(column.unit),
                 )
             )
         return TableShape(name=Foreign(name), identifier=table, columns=tuple(columns), where=where)
@@ -244,7 +244,7 @@ class Drafting:
             bounded=_bounded(unknown.manifold),
             fixed=rows(unknown.fixed, "fixed"),
             unit=Foreign("" if unknown.unit is None else unknown.unit.symbol),
-            factor=1.0 if unknown.unit is None else unknown.unit.factor,
+            scale=SI if unknown.unit is None else unknown.unit.scale,
             doc=Foreign(unknown.doc),
         )
 
@@ -306,7 +306,7 @@ class Drafting:
             angle=derived.turns,
             cases=tuple(self._value(derived, identifier, kernel, symbolic) for kernel, symbolic in mine),
             unit=Foreign("" if derived.unit is None else derived.unit.symbol),
-            factor=1.0 if derived.unit is None else derived.unit.factor,
+            scale=SI if derived.unit is None else derived.unit.scale,
         )
 
     def _value(self, derived: Derived, name: str, kernel: Kernel, symbolic: ResidualBlock) -> BlockCase:

@@ -36,7 +36,7 @@ def table_text(shape: TableShape, given: GivenTable) -> str:
         if isinstance(held, tuple):
             columns.append(list(map(field, held)))
         else:
-            columns.append([repr(float(value)) for value in np.asarray(held) / column.factor])
+            columns.append([repr(float(value)) for value in column.scale.from_si(np.asarray(held))])
     lines += [",".join(cells) for cells in zip(*columns, strict=True)]
     return "\n".join(lines) + "\n"
 

@@ -16,6 +16,7 @@ from mbm.kernels.types import Kernel
 from mbm.machine.program import Program
 from mbm.problem.kinds import ConstraintMethod
 from mbm.problem.types import BlockRole, Loss, Method, NoiseKind, UnknownKind
+from mbm.scales import Scale
 from mbm.solver.range_maps import RangeMaps
 from mbm.values import dataclass
 
@@ -48,7 +49,7 @@ class OutputFile:
 class TableColumn:
     """A column of a table: ``source`` is its name in the file's header, ``name`` that of the problem.
 
-    Numbers are given to the solver in SI; ``unit`` (of ``factor`` in SI) is what the file states them in, "" for none.
+    Numbers are given to the solver in SI; ``unit`` with its ``scale`` is what the file states them in, "" for none.
     """
 
     name: Foreign
@@ -56,7 +57,7 @@ class TableColumn:
     source: Foreign
     is_text: bool
     unit: Foreign
-    factor: float
+    scale: Scale
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,7 +171,7 @@ class RowPrograms:
 class UnknownShape:
     """An unknown: ``size`` numbers and ``freedom`` coordinates for each member of ``family`` (None: one member).
 
-    ``pieces`` are the parts of its manifold in order: label, numbers, coordinates. ``unit`` has ``factor`` in SI.
+    ``pieces`` are the parts of its manifold in order: label, numbers, coordinates. ``unit`` has a ``scale``.
     ``bounded`` are the coordinates that
     ``lower`` and ``upper`` speak of; ``fallback`` are the numbers to begin with where the problem states none, or
     (``replaced``) instead of what it states, given by the caller of the compiler.
@@ -196,7 +197,7 @@ class UnknownShape:
     bounded: tuple[int, ...]
     fixed: RowPrograms | None
     unit: Foreign
-    factor: float
+    scale: Scale
     doc: Foreign
 
 
@@ -264,7 +265,7 @@ class BlockShape:
 class DerivedShape:
     """A quantity computed from the estimates: ``size`` numbers, once or for each kept row of ``table``.
 
-    Its cases have no equations and no noise. ``unit`` has ``factor`` in SI. An ``angle`` is given in (−π, π].
+    Its cases have no equations and no noise. ``unit`` has a ``scale``. An ``angle`` is given in (−π, π].
     """
 
     name: Foreign
@@ -274,7 +275,7 @@ class DerivedShape:
     angle: bool
     cases: tuple[BlockCase, ...]
     unit: Foreign
-    factor: float
+    scale: Scale
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,7 +1,7 @@
 """Building expressions: constants fold, neutral elements vanish, angles stay angles.
 
 Folding never hides a clash of units: a literal without a unit may still take one (LANGUAGE §6), so only numbers whose
-dimensions are both open, or both known, are combined.
+dimensions are both open, or both known, are combined; and no temperatures that are counted from a zero of their own.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def apply(operation: Operation, *arguments: Expression, span: Span | None = None
         simpler = _simplify(operation, arguments)
         if simpler is not None:
             return simpler
-    if len(numbers) == len(arguments):
+    if len(numbers) == len(arguments) and True not in [a.absolute for a in numbers]:
         folded = _fold(operation, numbers, span)
         if folded is not None:
             return folded

@@ -69,6 +69,8 @@ class Inference:
         self._terms: dict[int, Term] = {}
         self._alive: list[Expression] = []
         self.clashes: list[Clash] = []
+        self.has_absolute = False
+        """Whether a number or constant is a temperature on a scale with a zero of its own."""
 
     def visit(self, roots: tuple[Expression, ...]) -> None:
         """Take in the equations of every node below ``roots``."""
@@ -99,6 +101,8 @@ class Inference:
 
     def _leaf(self, node: Expression) -> Term:
         variable: Variable
+        if isinstance(node, Number | Constant):
+            self.has_absolute |= node.absolute
         if isinstance(node, Number):
             if node.dimension is not None:
                 return Term(node.dimension)

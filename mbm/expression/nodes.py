@@ -152,23 +152,25 @@ def nearest(value: int | Fraction | float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Number:
-    """A number in SI. ``dimension`` None: the number takes whatever dimension its uses ask for."""
+    """A number in SI; ``dimension`` None: as its uses ask. ``absolute``: ``20degC``, whose scale has its own zero."""
 
     value: int | Fraction | float
     dimension: Dimension | None = None
     span: Span | None = field(default=None, repr=False)
     angle: bool = False
+    absolute: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constant:
-    """A constant of the problem: a value that a caller may override without compiling again."""
+    """A constant of the problem: a value that a caller may override without compiling again; as a `Number` else."""
 
     name: str
     value: float
     dimension: Dimension | None = None
     span: Span | None = field(default=None, repr=False)
     angle: bool = False
+    absolute: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

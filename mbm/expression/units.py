@@ -1,27 +1,42 @@
-"""The units that mbm knows: a closed list. Quantities are kept in SI, so a unit is a factor and a dimension.
+"""The units that mbm knows: a closed list. Quantities are kept in SI, so a unit is a scale and a dimension.
 
 Factors: SI brochure, 9th edition (2019), tables 2, 4, 7 and 8; inch, foot, mile and pound by the international yard and
-pound agreement; torr and psi follow from the standard atmosphere and the standard acceleration of gravity.
+pound agreement; torr and psi follow from the standard atmosphere and the standard acceleration of gravity. Celsius and
+Fahrenheit: SI brochure, 2.3.1, and NIST SP 811, B.8; they have a zero of their own, which differences do not have.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from fractions import Fraction
 from math import inf, pi
 from types import MappingProxyType
 
 from mbm.expression.dimension import NONE, Dimension, base
+from mbm.scales import SI, Scale
 from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit: ``value in SI = factor · value in the unit``."""
+    """A unit: what numbers in it are, and their dimension."""
 
     symbol: str
     factor: float
     dimension: Dimension
+    zero: float = 0.0
+
+    @property
+    def scale(self) -> Scale:
+        """Numbers in the unit and in SI."""
+        return Scale(self.factor, self.zero)
+
+    def exact_si(self, value: int | Fraction | float) -> int | Fraction | float:
+        """A written number in SI. Decimal numbers are exact: 70cm is 0.7 m, and 20.1degC is 293.25 K."""
+        if self.scale.is_si:
+            return value
+        return float(Fraction(str(value)) * Fraction(repr(self.factor)) + Fraction(repr(self.zero)))
 
 
 _M, _KG, _S, _A, _K, _MOL, _CD = (base(n) for n in ("m", "kg", "s", "A", "K", "mol", "cd"))
@@ -50,21 +65,23 @@ _PLAIN: tuple[tuple[str, float, Dimension], ...] = (
     ("d", 86400.0, _S), ("t", 1e3, _KG), ("lb", 0.45359237, _KG), ("deg", pi / 180, NONE), ("arcmin", pi / 10800, NONE),
     ("arcsec", pi / 648000, NONE), ("rev", 2 * pi, NONE), ("px", 1.0, NONE), ("%", 1e-2, NONE), ("ppm", 1e-6, NONE),
     ("ppb", 1e-9, NONE), ("rpm", 2 * pi / 60, _S**-1), ("Torr", 101325 / 760, _N / _M**2),
-    ("psi", 0.45359237 * 9.80665 / 0.0254**2, _N / _M**2), ("G", 9.80665, _M / _S**2),
+    ("psi", 0.45359237 * 9.80665 / 0.0254**2, _N / _M**2), ("G", 9.80665, _M / _S**2), ("degR", 5 / 9, _K),
+)  # fmt: skip
+
+_FAHRENHEIT = (5 / 9, 459.67 * 5 / 9)
+_WITH_ZERO: tuple[tuple[str, float, float], ...] = (
+    ("degC", 1.0, 273.15), ("°C", 1.0, 273.15), ("degF", *_FAHRENHEIT), ("°F", *_FAHRENHEIT),
 )  # fmt: skip
 
 REFUSED: Mapping[str, str] = MappingProxyType(
     {
-        "degC": "Celsius has an offset: state kelvin (K), or the difference of temperatures",
-        "degF": "Fahrenheit has an offset: state kelvin (K)",
-        "°C": "Celsius has an offset: state kelvin (K), or the difference of temperatures",
         "dB": "a logarithmic unit: give the column no unit and write the logarithm in the equation",
         "dBm": "a logarithmic unit: give the column no unit and write the logarithm in the equation",
         "dBi": "a logarithmic unit: give the column no unit and write the logarithm in the equation",
         "pH": "a logarithmic unit: give the column no unit and write the logarithm in the equation",
     }
 )
-"""Units that people write and that are no factor times SI, with what to do instead."""
+"""Units that people write and that mbm does not read, with what to do instead."""
 
 
 PREFIXES: Mapping[str, int] = MappingProxyType(dict(_PREFIXES))
@@ -78,11 +95,16 @@ TAKE_PREFIXES: Mapping[str, Unit] = MappingProxyType(
 PLAIN: Mapping[str, Unit] = MappingProxyType({s: Unit(s, f, d) for s, f, d in _PLAIN})
 """Units that take no prefix."""
 
+WITH_ZERO: Mapping[str, Unit] = MappingProxyType({s: Unit(s, f, _K, zero) for s, f, zero in _WITH_ZERO})
+"""Temperatures on a scale with a zero of its own. Within a compound (``mV/degC``) they are differences."""
+
 
 def unit_called(symbol: str) -> Unit | None:
     """The unit with a symbol that may stand alone or in a compound such as ``m/s^2``, or None."""
     if symbol in PLAIN:
         return PLAIN[symbol]
+    if symbol in WITH_ZERO:
+        return WITH_ZERO[symbol]
     for width in range(3):
         prefix, rest = symbol[:width], symbol[width:]
         if rest in _PREFIXED and prefix in PREFIXES and symbol not in REFUSED:
@@ -91,7 +113,7 @@ def unit_called(symbol: str) -> Unit | None:
     return None
 
 
-_FACTOR = r"(?P<name>1|[^\W\d_]+|%)(?:\^(?P<power>-?\d{1,2}))?"
+_FACTOR = r"(?P<name>1|[^\W\d_]+|%|°[CF])(?:\^(?P<power>-?\d{1,2}))?"
 
 
 def parse_unit(text: str) -> Unit | None:
@@ -122,6 +144,12 @@ def parse_unit(text: str) -> Unit | None:
             return None
         sign = 1 if text[position] == "*" else -1
         position += 1
+
+
+def scale_of(symbol: str | None) -> Scale:
+    """The scale of a unit on the list, by what `parse_unit` reads; SI for None and what is not on the list."""
+    unit = parse_unit(symbol) if symbol else None
+    return SI if unit is None else unit.scale
 
 
 def refused_unit(text: str) -> str | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from fractions import Fraction
 from typing import TypeVar
 
 from mbm.expression.algebra import UndefinedValueError
@@ -119,13 +118,10 @@ class FormEvaluator:
         unit = parse_unit(form.unit)
         if unit is None:
             raise MbmError(faults.unknown_unit(form.span, form.unit, refused_unit(form.unit)))
-        # Decimal factors multiply exactly: 70cm is 0.7 m, not 0.7000000000000001 m.
-        value = form.value
-        if unit.factor != 1:
-            value = float(Fraction(str(form.value)) * Fraction(repr(unit.factor)))
+        value = unit.exact_si(form.value)
         if not math.isfinite(value):
             raise MbmError(faults.undefined_value(form.span, form.span.text))
-        return Number(value, unit.dimension, form.span)
+        return Number(value, unit.dimension, form.span, absolute=unit.zero != 0.0)
 
     def name(self, form: Symbol, scope: Scope) -> Value:
         """What a symbol in argument position denotes: a variable, else a function."""

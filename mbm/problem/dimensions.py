@@ -21,6 +21,7 @@ from mbm.problem.sequence.dimensions import same_columns, scale_faults
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import PairDeclaration, Table
 from mbm.problem.types import Block, BlockRole, Derived, Equation, NoiseKind, TablePlan, Unknown, UnknownKind
+from mbm.problem.zero_points import zero_faults
 from mbm.text.types import Diagnostic, Label, Place, Span
 
 
@@ -77,6 +78,8 @@ def infer(
     diagnostics += factor_faults(blocks, inference)
     if sequence is not None:
         diagnostics += scale_faults(sequence, unknowns, inference)
+    if not diagnostics:
+        diagnostics += zero_faults((inference, declared), (unknowns, blocks, *wanted), tables, stated, sequence)
     united = blocks if diagnostics else with_units(blocks, inference, tables)
     return _dimensions(inference, unknowns, derived), united, _without_repeats(diagnostics)
 

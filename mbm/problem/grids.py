@@ -7,8 +7,12 @@ import numpy as np
 from mbm.expression.nodes import Expression
 from mbm.expression.units import Unit
 from mbm.problem.tables import Column, Numbers, Provenance, Table
+from mbm.scales import SI, Scale
 from mbm.text.types import Span
 from mbm.values import dataclass
+
+ROUNDED = 11
+"""Decimals of temperatures: some hundreds of kelvin have errors of 1e-13, and keys are to read 32, not 31.9999999."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,17 +32,22 @@ class Grid:
     ends: tuple[Expression, Expression]
     span: Span
 
+    @property
+    def scale(self) -> Scale:
+        """The scale of the unit that the values are reported in."""
+        return SI if self.unit is None else self.unit.scale
+
     def shown(self) -> Numbers:
         """The values (count,) in the unit that they are reported in."""
-        factor = self.unit.factor if self.unit is not None else 1.0
+        scale = self.scale
         with np.errstate(over="ignore", invalid="ignore"):
-            return np.linspace(self.first / factor, self.last / factor, self.count)
+            found = np.linspace(scale.from_si(self.first), scale.from_si(self.last), self.count)
+            return found if scale.zero == 0.0 else np.round(found, ROUNDED)
 
     def rows(self) -> Table:
         """The table, its values in SI."""
-        factor = self.unit.factor if self.unit is not None else 1.0
         symbol = self.unit.symbol if self.unit is not None else None
-        column = Column(name=self.variable, numbers=self.shown() * factor, unit=symbol)
+        column = Column(name=self.variable, numbers=self.scale.to_si(self.shown()), unit=symbol)
         rows = np.arange(1, self.count + 1)
         provenance = Provenance(path=self.table, sha256=None, rows=self.count, file_rows=rows, inline=True)
         return Table(

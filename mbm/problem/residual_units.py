@@ -58,7 +58,7 @@ def _unit(equation: Equation, place: int, dimension: Dimension | None, tables: M
         return next(iter(stated.values()))
     if equation.noise_kind in (NoiseKind.SIGMA, NoiseKind.BOUND):
         unit = _written(equation.noise[place], tables)
-        if unit is not None and unit.factor == 1 and suits(unit):
+        if unit is not None and unit.scale.is_si and suits(unit):
             return unit
     if turns or (kind is not None and suits(kind)):
         return _RADIAN if turns else kind

@@ -12,6 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.scales import Scale
 from mbm.text.types import DataPlace, Diagnostic, Span
 from mbm.values import dataclass
 
@@ -73,7 +74,7 @@ class ColumnDeclaration:
     name: str
     source: str
     unit: str | None
-    factor: float
+    scale: Scale
     span: Span
 
 

@@ -157,7 +157,7 @@ class _Item:
         self._quantity = item.quantity
         self._values: Floats | list[Any] = item.value
         if item.quantity.kind not in GEOMETRIC:
-            self._values = np.asarray(item.value / item.quantity.factor, dtype=float).tolist()
+            self._values = item.quantity.scale.from_si(np.asarray(item.value, dtype=np.float64)).tolist()
         self.sigma: list[Any] = sigma.tolist()
         self.finite: Mask = _finite(np.asarray(item.value)) & _finite(sigma)
         self._intervals = intervals(item, coverage)

@@ -68,7 +68,7 @@ def derived_covariance(
         quantity = value.quantity
         of_quantity = element_names(quantity, value.keys)
         names.extend(of_quantity)
-        by_scalar = [quantity.factor] * len(of_quantity)
+        by_scalar = [quantity.scale.factor] * len(of_quantity)
         if quantity.kind in GEOMETRIC:
             tangent = coordinate_factors(quantity).tolist()
             by_scalar = tangent * (len(of_quantity) // len(tangent))

@@ -66,14 +66,14 @@ def band(problem: Problem, solution: Solution, derived: Derived, clause: str | N
     return prediction(problem, solution, derived, grid.rows(), clause=clause)
 
 
-def curve_of(found: Prediction, abscissa: Floats, factor: float) -> Curve:
-    """The curve of a prediction, its numbers in the unit shown times ``factor``."""
+def curve_of(found: Prediction, abscissa: Floats) -> Curve:
+    """The curve of a prediction, its numbers in the unit shown."""
     reading = found.reading
     return Curve(
         abscissa=abscissa,
-        values=factor * np.asarray(found.item.value)[:, None] / found.item.quantity.factor,
-        band=factor * np.stack([found.intervals.low, found.intervals.high]),
-        reading=None if reading is None else factor * np.stack([reading.low, reading.high]),
+        values=found.item.quantity.scale.from_si(np.asarray(found.item.value))[:, None],
+        band=np.stack([found.intervals.low, found.intervals.high]),
+        reading=None if reading is None else np.stack([reading.low, reading.high]),
         coverage=found.level,
     )
 

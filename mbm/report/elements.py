@@ -13,6 +13,7 @@ from mbm.problem.naming import member_name, plain_number, scalar_name
 from mbm.report import geometric
 from mbm.report.digits import Measured, enclosed, measured
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask, Quantity, SolveReport
+from mbm.scales import SI
 from mbm.values import dataclass
 
 
@@ -81,9 +82,8 @@ def shown_bounds(item: Estimate | DerivedValue) -> Floats | None:
     """
     if item.bounds is None:
         return None
-    units = np.asarray(factors(item.quantity), dtype=np.float64)
-    found = item.bounds / units[..., None]
-    if bool((units != 1.0).any()):
+    found = np.moveaxis(in_unit(item.quantity, np.moveaxis(np.asarray(item.bounds), -1, 0)), 0, -1)
+    if not item.quantity.scale.is_si:
         outward = np.nextafter(found, np.array([-np.inf, np.inf]))
         found = np.where(found == 0.0, 0.0, outward)
     return np.asarray(found, dtype=np.float64)
@@ -91,12 +91,19 @@ def shown_bounds(item: Estimate | DerivedValue) -> Floats | None:
 
 def shown_values(item: Estimate | DerivedValue) -> Floats:
     """The values of the scalars in the unit of the quantity: of rotations and the like, the tangent coordinates."""
-    return np.asarray(_coordinates(item) / factors(item.quantity), dtype=np.float64)
+    return np.asarray(in_unit(item.quantity, _coordinates(item)), dtype=np.float64)
 
 
 def factors(quantity: Quantity) -> Floats | float:
-    """SI per unit shown, along the last axis of sigmas."""
-    return geometric.coordinate_factors(quantity) if quantity.kind in geometric.GEOMETRIC else quantity.factor
+    """SI per unit shown of differences, along the last axis of sigmas."""
+    return geometric.coordinate_factors(quantity) if quantity.kind in geometric.GEOMETRIC else quantity.scale.factor
+
+
+def in_unit(quantity: Quantity, values: Floats) -> Floats:
+    """Values with the shape of sigmas, SI, in the unit of the quantity."""
+    if quantity.kind in geometric.GEOMETRIC:
+        return np.asarray(values / geometric.coordinate_factors(quantity))
+    return quantity.scale.from_si(values)
 
 
 def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
@@ -139,7 +146,7 @@ def coordinate_quantity(quantity: Quantity, place: int) -> Quantity:
     label = found.labels[place % found.tangent]
     if label.startswith(".trans"):
         return replace(quantity, kind=Kind.REAL)
-    return replace(quantity, kind=Kind.REAL if label == ".logscale" else Kind.ANGLE, unit=None, factor=1.0)
+    return replace(quantity, kind=Kind.REAL if label == ".logscale" else Kind.ANGLE, unit=None, scale=SI)
 
 
 def solve_scalars(solve: SolveReport) -> Iterator[Scalar]:

@@ -40,7 +40,7 @@ def coordinate_factors(quantity: Quantity) -> Floats:
 def _pieces(quantity: Quantity) -> list[tuple[Piece, float]]:
     found = manifold(quantity)
     moved = [p is Piece.NUMBER and not angle for p, angle in zip(found.pieces, found.angles, strict=True)]
-    return [(p, quantity.factor if m else 1.0) for p, m in zip(found.pieces, moved, strict=True)]
+    return [(p, quantity.scale.factor if m else 1.0) for p, m in zip(found.pieces, moved, strict=True)]
 
 
 def coordinate_values(quantity: Quantity, numbers: Floats) -> Floats:

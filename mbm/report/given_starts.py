@@ -18,6 +18,7 @@ from mbm.report.geometric import GEOMETRIC, number_factors
 from mbm.report.initial import InitialValue, initial_values, is_document
 from mbm.report.quantities import quantity_of
 from mbm.report.types import Floats
+from mbm.scales import Scale
 from mbm.text.suggest import closest
 from mbm.text.types import MbmError
 
@@ -50,7 +51,7 @@ def given_starts(problem: Problem, tables: Mapping[str, Table], init: Mapping[st
                 raise MbmError(faults.bad_initial_value(name, "a value for a name that is no unknown"))
             if not is_document(init):
                 _check_complete(unknown, given.value)
-            value = given.value * _factors(problem, unknown, given)
+            value = _in_si(problem, unknown, given)
             if given.keys is not None:
                 if not is_document(init):
                     _check_keys(unknown, given.keys, tables)
@@ -127,20 +128,20 @@ def _by_member(unknown: Unknown, keys: tuple[CellKey, ...], value: Floats, wante
     return found
 
 
-def _factors(problem: Problem, unknown: Unknown, given: InitialValue) -> Floats | float:
-    """SI value per value as given, for each number."""
-    factor = _factor(problem, unknown, given)
-    quantity = replace(quantity_of(problem, unknown), factor=factor)
+def _in_si(problem: Problem, unknown: Unknown, given: InitialValue) -> Floats:
+    """The numbers that are given, in SI."""
+    scale = _scale(problem, unknown, given)
+    quantity = replace(quantity_of(problem, unknown), scale=scale)
     if quantity.kind in GEOMETRIC and given.value.shape[-1:] == unknown.shape:
-        return number_factors(quantity)
-    return factor
+        return np.asarray(given.value * number_factors(quantity))
+    return scale.to_si(given.value)
 
 
-def _factor(problem: Problem, unknown: Unknown, given: InitialValue) -> float:
-    """SI value per value as given, for what has a unit."""
+def _scale(problem: Problem, unknown: Unknown, given: InitialValue) -> Scale:
+    """The scale of the unit that the numbers are given in."""
     quantity = quantity_of(problem, unknown)
     if given.unit is None or given.unit == quantity.unit:
-        return quantity.factor
+        return quantity.scale
     unit = parse_unit(given.unit)
     if unit is None:
         raise MbmError(faults.bad_initial_value(unknown.name, f"in `{given.unit}`, which is no unit"))
@@ -151,4 +152,4 @@ def _factor(problem: Problem, unknown: Unknown, given: InitialValue) -> float:
         if wanted is not None and wanted != unit.dimension:
             what = f"in `{given.unit}`, {unit.dimension.describe()}; it is {wanted.describe()}"
             raise MbmError(faults.bad_initial_value(unknown.name, what))
-    return unit.factor
+    return unit.scale

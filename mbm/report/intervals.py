@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mbm.estimation.coverage.student import coverage_factors, shortest
-from mbm.report.elements import factors, shown_sigma, shown_values
+from mbm.report.elements import factors, in_unit, shown_sigma, shown_values
 from mbm.report.types import DerivedValue, Estimate, Floats
 from mbm.values import dataclass
 
@@ -109,7 +109,7 @@ def _limited(item: Estimate | DerivedValue, found: Intervals, values: Floats, si
     if spread is None or spread.lower is None or spread.upper is None:
         return
     unit = factors(item.quantity)
-    lower, upper = (np.asarray(each / unit) for each in (spread.lower, spread.upper))
+    lower, upper = (in_unit(item.quantity, np.asarray(each)) for each in (spread.lower, spread.upper))
     step, free = (np.full(sigma.shape, np.nan) if e is None else e / unit for e in (spread.step, spread.free))
     held, untold = np.isfinite(step) & (free > 0.0), np.isinf(step)
     found.low[untold], found.high[untold] = np.nan, np.nan

@@ -14,6 +14,7 @@ from mbm.report.geometric import GEOMETRIC, number_factors
 from mbm.report.intervals import Intervals, intervals
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask
 from mbm.rotations import matrix_of_quaternion, planar
+from mbm.scales import SI
 from mbm.values import dataclass
 
 ROTATED = frozenset({Kind.ROTATION, Kind.POSE, Kind.SIMILARITY})
@@ -80,8 +81,9 @@ class Named:
     def value(self) -> Floats:
         """The value."""
         quantity = self.item.quantity
-        factor = number_factors(quantity) if quantity.kind in GEOMETRIC else quantity.factor
-        return self._part(np.asarray(self.item.value / factor))
+        value = np.asarray(self.item.value)
+        geometric = quantity.kind in GEOMETRIC
+        return self._part(value / number_factors(quantity) if geometric else quantity.scale.from_si(value))
 
     @property
     def sigma(self) -> Floats:
@@ -120,11 +122,11 @@ class Named:
     def si(self) -> Named:
         """The same in SI."""
         quantity = self.item.quantity
-        unit = None if quantity.unit is None or quantity.factor == 1.0 else parse_unit(quantity.unit)
+        unit = None if quantity.unit is None or quantity.scale.is_si else parse_unit(quantity.unit)
         if unit is None:
             return self
         symbol = "rad" if quantity.kind is Kind.ANGLE else unit.dimension.symbol() or None
-        return replace(self, item=replace(self.item, quantity=replace(quantity, unit=symbol, factor=1.0)))
+        return replace(self, item=replace(self.item, quantity=replace(quantity, unit=symbol, scale=SI)))
 
     @property
     def dof(self) -> Floats:

@@ -205,7 +205,7 @@ def _axis_label(name: str, index: int, unit: str) -> str:
 
 def _plane(solve: SolveReport, estimate: Estimate, pair: tuple[int, int]) -> tuple[Floats, Floats]:
     """Centres (k, 2) and covariances (k, 2, 2) of the members in the unit of the quantity; NaN where unknown."""
-    members = np.reshape(estimate.value, (-1, estimate.quantity.shape[0])) / estimate.quantity.factor
+    members = estimate.quantity.scale.from_si(np.reshape(estimate.value, (-1, estimate.quantity.shape[0])))
     names = np.reshape(element_names(estimate.quantity, estimate.keys), members.shape)
     centres = members[:, list(pair)]
     covariances = np.full((len(members), 2, 2), np.nan)
@@ -215,7 +215,7 @@ def _plane(solve: SolveReport, estimate: Estimate, pair: tuple[int, int]) -> tup
             places = [position.get(str(row[i])) for i in pair]
             known = [place for place in places if place is not None]
             if len(known) == 2:
-                covariances[member] = solve.covariance.matrix[np.ix_(known, known)] / estimate.quantity.factor**2
+                covariances[member] = solve.covariance.matrix[np.ix_(known, known)] / estimate.quantity.scale.factor**2
     return centres, covariances
 
 

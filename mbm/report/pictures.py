@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,8 @@ from mbm.report.curves import along, band, curve_of, smooth
 from mbm.report.elements import unit_text
 from mbm.report.plot_data import Curve, PlotData
 from mbm.report.residuals import measured_side
+from mbm.report.types import Floats
+from mbm.scales import SI, Scale
 
 
 def plot_data(problem: Problem, solution: Solution) -> tuple[PlotData, ...]:
@@ -53,7 +56,8 @@ def _of_block(problem: Problem, solution: Solution, i: int) -> tuple[PlotData, D
     made = None if over is None else band(problem, solution, over, block.name)
     curve: Curve | None
     if made is not None and made.table is not None and over is not None and over.grid is not None:
-        curve = curve_of(made, made.table.numbers(over.grid.variable), made.item.quantity.factor)
+        curve = curve_of(made, made.table.numbers(over.grid.variable))
+        curve = _changed(curve, curve.abscissa, (made.item.quantity.scale.to_si,))
     else:
         over, curve = None, None if name is None or at is None else smooth(problem, solution, i, name, at)
     data = PlotData(
@@ -70,29 +74,38 @@ def _of_block(problem: Problem, solution: Solution, i: int) -> tuple[PlotData, D
 
 def _in_units(data: PlotData, table: Table) -> PlotData:
     """The numbers in the units that their columns state."""
-    across, name = _unit(table, data.abscissa_label)
-    scales, labels = zip(*(_unit(table, label) for label in data.labels), strict=True)
-    curve = data.curve
+    across, name = _scale(table, data.abscissa_label)
+    scales, labels = zip(*(_scale(table, label) for label in data.labels), strict=True)
+    curve, changes = data.curve, tuple(scale.from_si for scale in scales)
     if curve is not None:
-        inner, outer = (None if each is None else each / scales[0] for each in (curve.band, curve.reading))
-        values = curve.values / np.array(scales)
-        curve = replace(curve, abscissa=curve.abscissa / across, values=values, band=inner, reading=outer)
+        curve = _changed(curve, across.from_si(curve.abscissa), changes)
     return replace(
         data,
-        measured=data.measured / scales,
-        model=data.model / scales,
+        measured=_columns(data.measured, changes),
+        model=_columns(data.model, changes),
         labels=tuple(str(label) for label in labels),
-        abscissa=None if data.abscissa is None else data.abscissa / across,
+        abscissa=None if data.abscissa is None else across.from_si(data.abscissa),
         abscissa_label=name,
         curve=curve,
     )
 
 
-def _unit(table: Table, name: str | None) -> tuple[float, str | None]:
-    """SI per unit of a column, and its name with the unit; 1 and the name as it is where there is none."""
+def _changed(curve: Curve, abscissa: Floats, changes: Sequence[Callable[[Floats], Floats]]) -> Curve:
+    """A curve with other numbers in its columns."""
+    inner, outer = (None if each is None else changes[0](each) for each in (curve.band, curve.reading))
+    return replace(curve, abscissa=abscissa, values=_columns(curve.values, changes), band=inner, reading=outer)
+
+
+def _columns(numbers: Floats, changes: Sequence[Callable[[Floats], Floats]]) -> Floats:
+    """Numbers (n, c), each column changed."""
+    return np.stack([change(numbers[:, j]) for j, change in enumerate(changes)], axis=-1)
+
+
+def _scale(table: Table, name: str | None) -> tuple[Scale, str | None]:
+    """The scale of a column, and its name with the unit; SI and the name as it is where there is none."""
     column = None if name is None else table.columns.get(name)
     unit = None if column is None or column.unit is None else parse_unit(column.unit)
-    return (1.0, name) if unit is None else (unit.factor, f"{name} ({unit.symbol})")
+    return (SI, name) if unit is None else (unit.scale, f"{name} ({unit.symbol})")
 
 
 def _of_grid(problem: Problem, solution: Solution, derived: Derived) -> PlotData | None:
@@ -101,7 +114,6 @@ def _of_grid(problem: Problem, solution: Solution, derived: Derived) -> PlotData
     grid = derived.grid
     if made is None or made.table is None or grid is None:
         return None
-    factor = grid.unit.factor if grid.unit is not None else 1.0
     unit = unit_text(made.item.quantity)
     return PlotData(
         clause=derived.name,
@@ -110,7 +122,7 @@ def _of_grid(problem: Problem, solution: Solution, derived: Derived) -> PlotData
         labels=(f"{derived.name} ({unit})" if unit else derived.name,),
         abscissa=np.empty(0),
         abscissa_label=grid.variable if grid.unit is None else f"{grid.variable} ({grid.unit.symbol})",
-        curve=curve_of(made, made.table.numbers(grid.variable) / factor, 1.0),
+        curve=curve_of(made, grid.scale.from_si(made.table.numbers(grid.variable))),
     )
 
 

@@ -13,7 +13,7 @@ from mbm.equations.whitening import stated_noise
 from mbm.estimation.coverage.student import coverage_factors
 from mbm.estimation.search.solution import Solution
 from mbm.expression.nodes import Component, leaves
-from mbm.expression.units import parse_unit
+from mbm.expression.units import scale_of
 from mbm.problem.modelled import Modelled, columns_of, observations_of
 from mbm.problem.tables import Column, Provenance, Table
 from mbm.problem.types import Derived, Equation, NoiseKind, Problem
@@ -127,14 +127,13 @@ def prediction_table(found: Prediction) -> Any:
     arrays: dict[str, Any] = {}
     if found.table is not None:
         for column in found.table.columns.values():
-            unit = parse_unit(column.unit) if column.unit is not None else None
-            numbers = None if column.numbers is None else column.numbers / (unit.factor if unit is not None else 1.0)
+            numbers = None if column.numbers is None else scale_of(column.unit).from_si(column.numbers)
             arrays[column.name] = np.array(column.texts, dtype=object) if numbers is None else numbers
     rows = 1 if found.table is None else len(found.table)
-    factor = found.item.quantity.factor
+    scale, value, sigma = found.item.quantity.scale, np.asarray(found.item.value), found.item.sigma
     sides = {
-        "value": np.asarray(found.item.value) / factor,
-        "sigma": np.full(np.shape(found.item.value), np.nan) if found.item.sigma is None else found.item.sigma / factor,
+        "value": scale.from_si(value),
+        "sigma": np.full(value.shape, np.nan) if sigma is None else scale.difference_from_si(sigma),
         "low": found.intervals.low,
         "high": found.intervals.high,
     }
@@ -186,8 +185,7 @@ def _table(solution: Solution, derived: Derived, at: object) -> Table:
             kind = "texts" if mine.is_text else "numbers"
             raise _refused(derived.name, f"the column `{name}` wants {kind}", "give it as the table has it")
         stated = None if mine is None else mine.unit
-        unit = parse_unit(stated) if stated is not None else None
-        numbers = column.numbers if column.numbers is None or unit is None else column.numbers * unit.factor
+        numbers = None if column.numbers is None else scale_of(stated).to_si(column.numbers)
         if name in wanted and numbers is not None and not bool(np.isfinite(numbers).all()):
             raise _refused(derived.name, f"the column `{name}` has a number that is not finite", "leave that row out")
         columns[name] = Column(name=name, numbers=numbers, texts=column.texts, unit=stated)
@@ -222,15 +220,15 @@ def _reading(
         if clause is not None:
             raise _refused(derived.name, noise, "leave `clause` out for the quantity alone")
         return None
-    factor, spread = item.quantity.factor, item.spread
+    scale, spread = item.quantity.scale, item.spread
     if item.sigma is None or spread is None or solution.influence is None:
         return None
     own, other = np.square(item.sigma * spread.inflation), np.square(noise).reshape(item.sigma.shape)
     noise_dof = solution.influence.dof_of_noise(modelled[0].block)
     with np.errstate(all="ignore"):
         dof = np.square((own + other) / (own / np.sqrt(spread.dof) + other / np.sqrt(noise_dof)))
-    reach = coverage_factors(level, dof) * np.sqrt(own + other) / factor
-    value = np.asarray(item.value) / factor
+    reach = scale.difference_from_si(np.asarray(coverage_factors(level, dof) * np.sqrt(own + other)))
+    value = scale.from_si(np.asarray(item.value))
     return Reading(clause=problem.blocks[modelled[0].block].name, low=value - reach, high=value + reach)
 
 

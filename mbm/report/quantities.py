@@ -17,6 +17,7 @@ from mbm.problem.types import Derived, Problem, Unknown, UnknownKind
 from mbm.report import geometric
 from mbm.report.elements import element_names
 from mbm.report.types import Floats, Key, Kind, Quantity
+from mbm.scales import SI, Scale
 from mbm.values import dataclass
 
 UNIT_ONE = "1"
@@ -27,7 +28,7 @@ UNIT_ONE = "1"
 class Shown:
     """How all that a solution estimates is shown: unknowns and derived quantities in their order.
 
-    ``names`` (M,) are those of all coordinates of all unknowns, ``factors`` (M,) SI per unit shown.
+    ``names`` (M,) are those of all coordinates of all unknowns, ``factors`` (M,) SI per unit shown of differences.
     """
 
     unknowns: tuple[Quantity, ...]
@@ -51,14 +52,14 @@ def shown(problem: Problem, solution: Solution) -> Shown:
 
 def quantity_of(problem: Problem, unknown: Unknown) -> Quantity:
     """How an unknown is shown."""
-    unit, factor = _unit(unknown.unit, unknown.kind is UnknownKind.ANGLE, problem, unknown.name, _united(unknown))
+    unit, scale = _unit(unknown.unit, unknown.kind is UnknownKind.ANGLE, problem, unknown.name, _united(unknown))
     return Quantity(
         name=unknown.name,
         kind=Kind(unknown.kind.value),
         shape=unknown.shape,
         dimension=unknown.dimension,
         unit=unit,
-        factor=factor,
+        scale=scale,
         doc=unknown.doc or None,
         over=_steps(problem) if unknown.is_state else None,
     )
@@ -73,7 +74,7 @@ def coordinate_factors(quantity: Quantity, entry: Entry) -> Floats:
     """SI per unit shown for each coordinate of an unknown, members one after the other."""
     if quantity.kind in geometric.GEOMETRIC:
         return np.tile(geometric.coordinate_factors(quantity), entry.members)
-    return np.full(entry.count, quantity.factor)
+    return np.full(entry.count, quantity.scale.factor)
 
 
 def _steps(problem: Problem) -> str | None:
@@ -88,15 +89,15 @@ def derived_quantity(problem: Problem, derived: Derived) -> Quantity:
     if derived.kind is not None:
         square = derived.dimension**2
         lengths = range(square, square + derived.dimension) if derived.kind is not UnknownKind.ROTATION else range(0)
-        unit, factor = _unit(derived.unit, False, problem, derived.name, lengths)
+        unit, scale = _unit(derived.unit, False, problem, derived.name, lengths)
         kind = Kind(derived.kind.value)
         shape, dimension = derived.shape, derived.dimension
         return Quantity(
-            name=derived.name, kind=kind, shape=shape, dimension=dimension, unit=unit, factor=factor, over=over
+            name=derived.name, kind=kind, shape=shape, dimension=dimension, unit=unit, scale=scale, over=over
         )
-    unit, factor = _unit(derived.unit, derived.angle, problem, derived.name, range(size))
+    unit, scale = _unit(derived.unit, derived.angle, problem, derived.name, range(size))
     kind = Kind.ANGLE if derived.turns else Kind.VECTOR if derived.shape else Kind.REAL
-    return Quantity(name=derived.name, kind=kind, shape=derived.shape, unit=unit, factor=factor, over=over)
+    return Quantity(name=derived.name, kind=kind, shape=derived.shape, unit=unit, scale=scale, over=over)
 
 
 def keys_over(derived: Derived, tables: Mapping[str, Table]) -> tuple[str | None, tuple[Key, ...] | None]:
@@ -119,11 +120,11 @@ def _united(unknown: Unknown) -> range:
     return range(0)
 
 
-def _unit(stated: Unit | None, angle: bool, problem: Problem, name: str, numbers: range) -> tuple[str | None, float]:
+def _unit(stated: Unit | None, angle: bool, problem: Problem, name: str, numbers: range) -> tuple[str | None, Scale]:
     if stated is not None:
-        return (None if stated.symbol == UNIT_ONE else stated.symbol), stated.factor
+        return (None if stated.symbol == UNIT_ONE else stated.symbol), stated.scale
     if angle:
-        return "rad", 1.0
+        return "rad", SI
     found: set[Dimension | None] = {problem.dimensions.get((name, i)) for i in numbers}
     dimension = next(iter(found)) if len(found) == 1 else None
-    return (dimension.symbol() or None, 1.0) if dimension is not None else (None, 1.0)
+    return (dimension.symbol() or None, SI) if dimension is not None else (None, SI)

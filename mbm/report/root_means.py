@@ -180,7 +180,7 @@ def _parts(units: tuple[Unit | None, ...], equation: int | None) -> Iterator[_Pa
 
     def part(per: str, first: int, last: int, *, joint: bool = False, brief: bool = True) -> _Part:
         unit = units[first]
-        symbol, factor = (None, 1.0) if unit is None else (unit.symbol, unit.factor)
+        symbol, factor = (None, 1.0) if unit is None else (unit.symbol, unit.scale.factor)
         return _Part(
             per=per, equation=equation, unit=symbol, factor=factor, first=first, last=last, joint=joint, brief=brief
         )

@@ -30,6 +30,7 @@ from mbm.report.options import SimulationSettings
 from mbm.report.quantities import quantity_of
 from mbm.report.solve_document import solve_key
 from mbm.report.types import Quantity
+from mbm.scales import SI
 from mbm.simulation import faults as simulation_faults
 from mbm.simulation.repeating import repeatable
 from mbm.simulation.simulate import simulate
@@ -176,9 +177,9 @@ class Simulator:
             if cells.table != name:
                 continue
             declared = next((c for c in declaration.columns if c.name == cells.column), None)
-            source, factor = (declared.source, declared.factor) if declared is not None else (cells.column, 1.0)
+            source, scale = (declared.source, declared.scale) if declared is not None else (cells.column, SI)
             numbers = origin.numbers(source).copy()
-            numbers[cells.rows - 1] = cells.numbers / factor
+            numbers[cells.rows - 1] = scale.from_si(cells.numbers)
             columns[source] = replace(columns[source], numbers=numbers)
             changed.append(source)
         return SimulatedTable(name=name, columns=tuple(columns.values()), changed=tuple(changed), origin=origin)
@@ -200,7 +201,7 @@ def _estimate(quantity: Quantity, entry: Entry, truth: Truth) -> dict[str, Any]:
     if quantity.kind in GEOMETRIC:
         values = [written(quantity, each) for each in numbers]
     else:
-        values = (numbers / quantity.factor).tolist()
+        values = quantity.scale.from_si(numbers).tolist()
     unit = unit_text(quantity) or None
     keys = entry.keys
     if entry.steps is not None:
@@ -254,12 +255,12 @@ def _known_noise(value: object) -> KnownNoise:
 
 
 def _factor(name: str, value: object) -> float:
-    number, factor = value, 1.0
+    number, scale = value, SI
     match = _QUANTITY.fullmatch(value.strip()) if isinstance(value, str) else None
     if match is not None:
         unit = parse_unit(match["unit"]) if match["unit"] else None
         number = float(match["number"]) if unit is not None or not match["unit"] else None
-        factor = unit.factor if unit is not None else 1.0
+        scale = unit.scale if unit is not None else SI
     if isinstance(number, bool) or not isinstance(number, int | float) or not 0 < number < math.inf:
         raise MbmError(faults.bad_initial_value(name, "a noise factor that is no number above zero"))
-    return float(number) * factor
+    return scale.difference_to_si(float(number))

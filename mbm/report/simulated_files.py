@@ -236,7 +236,7 @@ def _inline_edits(form: Sequence, table: SimulatedTable) -> Iterator[_Edit]:
             if unit is None or not isinstance(cell, Numeral):
                 yield _Edit(cell.span, repr(number))
             else:
-                yield _Edit(cell.span, f"{number / unit.factor!r}{cell.unit}")
+                yield _Edit(cell.span, f"{number if unit.zero else unit.scale.from_si(number)!r}{cell.unit}")
 
 
 def _sources(program: Program, main: str, names: Names, edits: list[_Edit]) -> Iterator[OutputFile]:

@@ -168,7 +168,7 @@ def _value_and_sigma(item: Estimate | DerivedValue) -> dict[str, Any]:
 def _value(item: Estimate | DerivedValue) -> Any:
     """The value in its unit: numbers, or what documents hold for rotations, poses, similarities and directions."""
     if item.quantity.kind not in GEOMETRIC:
-        return _numbers(np.asarray(item.value) / item.quantity.factor)
+        return _numbers(item.quantity.scale.from_si(np.asarray(item.value)))
     if item.keys is None:
         return written_geometry(item.quantity, item.value)
     return [written_geometry(item.quantity, numbers) for numbers in item.value]
@@ -215,7 +215,7 @@ def _observability(found: Observability | None, estimates: Sequence[Estimate]) -
 
 def shown_observability(found: Observability, estimates: Sequence[Estimate]) -> Observability:
     """The same with coefficients in the units of the estimates."""
-    factors = {item.quantity.name: item.quantity.factor for item in estimates}
+    factors = {item.quantity.name: item.quantity.scale.factor for item in estimates}
     free = tuple(
         replace(each, coefficients={n: c / factors.get(_quantity_of(n), 1.0) for n, c in each.coefficients.items()})
         for each in found.unobservable

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.scales import Scale
 from mbm.values import dataclass
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -66,7 +67,7 @@ class ConsideredConstant:
     """A constant (or an element of one) with a standard deviation ``sigma``: what it does to all that is reported.
 
     ``estimates`` and ``derived`` hold, for each of these and of the shape of its sigmas, the change that goes with one
-    standard deviation of the constant. All in SI; ``unit`` of ``factor`` SI is how it is shown (None: none is known).
+    standard deviation of the constant. All in SI; ``unit`` with its ``scale`` is how it is shown (None: none is known).
     ``dof`` are the degrees of freedom of ``sigma``.
     """
 
@@ -74,7 +75,7 @@ class ConsideredConstant:
     value: float
     sigma: float
     unit: str | None
-    factor: float
+    scale: Scale
     dof: float
     estimates: tuple[Floats, ...] = ()
     derived: tuple[Floats, ...] = ()

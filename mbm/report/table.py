@@ -228,7 +228,7 @@ def _differences(best: Iterable[Estimate], other: Iterable[Estimate]) -> Iterato
     for mine, its in zip(ours, theirs, strict=True):
         apart = abs(its.value - mine.value)
         if its.quantity.kind is Kind.ANGLE:
-            turn = 2 * pi / its.quantity.factor
+            turn = 2 * pi / its.quantity.scale.factor
             apart = min(apart % turn, turn - apart % turn)
         size = max(abs(its.value), abs(mine.value))
         if size > 0 and apart > NOTHING * size:

@@ -1,6 +1,6 @@
 """Values of the report stage: what a solved problem is, before it becomes a document, a table or a picture.
 
-Numbers are SI throughout; a `Quantity` says in which unit they are shown, and every output divides by its factor.
+Numbers are SI throughout; a `Quantity` says in which unit they are shown, and every output uses its scale.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from mbm.report.noise import NoiseReport
 from mbm.report.plot_data import PlotData
 from mbm.report.row_data import ResidualRow, ResidualSummary, RowData, no_row_data
 from mbm.report.spreads import ConsideredConstant, Spread
+from mbm.scales import SI, Scale
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
@@ -86,7 +87,7 @@ class Quantity:
 
     ``shape`` is ``()`` for a number, ``(n,)`` for a vector, ``(n,)`` or ``(n, m)`` for an array (of one family member);
     directions, rotations, poses and similarities have the shape of the numbers that hold them, and a ``dimension``.
-    ``unit`` is what documents show (None: none is known); value in it = SI value / ``factor``; ``over`` names steps.
+    ``unit`` is what documents show (None: none is known); ``scale`` its numbers in SI; ``over`` names steps.
     """
 
     name: str
@@ -94,7 +95,7 @@ class Quantity:
     shape: tuple[int, ...] = ()
     dimension: int = 0
     unit: str | None = None
-    factor: float = 1.0
+    scale: Scale = SI
     doc: str | None = None
     over: str | None = None
 

@@ -85,3 +85,10 @@ def test_nothing_is_left_over() -> None:
 
 def test_nothing_is_of_somebodys_machine() -> None:
     assert not {name: MACHINE_PATHS.findall(text) for name, text in _written() if MACHINE_PATHS.search(text)}
+
+
+def test_units_are_left_through_their_scale() -> None:
+    """A number in degC is no factor times SI: whoever takes a unit's factor forgets its zero, and `Scale` does not."""
+    taken = re.compile(r"\bunit\.factor\b|parse_unit\([^)]*\)\.factor\b")
+    found = [name for name, text in _python("mbm") if name != "mbm/expression/units.py" and taken.search(text)]
+    assert not found, found

@@ -11,6 +11,7 @@ import pytest
 from mbm.data.loader import load
 from mbm.data.readers import READERS
 from mbm.problem.tables import ColumnDeclaration, InlineTable, Table, TableDeclaration
+from mbm.scales import Scale
 from mbm.text.types import Diagnostic, MbmError, Source, Span
 
 PROBLEM = Source(
@@ -33,7 +34,7 @@ def span() -> Callable[[str], Span]:
 def column() -> Callable[..., ColumnDeclaration]:
     def make(name: str, source: str | None = None, unit: str | None = None, factor: float = 1.0) -> ColumnDeclaration:
         return ColumnDeclaration(
-            name=name, source=source or name, unit=unit, factor=factor, span=span_of('(data d (csv "d.csv"))')
+            name=name, source=source or name, unit=unit, scale=Scale(factor), span=span_of('(data d (csv "d.csv"))')
         )
 
     return make

@@ -9,7 +9,7 @@ import pint
 import pytest
 
 from mbm.expression.dimension import NONE, Dimension
-from mbm.expression.units import PLAIN, PREFIXES, REFUSED, TAKE_PREFIXES, parse_unit, refused_unit
+from mbm.expression.units import PLAIN, PREFIXES, REFUSED, TAKE_PREFIXES, WITH_ZERO, parse_unit, refused_unit, scale_of
 
 OURS_ALONE = {
     "px": "a pixel is a number here; Pint counts pixels as a dimension of their own",
@@ -79,7 +79,7 @@ def test_no_symbol_means_two_units():
     """With and without prefix; what is listed by itself comes first."""
     read = [prefix + unit for prefix in PREFIXES for unit in TAKE_PREFIXES]
     assert len(read) == len(set(read))
-    assert set(read) & set(PLAIN) == set()
+    assert set(read) & (set(PLAIN) | set(WITH_ZERO)) == set()
 
 
 def test_units_of_our_own(registry):
@@ -111,10 +111,39 @@ def test_what_is_no_unit(text):
     assert parse_unit(text) is None
 
 
-@pytest.mark.parametrize("text", ["degC", "dBm", "degF/s", "W/degC"])
-def test_offset_and_logarithmic_units_are_refused_with_a_hint(text):
+@pytest.mark.parametrize("text", ["dBm", "dB/m", "pH"])
+def test_logarithmic_units_are_refused_with_a_hint(text):
     assert parse_unit(text) is None
     assert refused_unit(text) in REFUSED.values()
+
+
+@pytest.mark.parametrize(("symbol", "name"), [("degC", "degC"), ("°C", "degC"), ("degF", "degF"), ("°F", "degF")])
+@pytest.mark.parametrize("value", [-273.15, -40.0, 0.0, 20.1, 98.6, 1064.18])
+def test_temperatures_with_a_zero_are_those_of_pint(symbol, name, value, registry):
+    kelvin = registry.Quantity(value, name).to("kelvin").magnitude
+    scale = WITH_ZERO[symbol].scale
+    # A few roundings of numbers of the size of the zero.
+    assert scale.to_si(value) == pytest.approx(kelvin, abs=3e-13)
+    assert scale.from_si(kelvin) == pytest.approx(value, abs=3e-13)
+    step = registry.Quantity(value, f"delta_{name}").to("kelvin").magnitude
+    assert scale.difference_to_si(value) == pytest.approx(step, rel=1e-15)
+    assert scale.difference_from_si(step) == pytest.approx(value, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "factor"), [("mV/degC", 1e-3), ("1/degF", 1.8), ("degC/min", 1 / 60), ("W/m^2/°C", 1)]
+)
+def test_within_a_compound_a_temperature_is_a_difference(text, factor):
+    assert parse_unit(text).factor == pytest.approx(factor, rel=1e-15)
+    assert parse_unit(text).scale.zero == 0.0
+
+
+def test_written_temperatures_are_exact():
+    """20.1 °C is the double nearest to 293.25 K, which 20.1 + 273.15 in doubles is not everywhere."""
+    assert WITH_ZERO["degC"].exact_si(20.1) == 293.25
+    assert WITH_ZERO["degC"].exact_si(-0.05) == 273.1
+    assert scale_of(None).is_si
+    assert scale_of("no unit").is_si
 
 
 def test_refusals_and_units_are_apart():

@@ -34,7 +34,7 @@ DOUBTFUL_TYPES = [
     "(array 2 0)",
 ]
 UNITS = ["m", "mm", "deg", "rad", "s", "px", "m/s^2", "%"]
-DOUBTFUL_UNITS = ["degC", "furlong", "1", '"m"', "m//s", "m^x"]
+DOUBTFUL_UNITS = ["degC", "dBm", "furlong", "1", '"m"', "m//s", "m^x"]
 DOCS = [
     '"text"',
     '"√x ≤ 2 µm"',

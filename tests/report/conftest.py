@@ -23,6 +23,7 @@ from mbm.report.types import (
     SolveReport,
     SolveStatus,
 )
+from mbm.scales import Scale
 from mbm.text.types import Code, Diagnostic, Severity
 
 NEAR_BOUND = Code("near-bound", "An estimate lies near its bound.", "Widen the bound.")
@@ -58,7 +59,7 @@ def rows(clause: str) -> tuple[ResidualRow, ...]:
 @pytest.fixture
 def tag() -> SolveReport:
     """A position in mm (given in SI), a family of offsets, a fixed number, an angle, a derived height."""
-    position = Quantity(name="p", kind=Kind.VECTOR, shape=(3,), unit="mm", factor=1e-3)
+    position = Quantity(name="p", kind=Kind.VECTOR, shape=(3,), unit="mm", scale=Scale(1e-3))
     return SolveReport(
         status=SolveStatus.CONVERGED,
         message="the next step is negligible beside the uncertainty of the estimates",

@@ -22,6 +22,7 @@ from mbm.report.types import (
     SolveReport,
     SolveStatus,
 )
+from mbm.scales import Scale
 
 NUMBER = (int, float)
 OPTIONAL_NUMBER = (int, float, type(None))
@@ -164,7 +165,7 @@ def test_derived_over_a_table(tag_result: Result) -> None:
 
 def test_array_is_nested() -> None:
     array = Estimate(
-        quantity=Quantity(name="theta", shape=(2, 2), unit="deg", factor=math.pi / 180),
+        quantity=Quantity(name="theta", shape=(2, 2), unit="deg", scale=Scale(math.pi / 180)),
         value=np.radians([[10.0, 20.0], [30.0, 40.0]]),
         sigma=np.radians([[1.0, 1.0], [1.0, 2.0]]),
         fixed=np.array([[False, False], [False, True]]),

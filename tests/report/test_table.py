@@ -19,6 +19,7 @@ from mbm.report.types import (
     SolveReport,
     SolveStatus,
 )
+from mbm.scales import Scale
 
 ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -153,7 +154,7 @@ def test_a_chi2_that_cannot_be_is_spoken_of(p: float, words: str, tag: SolveRepo
 
 def test_angles_in_degrees_are_not_said_twice(tag_result: Result, tag: SolveReport) -> None:
     angle = Estimate(
-        quantity=Quantity(name="psi", kind=Kind.ANGLE, unit="deg", factor=np.pi / 180),
+        quantity=Quantity(name="psi", kind=Kind.ANGLE, unit="deg", scale=Scale(np.pi / 180)),
         value=np.array(np.pi / 6),
         sigma=np.array(np.pi / 1800),
         fixed=np.array(False),

@@ -286,8 +286,8 @@ static inline int csv_number(const char *cell, double *value)
     return *end == '\0' && *value - *value == 0.0;
 }
 
-/* A column of numbers, times `factor`; NULL where something is wrong, which is then said. */
-static inline double *csv_numbers(const struct csv *table, const char *name, double factor)
+/* A column of numbers, times `factor` plus `zero`; NULL where something is wrong, which is then said. */
+static inline double *csv_numbers(const struct csv *table, const char *name, double factor, double zero)
 {
     const long column = csv_column(table, name);
     double *values;
@@ -308,7 +308,7 @@ static inline double *csv_numbers(const struct csv *table, const char *name, dou
             free(values);
             return NULL;
         }
-        values[row] *= factor;
+        values[row] = values[row] * factor + zero;
     }
     return values;
 }

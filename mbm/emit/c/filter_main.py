@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.c.text import literal, remark
+from mbm.emit.c.text import in_unit, literal, remark
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.types import TableShape, UnknownShape
 from mbm.machine.c import number
@@ -59,8 +59,8 @@ def _read(made: FilterBlueprint) -> Iterator[str]:
             if column.is_text:
                 yield f"    {held} = csv_texts(&tables->files[{position}], {source});"
             else:
-                factor = number(float(column.factor))
-                yield f"    {held} = csv_numbers(&tables->files[{position}], {source}, {factor});"
+                scale = f"{number(column.scale.factor)}, {number(column.scale.zero)}"
+                yield f"    {held} = csv_numbers(&tables->files[{position}], {source}, {scale});"
             yield f"    if ({held} == NULL)"
             yield "        return 0;"
         key = _key(made, table)
@@ -153,8 +153,9 @@ def _print(made: FilterBlueprint) -> Iterator[str]:
         for k in range(members):
             for c in range(unknown.size):
                 place = k * unknown.size + c
-                factor = number(float(unknown.factor))
-                yield f'    printf(",%.17g", result->{unknown.identifier}[{place}] / {factor});'
+                value = in_unit(f"result->{unknown.identifier}[{place}]", unknown.scale)
+                yield f'    printf(",%.17g", {value});'
+            factor = number(unknown.scale.factor)
             for c in range(0 if unknown.dimension else unknown.freedom):
                 place = k * unknown.freedom + c
                 yield f"    if (result->{unknown.identifier}_sigma[{place}] >= 0.0)"

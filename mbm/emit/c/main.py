@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 from mbm.emit.c.header import ANSWERS
 from mbm.emit.c.reading import key_cell, key_tables
-from mbm.emit.c.text import bare, literal, remark
+from mbm.emit.c.text import bare, in_unit, literal, remark
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, DerivedShape, UnknownShape
 from mbm.machine.c import number
+from mbm.scales import Scale
 
 _RESERVE = """/* A workspace of the size that the data want. */
 static int reserve(const {name}_data *data, {name}_workspace *workspace)
@@ -146,7 +147,7 @@ def _key_text(blueprint: Blueprint, pad: str) -> Iterator[str]:
             yield f"{pad}csv_put_text(stdout, {cell});"
             yield f"{pad}putchar(',');"
         else:
-            yield f'{pad}printf("%.15g,", {cell} / {number(float(held.factor))});'
+            yield f'{pad}printf("%.15g,", {in_unit(cell, held.scale)});'
 
 
 def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
@@ -171,16 +172,15 @@ def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
         # numbers of rotations and the like; their standard deviations belong to coordinates, which are others
         yield f'{pad}printf(",%.17g,,\\n", result->{unknown.identifier}[{place}]);'
     else:
-        yield from _value(unknown.identifier, place, unknown.factor, unknown.unit, pad)
+        yield from _value(unknown.identifier, place, unknown.scale, unknown.unit, pad)
     if family or many:
         yield "    }"
 
 
-def _value(identifier: str, place: str, factor: float, unit: Foreign, pad: str) -> Iterator[str]:
+def _value(identifier: str, place: str, scale: Scale, unit: Foreign, pad: str) -> Iterator[str]:
     """Estimate, standard deviation and unit, in that unit."""
-    size = number(float(factor))
-    yield f'{pad}printf(",%.17g,", result->{identifier}[{place}] / {size});'
-    yield f"{pad}print_rest(result->{identifier}_sigma[{place}] / {size}, {literal(unit)});"
+    yield f'{pad}printf(",%.17g,", {in_unit(f"result->{identifier}[{place}]", scale)});'
+    yield f"{pad}print_rest(result->{identifier}_sigma[{place}] / {number(scale.factor)}, {literal(unit)});"
 
 
 def _printed_derived(blueprint: Blueprint, derived: DerivedShape) -> Iterator[str]:
@@ -202,7 +202,7 @@ def _printed_derived(blueprint: Blueprint, derived: DerivedShape) -> Iterator[st
     component = "c + 1" if derived.size > 1 else "0"
     yield f"{pad}csv_put_name(stdout, {literal(derived.name)}, {key}, {component});"
     place = f"{'m' if over else '0'} * {derived.size} + {'c' if many else '0'}"
-    yield from _value(derived.identifier, place, derived.factor, derived.unit, pad)
+    yield from _value(derived.identifier, place, derived.scale, derived.unit, pad)
     if many:
         yield "    }"
 
@@ -218,7 +218,7 @@ def _member_key(blueprint: Blueprint, unknown: UnknownShape) -> tuple[str, list[
     cell = f"data->{table.identifier}_{column.identifier}[{row}]"
     if column.is_text:
         return cell, []
-    return "key", [f'snprintf(key, sizeof key, "%.15g", {cell} / {number(float(column.factor))});']
+    return "key", [f'snprintf(key, sizeof key, "%.15g", {in_unit(cell, column.scale)});']
 
 
 def test_file(blueprint: Blueprint) -> str:

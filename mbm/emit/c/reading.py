@@ -55,8 +55,8 @@ def _read(blueprint: Blueprint) -> Iterator[str]:
             if column.is_text:
                 yield f"    {held} = csv_texts(&tables->files[{position}], {source});"
             else:
-                factor = number(float(column.factor))
-                yield f"    {held} = csv_numbers(&tables->files[{position}], {source}, {factor});"
+                scale = f"{number(column.scale.factor)}, {number(column.scale.zero)}"
+                yield f"    {held} = csv_numbers(&tables->files[{position}], {source}, {scale});"
             yield f"    if ({held} == NULL)"
             yield "        return 0;"
     yield "    return 1;"

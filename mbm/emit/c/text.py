@@ -7,7 +7,9 @@ import textwrap
 from collections.abc import Iterable
 
 from mbm.emit.foreign import Word, told
+from mbm.machine.c import number
 from mbm.machine.escaping import in_comment
+from mbm.scales import Scale
 
 WIDTH = 110
 
@@ -57,3 +59,8 @@ _TEXTS = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/', re.DOTALL)
 def bare(text: str) -> str:
     """C text of this place without its strings and comments: what is looked for in it is code."""
     return _TEXTS.sub("", text)
+
+
+def in_unit(value: str, scale: Scale) -> str:
+    """The text of a value in SI, in a unit."""
+    return f"{value if scale.zero == 0.0 else f'({value} - {number(scale.zero)})'} / {number(scale.factor)}"

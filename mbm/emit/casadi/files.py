@@ -76,7 +76,8 @@ def _derived(blueprint: Blueprint) -> dict[str, object] | None:
             "rows": [row + 1 for row in rows.rows],
             "size": shape.size,
             "unit": shape.unit,
-            "factor": shape.factor,
+            "factor": shape.scale.factor,
+            "zero": shape.scale.zero,
             "kernels": [_kernel(blueprint, case) for case in shape.cases],
         }
         for shape, rows in zip(blueprint.derived, blueprint.whole.derived, strict=False)

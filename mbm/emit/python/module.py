@@ -24,6 +24,7 @@ from mbm.machine.program import Operator
 from mbm.machine.python import PRELUDE
 from mbm.machine.python import text as module_text
 from mbm.problem.types import NoiseKind
+from mbm.scales import SI, Scale
 from mbm.solver import description
 
 _DESCRIPTION = (
@@ -68,40 +69,43 @@ def _doc(blueprint: Blueprint) -> Iterator[str]:
 
 
 def _tables(blueprint: Blueprint) -> Iterator[str]:
-    lines = ["COLUMNS: dict[str, dict[str, tuple[bool, str, float]]] = {"]
+    lines = ["COLUMNS: dict[str, dict[str, tuple[bool, str, float, float]]] = {"]
     for table in blueprint.tables:
         lines.append(f"    {literal(table.name)}: {{")
         lines += [
-            f"        {literal(c.name)}: ({c.is_text}, {literal(c.source)}, {float(c.factor)!r}),"
+            f"        {literal(c.name)}: ({c.is_text}, {literal(c.source)}, {c.scale.factor!r}, {c.scale.zero!r}),"
             + (f"  {remark(c.unit)}" if c.unit else "")
             for c in table.columns
         ]
         lines.append("    },")
-    lines += ["}", '"""Tables and columns: whether it holds texts, its name in files, the unit of the file in SI."""']
+    lines += [
+        "}",
+        '"""Tables and columns: whether it holds texts, its name in files, its unit in SI: factor, zero."""',
+    ]
     yield "\n".join(lines)
     shapes = [None if u.family is None else blueprint.families[u.family] for u in blueprint.unknowns]
     families = ["None" if s is None else f"({s.identifier!r}, {literal(s.table)}, {optional(s.key)})" for s in shapes]
-    shown = [_shown(u.unit, u.factor) if not u.dimension else ("''", "1.0") for u in blueprint.unknowns]
+    shown = [_shown(*((u.unit, u.scale) if not u.dimension else (Foreign(""), SI))) for u in blueprint.unknowns]
     turned = [bool(u.dimension) for u in blueprint.unknowns]
-    derived = [", ".join(_shown(d.unit, d.factor)) for d in blueprint.derived]
+    derived = [", ".join(_shown(d.unit, d.scale)) for d in blueprint.derived]
     yield "\n".join(
         [
             *_assigned("KEYS", map(literal, blueprint.for_each), "Columns that tell the data sets apart."),
             *_assigned("NAMES", [literal(u.name) for u in blueprint.unknowns], "The unknowns."),
             *_assigned("ANGLES", [u for u, each in enumerate(blueprint.unknowns) if each.angle], "Which are angles."),
             *_assigned("FAMILIES", families, "Where their members stand: name, table, key; None: there is one."),
-            *_assigned("DERIVED_SHOWN", [f"({each})" for each in derived], "Unit and its factor in SI."),
+            *_assigned("DERIVED_SHOWN", [f"({each})" for each in derived], "Unit, its factor and its zero in SI."),
             *_assigned(
                 "SHOWN",
                 [f"({', '.join(each)}, {whether})" for each, whether in zip(shown, turned, strict=True)],
-                "Unit, its factor in SI, and whether numbers are no coordinates.",
+                "Unit, its factor and zero in SI, and whether numbers are no coordinates.",
             ),
         ]
     )
 
 
-def _shown(unit: Foreign, factor: float) -> tuple[str, str]:
-    return literal(unit), repr(float(factor))
+def _shown(unit: Foreign, scale: Scale) -> tuple[str, str, str]:
+    return literal(unit), repr(scale.factor), repr(scale.zero)
 
 
 def _assigned(name: str, values: Iterable[object], doc: str) -> list[str]:

@@ -27,7 +27,7 @@ PROGRAM = '''def read_tables(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
             raise DataError(f"{path}: cannot be read: {error}") from None
         names = rows[0] if rows else []
         found[table] = {}
-        for column, (is_text, source, factor) in columns.items():
+        for column, (is_text, source, factor, zero) in columns.items():
             if source not in names:
                 raise DataError(f"{path}, row 1: there is no column `{source}`")
             place = names.index(source)
@@ -36,7 +36,7 @@ PROGRAM = '''def read_tables(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
                 if len(row) != len(names):
                     raise DataError(f"{path}, row {number}: has another number of fields than the names in row 1")
                 try:
-                    values.append(row[place] if is_text else finite(row[place]) * factor)
+                    values.append(row[place] if is_text else finite(row[place]) * factor + zero)
                 except ValueError:
                     shown = row[place][:60]
                     raise DataError(f"{path}, row {number}, column `{source}`: `{shown}` is no number") from None
@@ -55,7 +55,7 @@ def finite(cell: str) -> float:
 def lines_of(result: Mapping[str, Any]) -> Iterator[str]:
     """``name,value,sigma,unit`` for each number, in the unit that the problem shows."""
     for u, name in enumerate(NAMES):
-        unit, factor, turned = SHOWN[u]
+        unit, factor, zero, turned = SHOWN[u]
         values, sigmas = result["estimates"][name]["value"], result["estimates"][name]["sigma"]
         for m, member in enumerate(values):
             for c, value in enumerate(member):
@@ -63,13 +63,14 @@ def lines_of(result: Mapping[str, Any]) -> Iterator[str]:
                 label = name + ("" if family is None else f"[{key_text(keys[m], family[1], family[2])}]")
                 label += f"[{c + 1}]" if len(member) > 1 else ""
                 sigma = "" if turned else spread_text(sigmas[m][c] / factor)
-                yield f"{field(label)},{value / factor:.17g},{sigma},{field(unit)}"
-    for (name, table, size, *_), (unit, factor) in zip(DERIVED, DERIVED_SHOWN, strict=True):
+                yield f"{field(label)},{(value - zero) / factor:.17g},{sigma},{field(unit)}"
+    for (name, table, size, *_), (unit, factor, zero) in zip(DERIVED, DERIVED_SHOWN, strict=True):
         found = result["derived"][name]
         for r, (values, sigmas) in enumerate(zip(found["value"], found["sigma"], strict=True)):
             for c in range(size):
                 label = name + (f"[{r + 1}]" if table is not None else "") + (f"[{c + 1}]" if size > 1 else "")
-                yield f"{field(label)},{values[c] / factor:.17g},{spread_text(sigmas[c] / factor)},{field(unit)}"
+                shown = f"{(values[c] - zero) / factor:.17g},{spread_text(sigmas[c] / factor)}"
+                yield f"{field(label)},{shown},{field(unit)}"
 
 
 def spread_text(sigma: float) -> str:
@@ -79,8 +80,8 @@ def spread_text(sigma: float) -> str:
 
 def key_text(value: Any, table: str, column: str | None) -> str:
     """A key as the files have it."""
-    is_text, _, factor = COLUMNS[table][column] if column is not None else (True, "", 1.0)
-    return str(value) if is_text else f"{value / factor:.15g}"
+    is_text, _, factor, zero = COLUMNS[table][column] if column is not None else (True, "", 1.0, 0.0)
+    return str(value) if is_text else f"{(value - zero) / factor:.15g}"
 
 
 def key_field(value: Any, table: str, column: str) -> str:

@@ -41,7 +41,7 @@ def arrays_of(tables: Mapping[str, Mapping[str, Any]]) -> Tables:
         if name not in tables:
             raise DataError(f"the table {name!r} is missing")
         found[name] = {}
-        for column, (is_text, _, _) in columns.items():
+        for column, (is_text, *_) in columns.items():
             if column not in tables[name]:
                 raise DataError(f"the table {name!r} has no column {column!r}")
             given = tables[name][column]

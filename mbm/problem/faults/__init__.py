@@ -8,3 +8,4 @@ from mbm.problem.faults.likelihoods import *  # noqa: F403
 from mbm.problem.faults.noise import *  # noqa: F403
 from mbm.problem.faults.rows import *  # noqa: F403
 from mbm.problem.faults.sequences import *  # noqa: F403
+from mbm.problem.faults.zero_points import *  # noqa: F403

@@ -20,6 +20,7 @@ from mbm.problem.options import Options, split_options
 from mbm.problem.overrides import ConstantValue, Override, Overrides
 from mbm.problem.reading.distributions import is_distribution, law_of, moments
 from mbm.problem.scopes import Entry
+from mbm.problem.zero_points import is_temperature, stated_difference
 from mbm.text.reader import read
 from mbm.text.types import Form, MbmError, Numeral, Sequence, Source, Span, Symbol
 from mbm.values import dataclass
@@ -81,9 +82,9 @@ def _overridden(work: Workspace, declared: Value, override: Override) -> Value:
     if isinstance(declared, SCALARS) and isinstance(given, SCALARS):
         return _redimensioned(given, declared, override.name)
     if isinstance(declared, ListValue):
-        declared = vector(declared, Span(source=Source("", ""), start=0, end=0))
+        declared = vector(declared, _NOWHERE)
     if isinstance(given, ListValue):
-        given = vector(given, Span(source=Source("", ""), start=0, end=0))
+        given = vector(given, _NOWHERE)
     if isinstance(declared, Array) and isinstance(given, Array):
         if len(declared.elements) != len(given.elements):
             message = f"is {describe(given)}, but the constant is {describe(declared)}"
@@ -96,6 +97,10 @@ def _overridden(work: Workspace, declared: Value, override: Override) -> Value:
     return given
 
 
+_NOWHERE = Span(source=Source("", ""), start=0, end=0)
+"""The place of what was given from outside."""
+
+
 def _redimensioned(given: Expression, declared: Expression, name: str) -> Expression:
     """A number given without a unit takes the dimension of the constant that it replaces."""
     stated, wanted = (_dimension(node) for node in (given, declared))
@@ -103,7 +108,11 @@ def _redimensioned(given: Expression, declared: Expression, name: str) -> Expres
         message = f"is {stated.describe()}, but the constant is {wanted.describe()}"
         raise MbmError(faults.bad_override(name, message))
     if isinstance(given, Number) and given.dimension is None:
-        return replace(given, dimension=wanted)
+        absolute = is_temperature(declared, declared.span or _NOWHERE)
+        if absolute and given.span is not None:
+            message = f"has no unit, and would be in kelvin: write `{float(given.value):g}degC`"
+            raise MbmError(faults.bad_override(name, message))
+        return replace(given, dimension=wanted, absolute=absolute)
     return given
 
 
@@ -136,7 +145,7 @@ def _constant(node: Expression, name: str, span: Span) -> Constant:
     number = nearest(found)
     if not math.isfinite(number):
         raise MbmError(language_faults.undefined_value(span, name))
-    return Constant(name, number, dimension, span, node.angle)
+    return Constant(name, number, dimension, span, node.angle, is_temperature(node, span))
 
 
 def _dimension(node: Expression) -> Dimension | None:
@@ -165,7 +174,7 @@ def constant_values(work: Workspace, declared: list[DeclaredConstant], span: Spa
                         elements=names_of,
                         sigmas=sigmas,
                         law=_law(work, each),
-                        unit=_unit(each, numbers[0].dimension) if sigmas else None,
+                        unit=_unit(each, numbers[0]) if sigmas else None,
                         dof=_dof(work, each),
                         span=entry.span,
                     )
@@ -191,10 +200,14 @@ def _dof(work: Workspace, declared: DeclaredConstant) -> float:
     return found
 
 
-def _unit(declared: DeclaredConstant, dimension: Dimension | None) -> Unit | None:
-    """The unit in which the uncertainty of a constant is written, else its value; None: in none of its dimension."""
-    options = declared.options
-    forms = [form for form in (options.get("sigma"), options.get("prior"), *options.positional) if form is not None]
+def _unit(declared: DeclaredConstant, number: Constant) -> Unit | None:
+    """The unit in which the uncertainty of a constant is written, else its value; None: in none of its dimension.
+
+    Temperatures in degC have their differences in K, and are shown as they are written.
+    """
+    options, dimension = declared.options, number.dimension
+    stated = [options.get("sigma"), options.get("prior"), *options.positional]
+    forms = [form for form in (reversed(stated) if number.absolute else stated) if form is not None]
     while forms:
         form = forms.pop(0)
         if isinstance(form, Sequence):
@@ -235,6 +248,7 @@ def _sigmas(work: Workspace, declared: DeclaredConstant, value: Value, numbers: 
         if own is not None and wanted is not None and own != wanted:
             message = f"the standard deviation is {own.describe()}, but the constant is {wanted.describe()}"
             raise MbmError(language_faults.bad_form(place, message, USAGE))
+        stated_difference(element, place)
         sigma = nearest(static_number(element, place))
         if not (math.isfinite(sigma) and sigma >= 0.0):
             raise MbmError(language_faults.bad_form(place, "a standard deviation is not below 0", USAGE))

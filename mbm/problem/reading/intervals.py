@@ -7,13 +7,14 @@ from math import isfinite
 from types import MappingProxyType
 
 from mbm.expression.dimension import NONE as DIMENSIONLESS
-from mbm.expression.nodes import Constant, Number, nearest
+from mbm.expression.nodes import Apply, Constant, Number, nearest
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.enclosing import Contractor, Enclosing
 from mbm.problem.options import split_options
 from mbm.problem.reading.declarations import Declaration
+from mbm.problem.zero_points import stated_difference
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
 USAGE = ":method (interval [:contract forward | hc4 | hull] [:width 1% | ((unknown width)…)] [:boxes n])"
@@ -88,6 +89,8 @@ def _widths(work: Workspace, form: Sequence, declarations: Iterable[Declaration]
 
 def _width(element: object, form: Form) -> Number:
     value = nearest(static_number(element, form.span))  # type: ignore[arg-type]
+    if isinstance(element, Number | Constant | Apply):
+        stated_difference(element, form.span)
     if not (isfinite(value) and value > 0.0):
         raise MbmError(language_faults.bad_form(form.span, "a width is a number above 0", USAGE))
     dimension = element.dimension if isinstance(element, Number | Constant) else None

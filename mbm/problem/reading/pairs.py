@@ -11,6 +11,7 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import Options, split_options
 from mbm.problem.tables import POSITION, SOURCE, TIME, PairDeclaration, StepKind, Steps, Table
+from mbm.problem.zero_points import stated_difference
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
 USAGE = "(pair name (a b) :by t [:tolerance dt] [:interpolate true])"
@@ -149,6 +150,7 @@ def stretch(work: Workspace, form: Form, tables: tuple[Table, ...], column: str,
             left = f"`{form.span.text}`, {value.dimension.describe()},"
             right = f"column `{column}` of `{table.name}`, {known.dimension.describe()}"
             raise MbmError(faults.unit_clash(form.span, left, right, ()))
+    stated_difference(value, form.span)
     number = nearest(value.value)
     if not 0 < number < float("inf"):
         raise MbmError(language_faults.bad_form(form.span, f"`{what}` is a number above zero", f"{what} 1s"))

@@ -7,7 +7,7 @@ from dataclasses import field, replace
 from typing import TypeAlias
 
 from mbm.expression.nodes import Constant, Number, nearest
-from mbm.expression.units import Unit
+from mbm.expression.units import Unit, scale_of
 from mbm.language import faults as language_faults
 from mbm.language.values import Evaluator, Scope, describe
 from mbm.problem import faults
@@ -17,8 +17,9 @@ from mbm.problem.reading.source_arguments import read_arguments
 from mbm.problem.reading.unknowns import stated_unit
 from mbm.problem.tables import UNION, ColumnDeclaration, Format, InlineTable, Member, Table, TableDeclaration
 from mbm.problem.types import Join, TablePlan
+from mbm.scales import SI
 from mbm.text.suggest import closest
-from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol, Text
+from mbm.text.types import Form, Keyword, MbmError, Numeral, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
 USAGE = (
@@ -239,21 +240,26 @@ def _with_units(origin: _Source, columns: tuple[ColumnDeclaration, ...], place: 
         if stated is not None and column.unit is not None:
             raise MbmError(faults.unit_given_twice(column.span, column.source, stated[1]))
         unit, _ = units.pop(column.source, (None, place))
-        found.append(column if column.unit is not None else replace(column, unit=unit or None))
+        found.append(column if column.unit is not None else replace(column, unit=unit or None, scale=scale_of(unit)))
     left = [
-        ColumnDeclaration(name=name, source=name, unit=unit or None, factor=1.0, span=span)
+        ColumnDeclaration(name=name, source=name, unit=unit or None, scale=scale_of(unit), span=span)
         for name, (unit, span) in units.items()
     ]
     return (*found, *left)
 
 
 def _cell(evaluator: Evaluator, scope: Scope, form: Form) -> tuple[float | str, str | None]:
-    """A cell in SI and its SI unit, if it states one (empty for a pure number such as an angle)."""
+    """A cell in SI and its SI unit, if it states one (empty for a pure number such as an angle).
+
+    A temperature such as 20degC stays in its unit, as in a file whose column states that.
+    """
     if isinstance(form, Text):
         return form.value, None
     if isinstance(form, Symbol) and scope.lookup(form.name, form.span) is None and form.name != "pi":
         return form.name, None
     value = evaluator.wanted(form, scope)
+    if isinstance(form, Numeral) and isinstance(value, Number) and value.absolute:
+        return nearest(form.value), form.unit
     if isinstance(value, Number | Constant):
         return nearest(value.value), value.dimension.symbol() if value.dimension is not None else None
     raise MbmError(language_faults.wrong_kind(form.span, "a number or a text", describe(value)))
@@ -269,7 +275,7 @@ def _columns(form: Form | None) -> tuple[ColumnDeclaration, ...]:
 
 def _column(item: Form) -> ColumnDeclaration:
     if isinstance(item, Symbol):
-        return ColumnDeclaration(name=item.name, source=item.name, unit=None, factor=1.0, span=item.span)
+        return ColumnDeclaration(name=item.name, source=item.name, unit=None, scale=SI, span=item.span)
     usage = "(new old :unit u) or (column :unit u)"
     if not isinstance(item, Sequence):
         raise MbmError(language_faults.bad_form(item.span, "a column is a list", usage))
@@ -283,7 +289,7 @@ def _column(item: Form) -> ColumnDeclaration:
         name=names[0],
         source=names[-1],
         unit=unit.symbol if unit is not None else None,
-        factor=unit.factor if unit is not None else 1.0,
+        scale=unit.scale if unit is not None else SI,
         span=item.span,
     )
 

@@ -28,8 +28,8 @@ def undimensioned(nodes: tuple[Expression, ...]) -> tuple[Expression, ...]:
 
 def _open(leaf: Number | Constant) -> Number | Constant:
     if isinstance(leaf, Number):
-        return Number(leaf.value, None, leaf.span, leaf.angle)
-    return Constant(leaf.name, leaf.value, None, leaf.span, leaf.angle)
+        return Number(leaf.value, None, leaf.span, leaf.angle, leaf.absolute)
+    return Constant(leaf.name, leaf.value, None, leaf.span, leaf.angle, leaf.absolute)
 
 
 def same_columns(

@@ -122,8 +122,8 @@ def _constants(solve: SolveReport, target: Target) -> Iterator[Source]:
             rows=one,
             components=one,
             units=np.array([constant.unit], dtype=object),
-            values=np.array([constant.value / constant.factor]),
-            sigma=np.array([constant.sigma / constant.factor]),
+            values=np.array([constant.scale.from_si(constant.value)]),
+            sigma=np.array([constant.scale.difference_from_si(constant.sigma)]),
             parts=np.ravel(moves)[target.place : target.place + 1],
         )
         yield Source(name=constant.name, kind=InputKind.CONSTANT, dof=constant.dof, errors=errors)

@@ -16,7 +16,7 @@ from mbm.equations.spreads import Influence
 from mbm.equations.types import NoiseState
 from mbm.equations.whitening import Whitener
 from mbm.estimation.search.solution import Solution
-from mbm.expression.units import Unit, parse_unit
+from mbm.expression.units import Unit, parse_unit, scale_of
 from mbm.problem.naming import PRIOR
 from mbm.problem.rows import row_values
 from mbm.problem.types import BlockRole, Equation, Problem
@@ -25,6 +25,7 @@ from mbm.report.elements import coordinate_quantity
 from mbm.report.quantities import quantity_of
 from mbm.report.residuals import measured_side, prior_name, stated_sigmas
 from mbm.report.types import Floats, Mask
+from mbm.scales import SI, Scale
 from mbm.values import dataclass
 
 KINDS = {
@@ -127,7 +128,7 @@ class _Part:
             return
         measured = measured_side(self.problem, self.solution, self.group)
         values = np.full(self.parts.shape, np.nan) if measured is None else measured
-        units, factors = self._units()
+        units, scales = self._units()
         single = kind is InputKind.PRIOR and self.group.positions is None
         for whitener in self.group.whiteners:
             used = self._used(whitener)
@@ -140,8 +141,8 @@ class _Part:
                 rows=np.repeat(self._rows(), len(outputs)),
                 components=np.tile(outputs + 1 if self.parts.shape[1] > 1 else 0 * outputs, self.group.rows),
                 units=np.tile(units[outputs], self.group.rows),
-                values=(values[:, outputs] / factors[outputs]).ravel(),
-                sigma=(self._sigmas(whitener, used) / factors[outputs]).ravel(),
+                values=np.stack([scales[o].from_si(values[:, o]) for o in outputs], axis=-1).ravel(),
+                sigma=(self._sigmas(whitener, used) / [scales[o].factor for o in outputs]).ravel(),
                 parts=self.parts[:, outputs].ravel(),
             )
             if not single:
@@ -212,18 +213,18 @@ class _Part:
             return np.zeros(self.group.rows, dtype=np.int64)
         return np.asarray(self.solution.tables[table].rows[self.group.positions], dtype=np.int64)
 
-    def _units(self) -> tuple[NDArray[np.object_], Floats]:
-        """The units (outputs,) of the components, None where none is known, and SI per unit (outputs,)."""
+    def _units(self) -> tuple[NDArray[np.object_], list[Scale]]:
+        """The units (outputs,) of the components, None where none is known, and the scales of these."""
         block = self.problem.blocks[self.group.kernel.owner]
         own = [unit for equation in block.cases[self.group.kernel.case].equations for unit in _padded(equation)]
         symbols = np.array([None if unit is None else unit.symbol for unit in own], dtype=object)
-        factors = np.array([1.0 if unit is None else unit.factor for unit in own])
+        scales = [SI if unit is None else unit.scale for unit in own]
         if not block.name.startswith(PRIOR) or len(self.group.kernel.tangents) != self.group.kernel.outputs:
-            return symbols, factors
+            return symbols, scales
         entry = self.solution.layout.owner(int(self.group.columns[0, 0]))
         quantity = quantity_of(self.problem, entry.unknown)
         each = [coordinate_quantity(quantity, place) for place in range(len(own))]
-        return np.array([one.unit for one in each], dtype=object), np.array([one.factor for one in each])
+        return np.array([one.unit for one in each], dtype=object), [one.scale for one in each]
 
 
 def _common(problem: Problem, solution: Solution, number: int, parts: Floats) -> Iterator[Source]:
@@ -241,7 +242,7 @@ def _common(problem: Problem, solution: Solution, number: int, parts: Floats) ->
         count = len({keys[position] for position in positions.tolist()})
         deviations = row_values(form, solution.tables)[positions].ravel()
         alike = len(units) == 1 and bool((deviations == deviations[0]).all())
-        sigma = deviations[0] / (1.0 if unit is None else unit.factor) if alike else np.nan
+        sigma = (SI if unit is None else unit.scale).difference_from_si(deviations[0]) if alike else np.nan
         errors = Errors(
             rows=np.zeros(count, dtype=np.int64),
             components=np.arange(1, count + 1),
@@ -272,15 +273,14 @@ def _columns(
             if any((error.table, error.column) == (table, column) for error in block.errors)
         )
         stated = solution.tables[table].columns[column].unit
-        unit = None if stated is None else parse_unit(stated)
-        factor = 1.0 if unit is None else unit.factor
+        unit, scale = None if stated is None else parse_unit(stated), scale_of(stated)
         own = influence.factors[block_rows(solution.groups, owner)[:1]]
         errors = Errors(
             rows=np.maximum(measured.rows[chosen], 0),
             components=np.zeros(count, dtype=np.int64),
             units=np.full(count, None if unit is None else unit.symbol, dtype=object),
-            values=measured.values[chosen] / factor,
-            sigma=measured.sigma[chosen] * own / factor,
+            values=scale.from_si(measured.values[chosen]),
+            sigma=scale.difference_from_si(measured.sigma[chosen] * own),
             parts=measured.parts[0, chosen],
         )
         dof = influence.dof_of_noise(owner)

@@ -22,6 +22,7 @@ from mbm.report.designs.answer import Design
 from mbm.report.designs.types import Candidate, ChosenSet, DesignWish, ExpectedSigma, RowWorth
 from mbm.report.elements import factors, scalars, shown_sigma, unit_text
 from mbm.report.types import Kind, SolveReport
+from mbm.scales import SI
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
@@ -203,7 +204,7 @@ def _wanted(sigma: float | str | None, solve: SolveReport, asked: Sequence[Targe
     """The wanted standard deviation in the unit of the quantity."""
     if sigma is None:
         return None
-    factor = item_of(solve, asked[0]).quantity.factor if asked else 1.0
+    scale = item_of(solve, asked[0]).quantity.scale if asked else SI
     number, unit = sigma, None
     if isinstance(sigma, str):
         text = sigma.strip()
@@ -214,7 +215,7 @@ def _wanted(sigma: float | str | None, solve: SolveReport, asked: Sequence[Targe
             raise MbmError(faults.no_candidates(f"`{sigma}` is no standard deviation", "write it as in `--sigma 1mm`"))
     if not isinstance(number, int | float) or not 0 < float(number) < inf:
         raise MbmError(faults.no_candidates(f"`{sigma}` is no standard deviation", "write it as in `--sigma 1mm`"))
-    return float(number) * (unit.factor / factor if unit is not None else 1.0)
+    return float(number) if unit is None else scale.difference_from_si(unit.scale.difference_to_si(float(number)))
 
 
 def _is_number(text: str) -> bool:

@@ -87,7 +87,7 @@ def laid(place: Place, block: Block) -> Laid:
         estimate=paths[1],
         sides=(estimate_side, reference_side),
         unit=None if stated is None else stated.symbol,
-        factor=1.0 if stated is None else stated.factor,
+        factor=1.0 if stated is None else stated.scale.factor,
     )
 
 

@@ -91,7 +91,7 @@ def _length(form: Form) -> float:
     unit = parse_unit(form.name) if isinstance(form, Symbol) else None
     if unit is None or unit.dimension != LENGTH:
         raise MbmError(language_faults.bad_form(form.span, "the unit of a mesh is a unit of length", USAGE))
-    return unit.factor
+    return unit.scale.factor
 
 
 def _place(program: Program, written: Text) -> tuple[Path, Path]:
