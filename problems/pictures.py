@@ -154,6 +154,23 @@ def boat(axes: Axes) -> None:
     axes.legend()
 
 
+def mower(axes: Axes) -> None:
+    """The radios, the way of the wheels alone, that of the filter, and that of all rows."""
+    wheels, true = rows("mower", "wheels.csv"), rows("mower", "truth.csv")
+    heading = np.cumsum(np.deg2rad(column(wheels, "turn")))
+    before = np.concatenate([[0.0], heading[:-1]])
+    ways = column(wheels, "forward")[:, None] * np.column_stack([np.cos(before), np.sin(before)])
+    axes.plot(*np.cumsum(ways, axis=0).T, ":", color=GREY, label="wheels alone")
+    filtered = solve("mower", "mower-filter")["place"].value
+    axes.plot(*filtered.T, ".", ms=3, color=BLUE, label="filter")
+    whole = solve("mower", "mower")["place"].value
+    axes.plot(*whole.T, "-", color=ORANGE, label="all rows")
+    axes.plot(column(true, "x"), column(true, "y"), "--", lw=0.8, color="black", label="where it was")
+    axes.plot(*np.array([[-2, -2], [22, -3], [23, 14], [-3, 13]]).T, "*", color=BLUE, markersize=10, label="radios")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1), fontsize=8)
+
+
 def rim(axes: Axes) -> None:
     """Touched points, and the ellipse."""
     seen, found = rows("rim", "rim.csv"), solve("rim", "rim")
@@ -226,6 +243,7 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
     f.__name__.replace("_", "-"): f
     for f in (
         boat,
+        mower,
         image_pictures.calibration,
         decay,
         image_pictures.can,

@@ -18,7 +18,7 @@ TOGETHER = {"tags"}
 """The solves of ``for-each`` go in one batch and ask for no single minimum."""
 FREE = {"bundle"}
 """A scene that may be moved has no one minimum to be sure of: the general path goes on from where kernels end."""
-ELSEWHERE = {"boat", "hand", "chain-intervals", "end-gauge"}
+ELSEWHERE = {"boat", "hand", "mower", "mower-filter", "mower-smoother", "chain-intervals", "end-gauge"}
 """Sequences and bounded errors have solvers and tests of their own, in rooms of these names; or nothing is unknown."""
 
 
