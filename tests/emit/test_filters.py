@@ -77,6 +77,13 @@ UNITS = """
 (problem units (data z external :columns ((k ms :unit ms) (y mm :unit mm)))
   (states :over k (x :init 0m :sigma 1m :unit cm)) (dynamics (random-walk x :sigma 3m))
   (observe z (= y x) :sigma 5mm :loss huber) (solve :method iterated-ekf))"""
+TABLES = """
+(problem tables (data z external) (data s (table (h w) (1 0.1) (2 0.2) (3 0.3)) :where (< h 2.5))
+  (unknowns (g positive :init 1 :sigma 0.5) (c :init 2 :fixed true))
+  (states :over k (x :init 0 :sigma 1 :in (-1 2)) (v :init 0.1 :sigma 0))
+  (dynamics (= (next x) (+ x (* v (last s w))) :sigma (first s w)) (random-walk v :sigma 0.1))
+  (observe z (= y (- (* g x (last s h)) c)) :sigma (last s w)) (solve :method truncated-ekf))"""
+"""Rows of tables without steps, bounds, what is fixed or certain."""
 
 SHAPES = {
     "iterated, members, kinds": sequences.stations("iterated-ekf"),
@@ -109,6 +116,7 @@ MORE = {
         ),
         y=noisy,
     ),
+    "tables": plain(TABLES, y=noisy),
     "names": (WALK, {"frame": {"chain": [1, 2, 3], "step": [1, 2, 3]}}),
     "nothing known": plain(OPEN, y=noisy),
     "exact": plain(THROWN, y=noisy),

@@ -70,8 +70,10 @@ def begin_function(
     if any("noise" in line for line in lines) and case.noise is not None:
         outputs = len(case.noise.program.outputs)
         yield f"    double inputs[{max(len(case.noise.inputs), 1)}], noise[{outputs}];"
+    yield f"    const {made.blueprint.identifier}_data *data = f->data;"
     yield "    long i;"
     yield ""
+    yield "    (void)data;"
     if any("noise" in line for line in lines):
         yield "    inputs[0] = 0.0;"
     yield f"    for (i = 0; i < {rows}; i++) {{"
