@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
-from functools import cache
-from typing import Any
 
 from mbm.machine.escaping import in_comment
-from mbm.machine.kinds import Held, Kind, Member, Record, Records, Type
+from mbm.machine.kinds import Held, Kind, Record, Records, Type
 from mbm.machine.tree import (
     ATOM,
     Assign,
@@ -39,6 +36,7 @@ from mbm.machine.tree import (
     View,
     While,
 )
+from mbm.machine.unused import names_read, nodes
 
 TYPES: Mapping[Type, str] = {
     Type.REAL: "double ",
@@ -96,26 +94,7 @@ def structs(module: Module) -> Iterator[str]:
 
 def _fields(node: object) -> Iterator[Field]:
     """All fields that a statement or an expression names, or several of them do, in any order."""
-    left: list[Any] = [node]
-    while left:
-        each = left.pop()
-        if isinstance(each, tuple):
-            left.extend(each)
-            continue
-        if isinstance(each, Field):
-            yield each
-        for name in _parts(each.__class__):
-            part = getattr(each, name)
-            if _parts(part.__class__) or isinstance(part, tuple):
-                left.append(part)
-
-
-@cache
-def _parts(kind: Any) -> tuple[str, ...]:
-    """The names of what statements and expressions of a kind are made of; none of what is neither."""
-    if issubclass(kind, Member | Record | Records) or not is_dataclass(kind):
-        return ()
-    return tuple(one.name for one in fields(kind))
+    return (each for each in nodes(node) if isinstance(each, Field))
 
 
 def declaration(function: Function) -> str:
@@ -136,6 +115,8 @@ def definition(function: Function) -> str:
     lines.append(declaration(function))
     lines.append("{")
     lines += [f"    {type_of(v.type)}{v.name};" for v in function.locals]
+    read = names_read(function.body)
+    lines += [f"    (void){p.name};" for p in function.parameters if p.name not in read]
     for statement in function.body:
         lines += _statement(statement, 1)
     lines.append("}")

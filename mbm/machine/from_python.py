@@ -76,7 +76,7 @@ def module_of(
     """The module of some Python functions and of all that they call, those that are called first.
 
     ``public``: the functions asked for can be called from outside. ``constants`` are values of names at module level
-    that replace those in the text.
+    that replace those in the text, and of fields of records that always have these (``record.field``).
     """
     reading = _Reading(constants)
     asked = {reading.function(each).name for each in roots}
@@ -312,9 +312,10 @@ class _Reader:
     def _field(self, node: ast.Attribute) -> Expression:
         owner = self._expression(node.value)
         member = owner.type.member(node.attr) if isinstance(owner.type, Record) else None
-        if member is None:
+        if member is None or not isinstance(owner.type, Record):
             raise self._refuse(node)
-        return Field(owner, member)
+        value = self._reading.given.get(f"{owner.type.name}.{member.name}")
+        return Field(owner, member) if value is None else Literal(value)
 
     def _array(self, node: ast.expr) -> Expression:
         found = self._expression(node)

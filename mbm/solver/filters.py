@@ -49,7 +49,7 @@ def updated(walk: Walk, k: Integer, place: Integer, cost: Real) -> Integer:
     """The walk's prediction with the rows of step k as a hypothesis at ``place``; 0 where something is not finite."""
     if update(walk) == 0:
         return 0
-    violation = worst_violation(walk) if walk.chain.hypotheses > 1 else 0.0
+    violation = worst_violation(walk)
     cut_step(walk, 1 if k == walk.chain.begin else 0)
     put_hypothesis(walk, place, cost + walk.last_cost)
     walk.crowd_violations[place] = violation
@@ -109,24 +109,35 @@ def choose(walk: Walk, made: Integer) -> None:
 
 def filter_step(walk: Walk, k: Integer) -> Integer:
     """Step k, which follows on the one where the walk is; 0 where something is not finite."""
+    if k > 0:
+        load_move(walk, k - 1)
+    load_step(walk, k)
+    if walk.chain.hypotheses > 1:
+        return crowd_step(walk, k)
+    if k > 0 and predict(walk) == 0:
+        return 0
+    if update(walk) == 0:
+        return 0
+    cut_step(walk, 1 if k == walk.chain.begin else 0)
+    return 1
+
+
+def crowd_step(walk: Walk, k: Integer) -> Integer:
+    """The same of several hypotheses, for a step whose rows are loaded."""
     chain = walk.chain
     most = chain.hypotheses
     made = 0
-    before = 0.0
     if k == 0:
         walk.crowd = 1
         put_hypothesis(walk, 0, 0.0)
     before = walk.crowd_costs[0]
-    if k > 0:
-        load_move(walk, k - 1)
-    load_step(walk, k)
     for h in range(walk.crowd):
         take_hypothesis(walk, h)
         good = 1
         if k > 0:
             good = predict(walk)
         mirrored = 0
-        if good == 1 and most > 1 and walk.open_count == 0:
+        if good == 1 and walk.open_count == 0:
             mirrored = mirror(walk)
         if good == 1:
             made += updated(walk, k, most + made, walk.crowd_costs[h])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
 
@@ -21,8 +22,13 @@ def _solver_is_read_once() -> Iterator[None]:
     from mbm.emit.python import module
     from mbm.emit.routines import modules
 
-    known = functools.cache(modules.emitted_module)
+    made = modules.emitted_module
+    known = functools.cache(lambda called, fixed: made(called, dict(fixed)))
+
+    def again(called: Iterable[str], fixed: Mapping[str, int] = MappingProxyType({})) -> object:
+        return known(tuple(called), tuple(sorted(fixed.items())))
+
     with pytest.MonkeyPatch.context() as patch:
         for text in (source, module):
-            patch.setattr(text, "emitted_module", lambda called: known(tuple(called)))
+            patch.setattr(text, "emitted_module", again)
         yield

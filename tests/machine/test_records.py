@@ -248,7 +248,7 @@ def test_c_with_every_warning_and_sanitizer(tmp_path):
     if compiler is None:
         pytest.skip("there is no C compiler here")
     main = MAIN % tuple(", ".join(str(value) for value in each) for each in (sizes_array(), scales_array()))
-    (tmp_path / "r.c").write_text(c.PRELUDE + c.text(MODULE) + main)
+    (tmp_path / "r.c").write_text(c.prelude(c.text(MODULE) + main) + c.text(MODULE) + main)
     flags = ["-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-pedantic", "-Werror", "-Wno-unused-function"]
     sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     command = [compiler, *flags, *sanitizers, str(tmp_path / "r.c"), "-o", str(tmp_path / "r"), "-lm"]

@@ -152,7 +152,8 @@ def by_c(tmp_path_factory):
     folder = tmp_path_factory.mktemp("c")
     source = folder / "sample.c"
     heads = "".join(f"{c.declaration(f)};\n" for f in MODULE.functions if f.public)
-    source.write_text(c.PRELUDE + heads + c.text(MODULE))
+    text = heads + c.text(MODULE)
+    source.write_text(c.prelude(text) + text)
     flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-pedantic", "-Werror", "-shared", "-fPIC", "-Wno-unused-function"]
     subprocess.run([compiler, *flags, str(source), "-o", str(folder / "s.so"), "-lm"], check=True)
     return ctypes.CDLL(str(folder / "s.so"))

@@ -97,7 +97,8 @@ def by_c(tmp_path_factory):
     module, folder = everything(), tmp_path_factory.mktemp("solver")
     heads = "".join(f"{c.declaration(f)};\n" for f in module.functions if f.public)
     records = "".join(f"struct {each.name};\n" for each in module.records)
-    (folder / "solver.c").write_text(c.PRELUDE + records + heads + KERNELS + c.text(module))
+    text = records + heads + KERNELS + c.text(module)
+    (folder / "solver.c").write_text(c.prelude(text) + text)
     # An address is made a function here, which only the operating system promises to work: no -pedantic.
     flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-Wno-unused-function"]
     command = [compiler, *flags, str(folder / "solver.c"), "-o", str(folder / "s.so"), "-lm"]

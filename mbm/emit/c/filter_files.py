@@ -33,12 +33,12 @@ def filter_files(made: FilterBlueprint) -> tuple[OutputFile, ...]:
         f"{name}.h": filter_header(made),
         f"{name}.c": source,
         f"{name}_kernels.h": kernels_file(blueprint, _kernels(made)),
-        f"{name}_solver.h": solver_file(blueprint, source, WHAT),
+        f"{name}_solver.h": solver_file(blueprint, source, WHAT, _fixed(made)),
         f"{name}_tables.h": tables_file(made),
         "csv.h": CSV,
         "main.c": main_file(made),
         "test.c": test_file(made),
-        "Makefile": makefile(blueprint),
+        "Makefile": makefile(blueprint).replace("-O2", "-O3"),  # sizes are constants: loops unroll
         "CMakeLists.txt": cmake(blueprint),
         "README.md": _readme(made),
         "reference.csv": _references(made),
@@ -49,6 +49,11 @@ def filter_files(made: FilterBlueprint) -> tuple[OutputFile, ...]:
             texts[f"data/{table.identifier}.csv"] = table_text(table, given[table.name])
     files = (OutputFile(path=path, content=text.encode()) for path, text in texts.items())
     return tuple(sorted(files, key=lambda file: file.path))
+
+
+def _fixed(made: FilterBlueprint) -> dict[str, int]:
+    """The sizes of the sequence, which compilers may know: all but what a step decides."""
+    return {f"chain.{name}": value for name, value in made.plan.chain.items() if name != "begin"}
 
 
 def _kernels(made: FilterBlueprint) -> list[BlockCase]:

@@ -144,6 +144,8 @@ def _begin(made: FilterBlueprint) -> Iterator[str]:
     yield "    memcpy(filter->integers + AT_SEEN_DATA, SEEN_DATA, sizeof SEEN_DATA);"
     yield "    memcpy(filter->integers + AT_MOVING_DATA, MOVING_DATA, sizeof MOVING_DATA);"
     yield "    filter->integers[AT_LEFT] = -1;"
+    yield f"    for (c = 0; c < {plan.chain['held']}; c++)"
+    yield "        filter->integers[AT_FOLLOWED + c] = 1;"
     yield "    open_frame(f, filter);"
     yield "    begin_walk(&f->walk);"
     yield f"    for (c = 0; c < {plan.chain['numbers']}; c++)"

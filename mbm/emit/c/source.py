@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from mbm.emit.c.agreement import agreement_constants
 from mbm.emit.c.cells import input_name, program_name
@@ -61,10 +62,15 @@ def _constants(blueprint: Blueprint) -> str:
 LEAST_SQUARES = "Least squares with Marquardt's method in a trust region: losses, bounds, constraints, covariance."
 
 
-def solver_file(blueprint: Blueprint, source: str, what: str = LEAST_SQUARES) -> str:
-    """The solver, ``what`` in words: the same for all problems, as far as the text of this one calls it."""
+def solver_file(
+    blueprint: Blueprint, source: str, what: str = LEAST_SQUARES, fixed: Mapping[str, int] = MappingProxyType({})
+) -> str:
+    """The solver, ``what`` in words: the same for all problems, as far as the text of this one calls it.
+
+    ``fixed`` are fields of records that always have these values, ``record.field``.
+    """
     doc = [what, "The same algorithm as mbm's own native solver; arrays are described where the solver is called."]
-    text = module_text(emitted_module(called_in_c(source)))
+    text = module_text(emitted_module(called_in_c(source), fixed))
     checked = [LONG_CHECK] if blueprint.agreement is not None or blueprint.ranges is not None else []
     return "\n".join([comment(doc), "", prelude(text), *checked, text])
 

@@ -8,12 +8,13 @@ import re
 from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib import import_module
-from types import FunctionType
+from types import FunctionType, MappingProxyType
 
 from mbm import solver
 from mbm.emit import routines
 from mbm.machine.from_python import module_of
 from mbm.machine.tree import CALL_KERNEL, Module
+from mbm.machine.unused import without_unused
 
 
 @cache
@@ -42,8 +43,12 @@ def called_in_python(text: str) -> tuple[str, ...]:
     return tuple(sorted(names & known().keys()))
 
 
-def emitted_module(called: Iterable[str]) -> Module:
-    """The functions of these names with all that they call, none of them public; a kernel takes a row at a time."""
-    found = module_of("solver", [known()[name] for name in called], public=False, constants={"LANES": 1})
+def emitted_module(called: Iterable[str], fixed: Mapping[str, int] = MappingProxyType({})) -> Module:
+    """The functions of these names with all that they call, none of them public; a kernel takes a row at a time.
+
+    ``fixed`` are fields of records that always have these values, ``record.field``.
+    """
+    found = module_of("solver", [known()[name] for name in called], public=False, constants={"LANES": 1, **fixed})
     functions = tuple(f for f in found.functions if f.name != CALL_KERNEL.name)
-    return Module(name=found.name, functions=functions, records=found.records)
+    made = Module(name=found.name, functions=functions, records=found.records)
+    return without_unused(made) if fixed else made
