@@ -9,6 +9,7 @@ from mbm.solver.chi_square import chi_square_tails
 from mbm.solver.consensus import consensus_in_portions, consensus_many
 from mbm.solver.filter_keeping import begin_walk
 from mbm.solver.filters import filter_steps
+from mbm.solver.noise_roots import roots_of_covariances
 from mbm.solver.smoother_lag import lag_end, lag_steps
 from mbm.solver.smoothers import smooth_all
 from mbm.solver.spheres import places_of_many
@@ -28,7 +29,8 @@ def consensus_module(lanes: int) -> Module:
 
 def filters_module(lanes: int) -> Module:
     """Filters and smoothers likewise."""
-    return module_of("filters", (begin_walk, filter_steps, smooth_all, lag_steps, lag_end), constants={"LANES": lanes})
+    roots = (begin_walk, filter_steps, smooth_all, lag_steps, lag_end, roots_of_covariances)
+    return module_of("filters", roots, constants={"LANES": lanes})
 
 
 def tables_module(lanes: int) -> Module:

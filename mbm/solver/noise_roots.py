@@ -56,3 +56,12 @@ def root_of_covariance(matrix: Reals, size: Integer, width: Integer, stride: Int
         if not fabs(matrix[i * size + i]) <= SYMMETRIC * largest:
             return 0
     return 1
+
+
+def roots_of_covariances(count: Integer, size: Integer, matrices: Reals, roots: Reals) -> Integer:
+    """``roots`` (count, size, size) of so many ``matrices``, which are used up; how many have one."""
+    found = 0
+    square = size * size
+    for i in range(count):
+        found += root_of_covariance(matrices[i * square :], size, size, size, roots[i * square :])
+    return found

@@ -15,6 +15,7 @@ from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
 from mbm.estimation.minimise.native.packing import triangle_kind
+from mbm.estimation.native.code import native_code
 from mbm.estimation.sequences import faults
 from mbm.estimation.sequences.local import Local, local
 from mbm.estimation.sequences.noise import Spreads, spread_of
@@ -256,7 +257,8 @@ def _transitions(
         group = each.group
         block = problem.blocks[group.kernel.owner]
         stated = block.cases[group.kernel.case].equations
-        found.add(spread_of(stated, block.table, group.positions, tables), each.first, each.counts)
+        code = native_code(cache).filters
+        found.add(spread_of(stated, block.table, group.positions, tables, code), each.first, each.counts)
         ones = Whitener(0, group.kernel.outputs, np.ones((group.rows, group.kernel.outputs)))
         plain.append(replace(each, group=replace(group, whiteners=(ones,), losses=())))
     return _local(equations, places, plain, [], cache, transition=True), found.matrices()

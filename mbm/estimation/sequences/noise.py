@@ -8,10 +8,10 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices
 from mbm.equations.whitening import stated_noise
+from mbm.estimation.native.code import AnyCode
 from mbm.problem.rows import Positions
 from mbm.problem.tables import Table
 from mbm.problem.types import Equation, NoiseKind
-from mbm.solver.noise_roots import NEGLIGIBLE
 
 
 class Spreads:
@@ -41,12 +41,16 @@ class Spreads:
 
 
 def spread_of(
-    equations: Sequence[Equation], table: str | None, positions: Positions | None, tables: Mapping[str, Table]
+    equations: Sequence[Equation],
+    table: str | None,
+    positions: Positions | None,
+    tables: Mapping[str, Table],
+    code: AnyCode,
 ) -> Floats:
-    """L (rows, outputs, r) of the rows of some equations; those of exact ones are zero."""
+    """L (rows, outputs, r) of the rows of some equations, by the routines of filters; those of exact ones are zero."""
     own = None if table is None else tables[table]
     rows = 1 if positions is None else len(positions)
-    parts = [_root(equation, stated_noise(equation, own, positions, tables)) for equation in equations]
+    parts = [_root(equation, stated_noise(equation, own, positions, tables), code) for equation in equations]
     found = np.zeros((rows, sum(p.shape[1] for p in parts), sum(p.shape[2] for p in parts)))
     row = column = 0
     for part in parts:
@@ -64,14 +68,16 @@ def covariance_of(equation: Equation, noise: Floats) -> Floats:
     return np.asarray(np.linalg.inv(matrices) if equation.noise_kind is NoiseKind.INFORMATION else matrices)
 
 
-def _root(equation: Equation, noise: Floats) -> Floats:
-    """L (rows, k, r) of one equation, without the columns that are rounding in all rows."""
+def _root(equation: Equation, noise: Floats, code: AnyCode) -> Floats:
+    """L (rows, k, r) of one equation, without the columns that are zero in all rows."""
     size = len(equation.components)
     if not noise.shape[1]:
         return np.zeros((len(noise), size, 0))
     if equation.noise_kind is NoiseKind.SIGMA:
         return np.asarray(noise[:, :, None] * np.eye(size))
-    values, vectors = np.linalg.eigh(covariance_of(equation, noise))
-    values = np.where(values > NEGLIGIBLE * values[:, -1:], values, 0.0)
-    roots = vectors * np.sqrt(values)[:, None, :]
-    return np.asarray(roots[:, :, (values > 0.0).any(axis=0)])
+    covariances = covariance_of(equation, noise)
+    matrices = np.ascontiguousarray(0.5 * (covariances + np.swapaxes(covariances, 1, 2)))  # inverses are rounded
+    roots = np.zeros_like(matrices)
+    code.expect(float(matrices.size * size))
+    code.routine("roots_of_covariances", int, int, object, object)(len(matrices), size, matrices.ravel(), roots.ravel())
+    return np.asarray(roots[:, :, (roots != 0.0).any(axis=(0, 1))])

@@ -13,6 +13,7 @@ from mbm.equations.layout import Entry
 from mbm.equations.members import picked_members
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.minimise.native.packing import weights_of
+from mbm.estimation.native.code import native_code
 from mbm.estimation.sequences import faults
 from mbm.estimation.sequences.lowering import of_no_step
 from mbm.estimation.sequences.noise import Spreads, spread_of
@@ -116,7 +117,8 @@ class StepRows:
             block = self._begun.problem.blocks[group.kernel.owner]
             stated = block.cases[group.kernel.case].equations
             counts = np.array([own.rows])
-            spreads.add(spread_of(stated, block.table, own.positions, tables), counts - counts, counts)
+            code = native_code(self._cache).filters
+            spreads.add(spread_of(stated, block.table, own.positions, tables, code), counts - counts, counts)
             ones = tuple(replace(w, weights=np.ones((own.rows, own.kernel.outputs))) for w in group.whiteners)
             found[number] = self._native(replace(own, whiteners=ones), index, columns)
         matrix = spreads.matrices()[0]
