@@ -63,6 +63,12 @@ NO_SUCH_CLAUSE = Code(
     "Residuals are asked for by the name of an observation clause, and none is called so.",
     "Ask for one of those named; without a name, those of all clauses are given.",
 )
+NO_REGION = Code(
+    "no-region",
+    "The joint region of two numbers is asked for, and cannot be had: a hard limit cuts one of them, they are parts of "
+    "a rotation or pose, one follows from the other, or how they vary together is not known.",
+    "Ask for the intervals of each, or for a region of other numbers.",
+)
 
 MOST_NAMES = 8
 """Names in one sentence."""
@@ -179,6 +185,18 @@ def listed(names: Sequence[str]) -> str:
     """Names in a sentence, the first `MOST_NAMES` of them."""
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     return ", ".join(f"`{name}`" for name in names[:MOST_NAMES]) + more if names else "none"
+
+
+def no_region(first: str, second: str, why: str) -> Diagnostic:
+    """There is no joint region of two numbers."""
+    return Diagnostic(
+        code=NO_REGION, message=f"no joint region of `{first}` and `{second}`: {why}", hint=NO_REGION.mend
+    )
+
+
+def no_number(name: str, known: Sequence[str]) -> str:
+    """No scalar is called ``name``; those ``known`` are."""
+    return f"no number is called `{name}`; there are {listed(known)}"
 
 
 def no_such_clause(name: str, known: Sequence[str]) -> Diagnostic:

@@ -111,6 +111,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         followed=solution.followed,
         starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),
         coverage=problem.request.coverage,
+        not_examined=solution.unexamined(),
         diagnostics=(
             *solution.diagnostics,
             *solution.doubts(),

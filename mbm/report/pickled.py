@@ -89,6 +89,7 @@ def _solve(solve: SolveReport) -> SolveReport:
             for each in solve.pieces
         ),
         hypotheses=tuple(_alternative(each, solve.coverage) for each in solve.hypotheses),
+        not_examined=dict(solve.not_examined),
         made_from=None,
     )
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from mbm.report.budgets.types import Budget
     from mbm.report.correlations import Correlation
+    from mbm.report.regions import Region
     from mbm.report.trajectories.types import Trajectory
 
 
@@ -173,6 +174,11 @@ class Solve(Said):
         return None if found is None else shown_observability(found, self.record.estimates)
 
     @property
+    def not_examined(self) -> Mapping[str, str]:
+        """What was not looked at of the intervals (``curvature``, ``curvature of NAME``), and why."""
+        return self.record.not_examined
+
+    @property
     def alternatives(self) -> tuple[Minimum, ...]:
         """The other minima, then the separate pieces of guaranteed bounds."""
         coverage = self.record.coverage
@@ -222,8 +228,23 @@ class Solve(Said):
             if name in names:
                 return frame(profile_columns(item, names.index(name)))
         known = [each for item in self._items() for each in element_names(item.quantity, item.keys)]
-        message = f"no number is called `{name}`; there are {faults.listed(known)}"
-        raise KeyError(message)
+        raise KeyError(faults.no_number(name, known))
+
+    def region(self, first: str, second: str, level: float | None = None) -> Region:
+        """Where two scalars (``a``, ``p[1]``) of the only solve lie together, with the probability ``level``.
+
+        None: that of the solve. An ellipse, or where the model bends the profile of the cost (Bates and Watts 1988).
+
+        Raises:
+            LookupError: there is no solve, or there are several.
+            KeyError: no scalar is called so.
+            ValueError: the level is not between 0 and 1.
+            MbmError: `no-region`.
+
+        """
+        from mbm.report.regions import region
+
+        return region(self.record, (first, second), level)
 
     def predict(self, name: str, at: object = None, *, level: float | None = None, clause: str | None = None) -> Any:
         """A derived quantity at other values, and the interval of a new reading there.

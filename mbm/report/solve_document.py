@@ -72,6 +72,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         "alternatives": [*map(_alternative, solve.alternatives), *map(_piece, solve.pieces)],
         **({"hypotheses": [_hypothesis(found) for found in solve.hypotheses]} if solve.hypotheses else {}),
         "starts": None if solve.starts is None else asdict(solve.starts),
+        **({"not_examined": dict(solve.not_examined)} if solve.not_examined else {}),
         "diagnostics": [as_json(diagnostic) for diagnostic in solve.diagnostics],
     }
 

@@ -99,6 +99,8 @@ def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, ful
         yield from (paint(line, Style.WARNING) for line in wrapped(sentence, width))
     for sentence in search_sentences(solve):
         yield from wrapped(sentence, width)
+    for what, why in solve.not_examined.items():
+        yield from wrapped(f"not examined: {what} ({why})", width)
     for diagnostic in (each for each in solve.diagnostics if each is not cause):
         yield from (paint(line, Style.WARNING) for line in wrapped(diagnostic_sentence(diagnostic), width))
     if full:

@@ -274,7 +274,7 @@ class SolveReport:
     ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for; of each
     observation ``raw_residuals`` are said and ``row_data`` held; ``made_from`` gives what was solved and how.
     ``hypotheses`` are those of a filter at the last step, ``followed`` how many there were after each; ``considered``
-    are uncertain constants.
+    are uncertain constants; ``not_examined`` says what was not looked at of intervals, and why.
     """
 
     status: SolveStatus
@@ -313,6 +313,7 @@ class SolveReport:
     followed: tuple[int, ...] = ()
     starts: StartsTally | None = None
     coverage: float = 0.95
+    not_examined: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     diagnostics: tuple[Diagnostic, ...] = ()
     considered: tuple[ConsideredConstant, ...] = ()
     made_from: Callable[[], tuple[Problem, Solution]] | None = None

@@ -58,6 +58,7 @@ ELSEWHERE = {
     "no-equation-for-row": "api/test_stream.py",
     "noise-too-large": "noise/test_shared_noise.py",
     "no-budget": "report/test_budgets.py",
+    "no-region": "report/test_regions.py",
     "no-such-clause": "api/test_result.py",
     "no-such-input": "api/test_estimator.py",
     "no-true-value": "simulation/test_measurements.py",

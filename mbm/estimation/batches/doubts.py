@@ -82,11 +82,11 @@ def _weights(portion: Portion, residuals: Floats) -> Floats:
 def _bent(problem: Problem, around: _Intervals, derived: tuple[DerivedColumns, ...]) -> Mask:
     """Solves (K,) an interval of which may miss its ends."""
     portion, found, noise = around.portion, around.found, around.noise
-    wrong = np.zeros(portion.count, dtype=bool)
+    linear = plainly_affine(portion.equations)
     # `nonlinearity.surroundings` looks whether the cost is that of these residuals; here they are, but for roundings
     if around.too_much:
-        return wrong
-    linear = plainly_affine(portion.equations)
+        return np.full(portion.count, not linear or bool(derived))  # each says by itself that nobody looked
+    wrong = np.zeros(portion.count, dtype=bool)
     if not linear:
         deviation = noise[:, None] * np.sqrt(np.square(found.root).sum(axis=2))
         for place in range(deviation.shape[1]):

@@ -76,6 +76,11 @@ def no_alternatives() -> tuple[Alternative, ...]:
     return ()
 
 
+def all_examined() -> Mapping[str, str]:
+    """Everything was examined."""
+    return {}
+
+
 def no_doubts() -> tuple[Diagnostic, ...]:
     """Nothing more is to be said."""
     return ()
@@ -96,7 +101,7 @@ class Solution:
     deviations, ``limited`` hard limits (None: there are none), ``profiles`` intervals where the linear ones are wrong
     (None: nowhere). ``influence`` tells what the covariance is the sum of (None: of a filter, which has no sum over
     rows). ``elsewhere`` derives for other rows (None: nothing can be). ``doubts`` looks for further ``diagnostics``,
-    ``alternatives`` for other minima.
+    ``alternatives`` for other minima. ``unexamined`` says what was not looked at, and why.
     """
 
     key: Mapping[str, CellKey]
@@ -136,6 +141,7 @@ class Solution:
     seconds: float
     diagnostics: tuple[Diagnostic, ...]
     doubts: Callable[[], tuple[Diagnostic, ...]] = no_doubts
+    unexamined: Callable[[], Mapping[str, str]] = all_examined
     influence: Influence | None = None
     elsewhere: Elsewhere | None = None
 

@@ -15,6 +15,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.likelihoods import log_likelihood
+from mbm.equations.spreads import Influence
 from mbm.equations.types import (
     Floats,
     Indices,
@@ -39,6 +40,7 @@ from mbm.estimation.solve.weighing import Reached, reached
 from mbm.estimation.trust.contradiction import contradictions
 from mbm.estimation.trust.curvature import curvature
 from mbm.estimation.trust.plausibility import doubts
+from mbm.estimation.trust.unexamined import unexamined
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.gauge import with_gauge
 from mbm.estimation.uncertainty.informed import informed
@@ -209,11 +211,14 @@ def answered(
         seconds=seconds(),
         elsewhere=propagation.elsewhere,
         diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
+        unexamined=lambda: unexamined(propagation, minimum, derived, bent),
         doubts=lambda: (*beside()[1], *doubts(propagation, minimum, derived, bent)),
-        influence=outcome.influence
-        if robust.informing is None
-        else replace(outcome.influence, informing=robust.informing),
+        influence=_influence(outcome, robust),
     )
+
+
+def _influence(outcome: Statistics, robust: Prepared) -> Influence:
+    return outcome.influence if robust.informing is None else replace(outcome.influence, informing=robust.informing)
 
 
 def _others(

@@ -23,6 +23,9 @@ DIFFERENCE = 1e-3
 REACHED = 1e-6
 """Distance from its target, as a share of it, at which a quantity has reached it."""
 
+STUCK = 1e-5
+"""Gain, in variances, below which a quantity that has not reached its target does not come nearer."""
+
 FIRMLY = 10.0
 """Weight of the distance from the target, as a share of it, beside the growth of the cost at an end. Where the profile
 is a parabola a share of one costs twice that growth, so that the distance always counts for more."""
@@ -59,7 +62,8 @@ class DerivedProfile(Profile):
                 break
             gain, step = merit - trial[0], step + move / 2**halving
             merit, cost, point, residuals, gap = trial
-            if gain < SETTLED * self.level and abs(gap) <= REACHED * abs(wanted):
+            reached = abs(gap) <= REACHED * abs(wanted)
+            if gain < (SETTLED if reached else STUCK) * self.level:
                 break
         growth = (cost - self.least) / self.level
         found = abs(gap) <= SETTLED * abs(wanted) and np.isfinite(growth)
@@ -78,7 +82,8 @@ class DerivedProfile(Profile):
         k = len(steps)
         pairs = [(i, j) for i in range(k) for j in range(i)]
         tried = np.array([*steps, *-steps, *(sign * (steps[i] + steps[j]) for i, j in pairs for sign in (1.0, -1.0))])
-        values = self.change(np.stack([point, *(self.equations.retract(point, each) for each in tried)]))
+        there = self.equations.retract(np.tile(point, (len(tried), 1)), tried)
+        values = self.change(np.vstack([point, there]))
         here, ahead, behind = values[0], values[1 : k + 1], values[k + 1 : 2 * k + 1]
         bends = (ahead + behind - 2 * here) / DIFFERENCE**2
         curvature = np.diag(bends)

@@ -15,6 +15,9 @@ from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.values import dataclass
 
 MOST_ROUNDS = 30
+RANK = 1e-15
+"""Share of the largest singular value below which constraints depend on one another."""
+
 CLOSE = 1e-9
 """Step back to the surface, in units in which the columns of the Jacobian have length 1, that counts as none."""
 
@@ -61,11 +64,19 @@ class OnSurface(Forwarding):
             slopes = self.equations.constraint_jacobian(point)[self.holding] / self.scale
             if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
                 break
-            step = -np.linalg.pinv(slopes) @ values
+            step = -_shortest(slopes, values)
             point = self.equations.retract(point, step / self.scale)
             if float(np.abs(step).max(initial=0.0)) <= CLOSE:
                 return point
         return np.full(len(point), np.nan)
+
+
+def _shortest(slopes: Floats, values: Floats) -> Floats:
+    """The shortest c (n,) with slopes (k, n) @ c = values; by least squares where these depend on one another."""
+    if len(values) == 1:
+        length = float(slopes[0] @ slopes[0])
+        return slopes[0] * (values[0] / length) if length > 0.0 else np.zeros(slopes.shape[1])
+    return np.asarray(np.linalg.lstsq(slopes, values, rcond=RANK)[0])
 
 
 def on_surface(equations: Assembled, minimum: Minimum) -> OnSurface | None:

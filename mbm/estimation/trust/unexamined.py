@@ -1,0 +1,66 @@
+"""What was not looked at of intervals, and why: whoever relies on them should know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mbm.equations.binding import affine
+from mbm.equations.types import Minimum
+from mbm.estimation.search.solution import DerivedSolution
+from mbm.estimation.trust.curvature import MOST_DERIVED, Curvature
+from mbm.estimation.trust.nonlinearity import MOST_COORDINATES, too_much
+from mbm.estimation.trust.surface import on_surface, plainly_affine
+from mbm.estimation.uncertainty.derived import Propagation
+
+CURVATURE = "curvature"
+"""The name of what is not examined at all; that of one quantity is called `curvature of NAME`."""
+
+
+def unexamined(
+    propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSolution, ...], found: Curvature | None
+) -> Mapping[str, str]:
+    """Reasons by what was not examined; nothing where the model is linear, or no minimum was reached."""
+    if not minimum.reason.converged:
+        return {}
+    equations = propagation.equations
+    straight = plainly_affine(equations) and (minimum.blocks is not None or on_surface(equations, minimum) is None)
+    bent = [one for one in derived if not (straight and _affine(propagation, one.owner))]
+    if found is not None:
+        looked_at = {one.owner for one in found.derived}
+        return {
+            f"{CURVATURE} of {propagation.problem.derived[one.owner].name}": _why(propagation, one)
+            for one in bent
+            if one.owner not in looked_at and bool((one.sigma > 0.0).any())
+        }
+    if straight and not bent:
+        return {}
+    return {CURVATURE: _why_nothing(propagation, minimum)}
+
+
+def _affine(propagation: Propagation, owner: int) -> bool:
+    """Whether a derived quantity depends linearly on the estimates."""
+    moving = np.zeros(len(propagation.equations.layout.number), dtype=bool)
+    moving[propagation.equations.free] = True
+    return all(affine(group, moving) for group in propagation.binder.derived(propagation.kernels, owner))
+
+
+def _why(propagation: Propagation, one: DerivedSolution) -> str:
+    stated = propagation.problem.derived[one.owner]
+    if stated.kind is not None:
+        return f"of a {stated.kind.value} only the linear intervals are known"
+    if one.sigma.size > MOST_DERIVED:
+        return f"more than {MOST_DERIVED} derived numbers"
+    return "its rows follow several formulas, or it is one of too many derived numbers"
+
+
+def _why_nothing(propagation: Propagation, minimum: Minimum) -> str:
+    estimated = propagation.outcome.covariance
+    if minimum.blocks is not None:
+        return "the problem was solved with sparse matrices"
+    if too_much(estimated.factor.shape[1] if estimated.factor.ndim == 2 else 0, minimum.residuals.shape[0]):
+        return f"more than {MOST_COORDINATES} unknowns, or too many rows for so many unknowns"
+    if propagation.equations.lossy:
+        return "the losses leave too little of the rows"
+    return "the standard deviations do not follow from the derivatives of these equations alone"
