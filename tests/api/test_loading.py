@@ -100,3 +100,13 @@ def test_the_package_offers_what_it_says() -> None:
         assert getattr(mbm, name) is not None
     with pytest.raises(AttributeError, match="no attribute"):
         getattr(mbm, "no_such_name")  # noqa: B009 - the name is to be looked up when the test runs
+
+
+def test_what_is_wrong_with_a_text_is_said_when_it_is_read(tmp_path: Path) -> None:
+    """Not when something is asked of the problem first."""
+    wrong = "(problem p (data d"
+    with pytest.raises(mbm.MbmError, match="unclosed-bracket"):
+        mbm.loads(wrong)
+    (tmp_path / "p.mbm").write_text(wrong)
+    with pytest.raises(mbm.MbmError, match="unclosed-bracket"):
+        mbm.load(tmp_path / "p.mbm")

@@ -12,7 +12,10 @@ import pytest
 import mbm
 from mbm.cli.output import is_terminal
 from mbm.estimation.search import agreement
+from mbm.estimation.solve import confirmed as confirmation
+from mbm.estimation.solve import estimate
 from mbm.problem.scopes import _exact
+from mbm.report.beginnings import with_beginnings
 from mbm.report.table import table
 from mbm.shapes.opaque import _key
 from mbm.testing import coverage
@@ -124,3 +127,26 @@ def test_the_share_of_runs_with_warnings():
     asked = coverage._summary([], 8, 0, 2)
     assert asked.warned == 0.25
     assert coverage._summary([], 0, 0, 0).warned == 0.0
+
+
+def test_starts_of_members_are_columns_of_their_table():
+    """One for each number of a vector, counted from 1."""
+    found = (
+        mbm.loads("""(problem p (data m (table (k h) ("a" 0) ("b" 0)) :key k)
+      (data d (table (w x y) ("a" 1 2) ("b" 3 4)))
+      (unknowns (u (vector 2) :per m)) (observe d (= [x y] (u w)) :sigma 1))""")
+        .compile()
+        .elaborated
+    )
+    begun = with_beginnings(found, {"u": [[1.0, 2.0], [3.0, 4.0]]}).raw["m"]
+    assert begun.columns["u start 1"].numbers.tolist() == [1.0, 3.0]
+    assert begun.columns["u start 2"].numbers.tolist() == [2.0, 4.0]
+
+
+def test_ends_with_corrections_are_confirmed_and_no_others(monkeypatch):
+    asked = []
+    monkeypatch.setattr(confirmation, "confirmed", lambda equations, minimum: asked.append(equations) or "another")
+    exact, corrected = SimpleNamespace(implicit=None), SimpleNamespace(implicit=object())
+    assert estimate._confirmed(exact, "minimum") == "minimum"
+    assert estimate._confirmed(corrected, "minimum") == "another"
+    assert asked == [corrected]

@@ -100,6 +100,17 @@ def test_the_pose_that_made_the_sights_is_found(seed):
         assert away(found, np.append(R.ravel(), t)) < 1e-3
 
 
+@pytest.mark.parametrize("place", [(0.3, 3.0), (-0.8, 4.0), (2.0, 2.5), (-3.0, 5.0)])
+def test_sights_that_mirror_each_other_give_the_pose_too(place):
+    """An isosceles triangle from a point of its plane of symmetry: the sides to its feet are equal, and may vanish."""
+    points = np.array([[-1.0, 0, 0], [0, 1.5, 0], [1, 0, 0]])
+    shift = np.array([0.0, *place])
+    placed = points + shift
+    found = seen(points, placed / np.linalg.norm(placed, axis=1)[:, None])
+    # where the law for a side vanishes, half of the digits are left
+    assert away(found, np.append(np.eye(3).ravel(), shift)) < 1e-6
+
+
 def test_points_on_a_line_give_no_pose():
     points = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
     placed = points + np.array([0, 0, 5.0])
