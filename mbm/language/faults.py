@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from mbm.expression.units import parse_unit
 from mbm.text.faults import shown
 from mbm.text.suggest import did_you_mean, suggestion
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
@@ -356,9 +357,15 @@ def text_in_number_column(span: Span, column: str, cell: str | None, place: Plac
     """A column of texts used as numbers; the first cell that is no number is to blame."""
     if place is None or cell is None:
         return Diagnostic(code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` holds texts, not numbers", place=span)
+    hint = "correct the cell, or leave it empty and allow gaps with `:missing skip`"
+    told = shown(cell, 40)
+    if parse_unit(cell) is not None:
+        hint = (
+            f"where `{told}` is a unit, leave its row out and write `:columns (({column} :unit {told}))`; else {hint}"
+        )
     return Diagnostic(
-        code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` is used as numbers, but a cell is `{shown(cell, 40)}`",
-        place=place, hint="correct the cell, or leave it empty and allow gaps with `:missing skip`",
+        code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` is used as numbers, but a cell is `{told}`",
+        place=place, hint=hint,
         labels=(Label(span, "used as a number here"),),
     )  # fmt: skip
 

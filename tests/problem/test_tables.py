@@ -145,6 +145,15 @@ def test_a_text_where_a_number_is_wanted_names_the_cell(faults):
     assert "`one`" in diagnostic.message
 
 
+def test_a_row_of_units_is_told_where_units_stand(faults):
+    text = "(problem p (data t (table (m x) (kg mm) (1 2) (2 3))) (unknowns (a)) (observe t (= x (* a m))))"
+    assert ":columns ((m :unit kg))" in next(fault.hint for fault in faults(text) if "`kg`" in fault.message)
+
+
+def test_a_unit_for_a_type_is_told_where_it_stands(faults):
+    assert faults("(problem p (unknowns (a s)) (observe (= 3 a)))")[0].hint == "`s` is a unit: write `:unit s`"
+
+
 def test_the_word_nan_is_blamed_and_not_the_number_beside_it(faults):
     for cells, blamed in (("(0 1) (1 nan)", "`nan`"), ("(0 inf) (1 2)", "`inf`"), ("(0 nan) (1 off)", "`off`")):
         diagnostic = faults(f"(problem p (data d (table (x y) {cells})) (unknowns (a)) (observe d (= y a)))")[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mbm.expression.nodes import External, Outlined
+from mbm.expression.units import parse_unit
 from mbm.language.limits import more_work
 from mbm.problem.tables import Member
 from mbm.solver.description import RULES
@@ -219,12 +220,10 @@ def unknown_source(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
 
 def unknown_type(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
     """A type nobody knows."""
-    return Diagnostic(
-        code=UNKNOWN_TYPE,
-        message=f"`{name}` is no type of unknown",
-        place=span,
-        hint=suggestion(name, known, f"the types are {_listed(known)}"),
-    )
+    hint = suggestion(name, known, f"the types are {_listed(known)}")
+    if parse_unit(name) is not None:
+        hint = f"`{name}` is a unit: write `:unit {name}`"
+    return Diagnostic(code=UNKNOWN_TYPE, message=f"`{name}` is no type of unknown", place=span, hint=hint)
 
 
 def unknown_method(span: Span | None, name: str, known: tuple[str, ...]) -> Diagnostic:
