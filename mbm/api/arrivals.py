@@ -110,10 +110,10 @@ class Arrivals:
             raise MbmError(faults.not_one_step(column, sorted(keys)))
         return keys.pop()
 
-    def _transition(self, cells: Cells, key: float, before: float) -> tuple[float, ...] | None:
-        """The numbers that the transition takes; None where some are to be read."""
+    def _transition(self, cells: Cells, key: float, before: float) -> Mapping[str, float] | None:
+        """The numbers that the transition takes, by column; None where some are to be read."""
         known = {INTERVAL: key - before, PREVIOUS: before, self._begun.sequence.column: key}
-        found = []
+        found = {}
         for name in self._used:
             number = known.get(name)
             if number is None:
@@ -122,8 +122,8 @@ class Arrivals:
                 if own is None or len(own) != 1:
                     return None
                 number = float(own[0])
-            found.append(number)
-        return tuple(found)
+            found[name] = number
+        return found
 
     def _read(self, given: Given, key: float | None) -> dict[str, Table]:
         """The tables as the data of the problem are read; ``key`` (None: not known) is put where no column says it.

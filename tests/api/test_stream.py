@@ -286,3 +286,26 @@ def test_an_unknown_that_is_none():
     )
     with pytest.raises(KeyError, match=r"there are b, x, x\.rate"):
         compiled.stream().step(at=0.0)["y"]
+
+
+ODOMETRY = """
+(problem odometry
+  (data o external) (data z external)
+  (states :over k (at (pose 2) :init (pose2 0 0 0) :sigma 0.1))
+  (dynamics (= (next at) (compose at (pose2 ahead 0 turn)) :sigma {sigma}))
+  (observe z (= y (translation at)) :sigma 0.3)
+  (solve :method {method}))
+"""
+
+
+@pytest.mark.parametrize("sigma", ["0.05", "s"])
+@pytest.mark.parametrize("method", ["ekf", "(smoother :lag 2)"])
+def test_transitions_with_other_numbers_at_each_step(method, sigma):
+    """Where noise is the same, the numbers alone are put in the place of those before."""
+    g = np.random.default_rng(3)
+    k = np.array([0.0, 1, 2, 4, 5, 6, 7])
+    o = {"k": k, "ahead": 1 + 0.1 * g.normal(size=7), "turn": 0.2 * g.normal(size=7), "s": 0.04 + 0.01 * np.cos(k)}
+    text = ODOMETRY.format(method=method, sigma=sigma).replace("(= y (tr", "(= [y1 y2] (tr")
+    tables = {"o": o, "z": {"k": k, "y1": k + 0.1 * g.normal(size=7), "y2": 0.1 * g.normal(size=7)}}
+    compiled = mbm.loads(text).compile(data=tables)
+    same(compiled.solve(), fed(compiled, tables), ["at"])

@@ -61,6 +61,8 @@ class StepRows:
         self.when = whens(begun)
         self.tables = tuple(blocks[group.kernel.owner].table or "" for group in self.seen)
         self.observed = tuple(blocks[group.kernel.owner].role is BlockRole.OBSERVATION for group in self.seen)
+        self.numbers_of_transitions = _numbers_of(begun, self.moving)
+        """Columns of transitions of which another number changes nothing but parameters of equations."""
         self._plain: dict[int, Plain | None] = {
             number: None for number, group in enumerate(self.seen) if self._may_be_plain(number, group)
         }
@@ -124,6 +126,16 @@ class StepRows:
         matrix = spreads.matrices()[0]
         return found, np.pad(matrix, ((0, 0), (0, size - matrix.shape[1])))
 
+    def renumbered(self, rows: Mapping[int, GroupRows], numbers: Mapping[str, float]) -> dict[int, GroupRows]:
+        """The rows of a transition with other numbers in columns."""
+        found = {}
+        for number, group in enumerate(self.moving):
+            parameters = rows[number].parameters.copy()
+            for column, name in _inputs(group.kernel):
+                parameters[:, column] = numbers[name]
+            found[number] = replace(rows[number], parameters=parameters)
+        return found
+
     def _groups(self, tables: Mapping[str, Table]) -> dict[int, Group]:
         begun = self._begun
         binder = Binder(
@@ -169,6 +181,22 @@ class StepRows:
             and all(not isinstance(p, ColumnInput) or p.table == block.table for p in group.kernel.parameters)
             and not any(isinstance(leaf, Column) for e in case.equations for leaf in leaves(e.noise))
         )
+
+
+def _numbers_of(begun: Begun, moving: tuple[Group, ...]) -> frozenset[str]:
+    """The columns that the equations of transitions take as they are, and that neither noise nor cases depend on."""
+    blocks, reached = begun.problem.blocks, begun.sequence.reached
+    found: set[str] = set()
+    deciding: set[str] = set()
+    for group in moving:
+        block = blocks[group.kernel.owner]
+        inputs = [each for each in group.kernel.parameters if isinstance(each, ColumnInput)]
+        if len(block.cases) > 1 or block.cases[0].static or any(each.table != reached for each in inputs):
+            return frozenset()
+        found.update(each.name for each in inputs)
+        noises = (leaf for each in block.cases[0].equations for leaf in leaves(each.noise))
+        deciding.update(leaf.name for leaf in noises if isinstance(leaf, Column))
+    return frozenset(found - deciding)
 
 
 def _member(

@@ -50,12 +50,12 @@ class Arrived:
     """A step that comes in. ``tables`` makes all tables of the problem with the rows of this step alone.
 
     ``cells`` are the columns that it was given, None where they are to be read as the data of the problem are, and
-    ``transition`` the numbers that the transition to it takes (None: some are to be read, or there is none).
+    ``transition`` the numbers that the transition to it takes, by column (None: some are to be read, or there is none).
     """
 
     cells: Cells | None
     tables: Callable[[], Mapping[str, Table]]
-    transition: tuple[float, ...] | None
+    transition: Mapping[str, float] | None
 
 
 class Stepper:
@@ -90,7 +90,7 @@ class Stepper:
         self._always = [(j, table) for j, table in enumerate(self.rows.tables) if self.rows.when[j] == ALWAYS]
         self._placed: list[object] = [None] * held
         self._observed = False
-        self._last: tuple[tuple[float, ...], tuple[Mapping[int, GroupRows], Floats]] | None = None
+        self._last: tuple[Mapping[str, float], tuple[Mapping[int, GroupRows], Floats]] | None = None
         self._memory = self._made()
 
     def take(self, arrived: Arrived) -> StepEstimate | None:
@@ -201,10 +201,18 @@ class Stepper:
         self._memory.chain[Chain.begin] = before.chain[Chain.begin]
 
     def _transition(self, arrived: Arrived) -> tuple[Mapping[int, GroupRows], Floats]:
-        """The rows of the transition to a step, and their noise; as before where its numbers are those of before."""
+        """The rows of the transition to a step, and their noise; those of the one before with its numbers, where that
+        is all that changes.
+        """
         known = arrived.transition
-        if known is not None and self._last is not None and self._last[0] == known:
-            return self._last[1]
+        if known is not None and self._last is not None:
+            before, (rows, spread) = self._last
+            changed = {name for name, number in known.items() if number != before[name]}
+            if not changed:
+                return rows, spread
+            if changed <= self.rows.numbers_of_transitions:
+                self._last = (known, (self.rows.renumbered(rows, known), spread))
+                return self._last[1]
         moved = self.rows.moved(arrived.tables())
         self._last = None if known is None else (known, moved)
         return moved
