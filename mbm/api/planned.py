@@ -183,7 +183,12 @@ class Planner:
             inputs = replace(inputs, paths={name: str(given)}, tables={})
         else:
             inputs = replace(inputs, tables={name: given}, paths={})
-        bare = self._load([replace(declaration, columns=(), skip_missing=False)], inputs)[name]
+        try:
+            bare = self._load([replace(declaration, columns=(), skip_missing=False)], inputs)[name]
+        except MbmError as error:
+            if not isinstance(given, str | Path):
+                raise
+            raise MbmError(*(faults.unread(each, str(given), tuple(declared)) for each in error.diagnostics)) from None
         kept = tuple(each for each in declaration.columns if each.source in bare.columns)
         return self._load([replace(declaration, columns=kept, skip_missing=False)], inputs)[name]
 
@@ -281,6 +286,9 @@ def _behind(own: Table, rows: Table, measured: set[str]) -> Table:
             before = first.texts if first is not None and first.texts is not None else texts[0]
             columns[name] = Column(name=name, texts=(*before, *texts[1]), unit=told.unit)
             continue
+        if more is not None and more.numbers is None and name not in measured:
+            why = f"the column `{name}` of the candidates holds no numbers"
+            raise MbmError(faults.no_candidates(why, f"correct its cells: `{(more.texts or ('',))[0]}` is the first"))
         before_numbers = np.zeros(0) if first is None or first.numbers is None else first.numbers
         filling = float(before_numbers.mean()) if len(before_numbers) else 1.0
         numbers = None if more is None or name in measured else more.numbers

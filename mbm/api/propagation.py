@@ -117,9 +117,10 @@ def _refuse(problem: Problem) -> None:
         if block.loss is not None:
             mend = "leave out the rows that are off, and `:loss` with them"
             wrong.append(faults.not_propagated(block.span, f"the loss of `{block.name}`", judged, mend))
-        if block.structure.joins:
-            why, mend = "errors that rows have in common are not drawn yet", "use `mbm simulate` and `mbm solve`"
-            wrong.append(faults.not_propagated(block.span, f"{block.structure.what} of `{block.name}`", why, mend))
+        if block.structure.estimated or (block.structure.joins and block.unknown_factor):
+            why, mend = "noise that rows share is drawn where all of it is known", "state it with numbers"
+            what = f"{block.structure.what} of `{block.name}`"
+            wrong.append(faults.not_propagated(block.structure.place or block.span, what, why, mend))
         if block.errors:
             why = "errors in measured columns are not drawn yet"
             mend = "make the true values unknowns: `(observe (= x (true i)) :sigma s)`"

@@ -309,8 +309,8 @@ REFUSED = {
     "free": line(more=" (unknowns (z)) (constraints (normal (+ z a) 1 1) (normal (+ z a) 2 1))").replace(
         "(+ a (* b x))", "(* b x)"
     ),
-    "`:correlation` of `d` cannot be propagated": line(sigma=" :sigma 0.1 :correlation (ar1 0.5)"),
-    "`:common` of `d` cannot be propagated": line(sigma=" :sigma 0.1 :common ((0.1 :per x))"),
+    "`:correlation` of `d` cannot be propagated": line(sigma=" :correlation (ar1 unknown)"),
+    "`:common` of `d` cannot be propagated": line(sigma=" :sigma unknown :common ((0.1 :per x))"),
     "`:distribution poisson` of `d` cannot be propagated": (
         "(problem p (data d (table (n) (3) (5))) (unknowns (b)) (observe d (= n b) :distribution poisson))"
     ),

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(min=0), default=1, metavar="N", help="Seed of the search for sets.")
 @click.option("--json", "json_path", metavar="PATH|-", help="Write everything as JSON.")
 @click.option("--csv", "csv_path", metavar="PATH", help="Write the candidates (without any: what to expect) as CSV.")
+@click.option("--plot", "plot_path", metavar="PATH", help="Draw candidates and the worth of rows (.png .svg .pdf).")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @allow_external_option
 @verbosity_options
@@ -46,9 +47,11 @@ def command(**given: Any) -> int:
     Exit status: 0; 1 if something that is estimated, or the quantity asked for, is not determined.
     """
     screen = terminal()
-    outputs = [path for path in (given["json_path"], given["csv_path"]) if path not in (None, STANDARD_OUTPUT)]
+    every = (given["json_path"], given["csv_path"], given["plot_path"])
+    outputs = [path for path in every if path not in (None, STANDARD_OUTPUT)]
     for path in outputs:
         checked_target(path, reads=problem_at(given["file"]))
+    ending = _ending(given["plot_path"])
     design = _design(given)
     print_diagnostics(() if screen.quiet else design.notes, color=screen.color_errors)
     if given["json_path"] not in (None, STANDARD_OUTPUT):
@@ -57,6 +60,11 @@ def command(**given: Any) -> int:
         from mbm.report.designs.document import design_rows
 
         write_whole(given["csv_path"], design_rows(design).encode("utf-8", "backslashreplace"), reads=reads_so_far())
+    if ending is not None:
+        from mbm.report.designs.plots import draw
+        from mbm.report.plots import figure_bytes
+
+        write_whole(given["plot_path"], figure_bytes(draw(design), ending), reads=reads_so_far())
     if given["json_path"] == STANDARD_OUTPUT:
         write_bytes(_document(design))
     else:
@@ -64,6 +72,15 @@ def command(**given: Any) -> int:
 
         say(text(design, color=screen.color, full=screen.verbose), end="")
     return OK if design.observable else ATTENTION
+
+
+def _ending(path: str | None) -> str | None:
+    """The format of the picture, known before anything is solved."""
+    if path is None:
+        return None
+    from mbm.report.plots import format_of
+
+    return format_of(path)
 
 
 def _document(design: Design) -> bytes:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mbm.text.suggest import suggestion
-from mbm.text.types import Code, Diagnostic, Severity
+from mbm.text.types import Code, Diagnostic, Severity, Span
 
 NOT_DESIGNED = Code(
     "not-designed",
@@ -30,6 +32,14 @@ def not_designed(why: str, hint: str) -> Diagnostic:
 def no_candidates(why: str, hint: str) -> Diagnostic:
     """Candidates that are rows of no table, or cannot be chosen among."""
     return Diagnostic(code=NO_CANDIDATES, message=why, place=None, hint=hint)
+
+
+def unread(found: Diagnostic, given: str, tables: tuple[str, ...]) -> Diagnostic:
+    """What is wrong with a file of candidates, said of the option and not of the table whose rows they are."""
+    if not isinstance(found.place, Span):
+        return found
+    hint = suggestion(given, tables, f"name a file, or a table: {', '.join(f'`{each}`' for each in tables)}")
+    return replace(found, message=f"`--candidates`: {found.message}", place=None, labels=(), hint=hint)
 
 
 def unknown_clause(name: str, known: tuple[str, ...]) -> Diagnostic:

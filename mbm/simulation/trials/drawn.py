@@ -46,7 +46,8 @@ class Drawn:
 
     ``point`` (N,) are the estimates and the values of constants. ``cells`` (m,) is the place of each residual's shift
     among the parameters, ``free_constants`` the places (k,) of the constants among the numbers, with their standard
-    deviations ``sigmas`` (k,) and laws. ``derived`` are the groups of each derived quantity.
+    deviations ``sigmas`` (k,) and laws. ``derived`` are the groups of each derived quantity. ``shared`` are residuals
+    with noise in common, and what their errors are of independent ones.
     """
 
     problem: Problem
@@ -59,6 +60,7 @@ class Drawn:
     sigmas: Floats
     laws: tuple[Law, ...]
     unknown_noise: tuple[Redundancy, ...]
+    shared: tuple[tuple[Indices, Floats], ...] = ()
 
     @property
     def nothing(self) -> bool:
@@ -84,7 +86,14 @@ class Drawn:
         shifts = np.zeros((count, self.equations.whole))
         for group in self.equations.groups:
             shape = (count, group.rows, group.kernel.outputs)
-            shifts[:, group.first : group.first + group.count] = _natural(self.problem, group, rng, shape)
+            part = slice(group.first, group.first + group.count)
+            shifts[:, part] = _variates(self.problem, group, rng, shape).reshape(count, -1)
+        for lines, root in self.shared:
+            shifts[:, lines] = shifts[:, lines] @ root.T
+        for group in self.equations.groups:
+            part = slice(group.first, group.first + group.count)
+            shape = (count, group.rows, group.kernel.outputs)
+            shifts[:, part] = _natural(group, shifts[:, part].reshape(shape)).reshape(count, -1)
         if self.equations.factors is not None:
             shifts *= self.equations.factors
         for each in self.unknown_noise:
@@ -116,11 +125,6 @@ def drawn(
         MbmError: `not-propagated`, noise that the residuals do not tell, or corrections that need a search.
 
     """
-    joined = next((block for block in problem.blocks if block.structure.joins), None)
-    if joined is not None:
-        what, why = f"{joined.structure.what} of `{joined.name}`", "trials draw each row by itself"
-        mend = "simulate data sets with `mbm simulate`, and solve them"
-        raise MbmError(faults.not_propagated(joined.structure.place or joined.span, what, why, mend))
     starts = {entry.unknown.name: solution.numbers[entry.range] for entry in solution.layout.entries}
     starts |= {constant.name: np.array(constant.values) for constant in constants}
     equations, binder = assemble(problem, kernels, shifted_tables(problem, solution.tables), starts, cache)
@@ -138,6 +142,7 @@ def drawn(
         sigmas=sigmas,
         laws=laws,
         unknown_noise=_unknown_noise(problem, equations, solution),
+        shared=_shared(equations),
     )
 
 
@@ -206,12 +211,19 @@ def _laws(problem: Problem, group: Group) -> tuple[Law, ...]:
     return tuple(each.law for each in problem.blocks[group.kernel.owner].cases[group.kernel.case].equations)
 
 
-def _natural(problem: Problem, group: Group, rng: np.random.Generator, shape: tuple[int, int, int]) -> Floats:
-    """Draws (T, rows·outputs) with the noise that the equations of a group state; 0 where an equation is left out."""
+def _variates(problem: Problem, group: Group, rng: np.random.Generator, shape: tuple[int, int, int]) -> Floats:
+    """Standard variates (T, rows, outputs) of the laws that the equations of a group state."""
     found = np.zeros(shape)
     for law, each in zip(_laws(problem, group), group.whiteners, strict=True):
-        own = standard_variates(law, rng, (*shape[:2], each.last - each.first))
-        weights = each.weights
+        found[:, :, each.first : each.last] = standard_variates(law, rng, (*shape[:2], each.last - each.first))
+    return found
+
+
+def _natural(group: Group, variates: Floats) -> Floats:
+    """Whitened draws (T, rows, outputs) with the noise that the equations state; 0 where an equation is left out."""
+    found = np.zeros(variates.shape)
+    for each in group.whiteners:
+        own, weights = variates[:, :, each.first : each.last], each.weights
         if weights.ndim == 2:
             exact = (weights == 0.0) | ~each.noisy
             found[:, :, each.first : each.last] = own / np.where(exact, np.inf, weights)
@@ -220,7 +232,18 @@ def _natural(problem: Problem, group: Group, rng: np.random.Generator, shape: tu
         inverse = np.linalg.inv(np.where(left_out[:, None, None], np.eye(weights.shape[1]), weights))
         inverse[left_out] = 0.0
         found[:, :, each.first : each.last] = np.einsum("rij,trj->tri", inverse, own)
-    return found.reshape(shape[0], -1)
+    return found
+
+
+def _shared(equations: Assembled) -> tuple[tuple[Indices, Floats], ...]:
+    """The residuals that share noise, and what makes their whitened errors of independent ones (r, r)."""
+    structure = equations.structure
+    if structure is None:
+        return ()
+    return tuple(
+        (each.lines, np.asarray(np.linalg.inv(each.independent(np.eye(len(each.lines)), structure.factor(each)))))
+        for each in structure.patterns
+    )
 
 
 def _unknown_noise(problem: Problem, equations: Assembled, solution: Solution) -> tuple[Redundancy, ...]:
