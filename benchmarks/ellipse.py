@@ -67,7 +67,7 @@ def figures() -> list[Figure]:
         measured, angle = points(count)
         exact = joint_optimum(lambda p, m=measured: ((rim(p[:5], p[5:]) - m) / SIGMA).ravel(), TRUTH, angle).values
         solved = compiled.solve(data={"pts": table(count)})
-        seconds = best(lambda n=count: compiled.solve(data={"pts": table(n)}), 20)
+        seconds = best(lambda n=count: compiled.solve(data={"pts": table(n)}).diagnostics, 20)
         found = np.concatenate([solved["c"].value, [float(solved[n].value) for n in ("a", "b", "phi")]])
         correct = digits(found, exact)
         work, ours = f"implicit ellipse, {count} points", f"{duration(seconds)}, {correct:.1f} digits"

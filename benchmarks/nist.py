@@ -51,7 +51,7 @@ def fit(reference: ReferenceSet, start: int) -> Fit:
         compiled = problem.compile()
         compiling = perf_counter() - began
         solved = compiled.solve()
-        solving = best(compiled.solve, RUNS)
+        solving = best(lambda: compiled.solve().diagnostics, RUNS)
         estimator = compiled.estimator("y")
         measured = np.exp(reference.y) if reference.name in LOGARITHMIC else reference.y
         bare = best(lambda: estimator(measured), RUNS)
