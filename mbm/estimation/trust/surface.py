@@ -21,6 +21,9 @@ RANK = 1e-15
 CLOSE = 1e-9
 """Step back to the surface, in units in which the columns of the Jacobian have length 1, that counts as none."""
 
+SHRINKING = 0.1
+"""Part of the step before up to which slopes are kept: what a last step leaves is less than that part of it."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OnSurface(Forwarding):
@@ -58,16 +61,24 @@ class OnSurface(Forwarding):
 
     @np.errstate(all="ignore")
     def _back(self, point: Floats) -> Floats:
-        """Newton's method, each step the shortest to where the linearised constraints hold."""
+        """Newton's method, each step the shortest to where the linearised constraints hold.
+
+        While steps shrink fast the slopes are those of a point before: they cost more than some steps more.
+        """
+        slopes: Floats | None = None
+        last = np.inf
         for _ in range(MOST_ROUNDS):
             values = self.equations.constraint_values(point)[self.holding]
-            slopes = self.equations.constraint_jacobian(point)[self.holding] / self.scale
+            if slopes is None:
+                slopes = self.equations.constraint_jacobian(point)[self.holding] / self.scale
             if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
                 break
             step = -_shortest(slopes, values)
             point = self.equations.retract(point, step / self.scale)
-            if float(np.abs(step).max(initial=0.0)) <= CLOSE:
+            length = float(np.abs(step).max(initial=0.0))
+            if length <= CLOSE:
                 return point
+            slopes, last = (None if length > SHRINKING * last else slopes), length
         return np.full(len(point), np.nan)
 
 
