@@ -287,17 +287,14 @@ def seen(found: Elaborated, program: Program, inputs: Inputs, registry: Registry
     """Which equations compare images, and the models of the package that no definition hides."""
     from mbm.report.view.models import library_of
     from mbm.report.view.rays import implied_seeings
-    from mbm.report.view.tracing import Seen, Trace
+    from mbm.report.view.tracing import Trace
 
     trace, words = Trace(), registry.vocabulary()
     traced = trace.vocabulary(words)
     tracing = replace(registry, vocabulary=lambda: traced)
     noted = elaborated(program, found.problem.name, inputs, tracing, lambda _: found.raw)
-    return Seen(
-        seeings=tuple(trace.seeings(noted.problem)) or tuple(implied_seeings(found.problem)),
-        contours=tuple(trace.contours(noted.problem)),
-        library=library_of({**words.functions, **dict.fromkeys(program.models)}),
-    )
+    library = library_of({**words.functions, **dict.fromkeys(program.models)})
+    return trace.seen(noted.problem, implied_seeings(found.problem), library)
 
 
 def jacobian_doubts(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> tuple[Diagnostic, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from scipy.stats import chi2, kstest
 
 import mbm
 from tests.kernels.outlines.scenes import ANGLES, PLACE, SIZE, measured, rotation, seen
@@ -117,9 +118,9 @@ def test_moments_and_extremes():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["box", "cylinder"])
-def test_errors_match_their_deviations(name):
-    """Of 1,000 runs, mean squares of standardised errors vary by √(2/1000) = 4.5 %; four times that is allowed."""
+@pytest.mark.parametrize("name", ["box", "cylinder", "cone"])
+def test_errors_match_their_covariances(name):
+    """χ² of all errors of 1,000 runs against the stated covariances lies within its 99 % bounds."""
     shape, corners, third = BODIES[name]
     exact = outline(shapely.MultiPoint(seen(corners)).convex_hull, 60)
     expected = truth(third)
@@ -128,13 +129,15 @@ def test_errors_match_their_deviations(name):
         data={"d": {"u": exact[:, 0], "v": exact[:, 1]}}
     )
     generator = np.random.default_rng(8)
-    errors = []
+    squares = []
     for _ in range(1000):
         points = exact + 0.3 * generator.normal(size=exact.shape)
         found = compiled.solve(data={"d": {"u": points[:, 0], "v": points[:, 1]}})
-        errors.append([(found[n].value - expected[n]) / found[n].sigma for n in names])
-    squares = np.mean(np.square(errors), axis=0)
-    assert np.abs(squares - 1).max() < 0.18, dict(zip(names, squares, strict=True))
+        errors = np.array([float(found[n].value - expected[n]) for n in found.covariance.names])
+        squares.append(errors @ np.linalg.solve(found.covariance.matrix, errors))
+    low, high = chi2.ppf([0.005, 0.995], 1000 * len(names))
+    assert low < sum(squares) < high
+    assert kstest(squares, chi2(len(names)).cdf).pvalue > 1e-3
 
 
 def test_what_lies_behind_the_camera():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,10 +11,10 @@ from mbm.estimation.search.solution import Solution
 from mbm.kernels.outlines.measuring import Outlines
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
-from mbm.report.types import Mask
+from mbm.report.types import Floats, Mask
 from mbm.report.view.model_panels import Line
 from mbm.report.view.photographs import Photograph, path_of
-from mbm.report.view.tracing import ContourSeeing, Seen
+from mbm.report.view.tracing import ContourSeeing, CurveSeeing, Seen
 from mbm.report.view.values import answer_lookup, values_of
 
 
@@ -41,28 +41,41 @@ def _photographs(
         mask[own] = True
         feet[own] = found.feet
         lines += [(mask, Line(points=points, hidden=False)) for points in found.lines]
-    places = np.arange(group.first, group.first + group.count).reshape(group.rows, -1)[:, contour.output]
+    yield from pictured(solution, rows, group, contour, numbers[:, -2:], feet, lines)
+
+
+def pictured(
+    solution: Solution,
+    table: Table | None,
+    group: Group,
+    seeing: ContourSeeing | CurveSeeing,
+    measured: Floats,
+    feet: Floats,
+    lines: Sequence[tuple[Mask, Line]],
+) -> Iterator[Photograph]:
+    """One image for each name: points (n, 2), the nearest ones of what they were measured on, and its lines."""
+    places = np.arange(group.first, group.first + group.count).reshape(group.rows, -1)[:, seeing.output]
     used = np.ones(group.rows, bool) if solution.weights is None else solution.weights[places] > 0.0
     outlier = np.zeros(group.rows, bool) if solution.outliers is None else solution.outliers[places]
-    names = _names(rows, group)
+    names = names_of(table, group)
     for name in dict.fromkeys(names.tolist()):
         mask = names == name
         yield Photograph(
             name=name,
-            measured=numbers[mask, -2:],
+            measured=measured[mask],
             predicted=feet[mask],
             covariance=np.full((int(mask.sum()), 2, 2), np.nan),
             used=np.asarray(used[mask]),
             outlier=np.asarray(outlier[mask]),
             lines=tuple(line for own_rows, line in lines if (own_rows & mask).any()),
-            labels=("X", "Y") if contour.upward else ("u", "v"),
-            down=not contour.upward,
-            left=contour.upward,
-            path=path_of(rows, group.positions, mask),
+            labels=("X", "Y") if seeing.upward else ("u", "v"),
+            down=not seeing.upward,
+            left=seeing.upward,
+            path=path_of(table, group.positions, mask),
         )
 
 
-def _names(table: Table | None, group: Group) -> np.ndarray:
+def names_of(table: Table | None, group: Group) -> np.ndarray:
     """The photograph of each row; without a name where the table names none."""
     column = None if table is None or group.positions is None else table.columns.get("photo")
     if column is None or column.texts is None or group.positions is None:

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 
 from mbm.expression.nodes import Apply, Expression, Operation, Outlined, Parameter
 from mbm.language.coerce import vector
+from mbm.language.curves import CurveValue
 from mbm.language.values import Array, Builtin, Call, Callable_, CameraValue, Value, Vocabulary
 from mbm.problem.types import BlockRole, Problem
 from mbm.shapes.silhouettes import Silhouette
@@ -22,7 +24,7 @@ from mbm.values import dataclass
 
 MOVING = ("trans", "rotate", "scale", "transform")
 SEEING = ("project", "perse", "vertex-on-image")
-MEASURING = "contour-distance"
+MEASURING, NEARING = "contour-distance", "curve-distance"
 
 Feature = Callable[[Call, Shape, tuple[Form, ...]], Value]
 
@@ -85,14 +87,33 @@ class ContourSeeing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurveSeeing:
+    """An equation that is about the distance of an image ``point`` (2) from the image of a ``curve``.
+
+    ``distance`` is that of any point: of that whose coordinates are the parameters ``place``. The others are as in
+    `ContourSeeing`.
+    """
+
+    block: int
+    case: int
+    output: int
+    point: tuple[Expression, ...]
+    curve: CurveValue
+    distance: Expression
+    place: tuple[Parameter, ...]
+    upward: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seen:
-    """The equations of a problem that compare images, and those that measure distances from outlines in images.
+    """The equations of a problem that compare images, and those about distances from outlines and curves in images.
 
     ``library``: models of the package that no definition hides.
     """
 
     seeings: tuple[Seeing, ...]
     contours: tuple[ContourSeeing, ...]
+    curves: tuple[CurveSeeing, ...]
     library: frozenset[str]
 
 
@@ -102,6 +123,8 @@ class Trace:
     def __init__(self) -> None:
         self.sights: list[Sight] = []
         self._distances: list[tuple[Apply, Outlined, bool]] = []
+        self._images: dict[int, tuple[CurveValue, bool]] = {}
+        self._nearest: list[tuple[Value, partial[CurveSeeing]]] = []
         self._shapes: dict[int, tuple[Array, Shape]] = {}
 
     def vocabulary(self, words: Vocabulary) -> Vocabulary:
@@ -114,11 +137,22 @@ class Trace:
                 functions[name] = replace(function, function=self._seeing(function.function))
             elif isinstance(function, Builtin) and name == MEASURING:
                 functions[name] = replace(function, function=self._measuring(function.function))
+            elif isinstance(function, Builtin) and name == NEARING:
+                functions[name] = replace(function, function=self._nearing(function.function))
             elif isinstance(function, Builtin) and name == "feature":
                 functions[name] = replace(function, function=self._picking(function.function))
             elif isinstance(function, FeatureFunction):
                 functions[name] = replace(function, function=self._naming(function.function))
         return replace(words, functions=MappingProxyType(functions))
+
+    def seen(self, problem: Problem, implied: Iterator[Seeing], library: frozenset[str]) -> Seen:
+        """All that was noted of ``problem``, as elaborated with the traced words; ``implied`` if no images are."""
+        return Seen(
+            seeings=tuple(self.seeings(problem)) or tuple(implied),
+            contours=tuple(self.contours(problem)),
+            curves=tuple(self.curves(problem)),
+            library=library,
+        )
 
     def seeings(self, problem: Problem) -> Iterator[Seeing]:
         """The equations of ``problem``, as elaborated with the traced words, that compare images of points."""
@@ -139,6 +173,15 @@ class Trace:
                 )
                 break
 
+    def curves(self, problem: Problem) -> Iterator[CurveSeeing]:
+        """Those that are about the distance from the image of a curve."""
+        known = {id(distance): seeing for distance, seeing in self._nearest}
+        for block, case, output, components in _equations(problem):
+            sides = [_side(components[0], place) for place in (0, 1)] if len(components) == 1 else []
+            for seeing in (known[id(side)] for side in sides[:2] if id(side) in known):
+                yield seeing(block=block, case=case, output=output)
+                break
+
     def _shape_of(self, value: Value) -> Shape | None:
         noted = self._shapes.get(id(value))
         return None if noted is None else noted[1]
@@ -154,6 +197,21 @@ class Trace:
             outlined = found.output.external if isinstance(found, Apply) and found.output is not None else None
             if isinstance(found, Apply) and isinstance(outlined, Outlined) and isinstance(seen, Silhouette):
                 self._distances.append((found, outlined, seen.upward))
+            return found
+
+        return traced
+
+    def _nearing(self, function: Callable[[Call], Value]) -> Callable[[Call], Value]:
+        def traced(call: Call) -> Value:
+            found = function(call)
+            curve, upward = self._images.get(id(call.arguments[0]), (None, False))
+            if curve is not None:
+                place = tuple(Parameter(name, call.span) for name in "uv")
+                distance = function(replace(call, arguments=(curve, Array((2,), place))))
+                point = vector(call.arguments[1], call.forms[1].span, 2).elements
+                if isinstance(distance, Apply):
+                    made = partial(CurveSeeing, point=point, curve=curve, distance=distance, place=place, upward=upward)
+                    self._nearest.append((found, made))
             return found
 
         return traced
@@ -185,6 +243,9 @@ class Trace:
             image = function(call)
             if isinstance(image, Array) and image.shape == (2,):
                 self._see(call, function, image)
+            elif isinstance(image, CurveValue):
+                camera = call.arguments[0]
+                self._images[id(image)] = image, not isinstance(camera, CameraValue) or camera.axes == "paper"
             return image
 
         return traced

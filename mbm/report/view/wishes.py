@@ -17,6 +17,7 @@ from mbm.report.view.beneath import beneath
 from mbm.report.view.contours import contour_photographs
 from mbm.report.view.images import ImageRows, image_rows
 from mbm.report.view.model_panels import draw_model
+from mbm.report.view.near_curves import curve_photographs
 from mbm.report.view.overlay import draw_overlay, overlay_of
 from mbm.report.view.pages import Panel, page_bytes
 from mbm.report.view.photographs import Photograph, photographs, together
@@ -79,15 +80,18 @@ def problem_panels(viewed: Viewed, wishes: Wishes) -> Panels:
     """
     rows = tuple(image_rows(viewed.problem, viewed.solution, viewed.seen.seeings))
     scene = scene_of(viewed.problem, rows, viewed.solution, viewed.seen.library) if rows else None
-    contours = tuple(contour_photographs(viewed.problem, viewed.solution, viewed.seen))
-    usual = (Show.OVERLAY, Show.SCENE) if rows else (Show.OVERLAY,) if contours else (Show.MAP,)
+    lines = (
+        *contour_photographs(viewed.problem, viewed.solution, viewed.seen),
+        *curve_photographs(viewed.problem, viewed.solution, viewed.seen),
+    )
+    usual = (Show.OVERLAY, Show.SCENE) if rows else (Show.OVERLAY,) if lines else (Show.MAP,)
     show = wishes.show or usual
     notes: list[str] = []
     panels: list[Panel] = []
     for kind in dict.fromkeys(show):
         if kind is Show.OVERLAY:
             room = MOST_PANELS - len(panels) - (len(show) - 1)
-            found = together((*photographs(rows, viewed.solution, viewed.seen.library), *contours))
+            found = together((*photographs(rows, viewed.solution, viewed.seen.library), *lines))
             panels += _overlays(found, wishes, room, notes)
         elif kind is Show.SCENE and scene is not None:
             panels.append(partial(_draw_scene, scene))

@@ -1,0 +1,81 @@
+"""Points near the image of a curve: what was measured, and the nearest places of the curve at the estimates.
+
+Their distance d is a formula of the point p alone, and its derivative by p the unit vector along the way to the foot:
+the foot is p − d ∇d, beside the ends of the curve too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mbm.equations.binding import Group
+from mbm.estimation.search.solution import Solution
+from mbm.problem.rows import Positions
+from mbm.problem.tables import Table
+from mbm.problem.types import Problem
+from mbm.report.types import Floats
+from mbm.report.view.contours import names_of, pictured
+from mbm.report.view.model_panels import Line
+from mbm.report.view.photographs import Photograph
+from mbm.report.view.tracing import CurveSeeing, Seen
+from mbm.report.view.values import answer_lookup, values_of
+
+ASIDE = 1e-4
+"""Of central differences, as a share of the spread of the points: rounding and what is left are below 1e-7 of it."""
+
+FINE = 4
+"""Parts that a chord of a curve is drawn in."""
+
+
+def curve_photographs(problem: Problem, solution: Solution, seen: Seen) -> Iterator[Photograph]:
+    """The images in which distances from curves are measured, told apart by the column ``photo``."""
+    for curve in seen.curves:
+        for group in solution.groups:
+            if (group.kernel.owner, group.kernel.case) == (curve.block, curve.case) and group.rows:
+                yield from _photographs(problem, solution, curve, group)
+
+
+@np.errstate(all="ignore")  # where nothing of a curve is seen, nothing is drawn
+def _photographs(problem: Problem, solution: Solution, seeing: CurveSeeing, group: Group) -> Iterator[Photograph]:
+    table = problem.blocks[seeing.block].table
+    rows = solution.tables[table] if table is not None else None
+    measured = values_of(seeing.point, answer_lookup(solution, rows, group.positions), group.rows)
+    feet = _feet(solution, rows, seeing, group, measured)
+    names = names_of(rows, group)
+    lines: list[tuple[np.ndarray, Line]] = []
+    for name in dict.fromkeys(names.tolist()):
+        first = int(np.flatnonzero(names == name)[0])
+        positions = None if group.positions is None else group.positions[first : first + 1]
+        lines += [(names == name, line) for line in _lines(solution, rows, seeing, positions)]
+    yield from pictured(solution, rows, group, seeing, measured, feet, lines)
+
+
+def _feet(solution: Solution, table: Table | None, seeing: CurveSeeing, group: Group, points: Floats) -> Floats:
+    def distances(x: Floats, y: Floats) -> Floats:
+        given = dict(zip(seeing.place, (x, y), strict=True))
+        return values_of((seeing.distance,), answer_lookup(solution, table, group.positions, given), group.rows)[:, 0]
+
+    x, y = points.T
+    step = ASIDE * max(float(np.ptp(points, axis=0).max()), 1e-9)
+    slopes = [distances(x + step, y) - distances(x - step, y), distances(x, y + step) - distances(x, y - step)]
+    ways = np.stack(slopes, axis=1) / (2 * step)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    return np.asarray(points - distances(x, y)[:, None] * ways)
+
+
+def _lines(solution: Solution, table: Table | None, seeing: CurveSeeing, positions: Positions | None) -> Iterator[Line]:
+    """The pieces of the curve as one row sees it, without what is out of sight."""
+    curve = seeing.curve
+    known = answer_lookup(solution, table, positions)
+    for piece in curve.pieces:
+        first, last = values_of((piece.first, piece.last), known, 1)[0]
+        at = np.linspace(first, last, FINE * curve.chords + 1)
+        here = answer_lookup(solution, table, positions, {curve.parameter: at})
+        points = values_of(piece.point, here, len(at))
+        if piece.seen is not None:
+            points = points[values_of((piece.seen,), here, len(at))[:, 0] >= 0.0]
+        points = points[np.isfinite(points).all(axis=1)]
+        if len(points) > 1:
+            yield Line(points=points, hidden=False)
