@@ -288,7 +288,8 @@ def _following(counts: Sequence[int]) -> list[Indices]:
 def _crossed(drafted: Outline) -> Outline:
     """The same with the crossings of arcs where the arcs cross, no longer where their chords do.
 
-    Where one arc begins or ends on another, its end stays.
+    Where one arc begins or ends on another, its end stays; so do the ends of a piece of which the search turns the
+    one past the other, as where arcs all but touch.
     """
     lengths = drafted.arcs.chords
     after = drafted.following
@@ -305,7 +306,8 @@ def _crossed(drafted: Outline) -> Outline:
         )
         last[own] = np.clip(last[own] + ahead, 0, lengths[drafted.arc[own]])
         first[other] = np.clip(first[other] + back, 0, lengths[drafted.arc[other]])
-    return replace(drafted, first=first, last=last)
+    kept = first <= last
+    return replace(drafted, first=np.where(kept, first, drafted.first), last=np.where(kept, last, drafted.last))
 
 
 def _gaps(here: Spots, there: Spots, ends: NDArray[np.bool_], begins: NDArray[np.bool_]) -> tuple[Floats, Floats]:
