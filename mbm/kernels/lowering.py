@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial, reduce
 from typing import Any
 
@@ -101,14 +101,22 @@ class Lowered:
     steps: tuple[Choice | Constancy | Call, ...]
 
 
-def lower(expressions: tuple[sympy.Expr, ...], symbols: Mapping[sympy.Symbol, casadi.SX]) -> Lowered:
-    """``expressions`` in CasADi; ``symbols`` gives the CasADi scalar of every SymPy symbol.
+def lower(
+    expressions: tuple[sympy.Expr, ...],
+    symbols: Mapping[sympy.Symbol, casadi.SX],
+    variables: Iterable[sympy.Symbol] = (),
+) -> Lowered:
+    """``expressions`` in CasADi; ``symbols`` gives the CasADi scalar of every SymPy symbol, ``variables`` are those by
+    which derivatives will be made.
+
+    A power or x·log x whose data are 0 is 0 whatever the variables are, and so are its derivatives; the chain rule
+    would find 0·∞ there.
 
     Raises:
         UnsupportedOperationError: a node nobody translates.
     """
     memo: dict[sympy.Basic, Any] = dict(symbols)
-    steps = _Steps()
+    steps, varying = _Steps(), frozenset(variables)
     for expression in expressions:
         stack = [(expression, False)]
         while stack:
@@ -120,8 +128,42 @@ def lower(expressions: tuple[sympy.Expr, ...], symbols: Mapping[sympy.Symbol, ca
                 stack.append((node, True))
                 stack.extend((argument, False) for argument in operands if argument not in memo)
                 continue
-            memo[node] = _node(node, tuple(memo[a] for a in operands), steps)
+            value = _node(node, tuple(memo[a] for a in operands), steps)
+            zero, limit = _vanishing(node, varying)
+            if zero is not None:
+                known = steps.held(memo[zero] if limit is None else casadi.power(memo[zero], memo[limit]))
+                value = steps.chosen(((known, memo[zero] == 0), (value, casadi.SX(1))))
+            memo[node] = value
     return Lowered(tuple(memo[e] for e in expressions), tuple(steps.every))
+
+
+def _vanishing(node: sympy.Basic, variables: frozenset[sympy.Symbol]) -> tuple[sympy.Basic | None, sympy.Basic | None]:
+    """The number of a row that makes a power, or a product with its own logarithm, vanish where it is 0; None: no such.
+
+    Beside it the exponent that decides the limit, None of a product.
+    """
+    if isinstance(node, sympy.Pow):
+        base, exponent = node.args
+        steep = exponent.free_symbols & variables or (exponent.is_Rational and 0 < exponent < 1)
+        if steep and node.free_symbols & variables:
+            known = (each for each in _factors(base) if each.free_symbols and not each.free_symbols & variables)
+            return next(known, None), exponent
+    elif isinstance(node, sympy.Mul) and variables:
+        factors = tuple(_factors(node))
+        arguments = (each.args[0] for each in factors if isinstance(each, sympy.log))
+        return next((each for each in arguments if each in factors and not each.free_symbols & variables), None), None
+    return None, None
+
+
+def _factors(node: sympy.Basic) -> Iterator[sympy.Basic]:
+    """The factors of a product of products."""
+    stack = [node]
+    while stack:
+        each = stack.pop()
+        if isinstance(each, sympy.Mul):
+            stack.extend(reversed(each.args))
+        else:
+            yield each
 
 
 class _Steps:

@@ -1,0 +1,111 @@
+"""Powers and logarithms whose data are 0: their limit is 0 whatever the unknowns are, and so are their derivatives."""
+
+from __future__ import annotations
+
+import csv
+import io
+import sys
+from shutil import which
+
+import numpy as np
+import pytest
+from scipy.optimize import curve_fit
+
+import mbm
+from mbm.api.emitting import emit_file
+from mbm.report.options import SolveOptions
+from tests.emit.making import make, run, written
+
+X = np.array([1.0, 2.0, 3.0, 4.0])
+Y = np.array([1.1, 2.8, 5.3, 8.1])
+MODELS = {
+    "(^ (/ x e) b)": lambda x, e, b: (x / e) ** b,
+    "(* e (^ x b))": lambda x, e, b: e * x**b,
+    "(* b (sqrt (/ x e)) (+ 1 (* e x)))": lambda x, e, b: b * np.sqrt(x / e) * (1 + e * x),
+    "(* e (^ (* 2 x) (/ b 2)))": lambda x, e, b: e * (2 * x) ** (b / 2),
+}
+AT = 1.5
+"""The reading at x = 0, where each model is 0: it adds 1.5² to the cost, and nothing to the estimates."""
+
+
+def text(model, rows=f"(0 {AT}) ", extra=""):
+    rows += " ".join(f"({x} {y})" for x, y in zip(X, Y, strict=True))
+    return f"""(problem p (data d (table (x y) {rows})) (unknowns (e :init 1) (b :init 1.4))
+      (observe d (= y {model}) :sigma 1){extra})"""
+
+
+def fitted(model):
+    """By SciPy, without the row at 0."""
+    found, covariance = curve_fit(
+        MODELS[model], X, Y, (1.0, 1.4), sigma=np.ones(4), absolute_sigma=True, ftol=1e-13, xtol=1e-13
+    )
+    return found, np.sqrt(np.diag(covariance))
+
+
+@pytest.mark.parametrize("backend", ["native", "casadi", "numpy"])
+@pytest.mark.parametrize("model", MODELS)
+def test_a_row_at_zero_has_its_limit(model, backend):
+    values, sigmas = fitted(model)
+    result = mbm.loads(text(model)).solve(backend=backend)
+    # SciPy's own tolerance, and its differences for the covariance.
+    np.testing.assert_allclose([result["e"].value, result["b"].value], values, rtol=1e-6)
+    np.testing.assert_allclose([result["e"].sigma, result["b"].sigma], sigmas, rtol=1e-4)
+    without = mbm.loads(text(model, "")).solve(backend=backend)
+    assert result.cost == pytest.approx(without.cost + AT**2, rel=1e-9)
+
+
+def test_batches_have_it():
+    rows = " ".join(f"({k} {x} {y})" for k in (1, 2) for x, y in zip((0.0, *X), (AT, *Y), strict=True))
+    many = mbm.loads(
+        f"""(problem p (data d (table (k x y) {rows})) (unknowns (e :init 1) (b :init 1.4))
+          (observe d (= y (^ (/ x e) b)) :sigma 1) (for-each k))"""
+    ).solve()
+    for each in many.solves:
+        np.testing.assert_allclose([each["e"].value, each["b"].value], fitted("(^ (/ x e) b)")[0], rtol=1e-6)
+
+
+C = pytest.param("c", marks=pytest.mark.skipif(which("cc") is None, reason="there is no C compiler"))
+
+
+@pytest.mark.parametrize("target", ["python", C])
+def test_generated_solvers_have_it(target, tmp_path):
+    (tmp_path / "p.mbm").write_text(text("(^ (/ x e) b)"), encoding="utf-8")
+    folder = written(emit_file(tmp_path / "p.mbm", SolveOptions(), target), tmp_path / "out")
+    if target == "c":
+        assert make(folder, "p").returncode == 0
+    command = ["./p"] if target == "c" else [sys.executable, "p.py"]
+    rows = {row[0]: row for row in csv.reader(io.StringIO(run(*command, "data/d.csv", folder=folder).stdout))}
+    values, sigmas = fitted("(^ (/ x e) b)")
+    np.testing.assert_allclose([float(rows[name][1]) for name in "eb"], values, rtol=1e-6)
+    np.testing.assert_allclose([float(rows[name][2]) for name in "eb"], sigmas, rtol=1e-4)
+
+
+def test_entropy_at_zero():
+    """x·log x is 0 at 0: a line through the origin of x log x."""
+    result = mbm.loads(text("(+ b (* e x (log x)))")).solve()
+    x = np.array([0.0, *X])
+    columns = np.column_stack([np.ones(5), np.where(x > 0, x * np.log(np.maximum(x, 1e-300)), 0.0)])
+    values = np.linalg.lstsq(columns, np.array([AT, *Y]), rcond=None)[0]
+    np.testing.assert_allclose([result["b"].value, result["e"].value], values, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        pytest.param("(* e (^ x (- b 3)))", id="infinite at 0"),
+        pytest.param("(* e (exp (* b (log x))))", id="no limit that the form shows"),
+    ],
+)
+def test_what_has_no_limit_names_its_row(model):
+    result = mbm.loads(text(model)).solve()
+    assert result.status == "attention"
+    messages = [each.message for each in result.diagnostics]
+    assert any("no finite value" in each and "row 1" in each for each in messages), messages
+    assert "NaN" not in result.to_json()
+
+
+def test_slopes_that_vanish_nowhere_else_are_kept():
+    """Where the base is 0 by its unknowns, and not by its data, the slope is that of the power: 1 for b = 1."""
+    compiled = mbm.loads(text("(* e (^ (- x c) 1.5))", "(1 0) ").replace("(e :init 1)", "(e :init 1) (c :init 1)"))
+    jacobian = compiled.compile().jacobian(np.zeros(3))
+    assert np.isfinite(jacobian).all()
