@@ -362,9 +362,9 @@ class Solve(Said):
         return f"Solve(problem={self.result.problem!r}{key}, status={found.status.value!r})"
 
     def _repr_html_(self) -> str:
-        from html import escape
+        from mbm.report.page.notebook import notebook
 
-        return f"<pre>{escape(str(self))}</pre>"
+        return notebook(self.result)
 
 
 def _called(name: str, items: tuple[Named, ...]) -> Named:

@@ -202,8 +202,9 @@ def test_plot_is_a_figure(solved: mbm.Solved, tmp_path: Path) -> None:
 
 def test_notebooks_show_the_table(solved: mbm.Solved) -> None:
     shown = solved._repr_html_()
-    assert shown.startswith("<pre>")
-    assert "p[1]" in shown
+    assert shown.startswith('<div class="mbm-result">')
+    assert '<td class="text">p[1]</td>' in shown
+    assert "95 % interval" in shown
     assert "±" in str(solved)
 
 

@@ -67,7 +67,7 @@ def page_of(result: Result, command: str | None) -> Page:
     many = len(solves) != 1
     sections = [Section("The problem", tuple(_problem(result))), Section("Data", tuple(_data(result)))]
     if many:
-        sections.append(Section("Solves", tuple(_many(result))))
+        sections.append(Section("Solves", tuple(many_blocks(result))))
         for solve in _worst(solves):
             key = ", ".join(f"{name} = {key_text(value)}" for name, value in solve.key.items())
             sections.append(Section(f"Among the least trusted: {key}", tuple(_answer(solve))))
@@ -127,7 +127,7 @@ def _data(result: Result) -> Iterator[Block]:
 def _answer(solve: SolveReport) -> Iterator[Block]:
     if not solve.status.trusted:
         yield Paragraph(solve.message or solve.status.sentence, doubt=True)
-    grid = _estimates(solve)
+    grid = estimates_grid(solve)
     if grid.rows:
         yield Paragraph(LEGEND)
         yield grid
@@ -136,7 +136,8 @@ def _answer(solve: SolveReport) -> Iterator[Block]:
         yield Bullets(tuple(said))
 
 
-def _estimates(solve: SolveReport) -> Grid:
+def estimates_grid(solve: SolveReport) -> Grid:
+    """Value, standard deviation and interval of each number."""
     intervals = {line.name.removeprefix(_prefix(solve)): line for line in lines_of(solve)}
     rows = []
     for scalar in islice(solve_scalars(solve), MOST_SCALARS):
@@ -214,7 +215,8 @@ def _residuals(solve: SolveReport) -> Iterator[Block]:
     yield Pictures(tuple(residual_pictures(solve)))
 
 
-def _many(result: Result) -> Iterator[Block]:
+def many_blocks(result: Result) -> Iterator[Block]:
+    """A line for each of many solves, and what is said of them."""
     solves = result.solves
     names = list(dict.fromkeys(name for solve in solves[:MOST_SOLVES] for name in solve.key))
     rows = []

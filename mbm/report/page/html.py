@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from html import escape
 from itertools import count
 
@@ -72,6 +72,12 @@ def html(page: Page) -> str:
         f"<title>{_text(page.title)}</title>\n<style>{STYLE}</style>\n</head>\n"
     )
     return f"{head}<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
+
+
+def fragment(blocks: Iterable[Block]) -> str:
+    """Blocks alone, without a page about them."""
+    numbers = count(1)
+    return "\n".join(part for block in blocks for part in _block(block, numbers))
 
 
 def _text(text: str) -> str:
