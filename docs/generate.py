@@ -124,6 +124,10 @@ widths and sensitivities beside them are differences, which have no zero: 1 °C 
 A column that holds differences (a standard deviation in degC) is declared `:unit K`. The [recipe for a
 thermometer](../how-to/laboratory-recipes.md#calibrate-a-thermometer) uses all this.
 
+## Angles
+
+`12d30m15.5s` are degrees, minutes and seconds of arc, `-0d30m` half a degree to the other side: 12.504306deg, −0.5deg.
+
 ## Known units
 
 """

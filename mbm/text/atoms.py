@@ -18,6 +18,7 @@ LONGEST_NUMBER = 400
 """Characters of a number: more digits than any double has, before its exponent is out of range."""
 
 _NUMBER = re.compile(r"(?P<number>[+-]?(?:[0-9]+/[0-9]+|[0-9.]+(?:[eE][+-]?[0-9]+)?))(?P<unit>.*)", re.DOTALL)
+_SEXAGESIMAL = re.compile(r"(?P<sign>[+-]?)(?P<d>[0-9]+)d(?P<m>[0-9]+)m(?:(?P<s>[0-9]+(?:\.[0-9]*)?)s)?")
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _ESCAPED = {'"': '"', "\\": "\\", "n": "\n", "t": "\t"}
 _STARTS_NUMBER = re.compile(r"[+-]?\.?[0-9]")
@@ -34,6 +35,9 @@ def atom(token: Token, source: Source) -> Form:
     span = span_of(token, source)
     match token.type:
         case "NUMBER":
+            angle = _SEXAGESIMAL.fullmatch(token)
+            if angle is not None:
+                return Numeral(value=_degrees(angle), unit="deg", span=span)
             number, unit = _parts(token)
             return Numeral(value=_value(number), unit=unit or None, span=span)
         case "STRING":
@@ -65,11 +69,22 @@ def _value(number: str) -> int | Fraction | float:
     return int(number)
 
 
+def _degrees(angle: re.Match[str]) -> int | Fraction:
+    """The angle ``12d30m15.5s`` in degrees, exactly."""
+    size = int(angle["d"]) + Fraction(int(angle["m"]), 60) + Fraction(angle["s"] or "0") / 3600
+    value = -size if angle["sign"] == "-" else size
+    return value.numerator if value.denominator == 1 else value
+
+
 def _number_faults(token: Token, source: Source) -> Iterator[Diagnostic]:
     number, _unit = _parts(token)
     span = span_of(token, source)
-    if len(number) > LONGEST_NUMBER:
+    if len(number) > LONGEST_NUMBER or (len(token) > LONGEST_NUMBER and _SEXAGESIMAL.fullmatch(token)):
         yield faults.number_out_of_range(span, f"has more than {LONGEST_NUMBER} digits")
+        return
+    angle = _SEXAGESIMAL.fullmatch(token[:LONGEST_NUMBER])
+    if angle is not None and max(int(angle["m"]), float(angle["s"] or 0)) >= 60:
+        yield faults.sixty_minutes(span)
         return
     if re.search(r"/0+\Z", number):
         yield faults.zero_denominator(span)

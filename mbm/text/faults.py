@@ -185,6 +185,14 @@ def number_out_of_range(place: Span, problem: str) -> Diagnostic:
     )
 
 
+def sixty_minutes(place: Span) -> Diagnostic:
+    """An angle such as ``12d75m``."""
+    return Diagnostic(
+        code=BAD_NUMBER, message=f"`{shown(place.text)}` has 60 minutes or seconds, or more", place=place,
+        hint="carry them: `13d15m` is `12d75m`",
+    )  # fmt: skip
+
+
 def unterminated_string(opening: Span, earlier: Span | None) -> Diagnostic:
     """``earlier`` is a string before this one that runs over several lines, perhaps the true culprit."""
     labels = () if earlier is None else (Label(earlier, 'or was the closing `"` of this one forgotten?'),)
