@@ -79,7 +79,9 @@ def infer(
     if sequence is not None:
         diagnostics += scale_faults(sequence, unknowns, inference)
     if not diagnostics:
-        diagnostics += zero_faults((inference, declared), (unknowns, blocks, *wanted), tables, stated, sequence)
+        diagnostics += zero_faults(
+            (inference, declared), (unknowns, blocks, *wanted), tables, stated, (plans, sequence)
+        )
     united = blocks if diagnostics else with_units(blocks, inference, tables)
     return _dimensions(inference, unknowns, derived), united, _without_repeats(diagnostics)
 

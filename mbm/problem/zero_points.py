@@ -14,7 +14,7 @@ from mbm.problem.aggregates import Aggregate
 from mbm.problem.kinds import AggregateKind
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import Table
-from mbm.problem.types import Block, Derived, RowValues, Unknown
+from mbm.problem.types import Block, Derived, RowValues, TablePlan, Unknown
 from mbm.text.types import Diagnostic, MbmError, Span
 
 _NO_TEMPERATURE = (AggregateKind.COUNT, AggregateKind.RMS)
@@ -51,9 +51,16 @@ class Check:
         self._aggregates = aggregates
 
     def faults(
-        self, blocks: tuple[Block, ...], stated: Mapping[str, tuple[Number, ...]], sequence: Sequence | None
+        self,
+        blocks: tuple[Block, ...],
+        stated: Mapping[str, tuple[Number, ...]],
+        plans: tuple[TablePlan, ...],
+        sequence: Sequence | None,
     ) -> Iterator[Diagnostic]:
-        """All of them. ``stated`` are starts from outside."""
+        """All of them. ``stated`` are starts from outside, ``plans`` say which rows are kept."""
+        for plan in plans:
+            for value in _every(plan.where):
+                yield from self._mixed(value)
         for block in blocks:
             yield from self._of_block(block)
         for unknown in self._unknowns:
@@ -156,7 +163,7 @@ def zero_faults(
     stated: tuple[tuple[Unknown, ...], tuple[Block, ...], tuple[Derived, ...], tuple[Aggregate, ...]],
     tables: Mapping[str, Table],
     starts: Iterable[Mapping[str, tuple[Number, ...]]],
-    sequence: Sequence | None,
+    rows: tuple[tuple[TablePlan, ...], Sequence | None],
 ) -> Iterator[Diagnostic]:
     """Temperatures that stand for differences, and differences for temperatures; ``starts`` are given from outside."""
     inference, declared = known
@@ -175,7 +182,7 @@ def zero_faults(
         for name, numbers in each.items():
             given[name] = given.get(name, ()) + numbers
     yield from Check(inference, declared.same_column, unknowns, tables, (derived, aggregates)).faults(
-        blocks, given, sequence
+        blocks, given, *rows
     )
 
 
