@@ -116,7 +116,8 @@ def lower(
         UnsupportedOperationError: a node nobody translates.
     """
     memo: dict[sympy.Basic, Any] = dict(symbols)
-    steps, varying = _Steps(), frozenset(variables)
+    steps, given = _Steps(), frozenset(variables)
+    varies = {symbol: symbol in given for symbol in symbols}
     for expression in expressions:
         stack = [(expression, False)]
         while stack:
@@ -129,7 +130,8 @@ def lower(
                 stack.extend((argument, False) for argument in operands if argument not in memo)
                 continue
             value = _node(node, tuple(memo[a] for a in operands), steps)
-            zero, limit = _vanishing(node, varying)
+            varies[node] = any(varies[each] for each in operands)
+            zero, limit = _vanishing(node, varies) if given else (None, None)
             if zero is not None:
                 known = steps.held(memo[zero] if limit is None else casadi.power(memo[zero], memo[limit]))
                 value = steps.chosen(((known, memo[zero] == 0), (value, casadi.SX(1))))
@@ -137,21 +139,22 @@ def lower(
     return Lowered(tuple(memo[e] for e in expressions), tuple(steps.every))
 
 
-def _vanishing(node: sympy.Basic, variables: frozenset[sympy.Symbol]) -> tuple[sympy.Basic | None, sympy.Basic | None]:
+def _vanishing(node: sympy.Basic, varies: Mapping[sympy.Basic, bool]) -> tuple[sympy.Basic | None, sympy.Basic | None]:
     """The number of a row that makes a power, or a product with its own logarithm, vanish where it is 0; None: no such.
 
-    Beside it the exponent that decides the limit, None of a product.
+    Beside it the exponent that decides the limit, None of a product. ``varies`` says of each node whether a variable is
+    below it: SymPy would walk a DAG as a tree.
     """
     if isinstance(node, sympy.Pow):
         base, exponent = node.args
-        steep = exponent.free_symbols & variables or (exponent.is_Rational and 0 < exponent < 1)
-        if steep and node.free_symbols & variables:
-            known = (each for each in _factors(base) if each.free_symbols and not each.free_symbols & variables)
+        steep = varies[exponent] or (exponent.is_Rational and 0 < exponent < 1)
+        if steep and varies[node]:
+            known = (each for each in _factors(base) if not each.is_Number and not varies[each])
             return next(known, None), exponent
-    elif isinstance(node, sympy.Mul) and variables:
+    elif isinstance(node, sympy.Mul):
         factors = tuple(_factors(node))
         arguments = (each.args[0] for each in factors if isinstance(each, sympy.log))
-        return next((each for each in arguments if each in factors and not each.free_symbols & variables), None), None
+        return next((each for each in arguments if each in factors and not varies[each]), None), None
     return None, None
 
 

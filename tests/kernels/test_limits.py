@@ -109,3 +109,12 @@ def test_slopes_that_vanish_nowhere_else_are_kept():
     compiled = mbm.loads(text("(* e (^ (- x c) 1.5))", "(1 0) ").replace("(e :init 1)", "(e :init 1) (c :init 1)"))
     jacobian = compiled.compile().jacobian(np.zeros(3))
     assert np.isfinite(jacobian).all()
+
+
+def test_what_an_expression_depends_on_is_found_once_for_each_node():
+    """Sixty sums of a value with itself: a walk along all ways through them would not end."""
+    model = "(^ (/ x e) b)"
+    for _ in range(60):
+        model = f"(let ((a {model})) (+ (/ a 2) (/ (* a (+ 1 (^ a (* 0 b)))) 4)))"
+    result = mbm.loads(text(model, "")).solve()
+    np.testing.assert_allclose([result["e"].value, result["b"].value], fitted("(^ (/ x e) b)")[0], rtol=1e-6)
