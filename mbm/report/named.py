@@ -83,7 +83,8 @@ class Named:
         quantity = self.item.quantity
         value = np.asarray(self.item.value)
         geometric = quantity.kind in GEOMETRIC
-        return self._part(value / number_factors(quantity) if geometric else quantity.scale.from_si(value))
+        shown = value / number_factors(quantity) if geometric else quantity.scale.from_si(value)
+        return self._part(np.asarray(shown))
 
     @property
     def sigma(self) -> Floats:
