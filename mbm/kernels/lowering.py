@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial, reduce
+from operator import mul
 from typing import Any
 
 import casadi
@@ -104,19 +105,19 @@ class Lowered:
 def lower(
     expressions: tuple[sympy.Expr, ...],
     symbols: Mapping[sympy.Symbol, casadi.SX],
-    variables: Iterable[sympy.Symbol] = (),
+    variables: Iterable[sympy.Symbol] | None = None,
 ) -> Lowered:
     """``expressions`` in CasADi; ``symbols`` gives the CasADi scalar of every SymPy symbol, ``variables`` are those by
-    which derivatives will be made.
+    which derivatives will be made (None: by data, which then have no limits).
 
     A power or x·log x whose data are 0 is 0 whatever the variables are, and so are its derivatives; the chain rule
-    would find 0·∞ there.
+    would find 0·∞ there. What else it is multiplied by must be finite.
 
     Raises:
         UnsupportedOperationError: a node nobody translates.
     """
     memo: dict[sympy.Basic, Any] = dict(symbols)
-    steps, given = _Steps(), frozenset(variables)
+    steps, given = _Steps(), frozenset(variables or ())
     varies = {symbol: symbol in given for symbol in symbols}
     for expression in expressions:
         stack = [(expression, False)]
@@ -131,31 +132,44 @@ def lower(
                 continue
             value = _node(node, tuple(memo[a] for a in operands), steps)
             varies[node] = any(varies[each] for each in operands)
-            zero, limit = _vanishing(node, varies) if given else (None, None)
-            if zero is not None:
-                known = steps.held(memo[zero] if limit is None else casadi.power(memo[zero], memo[limit]))
-                value = steps.chosen(((known, memo[zero] == 0), (value, casadi.SX(1))))
+            limit = None if variables is None else _vanishing(node, varies)
+            if limit is not None:
+                known = reduce(mul, (memo[each] for each in limit.factors))
+                known = known if limit.exponent is None else casadi.power(known, memo[limit.exponent])
+                value = steps.chosen(((steps.held(known), memo[limit.zero] == 0), (value, casadi.SX(1))))
             memo[node] = value
     return Lowered(tuple(memo[e] for e in expressions), tuple(steps.every))
 
 
-def _vanishing(node: sympy.Basic, varies: Mapping[sympy.Basic, bool]) -> tuple[sympy.Basic | None, sympy.Basic | None]:
+@dataclass(frozen=True, slots=True)
+class _Limit:
+    """Where ``zero`` is 0, a node is the product of ``factors`` to the ``exponent`` (None: 1), with no slope."""
+
+    zero: sympy.Basic
+    factors: tuple[sympy.Basic, ...]
+    exponent: sympy.Basic | None = None
+
+
+def _vanishing(node: sympy.Basic, varies: Mapping[sympy.Basic, bool]) -> _Limit | None:
     """The number of a row that makes a power, or a product with its own logarithm, vanish where it is 0; None: no such.
 
-    Beside it the exponent that decides the limit, None of a product. ``varies`` says of each node whether a variable is
-    below it: SymPy would walk a DAG as a tree.
+    ``varies`` says of each node whether a variable is below it: SymPy would walk a DAG as a tree. The logarithm's place
+    is taken by what it is of, which is 0 with the number unless another part of it is infinite.
     """
     if isinstance(node, sympy.Pow):
         base, exponent = node.args
         steep = varies[exponent] or (exponent.is_Rational and 0 < exponent < 1)
-        if steep and varies[node]:
-            known = (each for each in _factors(base) if not each.is_Number and not varies[each])
-            return next(known, None), exponent
+        if steep:
+            known = (each for each in _factors(base) if (each == 0 if each.is_Number else not varies[each]))
+            return next((_Limit(zero, (base,), exponent) for zero in known), None) if varies[node] else None
     elif isinstance(node, sympy.Mul):
         factors = tuple(_factors(node))
-        arguments = (each.args[0] for each in factors if isinstance(each, sympy.log))
-        return next((each for each in arguments if each in factors and not varies[each]), None), None
-    return None, None
+        for log in (each for each in factors if isinstance(each, sympy.log)):
+            shared = (each for each in _factors(log.args[0]) if each in factors)
+            zero = next((each for each in shared if not (each.is_Number or varies[each])), None)
+            if zero is not None:
+                return _Limit(zero, (log.args[0], *(each for each in factors if each is not log)))
+    return None
 
 
 def _factors(node: sympy.Basic) -> Iterator[sympy.Basic]:

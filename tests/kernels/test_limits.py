@@ -80,9 +80,13 @@ def test_generated_solvers_have_it(target, tmp_path):
     np.testing.assert_allclose([float(rows[name][2]) for name in "eb"], sigmas, rtol=1e-4)
 
 
-def test_entropy_at_zero():
+@pytest.mark.parametrize(
+    "product", ["(* x (log x))", "(* (/ x 1s) (log (/ x 1s)))", "(- (* x (log (* 2 x))) (* x (log 2)))"]
+)
+def test_entropy_at_zero(product):
     """x·log x is 0 at 0: a line through the origin of x log x."""
-    result = mbm.loads(text("(+ b (* e x (log x)))")).solve()
+    rows = text(f"(+ b (* e {product}))")
+    result = mbm.loads(rows).solve()
     x = np.array([0.0, *X])
     columns = np.column_stack([np.ones(5), np.where(x > 0, x * np.log(np.maximum(x, 1e-300)), 0.0)])
     values = np.linalg.lstsq(columns, np.array([AT, *Y]), rcond=None)[0]
@@ -94,6 +98,8 @@ def test_entropy_at_zero():
     [
         pytest.param("(* e (^ x (- b 3)))", id="infinite at 0"),
         pytest.param("(* e (exp (* b (log x))))", id="no limit that the form shows"),
+        pytest.param("(* e (/ (* x (log x)) (- (exp x) 1)))", id="log x, beside a quotient of zeros"),
+        pytest.param("(* e (^ (/ x (- (exp x) 1)) b))", id="a quotient of zeros to a power"),
     ],
 )
 def test_what_has_no_limit_names_its_row(model):
@@ -118,3 +124,13 @@ def test_what_an_expression_depends_on_is_found_once_for_each_node():
         model = f"(let ((a {model})) (+ (/ a 2) (/ (* a (+ 1 (^ a (* 0 b)))) 4)))"
     result = mbm.loads(text(model, "")).solve()
     np.testing.assert_allclose([result["e"].value, result["b"].value], fitted("(^ (/ x e) b)")[0], rtol=1e-6)
+
+
+def test_derived_numbers_without_unknowns_have_it():
+    """The sum of x log x over X and 0, and 0 to an estimated power."""
+    extra = "(derive (s (* 5 (mean d (* x (log x))))) (z (+ e (^ 0 b))))"
+    result = mbm.loads(text("(* e (^ x b))", extra=extra)).solve()
+    assert result["s"].value == pytest.approx(np.sum(X * np.log(X)), rel=1e-12)
+    np.testing.assert_allclose(
+        [result["z"].value, result["z"].sigma], [result["e"].value, result["e"].sigma], rtol=1e-9
+    )

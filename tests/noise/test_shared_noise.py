@@ -280,13 +280,6 @@ def test_predicted_readings_have_the_estimated_deviation():
     assert (high - low) / 2 == pytest.approx(reach, rel=1e-9)
 
 
-def test_trials_refuse_rows_that_share_noise():
-    problem = mbm.loads(f"(problem p {DATA} {UNKNOWNS} (observe r (= y (+ a (* b x))) :sigma 0.3 {COMMON}))")
-    with pytest.raises(mbm.MbmError) as error:
-        problem.propagate(trials=1000)
-    assert [d.code.name for d in error.value.diagnostics] == ["not-propagated"]
-
-
 def test_common_errors_that_explain_all_residuals_are_said():
     result = line(":common ((5 :per lab) (5 :per day) (5 :per x))")
     assert "explain all of the residuals" in str(result.diagnostics[0].message)

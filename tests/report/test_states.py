@@ -124,10 +124,12 @@ def test_explain_tells_the_steps(walk, capsys):
     assert "estimated by batch" in shown
 
 
-@pytest.mark.parametrize("target", ["c", "python", "casadi"])
-def test_states_are_not_compiled(walk, tmp_path, target, capsys):
+@pytest.mark.parametrize(
+    ("target", "why"), [("c", "by `:method batch`"), ("python", "for `python`"), ("casadi", "for `casadi`")]
+)
+def test_states_are_not_compiled(walk, tmp_path, target, why, capsys):
     assert run(["compile", str(walk), "--target", target, "-o", str(tmp_path / "out")]) == 2
-    assert "error[not-emitted]: a problem with `states` cannot be compiled" in capsys.readouterr().err
+    assert f"error[not-emitted]: a problem with `states` {why} cannot be compiled" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

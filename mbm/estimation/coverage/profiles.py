@@ -14,8 +14,7 @@ import numpy as np
 from mbm.equations.spreads import Freedom
 from mbm.equations.types import Floats
 from mbm.estimation.coverage.student import coverage_factors
-from mbm.estimation.trust.curvature import Curvature, followed_ends
-from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED
+from mbm.estimation.trust.curvature import Curvature, followed_ends, most_followed
 from mbm.values import dataclass
 
 ACCURACY = 1e-3
@@ -58,11 +57,11 @@ class Profiles:
         reach = _reach(level, self.freedom)
         bent = self.curvature.bent
         if bent is not None:
-            for doubtful in bent.ends.doubtful[:MOST_FOLLOWED].tolist():
+            for doubtful in bent.ends.doubtful[: most_followed(around)].tolist():
                 place = int(bent.known[doubtful])
                 below[place], above[place] = followed_ends(around, bent, doubtful, float(reach[place]), ACCURACY)
             return below, above
-        for place in self.curvature.ends.doubtful[:MOST_FOLLOWED].tolist():
+        for place in self.curvature.ends.doubtful[: most_followed(around)].tolist():
             along = around.factor[place] / np.linalg.norm(around.factor[place])
             lower, upper = around.followed(along, float(reach[place]), ACCURACY)
             below[place], above[place] = (end * reach[place] * self.sigma[place] for end in (lower, upper))
@@ -74,7 +73,10 @@ class Profiles:
         below, above = (np.full(len(reach), np.nan) for _ in range(2))
         for one in self.curvature.derived:
             if one.owner == owner:
-                for doubtful in one.ends.doubtful.tolist():
+                doubtful_ones = one.ends.doubtful
+                if self.curvature.bent is not None:
+                    doubtful_ones = doubtful_ones[: most_followed(self.curvature.around)]
+                for doubtful in doubtful_ones.tolist():
                     place = int(one.known[doubtful])
                     far = float(reach[place])
                     below[place], above[place] = followed_ends(self.curvature.around, one, doubtful, far, ACCURACY)

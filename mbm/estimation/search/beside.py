@@ -22,6 +22,7 @@ from mbm.estimation.search.starting import LARGE
 from mbm.estimation.search.twins import Twin, separation
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
+from mbm.problem.manifold import Piece
 from mbm.problem.types import Problem
 from mbm.values import dataclass
 
@@ -57,7 +58,7 @@ ROUGHLY = 1e-4
 has ended with moderate accuracy; EQUAL afterwards."""
 
 POSITIVE = 1e-2
-"""Share of its value at the minimum that a positive number keeps."""
+"""Share of its value at the minimum that a positive number keeps, and the scale of a similarity."""
 
 MOST_UNKNOWNS = 20
 """Unknowns above which the search would cost more than the solve."""
@@ -124,6 +125,7 @@ def minima_beside(
         for number, each in enumerate(minima(equations, points, settings, problem.span))
         if each.reason.converged and each.cost <= most and not same_minimum(equations, minimum, each)
     ]
+    found = [each for each in found if not _collapsed(equations, each.minimum.point, minimum.point)]
     found = [each for each in found if not _chosen(equations, minimum, each.minimum.point[None], EQUAL)[0]]
     if not found:
         return ()
@@ -147,6 +149,12 @@ def _chosen(equations: Assembled, minimum: Minimum, points: Floats, share: float
     stated = np.isfinite(layout.start) & ~layout.guessed
     decided = (stated & (points != minimum.point)).any(axis=1)
     return np.asarray(decided & (apart <= share * (1.0 + np.abs(minimum.residuals).max(initial=0.0))))
+
+
+def _collapsed(equations: Assembled, point: Floats, inside: Floats) -> bool:
+    """Whether a scale goes to zero, where no similarity is: the cost falls towards a limit there, to no minimum."""
+    scales = [one.numbers for one in equations.layout.curved if one.piece is Piece.SCALE]
+    return any(bool((point[places] < POSITIVE * inside[places]).any()) for places in scales)
 
 
 def _promising(equations: Assembled, about: Centre) -> Floats:

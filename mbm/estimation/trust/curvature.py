@@ -23,12 +23,15 @@ from mbm.estimation.trust.nonlinearity import (
     surroundings,
 )
 from mbm.estimation.trust.profile import END_ACCURACY, Surface
-from mbm.estimation.trust.surface import on_surface
+from mbm.estimation.trust.surface import OnSurface, on_surface
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.values import dataclass
 
 MOST_DERIVED = 200
 """Derived numbers whose intervals are looked at."""
+
+MOST_BROUGHT_BACK = 600
+"""Squared directions times profiles that are followed on curved constraints, to which each point goes back alone."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,7 +108,7 @@ def _coordinates(equations: Assembled, around: Surroundings, estimated: Covarian
     ends = derived_ends(around, gradient, values, angle=False)
     found = DerivedEnds(owner=-1, known=known, ends=ends, gradient=gradient, values=values, angle=False)
     both = np.stack([ends.lower, ends.upper])
-    for place in np.flatnonzero((np.abs(both - 1.0) > LOOKED_AT).any(axis=0))[:MOST_FOLLOWED].tolist():
+    for place in np.flatnonzero((np.abs(both - 1.0) > LOOKED_AT).any(axis=0))[: most_followed(around)].tolist():
         far = NORMAL_95 * float(spread[known[place]])
         both[:, place] = np.array(followed_ends(around, found, place, NORMAL_95, END_ACCURACY)) / far
     ends = IntervalEnds(lower=both[0], upper=both[1])
@@ -144,6 +147,14 @@ def _derived(
 
 def _picked(group: Group, which: Indices, turned: Floats) -> Callable[[Floats], Floats]:
     return lambda points: group.values_at(points + turned).reshape(len(points), -1)[:, which]
+
+
+def most_followed(around: Surroundings) -> int:
+    """How many profiles of doubtful numbers are followed to their true ends; of more, the quick look has to do."""
+    if not isinstance(around.equations, OnSurface):
+        return MOST_FOLLOWED
+    directions = int(around.factor.shape[1])
+    return min(MOST_FOLLOWED, MOST_BROUGHT_BACK // directions**2)
 
 
 def followed_ends(

@@ -36,7 +36,8 @@ def unexamined(
         }
     if straight and not bent:
         return {}
-    return {CURVATURE: _why_nothing(propagation, minimum)}
+    why = _why_nothing(propagation, minimum)
+    return {} if why is None else {CURVATURE: why}
 
 
 def _affine(propagation: Propagation, owner: int) -> bool:
@@ -55,7 +56,8 @@ def _why(propagation: Propagation, one: DerivedSolution) -> str:
     return "its rows follow several formulas, or it is one of too many derived numbers"
 
 
-def _why_nothing(propagation: Propagation, minimum: Minimum) -> str:
+def _why_nothing(propagation: Propagation, minimum: Minimum) -> str | None:
+    """None where the covariance is not that of these equations alone: noises estimated of a subset, no unknowns."""
     estimated = propagation.outcome.covariance
     if minimum.blocks is not None:
         return "the problem was solved with sparse matrices"
@@ -63,4 +65,4 @@ def _why_nothing(propagation: Propagation, minimum: Minimum) -> str:
         return f"more than {MOST_COORDINATES} unknowns, or too many rows for so many unknowns"
     if propagation.equations.lossy:
         return "the losses leave too little of the rows"
-    return "the standard deviations do not follow from the derivatives of these equations alone"
+    return None
