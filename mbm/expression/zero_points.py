@@ -8,13 +8,24 @@ kelvin may be either. So a standard deviation of ``0.1degC``, which is 273.25 K,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fractions import Fraction
-from typing import TypeAlias
+from typing import TypeAlias, TypeGuard
 
 from mbm.expression.algebra import UndefinedValueError, constant_value
 from mbm.expression.dimension import Dimension, base
-from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Leaf, Number, Operation, postorder
+from mbm.expression.nodes import (
+    Apply,
+    Column,
+    Component,
+    Constant,
+    Expression,
+    Leaf,
+    Number,
+    Operation,
+    leaves,
+    postorder,
+)
 
 Weights: TypeAlias = frozenset[float] | None
 """The weights that an expression may have; None: any."""
@@ -32,6 +43,7 @@ KELVIN = base("K")
 _OF_NOISE = (KELVIN, KELVIN**2, KELVIN**-2, KELVIN**-1)
 """Dimensions of standard deviations, variances and informations."""
 _CHOSEN = (Operation.IF, Operation.MINIMUM, Operation.MAXIMUM)
+_ADDING = (Operation.ADD, Operation.SUBTRACT)
 _KEPT = (Operation.ABS, Operation.FLOOR, Operation.HELD)
 
 
@@ -86,12 +98,23 @@ class ZeroPoints:
                         return part
         return None
 
+    def plain(self, node: Expression) -> Iterator[Expression]:
+        """Numbers without a unit that ``node`` adds to temperatures in degC, or subtracts from them."""
+        for each in postorder((node,)):
+            if isinstance(each, Apply) and each.operation in _ADDING:
+                left, right = each.arguments
+                for number, beside in ((right, left), (left, right)):
+                    if self._is_plain(number) and not self.may_be(beside, DIFFERENCE):
+                        yield number
+
+    def _is_plain(self, node: Expression) -> bool:
+        return self.weights(node) == frozenset({DIFFERENCE}) and all(map(without_unit, leaves((node,))))
+
     def _adds_literal(self, node: Expression) -> bool:
         """Whether a temperature that was written as a number is added to something."""
-        adding = (Operation.ADD, Operation.SUBTRACT)
         return any(
             isinstance(each, Apply)
-            and each.operation in adding
+            and each.operation in _ADDING
             and any(isinstance(part, Number) and part.absolute for part in each.arguments)
             for each in postorder((node,))
         )
@@ -100,7 +123,7 @@ class ZeroPoints:
         if not isinstance(node, Apply):
             return self._of_leaf(node)
         parts = [self._known[id(each)] for each in node.arguments]
-        if node.operation in (Operation.ADD, Operation.SUBTRACT):
+        if node.operation in _ADDING:
             return _sum(parts[0], parts[1], 1.0 if node.operation is Operation.ADD else -1.0)
         if node.operation is Operation.NEGATE:
             return _scaled(parts[0], -1.0)
@@ -116,7 +139,7 @@ class ZeroPoints:
     def _of_leaf(self, node: Leaf) -> Weights:
         if self._absolute(node):
             return frozenset({TEMPERATURE})
-        if isinstance(node, Number) and node.dimension is None and node.value != 0:
+        if without_unit(node):
             return frozenset({DIFFERENCE})  # nobody means 20 K by a plain 20 beside 20degC
         return _EITHER if isinstance(node, Number | Constant | Column | Component) else None
 
@@ -132,6 +155,11 @@ class ZeroPoints:
             factor = _static(left)
             return _scaled(parts[1], float(factor)) if factor is not None else None
         return None
+
+
+def without_unit(leaf: Leaf) -> TypeGuard[Number | Constant]:
+    """Whether ``leaf`` is a number or constant that states no unit; 0 needs none."""
+    return isinstance(leaf, Number | Constant) and leaf.dimension is None and leaf.value != 0
 
 
 def _sum(left: Weights, right: Weights, sign: float) -> Weights:

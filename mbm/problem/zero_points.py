@@ -8,7 +8,7 @@ from itertools import chain
 from mbm.expression.inference import Declared, Inference
 from mbm.expression.nodes import Column, Component, Constant, Expression, Leaf, Number, leaves
 from mbm.expression.units import scale_of
-from mbm.expression.zero_points import DIFFERENCE, KELVIN, TEMPERATURE, ZeroPoints
+from mbm.expression.zero_points import DIFFERENCE, KELVIN, TEMPERATURE, ZeroPoints, without_unit
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
 from mbm.problem.kinds import AggregateKind
@@ -133,17 +133,24 @@ class Check:
         found = self._points.misplaced(value)
         if found is not None:
             yield self._fault(found, DIFFERENCE, place)
+        yield from self._plain(value, place)
 
     def _mixed(self, value: Expression) -> Iterator[Diagnostic]:
         found = self._points.mixed(value)
         if found is not None:
             yield self._fault(found, DIFFERENCE, found.span or value.span)
+        yield from self._plain(value, value.span)
+
+    def _plain(self, value: Expression, place: Span | None) -> Iterator[Diagnostic]:
+        for found in self._points.plain(value):
+            own = [leaf for leaf in leaves((found,)) if without_unit(leaf)]
+            blamed = next((leaf for leaf in own if self._dimension(leaf) == KELVIN), own[0])
+            yield faults.temperature_without_unit(blamed.span or place, blamed)
 
     def _fault(self, value: Expression, wanted: float, place: Span | None) -> Diagnostic:
         """What is wrong with ``value``, at the number, column or unknown in it that is to blame."""
         own = leaves((value,))
-        plain = [each for each in own if isinstance(each, Number) and each.dimension is None and each.value != 0]
-        plain = [each for each in plain if self._dimension(each) == KELVIN]
+        plain = [each for each in own if without_unit(each) and self._dimension(each) == KELVIN]
         written = [each for each in own if isinstance(each, Number) and each.absolute]
         if plain and (wanted == TEMPERATURE or not written):
             return faults.temperature_without_unit(plain[-1].span or place, plain[-1])

@@ -269,3 +269,25 @@ def test_generated_solvers_read_and_print_the_unit(unit, target, tmp_path):
     assert kelvin(unit, [float(row[0]) for row in cells[1:]]) == pytest.approx(
         [304.15, 304.55, 303.95, 304.35], abs=1e-9
     )
+
+
+BESIDE = """(problem p (constants (t0 20)) (data d (table (t y) (20 1) (25 1.5) (30 2.1)) :columns ((t :unit {unit})))
+  (unknowns (a) (b)) (observe d (= y (+ a (* b {value}))) :sigma 1))"""
+
+
+@pytest.mark.parametrize("value", ["(- t 20)", "(+ t 273.15)", "(/ 1K (+ 5 t))", "(- t t0)", "(+ (* 2 t) (* 2 t0))"])
+def test_plain_numbers_are_not_added_to_temperatures(unit, value):
+    with pytest.raises(mbm.MbmError, match=r"has no unit, and would be (20|273\.15|5) K"):
+        mbm.loads(BESIDE.replace("{unit}", unit).replace("{value}", value)).solve()
+
+
+@pytest.mark.parametrize("value", ["(- t 20K)", "(- t 20degC)", "(- (- t 20degC) 5)", "(+ t 0)", "(* 2 t)"])
+def test_what_is_added_with_a_unit_or_to_a_difference_stays(unit, value):
+    mbm.loads(BESIDE.replace("{unit}", unit).replace("{value}", value)).solve()
+
+
+def test_plain_numbers_beside_kelvin_are_kelvin():
+    """As everywhere beside a column in an SI unit: at t = 20, 25 and 30 K the line through the three means."""
+    found = mbm.loads(BESIDE.replace("{unit}", "K").replace("{value}", "(- t t0)")).solve()
+    slope, intercept = np.polyfit([0.0, 5.0, 10.0], [1.0, 1.5, 2.1], 1)
+    assert (found["b"].value, found["a"].value) == pytest.approx((slope, intercept), rel=1e-9)

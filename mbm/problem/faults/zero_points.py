@@ -29,12 +29,13 @@ def temperature_for_difference(place: Span | None, literal: Number | Constant) -
 _DIFFERENCES = (("degC", "K"), ("°C", "K"), ("degF", "degR"), ("°F", "degR"))
 
 
-def temperature_without_unit(place: Span | None, literal: Number) -> Diagnostic:
+def temperature_without_unit(place: Span | None, literal: Number | Constant) -> Diagnostic:
     """A number without a unit beside a temperature in degC: it would be in kelvin."""
-    number = f"{float(literal.value):g}"
+    number = f"{float(literal.value):.12g}"
+    what = f"`{literal.name}`" if isinstance(literal, Constant) else number
     return Diagnostic(
         code=TEMPERATURE_AND_DIFFERENCE, place=place,
-        message=f"{number} has no unit, and would be {number} K beside temperatures in degC or degF",
+        message=f"{what} has no unit, and would be {number} K beside temperatures in degC or degF",
         hint=f"write the unit: `{number}degC`, `{number}K`",
     )  # fmt: skip
 
