@@ -121,7 +121,8 @@ widths and sensitivities beside them are differences, which have no zero: 1 °C 
 | `4mV/degC`, `1/degF` | in a compound a temperature is a difference: 4 mV/K |
 | `(* 8.314J/mol/K 20degC)` | a product with the absolute temperature, 293.15 K |
 
-A column that holds differences (a standard deviation in degC) is declared `:unit K`. The [recipe for a
+An unknown without a unit that is equated with a temperature in degC, `(= t x)`, is one too: `:init 20degC`. It is
+reported in K. A column that holds differences (a standard deviation in degC) is declared `:unit K`. The [recipe for a
 thermometer](../how-to/laboratory-recipes.md#calibrate-a-thermometer) uses all this.
 
 ## Angles

@@ -50,11 +50,17 @@ _KEPT = (Operation.ABS, Operation.FLOOR, Operation.HELD)
 class ZeroPoints:
     """The weights of expressions. ``absolute`` says of a leaf that it is stated on a scale with a zero of its own.
 
-    ``dimension`` gives the dimension of an expression, where it is known.
+    ``dimension`` gives the dimension of an expression, where it is known. The unknown called ``difference`` is taken
+    for one.
     """
 
-    def __init__(self, absolute: Callable[[Leaf], bool], dimension: Callable[[Expression], Dimension | None]) -> None:
-        self._absolute, self._dimension = absolute, dimension
+    def __init__(
+        self,
+        absolute: Callable[[Leaf], bool],
+        dimension: Callable[[Expression], Dimension | None],
+        difference: str | None = None,
+    ) -> None:
+        self._absolute, self._dimension, self._difference = absolute, dimension, difference
         self._known: dict[int, Weights] = {}
         self._alive: list[Expression] = []
 
@@ -139,7 +145,7 @@ class ZeroPoints:
     def _of_leaf(self, node: Leaf) -> Weights:
         if self._absolute(node):
             return frozenset({TEMPERATURE})
-        if without_unit(node):
+        if without_unit(node) or (isinstance(node, Component) and node.unknown == self._difference):
             return frozenset({DIFFERENCE})  # nobody means 20 K by a plain 20 beside 20degC
         return _EITHER if isinstance(node, Number | Constant | Column | Component) else None
 

@@ -30,9 +30,10 @@ class Check:
         same_column: Mapping[tuple[str, str], tuple[str, str]],
         unknowns: tuple[Unknown, ...],
         tables: Mapping[str, Table],
+        blocks: tuple[Block, ...],
         wanted: tuple[tuple[Derived, ...], tuple[Aggregate, ...]],
     ) -> None:
-        self._same, self._tables, self._unknowns = same_column, tables, unknowns
+        self._same, self._tables, self._unknowns, self._blocks = same_column, tables, unknowns, blocks
         self._dimension = inference.dimension
         self._derived, aggregates = wanted
         self._names = {each.name for each in unknowns if each.unit is not None and each.unit.zero}
@@ -41,6 +42,7 @@ class Check:
             for each in self._derived
             if each.grid is not None and each.grid.scale.zero
         }
+        self._add_equated()
         self._points = ZeroPoints(self._absolute, inference.dimension)
         self._names |= {
             each.name
@@ -52,7 +54,6 @@ class Check:
 
     def faults(
         self,
-        blocks: tuple[Block, ...],
         stated: Mapping[str, tuple[Number, ...]],
         plans: tuple[TablePlan, ...],
         sequence: Sequence | None,
@@ -61,7 +62,7 @@ class Check:
         for plan in plans:
             for value in _every(plan.where):
                 yield from self._mixed(value)
-        for block in blocks:
+        for block in self._blocks:
             yield from self._of_block(block)
         for unknown in self._unknowns:
             yield from self._of_unknown(unknown, stated.get(unknown.name, ()))
@@ -73,6 +74,31 @@ class Check:
         for transition in sequence.transitions if sequence is not None else ():
             for value in (*transition.scale, *transition.velocity):
                 yield from self._difference(value, value.span or transition.span)
+
+    def _add_equated(self) -> None:
+        """Unknowns without a unit are temperatures in degC where an equation has no other sense: ``x`` in (= 20degC x).
+
+        What one equation says of an unknown may decide about another in the next.
+        """
+        equations = [
+            (component, {leaf.unknown for leaf in leaves((component,)) if isinstance(leaf, Component)})
+            for block in self._blocks
+            for component in chain.from_iterable(each.components for case in block.cases for each in case.equations)
+            if self._dimension(component) == KELVIN
+        ]
+        undecided = {each.name for each in self._unknowns if each.unit is None and not each.dimension}
+        while True:
+            points = ZeroPoints(self._absolute, self._dimension)
+            possible = [(each, names) for each, names in equations if points.may_be(each, DIFFERENCE)]
+            added = {name for name in undecided if self._is_temperature(name, possible)}
+            if not added:
+                return
+            self._names |= added
+            undecided -= added
+
+    def _is_temperature(self, name: str, equations: Iterable[tuple[Expression, set[str]]]) -> bool:
+        points = ZeroPoints(self._absolute, self._dimension, difference=name)
+        return any(name in names and not points.may_be(each, DIFFERENCE) for each, names in equations)
 
     def _absolute(self, leaf: Leaf) -> bool:
         if isinstance(leaf, Number | Constant):
@@ -188,9 +214,8 @@ def zero_faults(
     for each in starts:
         for name, numbers in each.items():
             given[name] = given.get(name, ()) + numbers
-    yield from Check(inference, declared.same_column, unknowns, tables, (derived, aggregates)).faults(
-        blocks, given, *rows
-    )
+    check = Check(inference, declared.same_column, unknowns, tables, blocks, (derived, aggregates))
+    yield from check.faults(given, *rows)
 
 
 def _every(values: RowValues | None) -> Iterator[Expression]:

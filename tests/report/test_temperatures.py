@@ -291,3 +291,41 @@ def test_plain_numbers_beside_kelvin_are_kelvin():
     found = mbm.loads(BESIDE.replace("{unit}", "K").replace("{value}", "(- t t0)")).solve()
     slope, intercept = np.polyfit([0.0, 5.0, 10.0], [1.0, 1.5, 2.1], 1)
     assert (found["b"].value, found["a"].value) == pytest.approx((slope, intercept), rel=1e-9)
+
+
+EQUATED = """(problem p (data d (table (t) (20) (25) (30)) :columns ((t :unit {unit})))
+  (unknowns {x} (z)) (observe d (= t x) :sigma 1K) (observe (= x z) :sigma 1K) {more})"""
+
+
+@pytest.mark.parametrize(
+    ("x", "more"),
+    [
+        ("(x :init 20 :sigma 2)", ""),
+        ("(x :in (0K 20))", ""),
+        ("(x :prior (normal 20 2))", ""),
+        ("(x)", "(observe (= x 20) :sigma 1K)"),
+        ("(x)", "(constraints (< x 20))"),
+        ("(x)", "(constraints (< z 20))"),
+        ("(x)", "(derive (r (- z 20)))"),
+    ],
+)
+def test_unknowns_equated_with_temperatures_are_some(unit, x, more):
+    with pytest.raises(mbm.MbmError, match="20 has no unit, and would be 20 K"):
+        mbm.loads(EQUATED.replace("{unit}", unit).replace("{x}", x).replace("{more}", more)).solve()
+
+
+def test_unknowns_equated_with_temperatures_take_units(unit):
+    more = "(derive (r (- x 20degC)) (warmer (+ z 5K) :unit degC))"
+    file = EQUATED.replace("{x}", "(x :init 293K :in (-20degC 400K))").replace("{more}", more)
+    found = mbm.loads(file.replace("{unit}", unit)).solve()
+    assert float(found["x"].si.value) == pytest.approx(kelvin(unit, 25), abs=CLOSE)
+    assert found["r"].value == pytest.approx(kelvin(unit, 25) - 293.15, abs=CLOSE)
+    assert found["warmer"].value == pytest.approx(kelvin(unit, 25) - 268.15, abs=CLOSE)
+
+
+def test_differences_of_temperatures_take_plain_numbers(unit):
+    """An unknown that is a difference starts at a plain 2, as one in K does."""
+    file = """(problem p (data d (table (t) (20) (25) (30)) :columns ((t :unit {unit})))
+      (unknowns (x :init 2)) (observe d (= (- t 293.15K) x) :sigma 1K) (observe d (= t (+ 20degC x)) :sigma 1K))"""
+    found = mbm.loads(file.replace("{unit}", unit)).solve()
+    assert found["x"].value == pytest.approx(kelvin(unit, 25) - 293.15, abs=CLOSE)
