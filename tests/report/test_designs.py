@@ -145,6 +145,34 @@ def test_a_wanted_deviation_has_a_unit():
     assert design.candidates[0].repeats == 15  # 2 mm/√16
 
 
+@pytest.mark.parametrize(
+    ("unit", "sigma", "code", "says"),
+    [
+        ("deg", "0.5s", "unit-clash", "does not go with `a`"),
+        ("mm", "0.5deg", "unit-clash", "does not go with `a`"),
+        ("degC", "0.3degC", "temperature-and-difference", "`0.3degC` is the temperature 273.45K"),
+        ("K", "0.3degF", "temperature-and-difference", "here a difference of temperatures is wanted"),
+        ("s", "0.3degC", "unit-clash", "does not go with `a`"),
+    ],
+)
+def test_a_wanted_deviation_of_another_dimension_is_refused(unit, sigma, code, says):
+    with pytest.raises(mbm.MbmError, match=says) as caught:
+        mbm.loads(UNITED.replace("UNIT", unit)).design("a", {"k": [1.0]}, sigma=sigma)
+    assert caught.value.diagnostics[0].code.name == code
+
+
+@pytest.mark.parametrize(
+    ("unit", "sigma", "wanted"),
+    [("degC", "0.3K", 0.3), ("degF", "0.5K", 0.9), ("degF", "0.5degR", 0.5), ("deg", "6arcmin", 0.1), ("deg", "1", 1)],
+)
+def test_a_wanted_deviation_of_what_has_a_zero_is_a_difference(unit, sigma, wanted):
+    design = mbm.loads(UNITED.replace("UNIT", unit)).design("a", {"k": [1.0]}, sigma=sigma)
+    assert design.wanted == pytest.approx(wanted)
+
+
+UNITED = """(problem p (data d external :columns ((y :unit UNIT))) (unknowns (a :unit UNIT) (u :unit UNIT))
+  (observe d (= y (if (> k 0) a u)) :sigma (- 3UNIT 1UNIT)))"""
+
 CURVE = "(problem p (data d external) (unknowns (a) (b) (c)) (observe d (= y (+ a (* b x) (* c x x))) :sigma 1) {})"
 POINTS = np.linspace(-1, 1, 9)
 

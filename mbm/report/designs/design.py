@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import inf, isfinite
+from math import inf, isfinite, prod
 from typing import Any
 
 import numpy as np
@@ -14,16 +14,19 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.design.choice import Choice, Criterion, Wish, choose, objective, repeats_for
 from mbm.estimation.design.information import Expected, Information
 from mbm.estimation.search.solution import Solution
-from mbm.expression.units import parse_unit
+from mbm.expression.dimension import NONE, Dimension
+from mbm.expression.nodes import Number
+from mbm.expression.units import Unit, parse_unit
+from mbm.problem import faults as problem_faults
 from mbm.problem.types import Problem
 from mbm.report.budgets.targets import Target, called, gradient_of, item_of, targets_of
 from mbm.report.designs import faults
 from mbm.report.designs.answer import Design
 from mbm.report.designs.types import Candidate, ChosenSet, DesignWish, ExpectedSigma, RowWorth
-from mbm.report.elements import factors, scalars, shown_sigma, unit_text
-from mbm.report.types import Kind, SolveReport
+from mbm.report.elements import coordinate_quantity, factors, scalars, shown_sigma, unit_text
+from mbm.report.types import Kind, Quantity, SolveReport
 from mbm.scales import SI
-from mbm.text.types import Diagnostic, MbmError
+from mbm.text.types import Diagnostic, MbmError, Source, Span
 from mbm.values import dataclass
 
 
@@ -51,7 +54,8 @@ def designed(
     """The design of a problem whose solve has exact measurements, candidates among them.
 
     Raises:
-        MbmError: not-designed, no-candidates, unknown-quantity.
+        MbmError: not-designed, no-candidates, unknown-quantity; unit-clash or temperature-and-difference for a wanted
+            standard deviation of another unit.
 
     """
     problem, solution = _solved(solve)
@@ -66,7 +70,7 @@ def designed(
     motions = any(item_of(solve, each).quantity.kind in (Kind.POSE, Kind.SIMILARITY) for each in asked)
     alike = len(units) == 1 and (len(asked) == 1 or not motions)
     told = information.expected(nothing)
-    wanted = _wanted(wish.sigma, solve, asked)
+    wanted = _wanted(wish.sigma, solve, problem, asked)
     return Design(
         problem=problem.name,
         point=point,
@@ -200,11 +204,10 @@ def _places(rows: _Rows) -> tuple[Indices, ...]:
     return tuple(np.arange(a, b) for a, b in pairwise(ends))
 
 
-def _wanted(sigma: float | str | None, solve: SolveReport, asked: Sequence[Target]) -> float | None:
+def _wanted(sigma: float | str | None, solve: SolveReport, problem: Problem, asked: Sequence[Target]) -> float | None:
     """The wanted standard deviation in the unit of the quantity."""
     if sigma is None:
         return None
-    scale = item_of(solve, asked[0]).quantity.scale if asked else SI
     number, unit = sigma, None
     if isinstance(sigma, str):
         text = sigma.strip()
@@ -215,7 +218,45 @@ def _wanted(sigma: float | str | None, solve: SolveReport, asked: Sequence[Targe
             raise MbmError(faults.no_candidates(f"`{sigma}` is no standard deviation", "write it as in `--sigma 1mm`"))
     if not isinstance(number, int | float) or not 0 < float(number) < inf:
         raise MbmError(faults.no_candidates(f"`{sigma}` is no standard deviation", "write it as in `--sigma 1mm`"))
-    return float(number) if unit is None else scale.difference_from_si(unit.scale.difference_to_si(float(number)))
+    if unit is None:
+        return float(number)
+    _check_unit(float(number), unit, str(sigma).strip(), solve, problem, asked)
+    scale = _quantity(solve, asked[0]).scale if asked else SI
+    return scale.difference_from_si(unit.scale.difference_to_si(float(number)))
+
+
+def _check_unit(
+    number: float, unit: Unit, text: str, solve: SolveReport, problem: Problem, asked: Sequence[Target]
+) -> None:
+    """Check that a standard deviation in ``unit`` may be one of all that is asked.
+
+    Raises:
+        MbmError: unit-clash, temperature-and-difference.
+
+    """
+    place = Span(source=Source("<sigma>", text), start=0, end=len(text))
+    for target in asked:
+        dimension = _dimension(problem, _quantity(solve, target), target.place)
+        if dimension is not None and dimension != unit.dimension:
+            left, right = f"`{text}`, {unit.dimension.describe()},", f"`{target.name}`, {dimension.describe()}"
+            raise MbmError(problem_faults.unit_clash(place, left, right, ()))
+    if unit.zero:
+        temperature = Number(unit.scale.to_si(number), unit.dimension, place, absolute=True)
+        raise MbmError(problem_faults.temperature_for_difference(place, temperature))
+
+
+def _quantity(solve: SolveReport, target: Target) -> Quantity:
+    return coordinate_quantity(item_of(solve, target).quantity, target.place)
+
+
+def _dimension(problem: Problem, quantity: Quantity, place: int) -> Dimension | None:
+    """The dimension of a number; None: nothing says it."""
+    if quantity.kind is Kind.ANGLE:
+        return NONE
+    if quantity.dimension:
+        unit = None if quantity.unit is None else parse_unit(quantity.unit)
+        return None if unit is None else unit.dimension
+    return problem.dimensions.get((quantity.name, place % max(prod(quantity.shape), 1)))
 
 
 def _is_number(text: str) -> bool:
