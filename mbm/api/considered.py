@@ -58,5 +58,5 @@ def _uncertain(constants: tuple[ConstantValue, ...]) -> Iterator[tuple[ConstantV
 def _moved(inputs: Inputs, constant: ConstantValue, place: int, side: float) -> Inputs:
     values = list(constant.values)
     values[place] += side * constant.sigmas[place]
-    override = Override(name=constant.name, values=tuple(values))
+    override = Override(name=constant.name, values=tuple(values), computed=True)
     return replace(inputs, overrides={**inputs.overrides, constant.name: override})

@@ -135,7 +135,8 @@ class Problem:
             data: tables by name: a pandas or polars frame, a dict of arrays, a structured array, a list of dicts. What
                 is not given is read from the file that the problem names; tables that it calls ``external`` may be
                 left to ``CompiledProblem.solve``.
-            constants: values of constants by name: numbers in SI, or texts such as ``"70cm"``.
+            constants: values of constants by name: numbers in SI, or texts such as ``"70cm"``; of a temperature in
+                degC or degF a text, ``"20degC"``.
             backend: ``auto``, ``casadi`` or ``numpy``.
             allow_external: let the problem import and call the functions in Python that it names.
 

@@ -13,11 +13,15 @@ from mbm.values import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Override:
-    """A constant or start given from outside: as a form of the language, or as numbers in SI."""
+    """A constant or start given from outside: as a form of the language, or as numbers in SI.
+
+    ``computed``: mbm's own numbers, and kelvin even for a constant in degC, where a user may mean another number.
+    """
 
     name: str
     text: str | None = None
     values: tuple[float, ...] | None = None
+    computed: bool = False
 
 
 Overrides = Mapping[str, Override]

@@ -147,6 +147,17 @@ def test_an_uncertain_constant_is_shown_as_it_is_written(unit):
     assert mine.contribution == pytest.approx(its.contribution, rel=1e-6)
 
 
+@pytest.mark.parametrize("given", [20, 293.15, 0.0])
+def test_a_plain_number_for_a_constant_with_a_zero_is_refused(unit, given):
+    """As for `--set`: in SI it would be kelvin, which few mean by 20. A constant in K takes it."""
+    problem = mbm.loads(text(unit))
+    with pytest.raises(mbm.MbmError, match="has no unit, and would be in kelvin"):
+        problem.solve(constants={"t0": given})
+    reference = mbm.loads(text("K")).solve(constants={"t0": 300.0})
+    found = problem.solve(constants={"t0": "300K"})
+    assert found["rise"].value == pytest.approx(float(reference["rise"].value), abs=CLOSE)
+
+
 def test_predictions_take_and_give_the_unit(unit, result, reference):
     at = np.array([281.0, 300.0])
     ours, theirs = result.predict("band", shown(unit, at)), reference.predict("band", at)

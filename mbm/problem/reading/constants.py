@@ -80,7 +80,7 @@ def _overridden(work: Workspace, declared: Value, override: Override) -> Value:
         numbers = tuple(Number(v) for v in override.values or ())
         given = numbers[0] if len(numbers) == 1 and isinstance(declared, SCALARS) else Array((len(numbers),), numbers)
     if isinstance(declared, SCALARS) and isinstance(given, SCALARS):
-        return _redimensioned(given, declared, override.name)
+        return _redimensioned(given, declared, override)
     if isinstance(declared, ListValue):
         declared = vector(declared, _NOWHERE)
     if isinstance(given, ListValue):
@@ -90,7 +90,7 @@ def _overridden(work: Workspace, declared: Value, override: Override) -> Value:
             message = f"is {describe(given)}, but the constant is {describe(declared)}"
             raise MbmError(faults.bad_override(override.name, message))
         pairs = zip(given.elements, declared.elements, strict=True)
-        return Array(declared.shape, tuple(_redimensioned(g, d, override.name) for g, d in pairs))
+        return Array(declared.shape, tuple(_redimensioned(g, d, override) for g, d in pairs))
     if type(declared) is not type(given):
         message = f"is {describe(given)}, but the constant is {describe(declared)}"
         raise MbmError(faults.bad_override(override.name, message))
@@ -101,17 +101,17 @@ _NOWHERE = Span(source=Source("", ""), start=0, end=0)
 """The place of what was given from outside."""
 
 
-def _redimensioned(given: Expression, declared: Expression, name: str) -> Expression:
+def _redimensioned(given: Expression, declared: Expression, override: Override) -> Expression:
     """A number given without a unit takes the dimension of the constant that it replaces."""
     stated, wanted = (_dimension(node) for node in (given, declared))
     if stated is not None and wanted is not None and stated != wanted:
         message = f"is {stated.describe()}, but the constant is {wanted.describe()}"
-        raise MbmError(faults.bad_override(name, message))
+        raise MbmError(faults.bad_override(override.name, message))
     if isinstance(given, Number) and given.dimension is None:
         absolute = is_temperature(declared, declared.span or _NOWHERE)
-        if absolute and given.span is not None:
+        if absolute and not override.computed:
             message = f"has no unit, and would be in kelvin: write `{float(given.value):g}degC`"
-            raise MbmError(faults.bad_override(name, message))
+            raise MbmError(faults.bad_override(override.name, message))
         return replace(given, dimension=wanted, absolute=absolute)
     return given
 
