@@ -232,26 +232,21 @@ def solved(
         from mbm.report.given_starts import given_starts
 
         starts = given_starts(found.problem, found.tables, settings.init)
-    result = result_of(
-        found.problem,
-        found.raw,
-        solutions(
-            found,
-            kernels,
-            cache,
-            starts,
-            settings.interruption,
-            registry.closed_forms,
-            settings.workers,
-        ),
-        file=file,
-        asked=asked_options(cache.backend.name, inputs.overrides, inputs.paths, settings.init),
-        covariance_full=settings.covariance_full,
-        progress=settings.progress,
-    )
-    if not any(call.has_jacobian for kernel in kernels.kernels for call in kernel.calls):
-        return result
-    return replace(result, diagnostics=(*result.diagnostics, *jacobian_doubts(found, kernels, cache)))
+    forms, workers = registry.closed_forms, settings.workers
+    with cache.lock:
+        result = result_of(
+            found.problem,
+            found.raw,
+            solutions(found, kernels, cache, starts, settings.interruption, forms, workers),
+            file=file,
+            asked=asked_options(cache.backend.name, inputs.overrides, inputs.paths, settings.init),
+            covariance_full=settings.covariance_full,
+            progress=settings.progress,
+            lock=cache.lock,
+        )
+        if not any(call.has_jacobian for kernel in kernels.kernels for call in kernel.calls):
+            return result
+        return replace(result, diagnostics=(*result.diagnostics, *jacobian_doubts(found, kernels, cache)))
 
 
 def viewed(

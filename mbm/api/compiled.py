@@ -59,7 +59,7 @@ class Kept:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CompiledProblem:
-    """A problem with differentiated equations. Not to be shared between threads: its buffers are used again.
+    """A problem with differentiated equations. One thread at a time solves it; any thread may read its results.
 
     Compiled without the tables that its `external` clauses leave to the caller, it derives the equations when the first
     ``solve(data=…)`` brings them.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from threading import RLock
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -71,14 +72,16 @@ class StatedNoise:
 class EvaluationCache:
     """Prepared kernels by number of rows, so that a stream of data sets of one size prepares them once.
 
-    Local to one compiled problem in one thread; an evaluation is filled anew before each use. Sets of unknowns and
-    numbers of rows for which no closed form is made are remembered too, and in ``native`` what native solves share.
+    Local to one compiled problem. An evaluation is filled anew before each use, by one thread at a time: whoever
+    solves, or works something out of a solution later, holds the ``lock``. Sets of unknowns and numbers of rows for
+    which no closed form is made are remembered too, and in ``native`` what native solves share.
     ``constants``, ``slots`` (by kernel) and ``stated`` noise (by kernel and equation) are what no data decide, and
     ``last`` what `assembling` keeps of the last equations: the next are most often like them.
     """
 
     def __init__(self, backend: Backend, without_closed_form: Iterable[Kind] = ()) -> None:
         self.backend = backend
+        self.lock = RLock()
         self.without_closed_form: set[Kind] = set(without_closed_form)
         self.layouts = Layouts()
         self.native: dict[str, object] = {}

@@ -78,7 +78,8 @@ class BlockReports:
 
     @cached_property
     def _root_means(self) -> Mapping[str, RootMeans]:
-        return of_block(self.problem, self.block)
+        with self.block.lock:
+            return of_block(self.problem, self.block)
 
     def corrected(self, place: int) -> tuple[CorrectionReport, ...]:
         """The corrections of measured values in the solve at a place."""
@@ -86,7 +87,8 @@ class BlockReports:
 
     @cached_property
     def _corrections(self) -> tuple[Corrections, ...]:
-        return self.block.corrections()
+        with self.block.lock:
+            return self.block.corrections()
 
     def _made(self, place: int) -> SolveReport:
         """The report of a solve, from all that is to be said of it."""

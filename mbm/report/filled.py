@@ -15,6 +15,7 @@ from mbm.problem.naming import PRIOR
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import element_names
+from mbm.report.later import guarded
 from mbm.report.maps import maps_of
 from mbm.report.numbers import numbers_at
 from mbm.report.pictures import plot_data
@@ -152,10 +153,10 @@ def filled(
             )
         ),
         made_from=lambda: (problem, _solution(block, number)),
-        residual_rows=lambda: residual_rows(problem, _solution(block, number)),
-        row_data=lambda: row_data(problem, _solution(block, number)),
-        plot_data=lambda: plot_data(problem, _solution(block, number)),
-        map_data=lambda: maps_of(problem, _solution(block, number)),
+        residual_rows=guarded(block.lock, lambda: residual_rows(problem, _solution(block, number))),
+        row_data=guarded(block.lock, lambda: row_data(problem, _solution(block, number))),
+        plot_data=guarded(block.lock, lambda: plot_data(problem, _solution(block, number))),
+        map_data=guarded(block.lock, lambda: maps_of(problem, _solution(block, number))),
     )
 
 

@@ -24,6 +24,7 @@ from mbm.report.covariances import derived_covariance, estimates_covariance
 from mbm.report.derived_values import FREE, NO_NOISE, derived_value, nothing_known_of, stuck
 from mbm.report.freedom import common_directions, free_directions
 from mbm.report.inputs import StartsTally
+from mbm.report.later import guarded
 from mbm.report.maps import maps_of
 from mbm.report.noise import noise_reports
 from mbm.report.numbers import nothing_known, numbers_of
@@ -64,7 +65,8 @@ def report_of(
         return failure_report(solution)
     if isinstance(solution, Skipped):
         return skipped_report(solution)
-    return solve_report(problem, solution, covariance_full=covariance_full)
+    with solution.lock:
+        return solve_report(problem, solution, covariance_full=covariance_full)
 
 
 def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool) -> SolveReport:
@@ -97,12 +99,12 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         observability=_observability(solution, names) if reached else None,
         noise=noise_reports(problem, solution.noise),
         residual_summaries=residual_summaries(problem, solution),
-        raw_residuals=lambda: of_solution(problem, solution),
+        raw_residuals=guarded(solution.lock, lambda: of_solution(problem, solution)),
         made_from=lambda: (problem, solution),
-        residual_rows=lambda: residual_rows(problem, solution),
-        row_data=lambda: row_data(problem, solution),
-        plot_data=lambda: plot_data(problem, solution),
-        map_data=lambda: maps_of(problem, solution),
+        residual_rows=guarded(solution.lock, lambda: residual_rows(problem, solution)),
+        row_data=guarded(solution.lock, lambda: row_data(problem, solution)),
+        plot_data=guarded(solution.lock, lambda: plot_data(problem, solution)),
+        map_data=guarded(solution.lock, lambda: maps_of(problem, solution)),
         priors=prior_reports(problem, solution),
         corrections=correction_reports(solution),
         constraints=constraints,

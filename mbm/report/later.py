@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import overload
+from contextlib import AbstractContextManager
+from typing import TypeVar, overload
 
 import numpy as np
 
 from mbm.report.types import SolveReport
 
+T = TypeVar("T")
+
+
+def guarded(lock: AbstractContextManager[object], function: Callable[[], T]) -> Callable[[], T]:
+    """The function, which holds the lock while it works something out."""
+
+    def alone() -> T:
+        with lock:
+            return function()
+
+    return alone
+
 
 class LaterReports(Sequence[SolveReport]):
-    """The reports that functions make, each once."""
+    """The reports that functions make, each once, and holding the ``lock``."""
 
-    def __init__(self, makers: Iterable[Callable[[], SolveReport]]) -> None:
+    def __init__(self, makers: Iterable[Callable[[], SolveReport]], lock: AbstractContextManager[object]) -> None:
         self._reports: list[SolveReport | Callable[[], SolveReport]] = list(makers)
+        self._lock = lock
 
     def __len__(self) -> int:
         return len(self._reports)
@@ -29,7 +43,10 @@ class LaterReports(Sequence[SolveReport]):
         if isinstance(index, slice):
             return tuple(self[i] for i in range(*index.indices(len(self))))
         found = self._reports[index]
-        if not isinstance(found, SolveReport):
-            with np.errstate(all="ignore"):  # overflow and NaN are results here, as in the solve
-                found = self._reports[index] = found()
-        return found
+        if isinstance(found, SolveReport):
+            return found
+        with self._lock, np.errstate(all="ignore"):  # overflow and NaN are results here, as in the solve
+            made = self._reports[index]  # perhaps by another thread meanwhile
+            if not isinstance(made, SolveReport):
+                made = self._reports[index] = made()
+        return made

@@ -80,7 +80,8 @@ def predicted(
             name, why, "derive it `:over` a grid or table with these values, or make the constant an unknown"
         )
     item = next(each for each in solve.derived if each.quantity.name == name) if at is None else None
-    return prediction(problem, solution, derived, table, item, level=level, clause=clause)
+    with solution.lock:
+        return prediction(problem, solution, derived, table, item, level=level, clause=clause)
 
 
 def prediction(

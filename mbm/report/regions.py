@@ -168,14 +168,14 @@ def _followed(solve: SolveReport, names: tuple[str, str], sigma: Floats, axes: F
     for angle in _angles():
         wanted = (np.array([np.cos(angle), np.sin(angle)]) @ axes) * units
         along = np.linalg.solve(rows @ plane, wanted)
-        found.append(
-            Profile(
-                equations=around.equations,
-                point=around.minimum.point,
-                least=around.minimum.cost,
-                direction=around.factor @ (plane @ along),
-                others=others,
-                level=radius**2 * around.variance,
-            ).end(ACCURACY)
+        profile = Profile(
+            equations=around.equations,
+            point=around.minimum.point,
+            least=around.minimum.cost,
+            direction=around.factor @ (plane @ along),
+            others=others,
+            level=radius**2 * around.variance,
         )
+        with profiles.lock:
+            found.append(profile.end(ACCURACY))
     return np.array(found)

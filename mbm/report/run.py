@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -38,8 +39,11 @@ def result_of(
     asked: Mapping[str, object],
     covariance_full: bool,
     progress: Progress | None,
+    lock: AbstractContextManager[object],
 ) -> Result:
     """The result of all solves, in their order; ``asked`` is `asked_options`, ``progress`` hears of each solve.
+
+    Reports that are made later hold the ``lock`` meanwhile.
 
     Raises:
         MbmError: nothing was solved, since no solve could be set up with its data.
@@ -76,7 +80,7 @@ def result_of(
         file=file,
         problem=problem.name,
         seed=request.seed,
-        solves=_joined(blocks, alone) if blocks or alone else LaterReports(reports),
+        solves=_joined(blocks, alone) if blocks or alone else LaterReports(reports, lock),
         options={
             "method": request.method.value,
             "max-iterations": request.max_iterations,

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import copy
 import pickle
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -70,7 +74,7 @@ def test_each_report_is_made_once() -> None:
         made.append(number)
         return SolveReport(status=SolveStatus.CONVERGED, message=str(number))
 
-    reports = LaterReports([lambda k=k: maker(k) for k in range(3)])  # type: ignore[misc]
+    reports = LaterReports([lambda k=k: maker(k) for k in range(3)], RLock())  # type: ignore[misc]
     assert len(reports) == 3
     assert made == []
     assert reports[-1] is reports[2]
@@ -80,3 +84,44 @@ def test_each_report_is_made_once() -> None:
     with pytest.raises(IndexError):
         reports[3]
     assert made == [2, 1, 0]
+
+
+@pytest.fixture
+def hasty() -> Iterator[None]:
+    """Threads give way to one another all the time."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+def read(solved: Any) -> list[float]:
+    """Numbers that are worked out when they are read."""
+    found = [prior.value for prior in solved.priors] + solved.residuals("d")["raw"].tolist()
+    if solved.derived:
+        found += np.ravel(solved["half"].interval()).tolist()
+    return found
+
+
+@pytest.mark.usefixtures("hasty")
+@pytest.mark.parametrize("kind", ["prior", "curved"])
+def test_threads_read_the_numbers_of_their_own_solves(kind: str) -> None:
+    compiled = mbm.loads(f"(problem p (data d external) {KINDS[kind]})").compile(data=table(0, 24))
+    tables = [table(seed, 24) for seed in range(8)]
+    wanted = [read(compiled.solve(data=each)) for each in tables] * 2
+    kept = [compiled.solve(data=each) for each in tables * 2]
+    with ThreadPoolExecutor(8) as pool:
+        found = [pool.submit(read, each) for each in kept]
+        meanwhile = [read(compiled.solve(data=each)) for each in tables]
+    assert [each.result() for each in found] == wanted
+    assert meanwhile == wanted[:8]
+
+
+@pytest.mark.usefixtures("hasty")
+def test_threads_read_solves_that_were_made_together() -> None:
+    keyed = {"g": np.repeat(np.arange(8), 24), "x": np.tile(X, 8)}
+    keyed["y"] = np.concatenate([table(seed, 24)["d"]["y"] for seed in range(8)])
+    solved = mbm.loads(f"(problem p (data d external) {KINDS['prior']} (for-each g))").solve(data={"d": keyed})
+    wanted = [read(each) for each in solved.solves] * 8
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(lambda k: read(solved.solves[k % 8]), range(64))) == wanted

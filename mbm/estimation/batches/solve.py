@@ -183,6 +183,7 @@ class Together:
             places=self.places[which.start : which.stop],
             corrections=lambda: _corrections(self.stack, which, columns),
             raw=lambda: raw_rows(self.problem, self.stack, which, columns),
+            lock=self.cache.lock,
         )
         behind = range(searched, which.stop)
         return block, Past(last=lambda: self._last(behind, columns, which.start, found, past), spoilt=spoilt)

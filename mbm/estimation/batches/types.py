@@ -17,6 +17,8 @@ from mbm.problem.types import Problem
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
     from mbm.equations.assembly import Assembled
     from mbm.equations.corrections.measured import Measured
     from mbm.estimation.batches.degree_types import DegreesColumns
@@ -260,7 +262,8 @@ class Block:
     cells in all solves; ``layout`` and ``free`` say what the numbers are, ``members`` has the keys, solve by solve, of
     the members of unknowns for which each solve has its own. ``make`` gives all that is to be said of a
     solve whose columns are clean. ``places`` (solves,) are the numbers of the solves among all of the problem.
-    ``corrections`` finds those of the columns with errors, ``raw`` what the equations of observations say.
+    ``corrections`` finds those of the columns with errors, ``raw`` what the equations of observations say. The ``lock``
+    is that of a `Solution`.
     """
 
     which: range
@@ -276,6 +279,7 @@ class Block:
     places: Indices
     corrections: Callable[[], tuple[Corrections, ...]]
     raw: Callable[[], Iterator[RawRows]]
+    lock: AbstractContextManager[object]
 
     def member_keys(self, entry: Entry, place: int) -> tuple[CellKey, ...] | None:
         """The keys of the members of an unknown in the solve at a place (from 0); None without a family."""
@@ -286,4 +290,7 @@ class Block:
     def solution(self, number: int) -> Solution | Failure | Skipped:
         """One solve of ``which``, made now if it was left in the columns."""
         found = self.apart.get(number)
-        return found if found is not None else self.make(number, self.columns, number - self.which.start)
+        if found is not None:
+            return found
+        with self.lock:
+            return self.make(number, self.columns, number - self.which.start)

@@ -7,6 +7,7 @@ Of coordinates and of derived quantities alike the profile of the cost is follow
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import field
 
 import numpy as np
@@ -26,13 +27,14 @@ class Profiles:
     """Intervals by profile around a minimum: of coordinates with the ``freedom`` (n,), of quantities with ``derived``.
 
     Both answer how far the ends of intervals of a level lie below and above; NaN where the linear interval is right,
-    infinite where there is no end.
+    infinite where there is no end. The ``lock`` is that of a `Solution`.
     """
 
     curvature: Curvature
     sigma: Floats
     freedom: Freedom
     derived: Mapping[int, Freedom]
+    lock: AbstractContextManager[object]
     _found: dict[tuple[int | None, float], tuple[Floats, Floats]] = field(default_factory=dict)
 
     def of_coordinates(self, level: float) -> tuple[Floats, Floats]:
@@ -47,9 +49,10 @@ class Profiles:
         self, owner: int | None, level: float, find: Callable[[], tuple[Floats, Floats]]
     ) -> tuple[Floats, Floats]:
         """What is found first stays: equations with corrections begin where they were evaluated last."""
-        if (owner, level) not in self._found:
-            self._found[owner, level] = find()
-        return self._found[owner, level]
+        with self.lock:
+            if (owner, level) not in self._found:
+                self._found[owner, level] = find()
+            return self._found[owner, level]
 
     def _coordinates(self, level: float) -> tuple[Floats, Floats]:
         around = self.curvature.around
@@ -84,12 +87,16 @@ class Profiles:
 
 
 def profiles(
-    found: Curvature | None, sigma: Floats, freedom: Freedom, derived: Mapping[int, Freedom]
+    found: Curvature | None,
+    sigma: Floats,
+    freedom: Freedom,
+    derived: Mapping[int, Freedom],
+    lock: AbstractContextManager[object],
 ) -> Profiles | None:
     """What follows the intervals that curvature misplaces; None where it misplaces none."""
     if found is None or not (found.ends.doubtful.size or any(one.ends.doubtful.size for one in found.derived)):
         return None
-    return Profiles(curvature=found, sigma=sigma, freedom=freedom, derived=derived)
+    return Profiles(curvature=found, sigma=sigma, freedom=freedom, derived=derived, lock=lock)
 
 
 def _reach(level: float, freedom: Freedom) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -101,7 +102,8 @@ class Solution:
     deviations, ``limited`` hard limits (None: there are none), ``profiles`` intervals where the linear ones are wrong
     (None: nowhere). ``influence`` tells what the covariance is the sum of (None: of a filter, which has no sum over
     rows). ``elsewhere`` derives for other rows (None: nothing can be). ``doubts`` looks for further ``diagnostics``,
-    ``alternatives`` for other minima. ``unexamined`` says what was not looked at, and why.
+    ``alternatives`` for other minima. ``unexamined`` says what was not looked at, and why. Whatever is worked out with
+    the ``groups`` holds the ``lock``: other solves put their numbers into the same inputs of kernels.
     """
 
     key: Mapping[str, CellKey]
@@ -144,6 +146,7 @@ class Solution:
     unexamined: Callable[[], Mapping[str, str]] = all_examined
     influence: Influence | None = None
     elsewhere: Elsewhere | None = None
+    lock: AbstractContextManager[object]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -70,6 +70,7 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
     lost = int(track.opens[max(track.made - 1, 0)])
     return Solution(
         key=walked.key,
+        lock=walked.solved.binder.cache.lock,
         tables=walked.tables,
         layout=equations.layout,
         groups=groups,

@@ -151,7 +151,7 @@ def answered(
     run: Run, robust: Prepared, end: Reached, *, tally: Tally | None, origin: str, seconds: Callable[[], float]
 ) -> Solution:
     """What is known at a minimum: the rank decision, the covariance, derived quantities, and what is to be doubted."""
-    problem, equations = run.problem, run.equations
+    problem, equations, lock = run.problem, run.equations, run.binder.cache.lock
     weighted = end.equations
     minimum = informed(weighted, _confirmed(weighted, end.minimum))
     observed = _observed(equations, weighted, minimum, robust, run.settings)
@@ -202,7 +202,7 @@ def answered(
         sigma_known=outcome.sigma_known,
         limited=limited(weighted, minimum, outcome.covariance),
         freedom=freedom,
-        profiles=profiles(bent, outcome.covariance.sigma, freedom, {one.owner: one.freedom for one in derived}),
+        profiles=profiles(bent, outcome.covariance.sigma, freedom, {one.owner: one.freedom for one in derived}, lock),
         unused=unused,
         corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
         method=solver_name(equations, run.settings),
@@ -214,6 +214,7 @@ def answered(
         unexamined=lambda: unexamined(propagation, minimum, derived, bent),
         doubts=lambda: (*beside()[1], *doubts(propagation, minimum, derived, bent)),
         influence=_influence(outcome, robust),
+        lock=lock,
     )
 
 

@@ -61,7 +61,8 @@ def budgets_of(solve: SolveReport, name: str | None = None, *, by_row: bool = Fa
     for target, each in zip(targets, every, strict=True):
         gradient = gradient_of(solution, target) if each.why_none is None else None
         if gradient is not None:
-            found = tuple(sources(problem, solution, influence, gradient))
+            with solution.lock:
+                found = tuple(sources(problem, solution, influence, gradient))
             made.append(_budget(solve, each, (*found, *_constants(solve, target)), by_row))
         elif name is not None:
             raise MbmError(faults.no_budget(target.name, each.why_none or _TOO_MANY))

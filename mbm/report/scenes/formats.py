@@ -44,7 +44,9 @@ def files_of(result: Result, form: str) -> Files:
     made_from = result.solves[0].made_from
     if made_from is None:
         raise MbmError(faults.format_needs(form, "estimates, and nothing was solved"))
-    return _writers()[form](*made_from())
+    problem, solution = made_from()
+    with solution.lock:
+        return _writers()[form](problem, solution)
 
 
 def _writers() -> Mapping[str, Callable[[Problem, Solution], Files]]:

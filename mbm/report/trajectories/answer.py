@@ -58,5 +58,6 @@ def trajectories_of(
             numbers=solution.numbers,
             tables=solution.tables,
         )
-        found.append(trajectory(place, solve.key, deltas, observation))
+        with solution.lock:
+            found.append(trajectory(place, solve.key, deltas, observation))
     return tuple(found)

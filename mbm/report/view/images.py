@@ -77,7 +77,8 @@ def _rows(problem: Problem, solution: Solution, seeing: Seeing, group: Group, cl
     known = answer_lookup(solution, table, group.positions)
     predicted = values_of(sight.image, known, group.rows)
     own = slice(seeing.output, seeing.output + 2)
-    residual = group.written.values(solution.numbers)[:, own] * seeing.sign
+    with solution.lock:
+        residual = group.written.values(solution.numbers)[:, own] * seeing.sign
     lines = np.arange(group.first, group.first + group.count).reshape(group.rows, -1)[:, own]
     every = np.ones(group.rows, dtype=bool)
     return ImageRows(
