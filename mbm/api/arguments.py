@@ -76,6 +76,22 @@ def seed(given: object) -> int | None:
     return found
 
 
+def step(given: float) -> float:
+    """Where a step is.
+
+    Raises:
+        MbmError: it is no finite number (`wrong-argument`).
+
+    """
+    try:
+        found = float(given)
+    except (TypeError, ValueError, OverflowError):
+        found = np.nan
+    if not np.isfinite(found):
+        raise MbmError(faults.no_place_of_a_step(given))
+    return found
+
+
 def coordinates(given: ArrayLike, count: int) -> NDArray[np.float64]:
     """Tangent coordinates (count,).
 

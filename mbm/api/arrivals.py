@@ -100,7 +100,7 @@ class Arrivals:
     def _key(self, at: float | None, cells: Cells, read: Mapping[str, Table]) -> float:
         """The one key of all rows."""
         column = self._begun.sequence.column
-        keys = set() if at is None else {float(at)}
+        keys = set() if at is None else {arguments.step(at)}
         for each in cells.values():
             if column in each:
                 keys.update(each[column].tolist())

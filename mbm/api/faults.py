@@ -243,6 +243,16 @@ def no_number_of_trials(given: object) -> Diagnostic:
     )
 
 
+def no_place_of_a_step(given: object) -> Diagnostic:
+    """A place of a step that is none."""
+    return Diagnostic(
+        code=WRONG_ARGUMENT,
+        message=f"`at` is {given!r}; a finite number is wanted",
+        place=None,
+        hint="it is where the step is, in SI: the value of the steps' column",
+    )
+
+
 def no_seed(given: object) -> Diagnostic:
     """A seed that is none."""
     message = f"`seed` is {given!r}; a whole number from 0 is wanted"

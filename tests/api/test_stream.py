@@ -210,6 +210,8 @@ WRONG = {
     "kind": (3, None, "wrong-argument", "tables"),
     "list": ({"z": [1.0]}, None, "not-a-table", "float"),
     "nested": ({"z": {"k": 3.0, "y": [[0.0]]}}, None, "bad-cell", "y"),
+    "text at": ({}, "x", "wrong-argument", "`at` is 'x'; a finite number"),
+    "infinite at": ({}, np.inf, "wrong-argument", "a finite number"),
     "text step": ({"z": {"k": "a", "y": 0.0}}, None, "wrong-step", "k"),
 }
 
