@@ -7,66 +7,7 @@ import pytest
 
 import mbm
 from mbm.problem.sequence.types import RATE
-
-STEPS = 9
-
-
-def table(step="k", steps=STEPS, seed=1, **columns):
-    """Rows of steps: two at every third, none at the fifth."""
-    generator = np.random.default_rng(seed)
-    k = np.array([j for j in range(steps) for _ in range(2 if j % 3 == 0 else 1) if j != 5], dtype=float)
-    made = {name: np.asarray(column(k, generator)) for name, column in columns.items()}
-    return {step: k, **made}
-
-
-def noisy(k, generator):
-    return np.sin(0.4 * k) + 0.1 * generator.standard_normal(len(k))
-
-
-FRAMES = {"k": np.arange(STEPS, dtype=float)}
-
-CART = """
-(problem cart
-  (data frames external) (data z external)
-  (unknowns (b :init 0.1 :sigma 0.5))
-  (states :over k (x :init 0 :sigma 1))
-  (dynamics (constant-velocity x :acceleration 0.3 :velocity 0.2 :velocity-sigma 0.5))
-  (observe z (= y (+ x b)) :sigma {sigma})
-  {rest}
-  (solve :method {method}))"""
-"""Plain rows, or with noise of their own."""
-
-STATIONS = """
-(problem stations
-  (data frames external) (data z external :with (anchors at) :where (> y -5))
-  (data anchors (table (name h) ("a" 0.0) ("b" 0.5)) :key name)
-  (unknowns (lift :per anchors :init 0 :sigma 0.3))
-  (states :over k (x :init 0 :sigma 1) (s :init 1 :sigma 0.2))
-  (dynamics (= (next x) (+ x (* 0.1 go (dt))) :sigma (* 0.2 (sqrt (dt)))) (static s))
-  (observe z (= y (* s (+ x (lift at)))) :sigma (+ 0.2 anchors.h) :when (> w 0.2))
-  (observe z (= y (if (= kind "near") x (* 2 x))) :sigma 0.4)
-  (observe anchors (= h (lift name)) :sigma 0.1)
-  (solve :method {method}))"""
-"""Rows that pick members, are joined, left out, of kinds with equations of their own; transitions that take columns."""
-
-DRIVE = """
-(problem drive
-  (data wheels external) (data ranges external)
-  (states :over k (at (pose 2) :init (pose2 0 0 0) :sigma 0.3))
-  (dynamics (= (next at) (compose at (pose2 forward 0 turn)) :sigma [0.03 0.05 0.02]))
-  (observe ranges (= d (distance (translation at) [px py])) :sigma 0.1)
-  (solve :method {method}))"""
-
-ARM = """
-(problem arm
-  (data frames external) (data seen external)
-  (unknowns (l :init 1 :sigma 0.2))
-  (states :over k (a :init 10deg :sigma 20deg :unit deg))
-  (dynamics (random-walk a :sigma 15deg))
-  (observe seen (= x (* l (cos a))) :sigma 0.02)
-  (constraints (<= (abs a) 170deg))
-  (solve :method truncated-ekf :hypotheses 4))"""
-"""Seen from the side a turn to the left is as one to the right."""
+from tests.emit.sequences import ARM, CART, DRIVE, FRAMES, STATIONS, STEPS, noisy, table
 
 
 def fed(compiled, tables, by=None):

@@ -159,14 +159,7 @@ def _assemble(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
     yield "    int rows, all, status = 0;"
     yield ""
     for block in blueprint.blocks:
-        yield f"    {remark(block.role.value, ' ', block.name)}"
-        if block.table is None:
-            yield "    count = 1;"
-        else:
-            yield f"    status = {block.identifier}_rows(f, &count);"
-            yield "    if (status != 0)"
-            yield "        return status;"
-        yield "    all = 0;"
+        yield from count_of_rows(block)
         for case in block.cases:
             yield f"    rows = {case.identifier}_assemble(f, count);"
             yield "    if (rows < 0)"
@@ -177,3 +170,15 @@ def _assemble(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
     yield "    return status;"
     yield "}"
     yield ""
+
+
+def count_of_rows(block: BlockShape) -> Iterator[str]:
+    """Statements that choose the rows of a clause and count them; no case has taken any yet."""
+    yield f"    {remark(block.role.value, ' ', block.name)}"
+    if block.table is None:
+        yield "    count = 1;"
+    else:
+        yield f"    status = {block.identifier}_rows(f, &count);"
+        yield "    if (status != 0)"
+        yield "        return status;"
+    yield "    all = 0;"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mbm.emit.c.reading import table_read
 from mbm.emit.c.text import in_unit, literal, remark
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.types import TableShape, UnknownShape
@@ -50,19 +51,7 @@ def _read(made: FilterBlueprint) -> Iterator[str]:
     yield ""
     yield "    memset(tables, 0, sizeof *tables);"
     for position, table in enumerate(_tables(made)):
-        yield f"    if (!csv_read(&tables->files[{position}], paths[{position}]))"
-        yield "        return 0;"
-        yield f"    all->{table.identifier}_rows = tables->files[{position}].rows;"
-        for column in table.columns:
-            held = f"all->{table.identifier}_{column.identifier}"
-            source = literal(column.source)
-            if column.is_text:
-                yield f"    {held} = csv_texts(&tables->files[{position}], {source});"
-            else:
-                scale = f"{number(column.scale.factor)}, {number(column.scale.zero)}"
-                yield f"    {held} = csv_numbers(&tables->files[{position}], {source}, {scale});"
-            yield f"    if ({held} == NULL)"
-            yield "        return 0;"
+        yield from table_read(table, position, "all")
         key = _key(made, table)
         yield f"    for (i = 1; i < all->{table.identifier}_rows; i++)"
         yield f"        if (!({key.format('all', 'i - 1')} <= {key.format('all', 'i')})) {{"

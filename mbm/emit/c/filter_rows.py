@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.cells import Cells
-from mbm.emit.c.clauses import chosen_rows
+from mbm.emit.c.clauses import chosen_rows, count_of_rows
 from mbm.emit.c.filter_clauses import ARRAYS, begin_function, take_function
 from mbm.emit.c.filter_memory import capacity
-from mbm.emit.c.text import remark
 from mbm.emit.filtering.types import FilterBlueprint, FilterGroup, FixedRows, Moment
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import BlockCase, BlockShape
@@ -178,18 +177,6 @@ def _round(made: FilterBlueprint, k: str) -> str:
     return f"({k} + {held}) % {held}"
 
 
-def _rows_of(cells: Cells, block: BlockShape) -> Iterator[str]:
-    """Statements that choose the rows of a clause."""
-    yield f"    {remark(block.role.value, ' ', block.name)}"
-    if block.table is None:
-        yield "    count = 1;"
-    else:
-        yield f"    status = {block.identifier}_rows(f, &count);"
-        yield "    if (status != 0)"
-        yield "        return status;"
-    yield "    all = 0;"
-
-
 def _taken(cells: Cells, case: BlockCase, wrong: str) -> Iterator[str]:
     yield f"    rows = {case.identifier}_take(f, set, count);"
     yield "    if (rows < 0)"
@@ -223,7 +210,7 @@ def _take_step(made: FilterBlueprint, cells: Cells, block_of: dict[int, BlockSha
         if block.identifier in done or not _always(made, case):
             continue
         done.add(block.identifier)
-        yield from _rows_of(cells, block)
+        yield from count_of_rows(block)
         for each in block.cases:
             yield from _taken(cells, each, "BAD_NOISE")
         yield "    if (all != count)"
@@ -282,7 +269,7 @@ def _take_transition(made: FilterBlueprint, cells: Cells, block_of: dict[int, Bl
         if block.identifier in done:
             continue
         done.add(block.identifier)
-        yield from _rows_of(cells, block)
+        yield from count_of_rows(block)
         for each in block.cases:
             yield from _taken(cells, each, "BAD_NOISE")
     yield f"    if (f->moves_count != {moving})"

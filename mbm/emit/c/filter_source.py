@@ -10,7 +10,7 @@ from mbm.emit.c.filter_memory import data_text, memory_text
 from mbm.emit.c.filter_rows import row_functions
 from mbm.emit.c.layout import doubles, longs
 from mbm.emit.c.tables import table_functions
-from mbm.emit.c.text import comment, literal
+from mbm.emit.c.text import literal, opening, status_text
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.foreign import told
 
@@ -22,16 +22,7 @@ def filter_source(made: FilterBlueprint) -> str:
     chain = ", ".join(f".{field} = {value}" for field, value in plan.chain.items())
     rows = row_functions(made)
     parts = [
-        comment([told(blueprint.name, ": from the rows of a step to the arrays of the filter, and back.")]),
-        "",
-        f'#include "{name}.h"',
-        "",
-        "#include <stddef.h>",
-        "#include <string.h>",
-        "",
-        f'#include "{name}_kernels.h"',
-        f'#include "{name}_solver.h"',
-        "",
+        *opening(name, told(blueprint.name, ": from the rows of a step to the arrays of the filter, and back.")),
         longs("SEEN", plan.seen.problem, "The equations of a step, as the filter wants them."),
         doubles("SEEN_CONSTANTS", plan.seen.constants, "Bounds, and parameters of losses."),
         longs("SEEN_DATA", plan.seen.data, "Where the rows of each clause stand."),
@@ -86,16 +77,7 @@ def _public(made: FilterBlueprint) -> Iterator[str]:
     if made.plan.smooth:
         yield from _finish(made, cells)
     name = made.blueprint.identifier
-    yield f"const char *{name}_status_text(int status)"
-    yield "{"
-    yield "    switch (status) {"
-    for word, sentence in STATUSES.items():
-        yield f"    case {cells.status(word)}:"
-        yield f'        return "{sentence}";'
-    yield "    default:"
-    yield '        return "no status";'
-    yield "    }"
-    yield "}"
+    yield from status_text(name, {cells.status(word): sentence for word, sentence in STATUSES.items()})
 
 
 def _answer(made: FilterBlueprint) -> Iterator[str]:

@@ -46,19 +46,7 @@ def _read(blueprint: Blueprint) -> Iterator[str]:
     yield "    (void)data;"
     yield "    memset(tables, 0, sizeof *tables);"
     for position, table in enumerate(blueprint.tables):
-        yield f"    if (!csv_read(&tables->files[{position}], paths[{position}]))"
-        yield "        return 0;"
-        yield f"    data->{table.identifier}_rows = tables->files[{position}].rows;"
-        for column in table.columns:
-            held = f"data->{table.identifier}_{column.identifier}"
-            source = literal(column.source)
-            if column.is_text:
-                yield f"    {held} = csv_texts(&tables->files[{position}], {source});"
-            else:
-                scale = f"{number(column.scale.factor)}, {number(column.scale.zero)}"
-                yield f"    {held} = csv_numbers(&tables->files[{position}], {source}, {scale});"
-            yield f"    if ({held} == NULL)"
-            yield "        return 0;"
+        yield from table_read(table, position, "data")
     yield "    return 1;"
     yield "}"
     yield ""
@@ -168,3 +156,20 @@ def key_cell(tables: tuple[TableShape, ...], column: Foreign, row: str) -> str:
         return own
     behind = key_cell(rest, column, f"{row} - data->{table.identifier}_rows")
     return f"({row} < data->{table.identifier}_rows ? {own} : {behind})"
+
+
+def table_read(table: TableShape, position: int, into: str) -> Iterator[str]:
+    """Statements that read the columns of a table ``into`` what a pointer of this name points to."""
+    yield f"    if (!csv_read(&tables->files[{position}], paths[{position}]))"
+    yield "        return 0;"
+    yield f"    {into}->{table.identifier}_rows = tables->files[{position}].rows;"
+    for column in table.columns:
+        held = f"{into}->{table.identifier}_{column.identifier}"
+        source = literal(column.source)
+        if column.is_text:
+            yield f"    {held} = csv_texts(&tables->files[{position}], {source});"
+        else:
+            scale = f"{number(column.scale.factor)}, {number(column.scale.zero)}"
+            yield f"    {held} = csv_numbers(&tables->files[{position}], {source}, {scale});"
+        yield f"    if ({held} == NULL)"
+        yield "        return 0;"

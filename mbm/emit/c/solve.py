@@ -10,6 +10,7 @@ from mbm.emit.c.derived import estimates
 from mbm.emit.c.header import STATUSES
 from mbm.emit.c.ranges import range_beginning, range_solve
 from mbm.emit.c.sizes import lossy
+from mbm.emit.c.text import status_text
 from mbm.emit.routines.noises import SCATTER, SQUARES
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import BlockCase, Blueprint
@@ -223,16 +224,7 @@ def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield from _solve(blueprint, static, cells)
     yield from _begin(name)
     yield from _functions(name)
-    yield f"const char *{name}_status_text(int status)"
-    yield "{"
-    yield "    switch (status) {"
-    for word, sentence in STATUSES.items():
-        yield f"    case {cells.status(word)}:"
-        yield f'        return "{sentence}";'
-    yield "    default:"
-    yield '        return "no status";'
-    yield "    }"
-    yield "}"
+    yield from status_text(name, {cells.status(word): sentence for word, sentence in STATUSES.items()})
 
 
 def _solve(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:

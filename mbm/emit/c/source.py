@@ -15,7 +15,7 @@ from mbm.emit.c.layout import doubles, longs
 from mbm.emit.c.ranges import range_constants
 from mbm.emit.c.solve import call_kernel, solve_functions
 from mbm.emit.c.tables import programs_used, table_functions
-from mbm.emit.c.text import comment, remark
+from mbm.emit.c.text import comment, opening, remark
 from mbm.emit.c.unknowns import unknown_functions
 from mbm.emit.foreign import told
 from mbm.emit.routines.modules import called_in_c, emitted_module
@@ -79,16 +79,7 @@ def source_file(blueprint: Blueprint, static: StaticSystem) -> str:
     """Data → arrays of the solver → answer."""
     name = blueprint.identifier
     parts = [
-        comment([told(blueprint.name, ": from tables to the arrays of the solver, and back.")]),
-        "",
-        f'#include "{name}.h"',
-        "",
-        "#include <stddef.h>",
-        "#include <string.h>",
-        "",
-        f'#include "{name}_kernels.h"',
-        f'#include "{name}_solver.h"',
-        "",
+        *opening(name, told(blueprint.name, ": from tables to the arrays of the solver, and back.")),
         longs("SYSTEM", static.prefix, "How the solver's description of the equations begins: what no data change."),
         longs("UNKNOWNS", static.unknowns, "Of each unknown: numbers, coordinates, family, positive, pieces."),
         doubles("LOSSES", static.losses, "Parameter and shape of each loss."),

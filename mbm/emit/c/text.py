@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 
 from mbm.emit.foreign import Word, told
 from mbm.machine.c import number
@@ -64,3 +64,33 @@ def bare(text: str) -> str:
 def in_unit(value: str, scale: Scale) -> str:
     """The text of a value in SI, in a unit."""
     return f"{value if scale.zero == 0.0 else f'({value} - {number(scale.zero)})'} / {number(scale.factor)}"
+
+
+def opening(name: str, what: Word) -> list[str]:
+    """How ``NAME.c`` begins: ``what`` it does, and what it includes."""
+    return [
+        comment([what]),
+        "",
+        f'#include "{name}.h"',
+        "",
+        "#include <stddef.h>",
+        "#include <string.h>",
+        "",
+        f'#include "{name}_kernels.h"',
+        f'#include "{name}_solver.h"',
+        "",
+    ]
+
+
+def status_text(name: str, sentences: Mapping[str, str]) -> Iterator[str]:
+    """The function that says what a status means; ``sentences`` by the constants of C."""
+    yield f"const char *{name}_status_text(int status)"
+    yield "{"
+    yield "    switch (status) {"
+    for constant, sentence in sentences.items():
+        yield f"    case {constant}:"
+        yield f'        return "{sentence}";'
+    yield "    default:"
+    yield '        return "no status";'
+    yield "    }"
+    yield "}"
