@@ -54,9 +54,12 @@ class Region:
         distance = np.linalg.norm(own, axis=-1)
         if self.kind == IntervalKind.LINEAR.value:
             return np.asarray(distance <= 1.0)
-        edge = np.linalg.norm((self.boundary - self.centre) @ np.linalg.inv(self.axes), axis=1)
+        ends = np.asarray(np.isfinite(self.boundary).all(axis=1))
+        edge = np.linalg.norm((self.boundary[ends] - self.centre) @ np.linalg.inv(self.axes), axis=1)
+        nearness: Floats = np.zeros(len(ends))  # 1/edge, which is 0 where there is no end
+        nearness[ends] = 1.0 / edge
         turn = np.mod(np.arctan2(own[..., 1], own[..., 0]), 2 * pi)
-        return np.asarray(distance <= np.interp(turn, _angles(), edge, period=2 * pi))
+        return np.asarray(distance * np.interp(turn, _angles(), nearness, period=2 * pi) <= 1.0)
 
 
 def region(solve: SolveReport, names: tuple[str, str], level: float | None) -> Region:
@@ -100,7 +103,9 @@ def region(solve: SolveReport, names: tuple[str, str], level: float | None) -> R
     centre = np.array([shown_values(item).ravel()[place] for item, place in found])
     bent = IntervalKind.PROFILE.value in kinds
     reach = _followed(solve, names, sigma, axes, radius) if bent else np.ones(CORNERS)
-    circle = np.column_stack([np.cos(_angles()), np.sin(_angles())])
+    ellipse = np.column_stack([np.cos(_angles()), np.sin(_angles())]) @ axes
+    with np.errstate(invalid="ignore"):
+        offsets = np.where(ellipse == 0.0, 0.0, reach[:, None] * ellipse)  # not infinite times 0
     return Region(
         names=names,
         units=(unit_text(found[0][0].quantity), unit_text(found[1][0].quantity)),
@@ -109,7 +114,7 @@ def region(solve: SolveReport, names: tuple[str, str], level: float | None) -> R
         axes=axes,
         radius=float(radius),
         dof=dof,
-        boundary=centre + reach[:, None] * (circle @ axes),
+        boundary=centre + offsets,
         kind=(IntervalKind.PROFILE if bent else IntervalKind.LINEAR).value,
     )
 

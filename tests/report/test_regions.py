@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 from scipy.stats import f as fisher
 
 import mbm
+from mbm.report.regions import Region
 
 X = np.linspace(1.0, 2.0, 6)
 LINE = "(problem p (data d external) (unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma {sigma}) {more})"
@@ -121,6 +122,20 @@ def test_regions_hold_the_truth_as_often_as_they_say():
     many = mbm.loads(LINE.format(sigma="unknown", more="(for-each run)")).solve(data=readings(4, runs))
     held = sum(bool(solve.region("a", "b").holds([2.0, -1.0])) for solve in many.solves)
     assert abs(held / runs - 0.95) < 0.033
+
+
+def test_a_region_without_an_end_holds_what_lies_far_that_way():
+    """A circle of which one half has no end: points there are within however far they are, others as in the circle."""
+    turn = 2 * np.pi / 72 * np.arange(72)
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    centre = np.array([1.0, 2.0])
+    boundary = np.where((circle[:, :1] > 0.1) & (circle != 0.0), np.copysign(np.inf, circle), centre + circle)
+    region = Region(
+        names=("a", "b"), units=("", ""), level=0.95, centre=centre, axes=np.eye(2), radius=1.0, dof=np.inf,
+        boundary=boundary, kind="profile",
+    )  # fmt: skip
+    points = centre + np.array([[1e6, 1e5], [0.5, 0.0], [-0.99, 0.0], [-1.01, 0.0], [-1e6, 0.0], [0.0, 1.01]])
+    assert region.holds(points).tolist() == [True, True, True, False, False, False]
 
 
 @pytest.mark.slow
