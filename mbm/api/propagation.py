@@ -12,8 +12,7 @@ from mbm.problem.clauses import select_problem
 from mbm.problem.likely import called, likelihood_of
 from mbm.problem.types import Method, Problem
 from mbm.report.propagation.answer import Propagated
-from mbm.report.propagation.samples import parts_of, scalars_of
-from mbm.report.propagation.solve import PropagatedSolve
+from mbm.report.propagation.solve import PropagatedSolve, parts_of, scalars_of
 from mbm.simulation.trials import faults
 from mbm.simulation.trials.drawn import drawn, weighted
 from mbm.simulation.trials.drawn_constants import with_drawn_constants

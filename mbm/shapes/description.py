@@ -32,10 +32,9 @@ from mbm.shapes import faults
 from mbm.shapes.features import pose_transform
 from mbm.shapes.heads import CURVES, SWEEP_USAGES, fits, is_users
 from mbm.shapes.motions import motion_of
-from mbm.shapes.profiles import profile_of
 from mbm.shapes.repetition import repetitions
 from mbm.shapes.surface import clause, surface
-from mbm.shapes.sweeps import points_of, swept
+from mbm.shapes.sweeps import points_of, profile_of, swept
 from mbm.shapes.truth import truth
 from mbm.shapes.types import (
     CurveNode,

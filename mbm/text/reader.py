@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from functools import cache
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mbm.text import faults
 from mbm.text.atoms import atom, span_of, token_faults
 from mbm.text.characters import check_characters
 from mbm.text.comments import Comment, blank_blocks, find_comments
-from mbm.text.grammar import parse, tokenize
 from mbm.text.structure import nesting_faults
-from mbm.text.types import (
-    Bracket,
-    Diagnostic,
-    Form,
-    MbmError,
-    Sequence,
-    Source,
-    Span,
-    Symbol,
-)
+from mbm.text.types import Bracket, Diagnostic, Form, MbmError, Sequence, Source, Span, Symbol
 
 if TYPE_CHECKING:
-    from lark import Token, Tree
+    from lark import Lark, Token, Tree
 
 MOST_COUNTED = 10_000
 """Faulty words that are looked at."""
@@ -95,3 +88,36 @@ def _form(node: Tree[Token] | Token, source: Source) -> Form:
         bracket=Bracket.ROUND if first.type == "OPEN_ROUND" else Bracket.SQUARE,
         span=Span(source=source, start=opening.start, end=end or opening.end),
     )
+
+
+def grammar_text() -> str:
+    """The grammar as text: that of an installed package, else that of the checkout.
+
+    Raises ``FileNotFoundError`` if the installation holds neither.
+    """
+    shipped = Path(__file__).parents[1] / "grammar" / "mbm.lark"
+    in_checkout = Path(__file__).parents[2] / "grammar" / "mbm.lark"
+    return (shipped if shipped.is_file() else in_checkout).read_text(encoding="utf-8")
+
+
+def tokenize(text: str) -> tuple[Token, ...]:
+    """The tokens of a text, comments and white space left out. Every text has some: faulty words are tokens too."""
+    return tuple(_parser().lex(text))
+
+
+def parse(tokens: Iterable[Token]) -> Tree[Token]:
+    """The tree of tokens whose nesting is sound; its children are the top-level forms."""
+    from lark import Token
+
+    parsing = _parser().parse_interactive()
+    for token in tokens:
+        parsing.feed_token(token)
+    tree: Tree[Token] = parsing.feed_token(Token("$END", ""))
+    return tree
+
+
+@cache
+def _parser() -> Lark:
+    from lark import Lark  # here, not above: a start-up that reads no file need not pay for it
+
+    return Lark(grammar_text(), parser="lalr", lexer="basic", maybe_placeholders=False)

@@ -18,7 +18,7 @@ if ROOT not in sys.path:
 @pytest.fixture(scope="session", autouse=True)
 def _solver_is_read_once() -> Iterator[None]:
     """Many problems ask for the same functions of the solver, and reading them takes most of an emission's time."""
-    from mbm.emit.c import source
+    from mbm.emit.c import files
     from mbm.emit.python import module
     from mbm.emit.routines import modules
 
@@ -29,6 +29,6 @@ def _solver_is_read_once() -> Iterator[None]:
         return known(tuple(called), tuple(sorted(fixed.items())))
 
     with pytest.MonkeyPatch.context() as patch:
-        for text in (source, module):
+        for text in (files, module):
             patch.setattr(text, "emitted_module", again)
         yield

@@ -99,7 +99,7 @@ def _document(answer: BudgetAnswer) -> bytes:
 
 
 def _rows(answer: BudgetAnswer) -> bytes:
-    from mbm.report.budgets.document import budget_rows
+    from mbm.report.budgets.answer import budget_rows
 
     return budget_rows(answer.budgets).encode("utf-8", errors="backslashreplace")
 

@@ -57,7 +57,7 @@ def command(**given: Any) -> int:
     if given["json_path"] not in (None, STANDARD_OUTPUT):
         write_whole(given["json_path"], _document(design), reads=reads_so_far())
     if given["csv_path"] is not None:
-        from mbm.report.designs.document import design_rows
+        from mbm.report.designs.answer import design_rows
 
         write_whole(given["csv_path"], design_rows(design).encode("utf-8", "backslashreplace"), reads=reads_so_far())
     if ending is not None:

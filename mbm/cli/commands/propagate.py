@@ -97,7 +97,7 @@ def _outputs(given: dict[str, Any], made: list[Propagated]) -> tuple[Output, ...
     if given["json_path"] not in (None, STANDARD_OUTPUT):
         found.append(Output(path=given["json_path"], content=lambda _: _document(made[0])))
     if given["samples_path"] is not None:
-        from mbm.report.propagation.exports import sample_format
+        from mbm.report.propagation.answer import sample_format
 
         written = sample_format(given["samples_path"])
         found.append(Output(path=given["samples_path"], content=lambda _: written(made[0].solves)))

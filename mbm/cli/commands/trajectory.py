@@ -95,7 +95,7 @@ def _document(answer: TrajectoryAnswer) -> bytes:
 
 
 def _rows(answer: TrajectoryAnswer) -> bytes:
-    from mbm.report.trajectories.document import error_rows
+    from mbm.report.trajectories.answer import error_rows
 
     return error_rows(answer.trajectories).encode("utf-8", errors="backslashreplace")
 

@@ -9,12 +9,11 @@ from math import isnan
 import numpy as np
 
 from mbm.emit.c.csv import CSV
-from mbm.emit.c.files import cmake, makefile
+from mbm.emit.c.files import cmake, kernels_file, makefile, solver_file
 from mbm.emit.c.filter_header import filter_header
 from mbm.emit.c.filter_main import main_file, tables_file, test_file
 from mbm.emit.c.filter_memory import places
 from mbm.emit.c.filter_source import filter_source
-from mbm.emit.c.source import kernels_file, solver_file
 from mbm.emit.data_files import table_text
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.markdown import code, prose

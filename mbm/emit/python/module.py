@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from mbm.emit.answers import Agreement
 from mbm.emit.c.cells import input_name
 from mbm.emit.c.sizes import lossy, row_scratch
 from mbm.emit.c.tables import programs_used
 from mbm.emit.foreign import Foreign, Word, told
-from mbm.emit.python.agreement import AGREE, NOTHING, PLACES, agreement_constants
 from mbm.emit.python.clauses import clause_functions
 from mbm.emit.python.kernels import derived_function, function, kernel_functions, rows_function
 from mbm.emit.python.program import PROGRAM, SHOWING
-from mbm.emit.python.ranges import BESIDE, PLAIN, range_constants
 from mbm.emit.python.rows import finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
 from mbm.emit.python.text import WIDTH, docstring, literal, optional, remark
@@ -25,7 +24,10 @@ from mbm.machine.python import PRELUDE
 from mbm.machine.python import text as module_text
 from mbm.problem.types import NoiseKind
 from mbm.scales import SI, Scale
+from mbm.solver import consensus_records as c
 from mbm.solver import description
+from mbm.solver.range_maps import RangeMaps
+from mbm.solver.spheres import MOST_PLACES, SCRATCH
 
 _DESCRIPTION = (
     "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "DATA_HEAD", "DATA_BLOCK", "RESULTS",
@@ -191,3 +193,121 @@ def _lists(blueprint: Blueprint) -> Iterator[str]:
     kinds = (NoiseKind.COVARIANCE, NoiseKind.INFORMATION)
     lines += ["MATRIX_WEIGHTS = {" + ", ".join(f"{k.value!r}: weights_of_{k.value}" for k in kinds) + "}"]
     yield "\n".join(lines)
+
+
+NOTHING = '''def agree_on(p: Prepared, factors: Array) -> None:
+    """No consensus is asked for: all rows count, and the start is the one stated."""
+'''
+AGREE = '''def agree_on(p: Prepared, factors: Array) -> dict[str, Any] | None:
+    """Consensus: where the solve begins and which rows count, in place; what there is to say of them."""
+    startless = any(name not in p.given for name in STARTLESS_ONES)
+    if BEGINS and not startless:
+        return None
+    if p.free > 1 and not connected(p.system, p.data, p.columns, integers(p.free)):
+        raise DataError("no equation connects all unknowns, or they are more than 60: consensus is not for them")
+    rules, wide, states = RULES.copy(), p.system.copy(), integers(ANSWERS)
+    side_by_side(p.system, len(p.system), wide)
+    scalars = set_room(wide, p.data, rules)
+    rules[STARTLESS] = int(startless)
+    known = reals(rules[MOST_UNITS] * rules[FORM_WIDTH])
+    work = ConsensusWork()
+    with np.errstate(all="ignore"):
+        if rules[FORM]:
+            known_units(p.system, p.work.rows, rules, MAP_PLACES, MAPS, SIGN, known)
+        work.rules, work.levels, work.forms, work.verdict = rules, LEVELS, known, states
+        work.reals, work.integers = reals(consensus_reals(rules)), integers(consensus_integers(rules))
+        units = begin_by_consensus(int(KEPT), scalars, wide, p.work.rows, work, p.start, p.kappa, factors)
+    if startless and not states[AGREED]:
+        raise DataError("the data give no start: state one")
+    return {
+        "units": int(units),
+        "inliers": int(states[INLIERS]),
+        "ambiguous": bool(states[AMBIGUOUS]),
+        "inside": work.units.inlier[:units] == 1 if units else np.zeros(0, dtype=bool),
+    }
+'''
+PLACES = {
+    "STARTLESS": c.Rules.startless,
+    "MOST_UNITS": c.Rules.most_units,
+    "FORM": c.Rules.form,
+    "FORM_WIDTH": c.Rules.form_width,
+    "ANSWERS": c.ANSWERS,
+    "AGREED": c.Verdict.agreed,
+    "INLIERS": c.Verdict.inliers,
+    "AMBIGUOUS": c.Verdict.ambiguous,
+}
+"""Places in the arrays of consensus, by their names in the text."""
+
+
+def agreement_constants(blueprint: Blueprint, agreement: Agreement) -> Iterator[tuple[str, str, str]]:
+    """Names, values and documentation of what consensus is asked for."""
+    startless = [literal(u.name) for i, u in enumerate(blueprint.unknowns) if i in agreement.startless]
+    doc = f"What consensus ({agreement.kind}) is asked for, without room for rows."
+    yield "RULES", f"np.array({list(agreement.rules)!r}, dtype=np.int64)", doc
+    doc = "Of each kind of unit: median, limit and reach of its squared norm."
+    yield "LEVELS", f"np.array({list(agreement.levels)!r})", doc
+    doc = "Of each kind of unit: where its map begins, -1: it has none."
+    yield "MAP_PLACES", f"np.array({list(agreement.map_places) or [0]!r}, dtype=np.int64)", doc
+    doc = "From the data of a row to what the closed form for subsets wants."
+    yield "MAPS", f"np.array({list(agreement.maps) or [0.0]!r})", doc
+    yield "SIGN", repr(agreement.sign), "That of lines of sight."
+    yield "KEPT", repr(agreement.kept), "Whether rows that do not agree are left out."
+    yield "BEGINS", repr(agreement.begins), "Whether nothing is asked for but a start where none is given."
+    yield (
+        "STARTLESS_ONES",
+        f"({''.join(f'{name}, ' for name in startless)})",
+        "Unknowns that begin where the data say, unless a start is given.",
+    )
+
+
+PLAIN = '''def solve_first(p: Prepared) -> None:
+    """The solve from the start."""
+    solve_alone(p.system, p.data, p.start, p.work)
+'''
+BESIDE = '''def solve_first(p: Prepared) -> None:
+    """The solve from the start, or where the ranges lead if that is lower, or if no start is stated."""
+    form, units = RangeForm(), 1 + sum(
+        int(p.data[DATA_HEAD + DATA_BLOCK * b + DATA_ROWS]) for b in range(len(CASES))
+    ) * len(RANGE_MAP_PLACES)
+    ranges = form.ranges
+    ranges.d, ranges.offset, ranges.even = RANGE_KIND
+    ranges.spheres, ranges.weights, ranges.scratch = (
+        reals((ranges.d + 3) * units), reals(units), reals(RANGE_SCRATCH)
+    )
+    form.rooted, form.held, form.stated = RANGE_ROOTED, RANGE_HELD, RANGE_STATED
+    form.places, form.map_places, form.maps = RANGE_PLACES, RANGE_MAP_PLACES, RANGE_MAPS
+    form.fixed_count, form.fixed, form.values = len(RANGE_FIXED), RANGE_FIXED, RANGE_VALUES
+    numbers = p.offsets[len(NAMES)]
+    form.found, form.point, form.other = reals(RANGE_FOUND), reals(numbers), reals(numbers)
+    if any(name not in p.given for name in STARTLESS_ONES) and not begin_at_ranges(
+        p.system, p.start, form, p.work
+    ):
+        raise DataError("the data give no start: state one")
+    solve_from(p.system, p.data, 0, p.start, form, p.work)
+'''
+
+
+def range_constants(blueprint: Blueprint, ranges: RangeMaps) -> Iterator[tuple[str, str, str]]:
+    """Names, values and documentation of what ranges say of the start."""
+    startless = [literal(u.name) for i, u in enumerate(blueprint.unknowns) if i in ranges.startless]
+    kind = f"({ranges.dimension}, {int(ranges.offset)}, {int(ranges.even)})"
+    yield "RANGE_KIND", kind, "Dimensions, whether an offset is unknown, whether its sign is open."
+    yield "RANGE_ROOTED", str(int(ranges.rooted)), "Whether the maps give the root of what is added."
+    yield "RANGE_STATED", str(int(ranges.stated)), "Whether the noise is stated."
+    doc = "Where what the ranges give stands among the numbers."
+    yield "RANGE_PLACES", f"np.array({list(ranges.places)!r}, dtype=np.int64)", doc
+    doc = "Of each kind of unit: where its map begins, -1: it is no range."
+    yield "RANGE_MAP_PLACES", f"np.array({list(ranges.map_places)!r}, dtype=np.int64)", doc
+    doc = "From the data of a row to station, length, addition and slope."
+    yield "RANGE_MAPS", f"np.array({list(ranges.maps)!r})", doc
+    yield "RANGE_FIXED", f"np.array({list(ranges.fixed)!r}, dtype=np.int64)", "Numbers that are not estimated …"
+    yield "RANGE_HELD", str(int(ranges.held)), "Whether the maps hold only for numbers as they were."
+    doc = "… and what they were."
+    yield "RANGE_VALUES", f"np.array({list(ranges.values)!r}, dtype=float)", doc
+    yield "RANGE_SCRATCH", str(SCRATCH), "Numbers of scratch."
+    yield "RANGE_FOUND", str(MOST_PLACES * len(ranges.places)), "Numbers of the places that fit."
+    yield (
+        "STARTLESS_ONES",
+        f"({''.join(f'{name}, ' for name in startless)})",
+        "Unknowns that begin where the data say, unless a start is given.",
+    )

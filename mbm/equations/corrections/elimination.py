@@ -18,13 +18,12 @@ import numpy as np
 from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.corrections.components import Builder
 from mbm.equations.corrections.feet import feet, first_feet
-from mbm.equations.corrections.measured import Measured, MeasuredColumn, measured
+from mbm.equations.corrections.measured import Measured, MeasuredColumn, measured, rows_of_groups
 from mbm.equations.corrections.roots import Root, root
 from mbm.equations.corrections.sharing import check_sharing
 from mbm.equations.corrections.straight import straight_groups
 from mbm.equations.corrections.system import System, whiten_rows
 from mbm.equations.corrections.types import CorrectedColumn, Feet, MeasuredErrors
-from mbm.equations.corrections.uncertain import rows_of_groups
 from mbm.equations.scatter import Scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem.tables import Table

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mbm.equations.corrections.measured import Measured
-from mbm.equations.corrections.uncertain import UncertainRows
+from mbm.equations.corrections.measured import Measured, UncertainRows
 from mbm.equations.types import Indices
 from mbm.problem import faults
 from mbm.problem.tables import Table

@@ -16,11 +16,10 @@ from mbm.equations.binding import EvaluationCache
 from mbm.equations.corrections.approach import FAR
 from mbm.equations.corrections.components import Builder
 from mbm.equations.corrections.feet import feet, first_feet
-from mbm.equations.corrections.measured import Measured, measured
+from mbm.equations.corrections.measured import Measured, UncertainRows, measured, rows_of_groups
 from mbm.equations.corrections.roots import root
 from mbm.equations.corrections.straight import eliminating
 from mbm.equations.corrections.system import Conditions
-from mbm.equations.corrections.uncertain import UncertainRows, rows_of_groups
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.components import components_solver, several_noises
 from mbm.estimation.batches.descent import solver_of

@@ -32,9 +32,8 @@ def refusals(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
             found.extend(error.diagnostics)
     if not found and any(block.errors for block in problem.blocks):
         # Here and below: loaded by problems with errors in columns only, so that others are checked at once.
-        from mbm.equations.corrections.measured import measured
+        from mbm.equations.corrections.measured import measured, rows_of_problem
         from mbm.equations.corrections.sharing import check_sharing
-        from mbm.equations.corrections.uncertain import rows_of_problem
 
         try:
             uncertain = rows_of_problem(problem, tables)
@@ -70,6 +69,6 @@ def _uncertain(block: Block, case: EquationCase) -> bool:
     """Whether the equations of a case use a column with errors."""
     if not block.errors:
         return False
-    from mbm.equations.corrections.uncertain import uncertain_columns
+    from mbm.equations.corrections.measured import uncertain_columns
 
     return bool(uncertain_columns(block, case))

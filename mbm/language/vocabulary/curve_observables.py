@@ -1,17 +1,125 @@
-"""What is measured of curves: distances from them, and where a coordinate is stationary."""
+"""What is measured of curves: distances from them, and where a coordinate is stationary.
+
+A coordinate's derivative is looked at where the chords of the curve meet. Between two places where the signs differ
+lies a root, found by Newton's method kept between both; a coordinate that turns back at a corner is stationary there.
+The root is held, and one more step of Newton's method has its derivative (implicit function theorem).
+"""
 
 from __future__ import annotations
 
-from mbm.expression.nodes import Number
-from mbm.expression.substitution import depending
+from mbm.expression.algebra import ONE, ZERO, add, apply, divide, multiply, subtract
+from mbm.expression.derivative import derivatives
+from mbm.expression.nodes import Expression, Number, Operation
+from mbm.expression.substitution import Formula, depending
 from mbm.language import faults
+from mbm.language.chords import Chord, chords_of
 from mbm.language.coerce import integer, scalar, vector
-from mbm.language.curves import CurveValue
-from mbm.language.nearest import distance
-from mbm.language.stationary import stationary
+from mbm.language.curves import CurveValue, Point
+from mbm.language.nearest import Bracket, at_knots, distance, middle
+from mbm.language.piecewise import both, chosen, defined, either, equal, negative, opposite, positive
 from mbm.language.values import Array, Builtin, Call, Value, describe
 from mbm.language.vocabulary.curves import curve_of
-from mbm.text.types import MbmError
+from mbm.text.types import MbmError, Span
+from mbm.values import dataclass
+
+STEPS = 7
+"""Newton's method from the middle between two places."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Stretch:
+    """A part of a curve, from ``first`` to ``last``, and whether the coordinate falls at its ends."""
+
+    first: Expression
+    last: Expression
+    falls: tuple[Expression, Expression]
+    seen: Expression | None
+
+
+def stationary(curve: CurveValue, coordinate: int, number: Expression, span: Span) -> Point:
+    """The ``number``-th place (from 1, in the order of the parameter) where a coordinate (from 0) is stationary.
+
+    Without a value (NaN) where there are fewer.
+
+    Raises:
+        UndefinedValueError: the curve has no derivative.
+
+    """
+    count: Expression = ZERO
+    found: Expression | None = None
+    falls: Expression = ZERO
+    stretches = _stretches(curve, coordinate, span)
+    first, last = stretches[0].first, stretches[0].last
+    for stretch in stretches:
+        begins, ends = (_number(each, span) for each in stretch.falls)
+        turns: Expression = opposite(equal(begins, ends, span), span)
+        if stretch.seen is not None:
+            turns = both(stretch.seen, turns, span)
+        count = add(count, _number(turns, span), span)
+        hit = both(turns, equal(count, number, span), span)
+        first, last = chosen(hit, stretch.first, first, span), chosen(hit, stretch.last, last, span)
+        falls = chosen(hit, begins, falls, span)
+        found = hit if found is None else either(found, hit, span)
+    point = curve.formula(middle(first, last, span))
+    at = _root(curve, point[coordinate], (first, last), falls, span)
+    place = Formula.of(point, curve.parameter).at(at)
+    return place if found is None else tuple(defined(found, each, span) for each in place)
+
+
+def _number(test: Expression, span: Span) -> Expression:
+    """1 where a test holds, else 0."""
+    return chosen(test, ONE, ZERO, span)
+
+
+def _stretches(curve: CurveValue, coordinate: int, span: Span) -> list[_Stretch]:
+    """The chords, and the corners as parts without length."""
+    chords = chords_of(curve)
+    slopes = [
+        Formula.of(derivatives((piece.point[coordinate],), curve.parameter), curve.parameter) for piece in curve.pieces
+    ]
+    falls = [
+        tuple(negative(slopes[i // curve.chords].at(end)[0], span) for end in (chord.first, chord.last))
+        for i, chord in enumerate(chords)
+    ]
+    found = []
+    for i, (chord, (begins, ends)) in enumerate(zip(chords, falls, strict=True)):
+        corner = curve.corners and i % curve.chords == curve.chords - 1
+        if i + 1 < len(chords) and chord.hidden is None and not corner:
+            ends = falls[i + 1][0]  # of a smooth curve one number: rounding makes and loses no root
+        found.append(_Stretch(first=chord.first, last=chord.last, falls=(begins, ends), seen=chord.seen(span)))
+        if corner and i + 1 < len(chords):
+            found.append(_joint(chord, chords[i + 1], (ends, falls[i + 1][0]), span))
+    if curve.closed:
+        found.append(_joint(chords[-1], chords[0], (falls[-1][1], falls[0][0]), span))
+    return found
+
+
+def _joint(before: Chord, after: Chord, falls: tuple[Expression, Expression], span: Span) -> _Stretch:
+    """The corner where one chord ends and the next begins."""
+    one, other = before.seen(span), after.seen(span)
+    seen = None if one is None or other is None else both(one, other, span)
+    return _Stretch(first=before.last, last=before.last, falls=falls, seen=seen)
+
+
+def _root(
+    curve: CurveValue, coordinate: Expression, ends: tuple[Expression, Expression], falls: Expression, span: Span
+) -> Expression:
+    """The parameter between ``ends`` where the slope of the coordinate, which ``falls`` at the first one, is zero."""
+    slope = derivatives((coordinate,), curve.parameter)
+    slopes = Formula.of((*slope, *derivatives(slope, curve.parameter)), curve.parameter)
+    bracket = Bracket.of(*ends, span)
+    at = middle(*ends, span)
+    for number in range(STEPS):
+        rise, bend = slopes.at(at)
+        right = equal(_number(negative(rise, span), span), falls, span)
+        bracket = bracket.narrowed(at, right)
+        at = bracket.kept(subtract(at, divide(rise, bend, span), span), number)
+    at = apply(Operation.HELD, at, span=span)
+    rise, bend = slopes.at(at)
+    moved = subtract(at, multiply(rise, apply(Operation.HELD, divide(ONE, bend, span), span=span), span), span)
+    length = apply(Operation.HELD, subtract(ends[1], ends[0], span), span=span)
+    return chosen(positive(length, span), moved, at_knots(curve, at, span), span)
+
 
 _NUMBERS_PER_CHORD = 60
 """Numbers that are made for a chord beside those of its ends, about."""

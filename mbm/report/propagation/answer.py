@@ -1,17 +1,35 @@
-"""What ``mbm propagate`` answers: the result of the solve, and what the trials say of each quantity."""
+"""What ``mbm propagate`` answers: the result of the solve, what the trials say of each
+quantity, its table, and the samples as files of others (NumPy's, Parquet, arviz' InferenceData).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
+from math import floor, log10
+from pathlib import Path, PurePath
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
+import numpy as np
+
+from mbm.data.writers import write_npz
+from mbm.problem.naming import key_text
+from mbm.problem.tables import Column
+from mbm.report import faults
+from mbm.report.columns import aligned, left, wrapped
+from mbm.report.digits import measured, plain
 from mbm.report.document import document
-from mbm.report.propagation.exports import inference_data, sample_columns, sample_format
-from mbm.report.propagation.solve import PropagatedSolve, Propagation, propagation_document
-from mbm.report.propagation.table import table
+from mbm.report.elements import unit_text
+from mbm.report.interval_table import MOST_LINES
+from mbm.report.propagation.solve import Part, PropagatedSolve, Propagation, propagation_document
+from mbm.report.sentences import diagnostic_sentence
 from mbm.report.types import Result
-from mbm.text.types import Diagnostic
+from mbm.text.faults import missing_extra
+from mbm.text.shown import Paint, Style, joined
+from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
 
@@ -96,3 +114,164 @@ class Propagated:
     def table(self, *, width: int = 100, color: bool = False, full: bool = False) -> str:
         """The table of the command line, with a line break at the end; ``full`` shows all scalars."""
         return table(self.result, self.solves, width=width, color=color, full=full)
+
+
+Writer: TypeAlias = Callable[[Sequence[PropagatedSolve]], bytes]
+"""Writes the samples of solves in one format."""
+
+
+def sample_columns(solves: Sequence[PropagatedSolve]) -> dict[str, Any]:
+    """The joint samples: the cells of the keys, if there are any, then the scalars by name; arrays (T,).
+
+    A key that is called as a scalar is ``key.NAME``.
+    """
+    counts = [len(each.sampled.samples) for each in solves]
+    names = dict.fromkeys(name for each in solves for name in each.names)
+    found: dict[str, Any] = {
+        f"key.{name}" if name in names else name: np.repeat(np.array([each.solve.key[name] for each in solves]), counts)
+        for name in (solves[0].solve.key if solves else ())
+    }
+    for name in names:
+        parts = [
+            each.sampled.samples[:, each.names.index(name)] if name in each.names else np.full(count, np.nan)
+            for each, count in zip(solves, counts, strict=True)
+        ]
+        found[name] = np.concatenate(parts)
+    return found
+
+
+def sample_format(path: str) -> Writer:
+    """What writes the format that the ending of a path names.
+
+    Raises:
+        MbmError: `sample-format`, there is none.
+
+    """
+    ending = PurePath(path).suffix.lower()
+    if ending not in FORMATS:
+        raise MbmError(faults.sample_format(path, tuple(FORMATS)))
+    return FORMATS[ending]
+
+
+def inference_data(found: PropagatedSolve) -> Any:
+    """The samples of a solve as ``arviz.InferenceData``: one chain, a variable for each quantity.
+
+    Raises:
+        MbmError: `missing-extra`.
+
+    """
+    try:
+        with warnings.catch_warnings():  # it announces its next version
+            warnings.simplefilter("ignore")
+            from arviz import from_dict
+    except ImportError as error:
+        raise MbmError(missing_extra("InferenceData", "samples")) from error
+    return from_dict(posterior={name: found[name].samples[None] for name in found})
+
+
+def _npz(found: Sequence[PropagatedSolve]) -> bytes:
+    """Arrays by the names of the scalars; the cells of keys as texts or numbers."""
+    return write_npz([_column(name, values) for name, values in sample_columns(found).items()])
+
+
+def _column(name: str, values: np.ndarray) -> Column:
+    if values.dtype.kind == "U":
+        return Column(name=name, texts=tuple(values.tolist()))
+    return Column(name=name, numbers=values)
+
+
+def _parquet(found: Sequence[PropagatedSolve]) -> bytes:
+    try:
+        from pyarrow import BufferOutputStream, table
+        from pyarrow.parquet import write_table
+    except ImportError as error:
+        raise MbmError(missing_extra("Parquet", "tables")) from error
+    target = BufferOutputStream()
+    write_table(table(sample_columns(found)), target)
+    return bytes(target.getvalue().to_pybytes())
+
+
+def _netcdf(found: Sequence[PropagatedSolve]) -> bytes:
+    if len(found) != 1:
+        raise MbmError(faults.several_sampled(len(found)))
+    made = inference_data(found[0])
+    with TemporaryDirectory() as folder:  # its writers take paths only
+        path = Path(folder) / "samples.nc"
+        try:
+            made.to_netcdf(str(path))
+        except (ImportError, ValueError) as error:
+            raise MbmError(missing_extra("NetCDF", "samples")) from error
+        return path.read_bytes()
+
+
+FORMATS: Mapping[str, Writer] = MappingProxyType({".npz": _npz, ".parquet": _parquet, ".nc": _netcdf})
+"""By the endings of files."""
+
+
+HEAD = ("", "mean", "sigma", "interval", "shortest", "linear")
+
+
+def table(
+    result: Result, solves: Sequence[PropagatedSolve], *, width: int, color: bool = False, full: bool = False
+) -> str:
+    """The table, with a line break at the end; ``full`` shows all scalars."""
+    paint = Paint(color)
+    where = f"{result.file}: " if result.file else ""
+    lines = [paint(f"{where}problem `{result.problem}`", Style.HEADING)]
+    for each in solves:
+        lines += ["", *_of_solve(each, width, paint, full)]
+    return joined((line.rstrip() for line in lines), color=color) + "\n"
+
+
+def _of_solve(found: PropagatedSolve, width: int, paint: Paint, full: bool) -> Iterator[str]:
+    key = ", ".join(f"{name} = {key_text(value)}" for name, value in found.solve.key.items())
+    level = f"{plain(100 * found.solve.coverage, 6)} %"
+    yield f"{key + ': ' if key else ''}{found.trials:,} trials, {level} intervals"
+    yield ""
+    rows = list(chain.from_iterable(_rows(found, part) for part in found.parts))
+    shown = rows if full else rows[:MOST_LINES]
+    columns = list(zip(*shown, strict=True))
+    if columns:
+        texts = [left(columns[0]), *(aligned(list(each)) for each in columns[1:5]), left(columns[5])]
+        widths = [max(len(head), len(text[0])) for head, text in zip(HEAD, texts, strict=True)]
+        yield "  " + "  ".join(head.ljust(w) for head, w in zip(HEAD, widths, strict=True))
+        for line in zip(*texts, strict=True):
+            cells = [cell.ljust(w) for cell, w in zip(line, widths, strict=True)]
+            yield "  " + "  ".join([paint(cells[0], Style.HEADING), *cells[1:]])
+    if len(rows) > len(shown):
+        yield paint("  … and more (-v shows all)", Style.QUIET)
+    for diagnostic in found.diagnostics:
+        yield from (paint(line, Style.WARNING) for line in wrapped(diagnostic_sentence(diagnostic), width))
+
+
+def _rows(found: PropagatedSolve, part: Part) -> Iterator[tuple[str, ...]]:
+    """Name, mean, sigma, intervals, and what the linear one says, of each scalar of a part."""
+    told, agrees = found.sampled.spreads, found.agrees(part)
+    unit = unit_text(part.item.quantity)
+    for k, name in enumerate(part.names):
+        place = part.columns.start + k
+        sigma = float(told.sigma[place])
+        scale = sigma if found.varies else float(np.diff(told.interval[place])[0]) / 4.0
+        mean = _number(float(told.mean[place] if found.varies else told.median[place]), scale)
+        ends = [_interval(told.interval[place], scale), _interval(told.shortest[place], scale)]
+        middle = mean if found.varies else f"{mean} (median)"
+        verdict = "" if agrees is None else "agrees" if agrees[k] else "differs"
+        linear = f"{_interval(part.linear[k], scale)} {verdict}" if verdict else "none"
+        yield name, f"{middle} {unit}".rstrip(), _sigma(sigma) if found.varies else "none", *ends, linear
+
+
+def _interval(ends: np.ndarray, scale: float) -> str:
+    return f"{_number(float(ends[0]), scale)} … {_number(float(ends[1]), scale)}"
+
+
+def _number(value: float, sigma: float) -> str:
+    """A number with the digits of its standard deviation; a very large or small one with its own power of ten."""
+    text = measured(value, sigma).value if sigma > 0.0 else plain(value, 6)
+    if not text.startswith("("):
+        return text
+    return plain(value, max(2, 2 + floor(log10(abs(value) / sigma))) if value else 1)
+
+
+def _sigma(sigma: float) -> str:
+    text = measured(0.0, sigma).sigma
+    return plain(sigma, 2) if text.endswith(")") or "e" in text else text
