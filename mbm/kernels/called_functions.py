@@ -10,9 +10,10 @@ import numpy as np
 
 from mbm.expression.evaluate import Values
 from mbm.expression.nodes import External, Outlined
+from mbm.kernels.backends.numpy_stream import tabulated
 from mbm.kernels.differences import EXACT, ROUNDED, differences
 from mbm.kernels.python_functions import PythonFunctions
-from mbm.kernels.types import Floats, KernelSet
+from mbm.kernels.types import Floats, KernelSet, Tabulate
 from mbm.text.faults import missing_extra
 from mbm.text.types import Diagnostic, MbmError
 
@@ -26,7 +27,12 @@ class CalledFunctions:
 
     def __init__(self, base: Path, *, allowed: bool) -> None:
         self._python = PythonFunctions(base, allowed=allowed)
+        self._tabulate: Tabulate = tabulated
         self._outlines: Outlines | None = None
+
+    def evaluate_by(self, tabulate: Tabulate) -> None:
+        """Have a backend evaluate the sheets of outlines; NumPy does as long as there is none."""
+        self._tabulate = tabulate
 
     def load(self, kernels: KernelSet) -> None:
         """Import what kernels call.
@@ -111,5 +117,5 @@ class CalledFunctions:
                 raise MbmError(missing_extra("a silhouette", "shapes", called.span))
             from mbm.kernels.outlines.measuring import Outlines
 
-            self._outlines = Outlines()
+            self._outlines = Outlines(lambda programs: self._tabulate(programs))
         return self._outlines

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import field
 from hashlib import sha256
 from typing import TYPE_CHECKING, Protocol, TypeAlias
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from mbm.kernels.store import Store
 
 Floats: TypeAlias = NDArray[np.float64]
+
+Tabulated: TypeAlias = Callable[[Floats], Floats]
+"""A program for any number of rows: outputs (rows, outputs) at contiguous inputs (rows, inputs), by one thread."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -201,6 +205,10 @@ class BackendUnavailableError(Exception):
     """A backend that this machine has not what it takes for; the message says what is in the way."""
 
 
+Tabulate: TypeAlias = Callable[[Mapping[str, Program]], Mapping[str, Tabulated]]
+"""What makes programs ready: `Backend.tabulated`."""
+
+
 class Backend(Protocol):
     """What evaluates kernels."""
 
@@ -215,4 +223,8 @@ class Backend(Protocol):
 
     def stream(self, kernel: Kernel) -> Stream:
         """``kernel`` for points by the thousand: to be kept by who needs it again."""
+        ...
+
+    def tabulated(self, programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
+        """Programs that are no kernels, for any number of rows each: to be kept by who needs them again."""
         ...

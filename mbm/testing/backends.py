@@ -140,6 +140,10 @@ def _check_stream(backend: Backend, kernel: Kernel, inputs: Floats, subject: str
         require_close(some, values[:rows], ROUNDING, which, "values beside the Jacobian are those of the kernel")
         require_close(nonzeros, jacobian[:rows], ROUNDING, which, "the Jacobian is that of the kernel")
         require_close(stream.values(inputs[:rows]), some, ROUNDING, which, "`values` are those beside the Jacobian")
+    plain = backend.tabulated({"values": kernel.value_program})["values"]
+    for rows, (some, _) in zip(ROWS, found, strict=True):
+        which = f"{subject}, its program for {rows} rows"
+        require_close(plain(inputs[:rows]), some, ROUNDING, which, "`tabulated` gives what the kernel does")
 
 
 def _check_independence(backend: Backend, kernel: Kernel, inputs: Floats, subject: str) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet, Stream, WithoutMachineCode
+from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet, Stream, Tabulated, WithoutMachineCode
+from mbm.machine.program import Program
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -36,6 +38,12 @@ class InterpretingBackend(WithoutMachineCode):
         from mbm.kernels.backends import numpy_stream
 
         return numpy_stream.BACKEND.stream(kernel)
+
+    def tabulated(self, programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
+        """By NumPy."""
+        from mbm.kernels.backends import numpy_stream
+
+        return numpy_stream.tabulated(programs)
 
 
 def backend(store: Store | None) -> Backend:

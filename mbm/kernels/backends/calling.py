@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbm.kernels.backends.numpy_stream import Step, run, steps_of
 from mbm.kernels.called_functions import CalledFunctions
-from mbm.kernels.types import Backend, Evaluation, ExternalCall, Floats, Kernel, Stream
+from mbm.kernels.types import Backend, Evaluation, ExternalCall, Floats, Kernel, Stream, Tabulated
 from mbm.machine.program import Program
 from mbm.symbolic.types import ConstantInput
 from mbm.text.types import Diagnostic
@@ -42,9 +42,14 @@ class CallingBackend:
         """The kernel for any number of rows."""
         return _stream(kernel, self) if kernel.calls else self.inner.stream(kernel)
 
+    def tabulated(self, programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
+        """Those of ``inner``: programs call nothing."""
+        return self.inner.tabulated(programs)
+
 
 def backend(inner: Backend, functions: CalledFunctions) -> CallingBackend:
-    """The backend whose kernels call ``functions``, and are evaluated by ``inner`` otherwise."""
+    """The backend whose kernels call ``functions``, and are evaluated by ``inner`` otherwise, as outlines are."""
+    functions.evaluate_by(inner.tabulated)
     return CallingBackend(
         inner=inner,
         functions=functions,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,8 @@ import numpy as np
 
 from mbm.kernels.backends import numpy_stream
 from mbm.kernels.functions import function_of
-from mbm.kernels.types import Floats, Kernel, Stream
+from mbm.kernels.types import Floats, Kernel, Stream, Tabulated
+from mbm.machine.program import Program
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -92,6 +93,10 @@ class CasadiBackend:
     def stream(self, kernel: Kernel) -> Stream:
         """By NumPy: a mapped function is made for a number of rows, and here that changes with each call."""
         return numpy_stream.BACKEND.stream(kernel)
+
+    def tabulated(self, programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
+        """By NumPy, for the same reason."""
+        return numpy_stream.tabulated(programs)
 
 
 BACKEND = CasadiBackend()

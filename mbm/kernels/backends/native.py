@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mbm.kernels.native.engine import Library, hindrance, kept
-from mbm.kernels.native.kernels import EVALUATIONS, MANY, KernelCode, NativeKernels
+from mbm.kernels.native.engine import Library, compiled, hindrance, kept
+from mbm.kernels.native.kernels import EVALUATIONS, MANY, PLAIN, KernelCode, NativeKernels
+from mbm.kernels.native.processor import vector_library
 from mbm.kernels.native.sources import lowered, source_digest
-from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream
+from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream, Tabulated
+from mbm.machine import blocks_of_rows
 from mbm.machine.kinds import LANES
+from mbm.machine.program import Program
 from mbm.machine.records import address
 from mbm.values import dataclass
 
@@ -60,6 +64,29 @@ class _Call:
             nonzeros=nonzeros,
             held=(code, inputs, table, work),
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tabulated:
+    """A program for any number of rows; ``work`` is filled anew by each call."""
+
+    library: Library
+    run: Callable[..., int]
+    outputs: int
+    table: NDArray[np.int64]
+    work: Floats
+
+    @staticmethod
+    def of(library: Library, name: str, program: Program, run: Callable[..., int]) -> _Tabulated:
+        width, outputs = len(program.inputs), len(program.outputs)
+        table = np.array([library.address(name), width, outputs, 0, PORTION], dtype=np.int64)
+        return _Tabulated(library, run, outputs, table, np.empty(PORTION * LANES * (width + outputs)))
+
+    def __call__(self, inputs: Floats) -> Floats:
+        found = np.empty((len(inputs), self.outputs))
+        place = address(found)
+        self.run(address(self.table), len(inputs), address(inputs), place, place, address(self.work))
+        return found
 
 
 @dataclass(slots=True, eq=False)
@@ -135,6 +162,17 @@ class NativeBackend(MachineCode):
     def stream(self, kernel: Kernel) -> Stream:
         """The kernel for points by the thousand; its code is made now."""
         return _Stream(kernel, self, self.code.of([kernel]))
+
+    def tabulated(self, programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
+        """Programs as machine code, made now in one piece."""
+        text = blocks_of_rows.module_of(
+            {f"program{k}": each for k, each in enumerate(programs.values())}, vector_library()
+        )
+        library = compiled(text, self.store, PLAIN)
+        return {
+            name: _Tabulated.of(library, f"program{k}", each, self.run)
+            for k, (name, each) in enumerate(programs.items())
+        }
 
     @property
     def run(self) -> Callable[..., int]:

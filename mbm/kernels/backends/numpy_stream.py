@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.kernels.types import Floats, Kernel
+from mbm.kernels.types import Floats, Kernel, Tabulated
 from mbm.machine.numpy_functions import function_of
 from mbm.machine.program import Operator, Program
 from mbm.values import dataclass
@@ -138,6 +138,22 @@ class _Stream:
         return found[:, : self.outputs], found[:, self.outputs :]
 
 
+def tabulated(programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
+    """Each program for any number of rows."""
+
+    def one(program: Program) -> Tabulated:
+        steps = steps_of(program)
+
+        def evaluated(inputs: Floats) -> Floats:
+            found = np.empty((len(inputs), len(program.outputs)))
+            run(program, steps, inputs, found)
+            return found
+
+        return evaluated
+
+    return {name: one(program) for name, program in programs.items()}
+
+
 @dataclass(frozen=True, slots=True)
 class NumpyBackend:
     """For many rows, and wherever CasADi's virtual machine is not wanted."""
@@ -155,6 +171,10 @@ class NumpyBackend:
         """The program of the kernel, run anew for each call."""
         values, both = kernel.value_program, kernel.jacobian_program
         return _Stream(outputs=kernel.outputs, _values=(values, steps_of(values)), _both=(both, steps_of(both)))
+
+    def tabulated(self, programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
+        """As the function of that name."""
+        return tabulated(programs)
 
 
 BACKEND = NumpyBackend()

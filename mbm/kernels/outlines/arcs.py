@@ -136,7 +136,7 @@ def _patch(surveyor: Surveyor, sheet: int, places: tuple[int, ...], numbers: Flo
     inputs = numbers[own]
 
     def table(at: Floats) -> Floats:
-        return surveyor.table(sheet, "geometry", at, np.broadcast_to(inputs, (len(at), len(inputs))))
+        return surveyor.table(sheet, "geometry", at, inputs)
 
     def fold(at: Floats) -> tuple[Floats, Floats]:
         found = table(at)
@@ -171,8 +171,7 @@ def jacobian(geometry: Floats) -> Floats:
 
 
 def _geometry(surveyor: Surveyor, patch: _Patch, at: Floats, numbers: Floats) -> Floats:
-    inputs = numbers[patch.places]
-    return surveyor.table(patch.sheet, "geometry", at, np.broadcast_to(inputs, (len(at), len(inputs))))
+    return surveyor.table(patch.sheet, "geometry", at, numbers[patch.places])
 
 
 def side_parameters(side: int, share: Floats) -> Floats:

@@ -68,7 +68,7 @@ def places_of(marks: tuple[Marks, ...], surveyor: Surveyor, numbers: Floats) -> 
         step = max(INPUTS_TOGETHER // max(each.places.size, 1), 1)
         for some in (slice(k, k + step) for k in range(0, len(numbers), step)):
             inputs = numbers[some][:, each.places].reshape(-1, each.places.shape[1])
-            images = surveyor.places(each.sheet, np.tile(each.at, (len(numbers[some]), 1)), inputs)
+            images = surveyor.table(each.sheet, "places", np.tile(each.at, (len(numbers[some]), 1)), inputs)
             found[some, first : first + len(each)] = images.reshape(-1, len(each), 3)
         first += len(each)
     return found

@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from itertools import pairwise
 from threading import RLock
 from typing import Any
 
 import numpy as np
 
 from mbm.expression.nodes import Figure, Outlined
+from mbm.kernels.backends.numpy_stream import tabulated
 from mbm.kernels.outlines.distances import Feet, feet_of, slopes_of
 from mbm.kernels.outlines.extremes import SIDES, extent, extreme
 from mbm.kernels.outlines.marks import Marks, places_of
 from mbm.kernels.outlines.measures import Measured, area, centroid, perimeter
 from mbm.kernels.outlines.outline import Indices, NoOutline, Outline, outline_of
 from mbm.kernels.outlines.surveyor import Surveyor
-from mbm.kernels.types import Floats, SheetPrograms
+from mbm.kernels.types import Floats, SheetPrograms, Tabulate
 from mbm.values import dataclass
 
 KEPT = 64
@@ -44,9 +46,13 @@ class Traced:
 
 
 class Outlines:
-    """The outlines of the figures of one problem, one at a time from whatever thread."""
+    """The outlines of the figures of one problem, one at a time from whatever thread.
 
-    def __init__(self) -> None:
+    ``tabulate`` makes ready what evaluates the sheets: NumPy, if nothing else is given.
+    """
+
+    def __init__(self, tabulate: Tabulate = tabulated) -> None:
+        self._tabulate = tabulate
         self._surveyors: dict[Figure, Surveyor] = {}
         self._kept: OrderedDict[tuple[Figure, bytes], Outline | NoOutline] = OrderedDict()
         self._measured: OrderedDict[tuple[str, Figure, bytes], Measured] = OrderedDict()
@@ -56,7 +62,8 @@ class Outlines:
     def know(self, figure: Figure, sheets: tuple[SheetPrograms, ...]) -> None:
         """Take the programs of a figure's sheets; figures that are not known are differentiated."""
         with self._lock:
-            self._surveyors.setdefault(figure, Surveyor(sheets))
+            if figure not in self._surveyors:
+                self._surveyors[figure] = Surveyor(sheets, self._tabulate)
 
     def values(self, call: Outlined, arguments: Floats) -> Floats:
         """Numbers (rows, n); NaN where there is no outline."""
@@ -123,14 +130,7 @@ class Outlines:
     ) -> Iterator[tuple[Indices | slice, Outline | NoOutline, tuple[Figure, bytes]]]:
         """The rows of each outline."""
         table = arguments[:, : figure.size]
-        groups: list[Indices | slice] = []
-        if len(table) and (table == table[0]).all():
-            groups = [slice(0, len(table))]
-        elif len(table):
-            _, number = np.unique(table, axis=0, return_inverse=True)
-            order = np.argsort(number.ravel(), kind="stable")
-            groups.extend(np.split(order, np.flatnonzero(np.diff(number.ravel()[order])) + 1))
-        for rows in groups:
+        for rows in _alike(table):
             numbers = table[rows][0].copy()
             key = figure, numbers.tobytes()
             if key not in self._kept:
@@ -141,7 +141,7 @@ class Outlines:
         if figure not in self._surveyors:
             from mbm.kernels.outlines.sheets import programs_of
 
-            self._surveyors[figure] = Surveyor(programs_of(figure))
+            self._surveyors[figure] = Surveyor(programs_of(figure), self._tabulate)
         return self._surveyors[figure]
 
 
@@ -152,6 +152,20 @@ def _lines(outline: Outline) -> tuple[Floats, ...]:
         count = 2 if outline.arcs.straight[arc] else 2 + int(np.ceil(abs(last - first) * BETWEEN))
         found.append(outline.spots(np.full(count, arc), np.linspace(first, last, count)).x)
     return tuple(found)
+
+
+def _alike(table: Floats) -> list[Indices | slice]:
+    """The rows of each set of numbers (rows, m); equal rows mostly follow each other."""
+    if not len(table):
+        return []
+    bounds = [0, *(np.flatnonzero((table[1:] != table[:-1]).any(axis=1)) + 1).tolist(), len(table)]
+    found: dict[bytes, list[slice]] = {}
+    for run in (slice(a, b) for a, b in pairwise(bounds)):
+        found.setdefault(table[run.start].tobytes(), []).append(run)
+    return [
+        runs[0] if len(runs) == 1 else np.concatenate([np.arange(r.start, r.stop) for r in runs])
+        for runs in found.values()
+    ]
 
 
 def _as_slice(places: tuple[int, ...]) -> tuple[int, ...] | slice:

@@ -135,22 +135,22 @@ class _Chords:
         piece, chord = pairs
         along = np.einsum("ij,ij->i", ways[piece], self._ways[chord]) / (lengths[piece] * self._lengths[chord])
         best = np.full(len(middles), -1)
-        for k in np.lexsort((chord, along)):  # the most parallel one is the last, of equal ones always the same
-            if along[k] > 0.5:
-                best[piece[k]] = chord[k]
+        order = np.lexsort((chord, along))  # the most parallel one is the last, of equal ones always the same
+        order = order[along[order] > 0.5]
+        best[piece[order]] = chord[order]
         kept = np.flatnonzero(best >= 0)
-        found: list[Stretch] = []
-        for k, c in zip(kept.tolist(), best[kept].tolist(), strict=True):
-            first, last = (self._share(c, ring[k + i]) for i in (0, 1))
-            found.append(Stretch(arc=int(self._owners[c]), first=first, last=last))
-        return _joined(found)
+        chords = best[kept]
+        first, last = (self._shares(chords, ring[kept + i]).tolist() for i in (0, 1))
+        arcs = self._owners[chords].tolist()
+        return _joined([Stretch(arc=a, first=b, last=e) for a, b, e in zip(arcs, first, last, strict=True)])
 
-    def _share(self, chord: int, point: Floats) -> float:
-        share = np.dot(point - self._starts[chord], self._ways[chord]) / self._lengths[chord] ** 2
-        share = min(max(float(share), 0.0), 1.0)
-        slack = 4 * GRID * self._size / self._lengths[chord]
-        share = 0.0 if share < slack else 1.0 if share > 1 - slack else share
-        return float(self._numbers[chord]) + share
+    def _shares(self, chords: Indices, points: Floats) -> Floats:
+        """The number of the chord and the fraction of it for each point."""
+        ways, lengths = self._ways[chords], self._lengths[chords]
+        share = np.einsum("ij,ij->i", points - self._starts[chords], ways) / lengths**2
+        slack = 4 * GRID * self._size / lengths
+        share = np.where(share < slack, 0.0, np.where(share > 1 - slack, 1.0, share))
+        return np.asarray(self._numbers[chords] + share)
 
 
 def _joined(pieces: list[Stretch]) -> list[Stretch]:

@@ -1,44 +1,46 @@
-"""Sheets of silhouettes at many points at once, by NumPy over their programs."""
+"""Sheets of silhouettes at many points at once."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mbm.kernels.backends.numpy_stream import Step, run, steps_of
-from mbm.kernels.types import Floats, SheetPrograms
-from mbm.machine.program import Program
+from mbm.kernels.types import Floats, SheetPrograms, Tabulate, Tabulated
 
-_PROGRAMS = ("geometry", "bending", "motion", "slant")
+_MEASURED, _SELDOM = ("geometry", "motion"), ("bending", "slant")
 
 
 class Surveyor:
-    """Evaluates the sheets of one figure, looked up once."""
+    """Evaluates the sheets of one figure, by what ``tabulate`` makes ready when it is first asked for."""
 
-    def __init__(self, sheets: tuple[SheetPrograms, ...]) -> None:
+    def __init__(self, sheets: tuple[SheetPrograms, ...], tabulate: Tabulate) -> None:
         self.sheets = sheets
-        self._steps: list[dict[str, tuple[Step, ...]]] = [
-            {name: steps_of(getattr(sheet, name)) for name in _PROGRAMS} for sheet in sheets
-        ]
-        self._places = [sheet.geometry.restricted(range(3)) for sheet in sheets]
+        self._tabulate = tabulate
+        self._ready: dict[str, Tabulated] = {}
 
     def table(self, sheet: int, what: str, at: Floats, inputs: Floats) -> Floats:
         """What the program ``what`` of a sheet gives (points, outputs).
 
         Args:
             sheet: its number.
-            what: ``geometry``, ``bending``, ``motion`` or ``slant``, see `mbm.kernels.outlines.sheets`.
+            what: ``geometry``, ``bending``, ``motion`` or ``slant``, see `mbm.kernels.outlines.sheets`; ``places`` are
+                u, v and depth alone.
             at: parameters (points, 2); of a line the first counts.
-            inputs: numbers of the figure (points, inputs).
+            inputs: numbers of the figure (points, inputs), or (inputs,) if they are the same for all points.
         """
-        return self._run(sheet, getattr(self.sheets[sheet], what), self._steps[sheet][what], at, inputs)
+        name = f"{what} {sheet}"
+        if name not in self._ready:
+            self._make_ready(what)
+        own = self.sheets[sheet]
+        given = np.empty((len(at), own.parameters + own.inputs))
+        given[:, : own.parameters] = at[:, : own.parameters]
+        given[:, own.parameters :] = inputs
+        return self._ready[name](given)
 
-    def places(self, sheet: int, at: Floats, inputs: Floats) -> Floats:
-        """u, v and depth (points, 3) alone, as for ``table``."""
-        program = self._places[sheet]
-        return self._run(sheet, program, steps_of(program), at, inputs)
-
-    def _run(self, sheet: int, program: Program, steps: tuple[Step, ...], at: Floats, inputs: Floats) -> Floats:
-        given = np.concatenate([at[:, : self.sheets[sheet].parameters], inputs], axis=1)
-        found = np.empty((len(at), len(program.outputs)))
-        run(program, steps, given, found)
-        return found
+    def _make_ready(self, what: str) -> None:
+        """That of all sheets, with what is asked for together with it."""
+        if what == "places":
+            programs = {f"places {k}": each.geometry.restricted(range(3)) for k, each in enumerate(self.sheets)}
+        else:
+            together = _MEASURED if what in _MEASURED else _SELDOM
+            programs = {f"{name} {k}": getattr(each, name) for name in together for k, each in enumerate(self.sheets)}
+        self._ready |= self._tabulate(programs)

@@ -23,7 +23,7 @@ def triangle(lines, first, last):
     )
     none = Spans(piece=np.zeros(0, dtype=np.int64), first=np.zeros(0), last=np.zeros(0))
     return Outline(
-        surveyor=Surveyor(()),
+        surveyor=Surveyor((), dict),
         numbers=np.zeros(1),
         arcs=arcs,
         arc=np.arange(3),
