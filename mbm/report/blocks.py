@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeVar, overload
 
 import numpy as np
@@ -16,6 +16,7 @@ from mbm.problem.types import BlockRole, Problem
 from mbm.report.elements import element_names, shown_sigma, shown_values
 from mbm.report.filled import families, filled
 from mbm.report.from_solution import report_of
+from mbm.report.later import LaterByNumber
 from mbm.report.means import RawResiduals
 from mbm.report.residuals import column_corrections
 from mbm.report.root_means import RootMeans, of_block
@@ -38,7 +39,7 @@ MOST_KINDS = 100
 
 
 class BlockReports:
-    """The solves of a block: reports of those that were solved apart, the others made when they are asked for.
+    """The solves of a block, those that were solved ``apart`` by their numbers.
 
     ``from_columns`` (K,) says which are alike but for numbers, and which constraints hold the estimates, so that
     columns have all that is to be said of them.
@@ -218,7 +219,7 @@ class ManyReports(Sequence[SolveReport]):
 
     def __init__(self, blocks: Sequence[BlockReports], alone: Mapping[int, SolveReport]) -> None:
         self.blocks = tuple(blocks)
-        self.alone, self.numbers_alone = tuple(alone.values()), tuple(alone)
+        self.alone, self.numbers_alone = alone, tuple(alone)
         parts = [*(block.block.places for block in blocks), np.fromiter(alone, np.int64, len(alone))]
         order = np.argsort(np.concatenate(parts), kind="stable")
         rank = np.empty_like(order)
@@ -232,13 +233,16 @@ class ManyReports(Sequence[SolveReport]):
     def __len__(self) -> int:
         return len(self._owners)
 
+    def _alone(self, place: int) -> SolveReport:
+        return self.alone[self.numbers_alone[place]]
+
     def each(
         self, of_blocks: Callable[[BlockReports], Iterator[T]], of_report: Callable[[SolveReport], T]
     ) -> Iterator[T]:
         """What is made of each solve, in their order: of those of blocks one after the other, of the others singly."""
         made = [of_blocks(block) for block in self.blocks]
         for owner, place in zip(self._owners, self._places, strict=True):
-            yield next(made[owner]) if owner < len(made) else of_report(self.alone[place])
+            yield next(made[owner]) if owner < len(made) else of_report(self._alone(place))
 
     @overload
     def __getitem__(self, index: int) -> SolveReport: ...
@@ -253,7 +257,7 @@ class ManyReports(Sequence[SolveReport]):
         if not 0 <= place < len(self):
             raise IndexError(index)
         owner, own = self._owners[place], self._places[place]
-        return self.blocks[owner].report(own) if owner < len(self.blocks) else self.alone[own]
+        return self.blocks[owner].report(own) if owner < len(self.blocks) else self._alone(own)
 
     def statuses(self) -> list[SolveStatus]:
         """The status of each solve, without making its report."""
@@ -262,13 +266,17 @@ class ManyReports(Sequence[SolveReport]):
     def noted(self) -> Iterator[SolveReport]:
         """The solves of which more is to be said than their columns hold."""
         found = [pair for block in self.blocks for pair in block.noted()]
-        found += zip(self.numbers_alone, self.alone, strict=True)
+        found += self.alone.items()
         return (report for _, report in sorted(found, key=lambda pair: pair[0]))
 
 
 def block_reports(problem: Problem, block: Block, *, covariance_full: bool) -> BlockReports:
-    """A block, with reports of what was solved apart."""
-    apart = {number: report_of(problem, each, covariance_full=covariance_full) for number, each in block.apart.items()}
+    """A block; reports of what was solved apart are made when they are asked for, too."""
+    makers = {
+        number: partial(report_of, problem, each, covariance_full=covariance_full)
+        for number, each in block.apart.items()
+    }
+    apart = LaterByNumber(makers, block.lock)
     return BlockReports(problem, replace(block, apart={}), apart, covariance_full=covariance_full)
 
 

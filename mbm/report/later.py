@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import TypeVar, overload
 
@@ -50,3 +50,23 @@ class LaterReports(Sequence[SolveReport]):
             if not isinstance(made, SolveReport):
                 made = self._reports[index] = made()
         return made
+
+
+class LaterByNumber(Mapping[int, SolveReport]):
+    """The same of some solves among many, by their numbers."""
+
+    def __init__(self, makers: Mapping[int, Callable[[], SolveReport]], lock: AbstractContextManager[object]) -> None:
+        self._places = {number: place for place, number in enumerate(makers)}
+        self._reports = LaterReports(makers.values(), lock)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._places)
+
+    def __contains__(self, number: object) -> bool:
+        return number in self._places
+
+    def __getitem__(self, number: int) -> SolveReport:
+        return self._reports[self._places[number]]

@@ -11,7 +11,7 @@ from mbm.data.given import table_from_given
 from mbm.equations.types import NoiseState
 from mbm.equations.whitening import stated_noise
 from mbm.estimation.coverage.student import coverage_factors
-from mbm.estimation.search.solution import Solution
+from mbm.estimation.search.solution import Solution, no_profiles
 from mbm.expression.nodes import Component, leaves
 from mbm.expression.units import scale_of
 from mbm.problem.modelled import Modelled, columns_of, observations_of
@@ -109,7 +109,7 @@ def prediction(
         own = next(one for one in solution.derived if one.owner == owner)
         item = derived_value(problem, solution, own, quantity) if item is None else item
     else:
-        moved = replace(solution, tables={**solution.tables, table.name: table}, profiles=None)
+        moved = replace(solution, tables={**solution.tables, table.name: table}, profiles=no_profiles)
         item = derived_value(problem, moved, solution.elsewhere(owner, table), quantity)
     return Prediction(
         table=table,

@@ -158,7 +158,7 @@ def _followed(solve: SolveReport, names: tuple[str, str], sigma: Floats, axes: F
 
     Raises MbmError: `no-region`.
     """
-    profiles = None if solve.made_from is None else solve.made_from()[1].profiles
+    profiles = None if solve.made_from is None else solve.made_from()[1].profiles()
     own = () if solve.covariance is None else solve.covariance.names
     if not isinstance(profiles, Profiles) or profiles.curvature.bent is not None or not set(names) <= set(own):
         why = "the interval of one of them bends, which is followed for estimates without curved constraints"

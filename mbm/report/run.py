@@ -19,7 +19,7 @@ from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Consensus, Method, Problem, Request
 from mbm.report.from_solution import report_of
 from mbm.report.inputs import InputFile
-from mbm.report.later import LaterReports
+from mbm.report.later import LaterByNumber, LaterReports
 from mbm.report.options import Progress
 from mbm.report.types import Result, SolveReport
 from mbm.text.types import Code, Diagnostic, MbmError
@@ -51,7 +51,7 @@ def result_of(
     """
     reports: list[Callable[[], SolveReport]] = []
     blocks: list[BlockReports] = []
-    alone: dict[int, SolveReport] = {}
+    alone: dict[int, Callable[[], SolveReport]] = {}
     failures: list[Failure] = []
     done = solved = 0
     for part in solutions.parts:
@@ -59,7 +59,7 @@ def result_of(
             reports.append(partial(report_of, problem, part, covariance_full=covariance_full))
             apart, count = [part], 1
         elif isinstance(part, Alone):
-            alone[part.place] = report_of(problem, part.solution, covariance_full=covariance_full)
+            alone[part.place] = partial(report_of, problem, part.solution, covariance_full=covariance_full)
             apart, count = [part.solution], 1
         else:
             from mbm.report.blocks import block_reports
@@ -80,7 +80,7 @@ def result_of(
         file=file,
         problem=problem.name,
         seed=request.seed,
-        solves=_joined(blocks, alone) if blocks or alone else LaterReports(reports, lock),
+        solves=_joined(blocks, LaterByNumber(alone, lock)) if blocks or alone else LaterReports(reports, lock),
         options={
             "method": request.method.value,
             "max-iterations": request.max_iterations,

@@ -18,7 +18,7 @@ Ends = Callable[[float], tuple[Floats, Floats]]
 
 def coordinate_spread(solution: Solution) -> Spread:
     """That of all coordinates (M,) of the unknowns."""
-    limits, followed = solution.limited, solution.profiles
+    limits, followed = solution.limited, solution.profiles()
 
     def every(values: Floats, other: float) -> Floats:
         whole = np.full(len(solution.layout.number), other)
@@ -55,7 +55,7 @@ def entry_spread(solution: Solution, every: Spread, entry: Entry, shape: tuple[i
 
 def derived_spread(solution: Solution, one: DerivedSolution, shape: tuple[int, ...]) -> Spread:
     """That of a derived quantity, of the ``shape`` of its sigmas."""
-    followed = solution.profiles
+    followed = solution.profiles()
     found = Spread(dof=one.freedom.dof, inflation=one.freedom.inflation).shaped(shape)
     return found if followed is None else replace(found, ends=_ends_of_derived(followed, one.owner, shape))
 

@@ -66,7 +66,7 @@ def solve_columns(solves: Sequence[SolveReport]) -> SolveColumns:
     for places, block in zip(ranks, solves.blocks, strict=True):
         if len(block):
             made.add_block(places, block)
-    for place, report in zip(alone.tolist(), solves.alone, strict=True):
+    for place, report in zip(alone.tolist(), solves.alone.values(), strict=True):
         made.add(place, report)
     return made.finished()
 

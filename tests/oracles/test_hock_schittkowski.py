@@ -7,13 +7,16 @@ import pytest
 
 from tests.oracles.hs_problems import PROBLEMS
 from tests.oracles.outside import faults, outside
-from tests.oracles.paths import PATHS, applies, generated_c, generated_python
+from tests.oracles.paths import CLAUSES, PATHS, applies, generated_c, generated_python, together
 
 PRINTED = 2e-8
 """Of the optimum: nine or ten digits are printed (HS77 and HS79: eight)."""
 
 FEW = ("numpy", "exact", "for-each")
 """Ways of a usual run: the general path, sequential quadratic programming, and machine code."""
+
+MANY, ENDS = 9, slice(None, None, 8)
+"""Equal data sets, from so many on they are solved together: what is said of the first and of the last is read."""
 
 KNOWN = {
     # x2 runs off to where it does not matter: the minimum that Ipopt finds has no x2.
@@ -70,8 +73,10 @@ def wrong_on(name: str, paths) -> list[str]:
     found = []
     for path in paths:
         if applies(path, kind) and (name, path) not in KNOWN:
-            many = 9 if path in ("for-each", "window") else 1  # from so many on they are solved together
-            answers = PATHS[path](kind, [kind.draw(None)] * many)
+            if path in CLAUSES:
+                answers = together(kind, [kind.draw(None)] * MANY, CLAUSES[path], ENDS)
+            else:
+                answers = PATHS[path](kind, [kind.draw(None)])
             found += [f"{path}: {fault}" for answer in answers for fault in judged(name, answer)]
     return found
 

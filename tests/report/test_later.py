@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.report.later import LaterReports
+from mbm.report.later import LaterByNumber, LaterReports
 from mbm.report.types import SolveReport, SolveStatus
 
 X = np.linspace(0.5, 4.0, 24)
@@ -84,6 +84,23 @@ def test_each_report_is_made_once() -> None:
     with pytest.raises(IndexError):
         reports[3]
     assert made == [2, 1, 0]
+
+
+def test_reports_of_some_solves_are_made_by_their_numbers() -> None:
+    made: list[int] = []
+
+    def maker(number: int) -> SolveReport:
+        made.append(number)
+        return SolveReport(status=SolveStatus.CONVERGED, message=str(number))
+
+    reports = LaterByNumber({k: lambda k=k: maker(k) for k in (7, 4)}, RLock())  # type: ignore[misc]
+    assert list(reports) == [7, 4]
+    assert (4 in reports, 5 in reports, reports.get(5), made) == (True, False, None, [])
+    assert reports[4] is reports[4]
+    assert reports[4].message == "4"
+    assert made == [4]
+    with pytest.raises(KeyError):
+        reports[0]
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ import numpy as np
 from mbm.equations.spreads import Freedom
 from mbm.equations.types import Floats
 from mbm.estimation.coverage.student import coverage_factors
+from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.curvature import Curvature, followed_ends, most_followed
 from mbm.values import dataclass
 
@@ -90,13 +91,14 @@ def profiles(
     found: Curvature | None,
     sigma: Floats,
     freedom: Freedom,
-    derived: Mapping[int, Freedom],
+    derived: tuple[DerivedSolution, ...],
     lock: AbstractContextManager[object],
 ) -> Profiles | None:
     """What follows the intervals that curvature misplaces; None where it misplaces none."""
     if found is None or not (found.ends.doubtful.size or any(one.ends.doubtful.size for one in found.derived)):
         return None
-    return Profiles(curvature=found, sigma=sigma, freedom=freedom, derived=derived, lock=lock)
+    freedoms = {one.owner: one.freedom for one in derived}
+    return Profiles(curvature=found, sigma=sigma, freedom=freedom, derived=freedoms, lock=lock)
 
 
 def _reach(level: float, freedom: Freedom) -> Floats:

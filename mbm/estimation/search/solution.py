@@ -82,6 +82,11 @@ def all_examined() -> Mapping[str, str]:
     return {}
 
 
+def no_profiles() -> Followed | None:
+    """The linear intervals are right, or nothing is known of it."""
+    return None
+
+
 def no_doubts() -> tuple[Diagnostic, ...]:
     """Nothing more is to be said."""
     return ()
@@ -99,11 +104,11 @@ class Solution:
     mentions. ``origin`` says where the start came from.
     ``corrections`` has those of measured columns with errors, ``hypotheses`` those that a filter follows at the last
     step, and ``followed`` says how many there were after each. ``freedom`` are the degrees of freedom of the standard
-    deviations, ``limited`` hard limits (None: there are none), ``profiles`` intervals where the linear ones are wrong
-    (None: nowhere). ``influence`` tells what the covariance is the sum of (None: of a filter, which has no sum over
-    rows). ``elsewhere`` derives for other rows (None: nothing can be). ``doubts`` looks for further ``diagnostics``,
-    ``alternatives`` for other minima. ``unexamined`` says what was not looked at, and why. Whatever is worked out with
-    the ``groups`` holds the ``lock``: other solves put their numbers into the same inputs of kernels.
+    deviations, ``limited`` hard limits (None: there are none). ``influence`` tells what the covariance is the sum of
+    (None: of a filter, which has no sum over rows). ``elsewhere`` derives for other rows (None: nothing can be).
+    ``doubts`` looks for further ``diagnostics``, ``alternatives`` for other minima, ``profiles`` for intervals where
+    the linear ones are wrong (None: nowhere). ``unexamined`` says what was not looked at, and why. Whatever is worked
+    out with the ``groups`` holds the ``lock``: other solves put their numbers into the same inputs of kernels.
     """
 
     key: Mapping[str, CellKey]
@@ -132,7 +137,6 @@ class Solution:
     sigma_known: bool
     freedom: Freedom
     limited: Limited | None
-    profiles: Followed | None
     unused: Indices
     corrections: tuple[CorrectedColumn, ...] = ()
     hypotheses: tuple[Hypothesis, ...] = ()
@@ -143,6 +147,7 @@ class Solution:
     seconds: float
     diagnostics: tuple[Diagnostic, ...]
     doubts: Callable[[], tuple[Diagnostic, ...]] = no_doubts
+    profiles: Callable[[], Followed | None] = no_profiles
     unexamined: Callable[[], Mapping[str, str]] = all_examined
     influence: Influence | None = None
     elsewhere: Elsewhere | None = None

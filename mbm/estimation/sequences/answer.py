@@ -104,7 +104,6 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         sigma_known=True,
         freedom=common(np.inf, sigma.shape),
         limited=None,
-        profiles=None,
         unused=np.zeros(0, dtype=np.int64),
         hypotheses=_hypotheses(walked, free),
         followed=() if walked.rules.hypotheses == 1 else tuple(track.followed[: track.made].tolist()),

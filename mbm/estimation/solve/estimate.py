@@ -168,13 +168,10 @@ def answered(
     )
     derived, derived_covariance = propagation.all_derived()
     whole = weighted.everything().plain_residuals(minimum.point)
-    bent = curvature(propagation, minimum, derived)
     freedom = outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
+    bent = cached(lambda: curvature(propagation, minimum, derived))
     beside = cached(lambda: _others(run, end, minimum, outcome, alone=tally is None))
-    warnings = (
-        *robust.diagnostics,
-        *(against := contradictions(problem, run.tables, weighted, minimum, observed)),
-    )
+    said = (*robust.diagnostics, *(against := contradictions(problem, run.tables, weighted, minimum, observed)))
     return Solution(
         key=run.key,
         tables=run.tables,
@@ -202,7 +199,7 @@ def answered(
         sigma_known=outcome.sigma_known,
         limited=limited(weighted, minimum, outcome.covariance),
         freedom=freedom,
-        profiles=profiles(bent, outcome.covariance.sigma, freedom, {one.owner: one.freedom for one in derived}, lock),
+        profiles=cached(lambda: profiles(bent(), outcome.covariance.sigma, freedom, derived, lock)),
         unused=unused,
         corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
         method=solver_name(equations, run.settings),
@@ -210,9 +207,9 @@ def answered(
         evaluations=end.evaluations,
         seconds=seconds(),
         elsewhere=propagation.elsewhere,
-        diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
-        unexamined=lambda: unexamined(propagation, minimum, derived, bent),
-        doubts=lambda: (*beside()[1], *doubts(propagation, minimum, derived, bent)),
+        diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *said),
+        unexamined=lambda: unexamined(propagation, minimum, derived, bent()),
+        doubts=lambda: (*beside()[1], *doubts(propagation, minimum, derived, bent())),
         influence=_influence(outcome, robust),
         lock=lock,
     )

@@ -24,6 +24,9 @@ CLOSE = 1e-9
 SHRINKING = 0.1
 """Part of the step before up to which slopes are kept: what a last step leaves is less than that part of it."""
 
+NEAR = 0.01
+"""The same where slopes are those of the point that steps begin at: then the way back is the shortest, or nearly so."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OnSurface(Forwarding):
@@ -57,7 +60,37 @@ class OnSurface(Forwarding):
         moved = self.equations.retract(x, step)
         if moved.ndim == 1:
             return self._back(moved)
-        return np.stack([self._back(each) for each in moved])
+        found = self._all_back(x[0], moved)
+        for k in np.flatnonzero(np.isnan(found).all(axis=1)):
+            found[k] = self._back(moved[k])
+        return found
+
+    @np.errstate(all="ignore")
+    def _all_back(self, start: Floats, points: Floats) -> Floats:
+        """All points (P, N), brought back together by the slopes at the ``start``; NaN those too far from it."""
+        slopes = self.equations.constraint_jacobian(start)[self.holding] / self.scale
+        if not np.isfinite(slopes).all():
+            return np.full(points.shape, np.nan)
+        inverse = np.linalg.pinv(slopes, rcond=RANK).T
+        last = np.full(len(points), np.inf)
+        under_way = np.ones(len(points), dtype=bool)
+        for _ in range(MOST_ROUNDS):
+            steps = -self._values_at(points) @ inverse
+            points = self.equations.retract(points, steps / self.scale)
+            length = np.abs(steps).max(axis=1, initial=0.0)
+            shrinking = length <= np.where(np.isinf(last), np.inf, np.maximum(NEAR * last, CLOSE))
+            points[under_way & ~shrinking] = np.nan
+            under_way &= shrinking & (length > CLOSE)
+            last = length
+            if not under_way.any():
+                break
+        points[under_way] = np.nan
+        return points
+
+    def _values_at(self, points: Floats) -> Floats:
+        """Values (P, c) of the constraints at points (P, N)."""
+        parts = [group.values_at(points).reshape(len(points), -1) for group in self.equations.constraints]
+        return np.hstack(parts)[:, self.holding]
 
     @np.errstate(all="ignore")
     def _back(self, point: Floats) -> Floats:
@@ -83,10 +116,14 @@ class OnSurface(Forwarding):
 
 
 def _shortest(slopes: Floats, values: Floats) -> Floats:
-    """The shortest c (n,) with slopes (k, n) @ c = values; by least squares where these depend on one another."""
+    """The shortest c (n,) with slopes (k, n) @ c = values; by least squares where these depend on one another.
+
+    NaN where there is no slope to follow.
+    """
     if len(values) == 1:
         length = float(slopes[0] @ slopes[0])
-        return slopes[0] * (values[0] / length) if length > 0.0 else np.zeros(slopes.shape[1])
+        far = np.nan if values[0] != 0.0 else 0.0
+        return slopes[0] * (values[0] / length) if length > 0.0 else np.full(slopes.shape[1], far)
     return np.asarray(np.linalg.lstsq(slopes, values, rcond=RANK)[0])
 
 
