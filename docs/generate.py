@@ -34,8 +34,8 @@ from mbm.language.vocabulary import (
     rotations,
     vectors,
 )
-from mbm.problem.enclosing import MOST_BOXES
 from mbm.problem.reading.aggregates import OVER_ROWS
+from mbm.problem.requests import MOST_BOXES
 from mbm.problem.vocabulary import FUNCTIONS as PROBLEM_FUNCTIONS
 from mbm.problem.vocabulary import SPECIAL_FORMS as PROBLEM_FORMS
 from mbm.registry.standard import standard_registry

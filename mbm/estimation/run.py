@@ -1,4 +1,8 @@
-"""All solves of a problem, one after the other, as they are asked for."""
+"""All solves of a problem, one after the other, as they are asked for.
+
+Rows outside of a sampled table are unused: those that the start puts there, for the whole solve. Where the estimates
+put other rows outside, the answer is that of the rows that were used, and says which these are.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +12,24 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
-from mbm.equations.binding import EvaluationCache
+from mbm.equations import faults
+from mbm.equations.binder import Binder
+from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.interruption import Interruption
+from mbm.equations.sampling import samplings
 from mbm.equations.selection import Selection, selections
-from mbm.equations.types import Floats
+from mbm.equations.types import Floats, Indices
 from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.estimation.sequences.filtering import by_filter, filtered
 from mbm.estimation.settings import Forms, Settings, settings_of, standard_forms
 from mbm.estimation.solve.estimate import estimate
-from mbm.estimation.solve.sampled_rows import with_moved_rows
 from mbm.kernels.faults import is_failed_call
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import CellKey
 from mbm.problem.types import Method, Problem
-from mbm.text.types import MbmError
+from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -163,3 +169,31 @@ def _one_by_one(
             return Failure(key=selection.key, diagnostics=error.diagnostics)
 
     return solve
+
+
+def with_moved_rows(problem: Problem, kernels: KernelSet, cache: EvaluationCache, solution: Solution) -> Solution:
+    """The solution, with a warning for each observation of which other rows lie inside than at the start."""
+    if not any(samplings(kernel) for kernel in kernels.kernels) or not np.isfinite(solution.minimum.cost):
+        return solution
+    used = _positions(solution.groups)
+    places = replace(solution.layout, start=solution.numbers)
+    now = _positions(Binder(problem=problem, layout=places, tables=solution.tables, cache=cache).equations(kernels))
+    said: list[Diagnostic] = []
+    for owner, block in enumerate(problem.blocks):
+        if block.table is None:
+            continue
+        before, after = (each.get(owner, np.empty(0, dtype=np.int64)) for each in (used, now))
+        rows = solution.tables[block.table].rows
+        left, entered = (rows[np.setdiff1d(a, b)] for a, b in ((before, after), (after, before)))
+        if len(left) or len(entered):
+            said.append(faults.sampled_rows_moved(block.span, block.name, left.tolist(), entered.tolist()))
+    return replace(solution, doubts=lambda: (*solution.doubts(), *said)) if said else solution
+
+
+def _positions(groups: tuple[Group, ...]) -> dict[int, Indices]:
+    """The rows in use of each block that samples a table."""
+    found: dict[int, list[Indices]] = {}
+    for group in groups:
+        if group.sampled and group.positions is not None:
+            found.setdefault(group.kernel.owner, []).append(group.positions)
+    return {owner: np.concatenate(parts) for owner, parts in found.items()}

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from mbm.expression.nodes import Apply, Column, Component, Expression, postorder
 from mbm.problem import faults
 from mbm.problem.aggregates import is_aggregate
-from mbm.problem.enclosing import Contractor
 from mbm.problem.kinds import ConstraintMethod, Gauge
 from mbm.problem.likely import refused_likelihoods
+from mbm.problem.requests import Contractor
 from mbm.problem.types import Block, BlockRole, Method, NoiseKind, Problem, UnknownKind
 from mbm.text.types import Diagnostic, MbmError
 

@@ -1,11 +1,41 @@
-"""What a request says of starts and windows."""
+"""What a request says of starts and windows, and asks of interval methods."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
+from enum import StrEnum
+from types import MappingProxyType
 
+from mbm.expression.nodes import Number
 from mbm.text.types import Span
 from mbm.values import dataclass
+
+
+class Contractor(StrEnum):
+    """How boxes are contracted; the value is the name in ``:contract``."""
+
+    FORWARD = "forward"
+    HC4 = "hc4"
+    HULL = "hull"
+
+
+MOST_BOXES = 50_000
+"""Boxes that a solve examines if nothing else is asked."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Enclosing:
+    """``(interval :contract C :width W :boxes n)``.
+
+    ``fraction`` is that of each side to which boxes are bisected; ``widths`` (SI, by name) hold for some unknowns
+    instead, one number for each coordinate of a member. ``boxes`` limits those that are examined.
+    """
+
+    contractor: Contractor = Contractor.HC4
+    fraction: float = 0.01
+    widths: Mapping[str, tuple[Number, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    boxes: int = MOST_BOXES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

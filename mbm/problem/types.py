@@ -15,7 +15,6 @@ from mbm.expression.nodes import Expression
 from mbm.expression.projection import Projection
 from mbm.expression.units import Unit
 from mbm.problem.aggregates import Aggregate
-from mbm.problem.enclosing import Enclosing
 from mbm.problem.grids import Grid
 from mbm.problem.kinds import ConsensusKind, ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
 from mbm.problem.laws import NORMAL_LAW, Law
@@ -23,7 +22,7 @@ from mbm.problem.likelihoods.types import Likelihood
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.noise import PLAIN, NoiseStructure
 from mbm.problem.overrides import ConstantValue
-from mbm.problem.requests import GivenStarts, RandomStarts, Window
+from mbm.problem.requests import Enclosing, GivenStarts, RandomStarts, Window
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration
 from mbm.text.types import Diagnostic, Span

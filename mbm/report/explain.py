@@ -12,11 +12,11 @@ from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.bounded import refuse_mixed_bounds
 from mbm.problem.elaborated import Elaborated
-from mbm.problem.enclosing import Contractor, Enclosing
 from mbm.problem.kinds import ConsensusKind, ConstraintKind
 from mbm.problem.likely import called, likelihood_of
 from mbm.problem.naming import PRIOR
 from mbm.problem.overrides import ConstantValue
+from mbm.problem.requests import Contractor, Enclosing
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import Table
 from mbm.problem.types import (

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbm.report.map_types import Map
 from mbm.report.panels import BLUE, CHI_95_2D, GREY, ORANGE, RED, Panel
+from mbm.report.plot_data import Map
 from mbm.report.rounding import round_step
 from mbm.report.types import Floats, Mask
 

@@ -10,7 +10,7 @@ from mbm.equations.layout import Entry
 from mbm.equations.types import Indices
 from mbm.estimation.search.solution import Solution
 from mbm.problem.types import BlockRole, Problem, UnknownKind
-from mbm.report.map_types import Map
+from mbm.report.plot_data import Map
 from mbm.report.residuals import normalised
 from mbm.report.types import Floats, Mask
 

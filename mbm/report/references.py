@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -16,6 +17,7 @@ from mbm.equations.layout import Layout
 from mbm.equations.losses import loss_function
 from mbm.equations.selection import Selection, selections
 from mbm.equations.types import Floats, Indices, Mask, Reason
+from mbm.estimation.batches.forms import recognised
 from mbm.estimation.consensus.agreeing import agreed, agreed_anywhere
 from mbm.estimation.consensus.types import Asked, observed
 from mbm.estimation.minimise.minimise import minimise
@@ -25,12 +27,12 @@ from mbm.estimation.search.solution import Solution
 from mbm.estimation.search.starting import GIVEN
 from mbm.estimation.settings import Forms, Settings, settings_of
 from mbm.estimation.solve.estimate import assemble, estimate
+from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 from mbm.kernels.serialised import BoundRows
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
-from mbm.problem.types import Loss
+from mbm.problem.types import Loss, Method
 from mbm.report.agreements import BY_MEDIAN, agreement_of, beginning_of
-from mbm.report.range_forms import ranges_of
 from mbm.solver.range_maps import RangeMaps
 from mbm.text.types import MbmError
 
@@ -334,3 +336,26 @@ def _status(solution: Solution) -> str:
     if not solution.minimum.reason.converged:
         return "not-converged"
     return "converged" if solution.observability.observable else "unobservable"
+
+
+def ranges_of(found: Elaborated, equations: Assembled, settings: Settings) -> RangeMaps | None:
+    """The form of a problem with such ``equations``, where these are ranges that give all that is estimated, or None.
+
+    For plain least squares, as single solves compare (`mbm.estimation.search.challenge`).
+    """
+    problem = found.problem
+    families = any(unknown.family is not None for unknown in problem.unknowns)
+    asked = settings.robust is not None or settings.method in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
+    if asked or families or any(block.errors for block in problem.blocks):
+        return None
+    shared = equations.structure is not None
+    if equations.linear or equations.lossy or shared or equations.constraints or equations.count > ENOUGH:
+        return None
+    form = recognised(equations, settings)
+    maps = None if form is None else form.ranges(stated=not problem.estimates_noise)
+    if maps is None:
+        return None
+    layout = equations.layout
+    missing = (np.isnan(layout.start) | layout.guessed) & equations.moving()
+    startless = frozenset(i for i, entry in enumerate(layout.entries) if bool(missing[entry.range].any()))
+    return replace(maps, startless=startless)

@@ -12,9 +12,8 @@ import numpy as np
 from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
-from mbm.problem.enclosing import Enclosing
 from mbm.problem.overrides import Overrides
-from mbm.problem.requests import GivenStarts, RandomStarts
+from mbm.problem.requests import Enclosing, GivenStarts, RandomStarts
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Consensus, Method, Problem, Request
 from mbm.report.from_solution import report_of

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from mbm.files.journal import Read
 from mbm.report.inputs import InputFile, StartsTally
-from mbm.report.map_types import Map
 from mbm.report.means import RawResiduals, no_residuals
 from mbm.report.noise import NoiseReport
-from mbm.report.plot_data import PlotData
+from mbm.report.plot_data import Map, PlotData
 from mbm.report.row_data import ResidualRow, ResidualSummary, RowData, no_row_data
 from mbm.report.spreads import ConsideredConstant, Spread
 from mbm.scales import SI, Scale

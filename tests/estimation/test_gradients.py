@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.equations.gradients import gradients_at
+from mbm.estimation.search.basins import gradients_at
 from mbm.estimation.solve.estimate import assemble
 
 TEXT = """(problem p (data marks external) (data seen external) (unknowns (a angle :init 0.3) (T (pose 2)) (k :init 2))

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 import mbm
-from mbm.estimation.consensus.subsets import first_states, needed_trials
+from mbm.estimation.consensus.rules import first_states, needed_trials
 from mbm.estimation.consensus.units import consistency, limits, medians, quantile, robust_variance
 from mbm.problem.kinds import ConsensusKind
 from mbm.solver.consensus_sample import count_chosen, jump_to_next_trial, subset_sampled

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import mbm
 from mbm.shapes.meshes import obj, ply, stl
-from mbm.shapes.meshes.edges import edges
+from mbm.shapes.meshes.form import edges
 from mbm.shapes.meshes.types import MOST, DamagedMeshError
 from mbm.text.types import MbmError
 

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2, hypergeom
 
-from mbm.estimation.consensus.rules import KINDS
-from mbm.estimation.consensus.subsets import first_states
+from mbm.estimation.consensus.rules import KINDS, first_states
 from mbm.problem.kinds import ConsensusKind
 from mbm.solver.consensus_gnc import gnc_weight
 from mbm.solver.consensus_order import median, selected

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from mbm.emit.answers import Agreement
 from mbm.emit.c.cells import Cells
-from mbm.emit.c.layout import doubles, longs
+from mbm.emit.c.text import doubles, longs
 from mbm.emit.system import weights_width
 from mbm.emit.types import BlockCase, BlockShape, Blueprint
 from mbm.machine.c import number

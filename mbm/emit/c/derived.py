@@ -1,15 +1,18 @@
-"""C functions for quantities that are computed from the estimates, with their standard deviations."""
+"""Kernels, programs of data, and quantities computed from the estimates, as C functions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from mbm.emit.c.cells import Cells
-from mbm.emit.c.kernels import function
-from mbm.emit.c.text import remark
-from mbm.emit.foreign import told
+from mbm.emit.c.text import bare, comment, remark, wrapped
+from mbm.emit.foreign import Foreign, Word, told
+from mbm.emit.reserved import RESERVED
+from mbm.emit.statements import ARITHMETIC, Dialect, called, statements
 from mbm.emit.system import varies
 from mbm.emit.types import BlockCase, Blueprint, DerivedShape, SlotPlace
+from mbm.machine.c import number
+from mbm.machine.program import Operator, Program
 from mbm.solver import description as at
 
 _SPREAD = """/* The standard deviation of a quantity with the derivatives `slopes` by the coordinates at `places`, by
@@ -87,11 +90,11 @@ def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
     yield f"static int derive_{derived.identifier}(struct frame *f)"
     yield "{"
     yield f"    const {cells.blueprint.identifier}_data *data = f->data;"
-    for number, case in enumerate(derived.cases):
+    for place, case in enumerate(derived.cases, start=1):
         kernel = case.kernel
         for word, values in (("rows", kernel.jacobian_rows), ("columns", kernel.jacobian_columns)):
             listed = ", ".join(str(int(v)) for v in values) or "0"
-            yield f"    static const long {word}_{number + 1}[] = {{{listed}}};"
+            yield f"    static const long {word}_{place}[] = {{{listed}}};"
     wide = max((len(c.variables) + len(c.parameters) for c in derived.cases), default=0)
     outputs = max((derived.size + len(c.kernel.jacobian_rows) for c in derived.cases), default=0)
     tangents = max((len(c.tangents) for c in derived.cases), default=0)
@@ -105,8 +108,8 @@ def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
     yield from opened
     if filtered and not any(cells.reads(case) or varies(cells.blueprint, case) for case in derived.cases):
         yield "        (void)row;"
-    for number, case in enumerate(derived.cases):
-        yield from (f"        {line}" for line in _case(cells, derived, case, number))
+    for place, case in enumerate(derived.cases):
+        yield from (f"        {line}" for line in _case(cells, derived, case, place))
     if any(case.static for case in derived.cases):
         yield "        return 0;"
     yield from closed
@@ -146,3 +149,67 @@ def _place(cells: Cells, slot: SlotPlace, origin: str) -> str:
     member = "" if slot.member is None else f" + {cells.member(slot.member)} * {width}"
     component = f" + {slot.component}" if slot.component else ""
     return f"f->{origin}[{slot.unknown}]{member}{component}"
+
+
+HELPERS: Mapping[str, str] = {
+    "kernel_sign": "(double a) { return a > 0.0 ? 1.0 : a < 0.0 ? -1.0 : a; }",
+    "kernel_square": "(double a) { return a * a; }",
+    "kernel_not": "(double a) { return a == 0.0 ? 1.0 : 0.0; }",
+    "kernel_less": "(double a, double b) { return a < b ? 1.0 : 0.0; }",
+    "kernel_less_equal": "(double a, double b) { return a <= b ? 1.0 : 0.0; }",
+    "kernel_equal": "(double a, double b) { return a == b ? 1.0 : 0.0; }",
+    "kernel_not_equal": "(double a, double b) { return a != b ? 1.0 : 0.0; }",
+    "kernel_and": "(double a, double b) { return a != 0.0 && b != 0.0 ? 1.0 : 0.0; }",
+    "kernel_or": "(double a, double b) { return a != 0.0 || b != 0.0 ? 1.0 : 0.0; }",
+    "kernel_select": "(double test, double value) { return test != 0.0 ? value : 0.0; }",
+}
+"""Functions that C does not have; a file holds those that it uses."""
+_NAMES = {o: helper if (helper := f"kernel_{o.name.lower()}") in HELPERS else o.value for o in Operator}
+DIALECT = Dialect(
+    shapes={**{o: called(name, o) for o, name in _NAMES.items()}, **ARITHMETIC},
+    number=number,
+    reserved=RESERVED.union(name for o, name in _NAMES.items() if o not in ARITHMETIC),
+)
+
+
+def kernel_functions(case: BlockCase) -> str:
+    """The values of a kernel, and the values with the nonzeros of their Jacobian behind them."""
+    head: list[Word] = [f"{case.identifier}: what should be zero in each row.", ""]
+    head += [told("    ", line) for line in case.text]
+    slopes: list[Word] = [
+        f"{case.identifier}: the same, and behind it the derivatives that are not zero everywhere, in the order",
+        "",
+    ]
+    slopes += _nonzeros(case)
+    values = function(f"{case.identifier}_values", case.kernel.value_program, case.input_names, head)
+    jacobian = function(f"{case.identifier}_slopes", case.kernel.jacobian_program, case.input_names, slopes)
+    return f"{values}\n{jacobian}"
+
+
+def _nonzeros(case: BlockCase) -> Iterator[Word]:
+    for row, column in zip(case.kernel.jacobian_rows, case.kernel.jacobian_columns, strict=True):
+        slot = case.tangents[int(column)]
+        yield told(f"    d(component {int(row) + 1}) / d(", slot.shown, f", coordinate {slot.component + 1})")
+
+
+def function(name: str, program: Program, names: Sequence[Foreign], doc: Iterable[Word]) -> str:
+    """A function ``void name(const double *inputs, double *outputs)``."""
+    made = statements(program, names, DIALECT)
+    lines = [comment(doc), f"static void {name}(const double *inputs, double *outputs)", "{"]
+    for identifier, position in made.inputs:
+        shown = "" if names[position] == Foreign(identifier) else f"  {remark(names[position])}"
+        lines.append(f"    const double {identifier} = inputs[{position}];{shown}")
+    if not made.inputs:
+        lines.append("    (void)inputs;")
+    lines += wrapped(f"    const double {left} = {right};" for left, right in made.assignments)
+    lines.append("")
+    if not made.outputs:
+        lines.append("    (void)outputs;")
+    lines += wrapped(f"    outputs[{i}] = {text};" for i, text in enumerate(made.outputs))
+    return "\n".join([*lines, "}", ""])
+
+
+def helpers(text: str) -> str:
+    """The definitions of the helpers that ``text`` calls."""
+    code = bare(text)
+    return "".join(f"static double {name}{body}\n" for name, body in HELPERS.items() if f"{name}(" in code)

@@ -9,17 +9,15 @@ from mbm.emit.c.agreement import agreement_constants
 from mbm.emit.c.cells import input_name, program_name
 from mbm.emit.c.clauses import clause_functions
 from mbm.emit.c.csv import CSV
-from mbm.emit.c.derived import derived_functions, derived_kernels
+from mbm.emit.c.derived import derived_functions, derived_kernels, function, helpers, kernel_functions
 from mbm.emit.c.frame import frame_text
 from mbm.emit.c.header import header
-from mbm.emit.c.kernels import function, helpers, kernel_functions
-from mbm.emit.c.layout import doubles, longs
 from mbm.emit.c.main import main_file, test_file
 from mbm.emit.c.ranges import range_constants
 from mbm.emit.c.reading import tables_file
 from mbm.emit.c.solve import call_kernel, solve_functions
 from mbm.emit.c.tables import programs_used, table_functions
-from mbm.emit.c.text import comment, opening, remark
+from mbm.emit.c.text import comment, doubles, longs, opening, remark
 from mbm.emit.c.unknowns import unknown_functions
 from mbm.emit.data_files import data_files
 from mbm.emit.foreign import told

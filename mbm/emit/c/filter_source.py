@@ -8,9 +8,8 @@ from mbm.emit.c.cells import Cells
 from mbm.emit.c.filter_header import STATUSES
 from mbm.emit.c.filter_memory import data_text, memory_text
 from mbm.emit.c.filter_rows import row_functions
-from mbm.emit.c.layout import doubles, longs
 from mbm.emit.c.tables import table_functions
-from mbm.emit.c.text import literal, opening, status_text
+from mbm.emit.c.text import doubles, literal, longs, opening, status_text
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.foreign import told
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.cells import Cells
-from mbm.emit.c.layout import doubles, longs
+from mbm.emit.c.text import doubles, longs
 from mbm.emit.types import Blueprint
 from mbm.problem.types import BlockRole
 from mbm.solver.range_maps import RangeMaps

@@ -9,10 +9,9 @@ from mbm.emit.c.cells import input_name
 from mbm.emit.c.sizes import lossy, row_scratch
 from mbm.emit.c.tables import programs_used
 from mbm.emit.foreign import Foreign, Word, told
-from mbm.emit.python.clauses import clause_functions
 from mbm.emit.python.kernels import derived_function, function, kernel_functions, rows_function
 from mbm.emit.python.program import PROGRAM, SHOWING
-from mbm.emit.python.rows import finding, set_up
+from mbm.emit.python.rows import clause_functions, finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
 from mbm.emit.python.text import WIDTH, docstring, literal, optional, remark
 from mbm.emit.routines.modules import called_in_python, emitted_module

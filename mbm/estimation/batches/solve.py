@@ -385,8 +385,7 @@ def minimum_at(equations: Assembled, columns: Columns, place: int) -> Minimum:
     if columns.limits is None:
         return found
     # Loaded by problems with constraints only, so that the others start at once.
-    from mbm.estimation.minimise.constrained.answer import constraint_state
-    from mbm.estimation.minimise.constrained.linearise import linearise
+    from mbm.estimation.minimise.constrained.linearise import constraint_state, linearise
 
     multipliers = columns.limits.multipliers[place, : len(equations.equality)]
     state = constraint_state(equations.equality, linearise(equations, point), multipliers)

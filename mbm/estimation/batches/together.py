@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache as kept
 from functools import partial
@@ -22,12 +22,12 @@ from mbm.estimation.batches.consensus import consensus_solver, loss_solver
 from mbm.estimation.batches.descent import solver_of
 from mbm.estimation.batches.parts import Part, bound_parts
 from mbm.estimation.batches.sets import Sets, sets_of
-from mbm.estimation.batches.several import Several
-from mbm.estimation.batches.solve import Together
+from mbm.estimation.batches.solve import NOTHING, Apart, Past, Together
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.suits import asks_for_one_search, suits
-from mbm.estimation.batches.types import Begun, Descent, Ends, Solver
+from mbm.estimation.batches.types import Begun, Block, Descent, Ends, Solver
 from mbm.estimation.search.challenge import kind_of
+from mbm.estimation.search.solution import Alone, Solution
 from mbm.estimation.settings import Settings
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import Table
@@ -38,6 +38,57 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.estimation.batches.forms import Formed, Recognised
     from mbm.solver.range_maps import RangeMaps
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Several:
+    """All solves of a problem: those of ``parts`` with their numbers, made together, and the ``rest``.
+
+    What is made says which solves it is; solves of several parts may follow one another in any order. The parts of
+    windows have no gaps but for windows that are skipped, so that each begins where the one before ends.
+    """
+
+    problem: Problem
+    sets: Sets
+    parts: tuple[tuple[Indices, Together], ...]
+    rest: Indices
+    settings: Settings
+
+    @property
+    def count(self) -> int:
+        """T."""
+        return self.sets.count
+
+    def blocks(self, workers: int | None, apart: Apart) -> Iterator[Block | Alone]:
+        """All solves, part by part, as `Together.blocks` gives them, and those of the rest between them."""
+        past = NOTHING
+        heads = {int(which[0]): part for which, part in self.parts}
+        for number in sorted([*heads, *self.rest.tolist()]):
+            if self.settings.stopped():
+                return
+            part = heads.get(number)
+            if part is not None:
+                past = yield from part.blocks(workers, apart, past)
+                past = self._behind(past)
+                continue
+            solved = apart(self.sets.selection(number), past.last() if self._carries(number) else None)
+            if self.problem.request.window is not None and isinstance(solved, Solution):
+                past = self._after(solved, past)
+            yield Alone(place=number, solution=solved)
+
+    def _carries(self, number: int) -> bool:
+        """Whether a solve may begin where the one before it ends: it is a window, and has rows enough."""
+        window, used = self.problem.request.window, self.sets.used
+        return window is not None and used is not None and bool(used[number] >= window.min_rows)
+
+    def _after(self, solved: Solution, past: Past) -> Past:
+        """What is to be known behind a window that was solved by itself."""
+        return Past(last=lambda: solved, spoilt=0) if np.isfinite(solved.minimum.cost) else past
+
+    def _behind(self, past: Past) -> Past:
+        """What the part behind another has to know: its first window begins where another one ends."""
+        return Past(last=past.last, spoilt=-1 if self.problem.request.window is None else 0)
+
 
 FEW_SOLVES = 8
 """Solves up to which binding them together does not pay."""

@@ -1,18 +1,23 @@
-"""What a problem asks of consensus → the arrays that the native consensus takes (`consensus_records`)."""
+"""What a problem asks of consensus → the arrays that the native consensus takes (`consensus_records`):
+kinds, minimal subsets, first states.
+"""
 
 from __future__ import annotations
+
+from hashlib import sha256
+from math import ceil, log, log1p
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.consensus.scores import STATED_CUT
-from mbm.estimation.consensus.subsets import first_states, needed_trials
 from mbm.estimation.consensus.types import Asked
 from mbm.estimation.consensus.units import CUT, limits, medians
 from mbm.machine.records import put, slots_of
 from mbm.problem.kinds import ConsensusKind
 from mbm.solver import consensus_records as c
+from mbm.solver.consensus_sample import FIRST_MODULUS, INDEPENDENT, SECOND_MODULUS
 from mbm.solver.consensus_scores import GNC, LMEDS, MSAC, RANSAC
 from mbm.solver.decisions import FEW_STARTS, STATED
 from mbm.values import dataclass
@@ -118,3 +123,41 @@ def rules_of(
         levels=np.array(levels).ravel(),
         ruled=ruled,
     )
+
+
+GOOD_SHARE = 0.6
+"""Share of good units that the default number of trials is made for: 40 % outliers."""
+
+MISSED = 1e-6
+"""Probability that, with so many outliers, no trial is free of them."""
+
+LEAST_TRIALS, MOST_TRIALS = 100, 3000
+
+
+def needed_trials(size: int, asked: int | None) -> int:
+    """How many trials with subsets of ``size`` units: what is asked for, or enough for 40 % outliers."""
+    if asked is not None:
+        return asked
+    hit = GOOD_SHARE**size
+    needed = ceil(log(MISSED) / log1p(-hit)) if 0.0 < hit < 1.0 else LEAST_TRIALS
+    return min(max(needed, LEAST_TRIALS), MOST_TRIALS)
+
+
+def independent_columns(jacobian: Floats) -> int:
+    """How many combinations of the unknowns the rows (m, n) tell apart; what is not finite tells nothing."""
+    return int(np.linalg.matrix_rank(_scaled(jacobian), tol=INDEPENDENT)) if jacobian.size else 0
+
+
+def _scaled(jacobian: Floats) -> Floats:
+    finite = np.where(np.isfinite(jacobian), jacobian, 0.0)
+    norms = np.linalg.norm(finite, axis=0)
+    found = finite / np.where(norms > 0.0, norms, 1.0)
+    lengths = np.linalg.norm(found, axis=1)
+    return np.asarray(found / np.where(lengths > 0.0, lengths, 1.0)[:, None])
+
+
+def first_states(seed: int) -> tuple[int, int]:
+    """The two states of the generator at the start of the first trial."""
+    digest = sha256(repr(seed).encode()).digest()
+    first, second = (int.from_bytes(part, "big") for part in (digest[:16], digest[16:]))
+    return 1 + first % (FIRST_MODULUS - 1), 1 + second % (SECOND_MODULUS - 1)

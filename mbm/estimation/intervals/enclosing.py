@@ -18,7 +18,7 @@ from mbm.estimation.intervals.network import Network
 from mbm.estimation.intervals.points import meets
 from mbm.estimation.intervals.search import FINEST, Aims, Paving, components, paved, ranges
 from mbm.estimation.intervals.types import Enclosure, Ranges
-from mbm.problem.enclosing import Contractor, Enclosing
+from mbm.problem.requests import Contractor, Enclosing
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.text.types import Diagnostic, MbmError

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf, isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.metric import first_bad
-from mbm.equations.pushing import pushed
 from mbm.equations.types import Equations, Floats, Minimum, Reason
 from mbm.equations.whitening import FLOOR
 from mbm.estimation.minimise.sparse_steps import CLOSE, Known, State, offset_at, proposed, recalled
@@ -29,6 +28,9 @@ from mbm.sparse.equations import blocked
 from mbm.sparse.limited import RULES
 from mbm.sparse.place import BlockEquations, Place, counted_as, first_bad_slope, inside, moved, place_at
 from mbm.sparse.system import BlockJacobian, Plan, plan
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 FIRST = 1e-4
 """Damping of the first step, relative to the diagonal."""
@@ -260,3 +262,16 @@ def _accepted(state: State, point: Floats, residuals: Floats, share: float, reje
 
 def _ended(state: State, reason: Reason) -> State:
     return replace(state, reason=reason, iterations=state.iterations + 1)
+
+
+def pushed(at_bound: NDArray[np.int8], slopes: Floats, lengths: Floats, x: Floats, cost: float) -> NDArray[np.int8]:
+    """``at_bound`` (n,), 0 where the slopes ``Jᵀ r`` are nothing beside ``lengths`` of columns and ``cost`` = rᵀ r.
+
+    Where data leave a combination of unknowns free, an iteration may end anywhere along it: whether that is just at a
+    bound, and to which side rounding then tips the slope, says nothing. ``x`` (n,) are the coordinates.
+    """
+    from mbm.solver.decisions import IDLE, ROUNDED_PUSH
+
+    made_of = np.sqrt(np.square(lengths * x).sum())
+    idle = np.abs(slopes) <= lengths * (IDLE * np.sqrt(cost) + ROUNDED_PUSH * made_of)
+    return np.where(idle, 0, at_bound).astype(np.int8)

@@ -24,7 +24,8 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.sequence.types import SequenceMethod
 from mbm.problem.types import Method
-from mbm.sparse.description import solved_how
+from mbm.sparse.equations import blocked
+from mbm.sparse.system import plan
 from mbm.values import dataclass
 
 
@@ -101,3 +102,19 @@ def _reason(equations: Assembled, method: Method) -> str:
     ):
         return "every equation is affine in the unknowns, but some are bounded"
     return "every equation is affine in the unknowns, and none is bounded"
+
+
+def solved_how(equations: Assembled) -> str:
+    """Which family is eliminated, and what is left: for `mbm explain`."""
+    free = set(equations.free.tolist())
+    names = [
+        entry.unknown.name
+        for entry in equations.layout.entries
+        if any(place in free for place in range(entry.coordinates.start, entry.coordinates.stop))
+    ]
+    found = plan(blocked(equations).structure(), equations.backend)
+    many = f"there are {equations.dimension} scalar unknowns, of which each equation touches few"
+    rest = "densely" if found.fronts is None else f"by sparse Cholesky ({found.fronts.count} fronts)"
+    if found.elimination is None:
+        return f"{many}: all are solved {rest}"
+    return f"{many}: `{names[found.elimination.family]}` is eliminated, the other {found.width} are solved {rest}"

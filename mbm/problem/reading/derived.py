@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from mbm.expression.nodes import Expression
+import numpy as np
+
+from mbm.expression.nodes import Column, Constant, Expression, leaves
+from mbm.expression.units import Unit, parse_unit
 from mbm.language import faults as language_faults
-from mbm.language.coerce import scalar, vector
-from mbm.language.values import Array, ListValue, Placeable, PoseValue, RotationValue, Scope, Value
+from mbm.language.coerce import integer, scalar, vector
+from mbm.language.values import Array, ListValue, Placeable, PoseValue, RotationValue, Scope, TableName, Value
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
+from mbm.problem.grids import Grid
 from mbm.problem.manifold import manifold_of
 from mbm.problem.options import split_options
-from mbm.problem.reading.grids import read_grid
 from mbm.problem.reading.unknowns import stated_unit
+from mbm.problem.rows import row_values
 from mbm.problem.scopes import Entry
-from mbm.problem.types import Derived, UnknownKind, ValueCase
-from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
+from mbm.problem.types import Derived, RowValues, UnknownKind, ValueCase
+from mbm.shapes.library import LibraryModel
+from mbm.text.types import Form, MbmError, Numeral, Sequence, Span, Symbol
 
 USAGE = "(derive (name form [:over TABLE] [:unit u])… [:over TABLE])"
 
@@ -118,3 +123,83 @@ def _elements(value: Value, span: Span) -> tuple[tuple[int, ...], tuple[Expressi
         elements = vector(value, span).elements
         return (len(elements),), elements
     return (), (scalar(value, span),)
+
+
+WORD = "grid"
+GRID_USAGE = "(grid t 0s 10s 200)"
+
+MOST_VALUES = 100_000
+"""Values of a grid: more than any picture shows, and a slip in the count shows at once."""
+
+
+def read_grid(work: Workspace, form: Form) -> Grid | None:
+    """The grid that ``form`` says; None where it says something else."""
+    if not isinstance(form, Sequence) or form.head != WORD:
+        return None
+    _refuse_other(work, form)
+    variable = form.items[1] if len(form.items) == 5 else None
+    if not isinstance(variable, Symbol):
+        message = "`grid` takes a variable, its first value, its last, and how many there are"
+        raise MbmError(language_faults.bad_form(form.span, message, GRID_USAGE))
+    first, last, count = form.items[2:]
+    steps = work.scope.steps
+    if steps is not None and steps.column == variable.name:
+        message = f"states have values at the steps of `{variable.name}` only: call the variable of the grid otherwise"
+        raise MbmError(language_faults.bad_form(variable.span, message, GRID_USAGE))
+    number = integer(work.evaluator.wanted(count, work.scope), count.span, "a whole number of values")
+    if not 2 <= number <= MOST_VALUES:
+        message = f"a grid has from 2 to {MOST_VALUES:,} values, and this one {number:,}"
+        raise MbmError(language_faults.bad_form(count.span, message, GRID_USAGE))
+    begin, end = _end(work, first), _end(work, last)
+    grid = Grid(
+        table=f"({WORD} {' '.join(item.span.text for item in form.items[1:])})",
+        variable=variable.name,
+        first=float(row_values(begin, {})[0, 0]),
+        last=float(row_values(end, {})[0, 0]),
+        count=number,
+        unit=_unit(last) or _unit(first),
+        ends=(begin.cases[0].values[0], end.cases[0].values[0]),
+        span=form.span,
+    )
+    if len(np.unique(grid.rows().numbers(grid.variable))) < number:
+        message = f"there are no {number:,} different numbers from `{first.span.text}` to `{last.span.text}`"
+        raise MbmError(language_faults.bad_form(form.span, message, GRID_USAGE))
+    return grid
+
+
+def _refuse_other(work: Workspace, form: Sequence) -> None:
+    """Refuse what has the name of the user's own definition or variable, which is no table.
+
+    Raises:
+        MbmError: it has.
+
+    """
+    function = work.evaluator.vocabulary.functions.get(WORD)
+    value = work.scope.lookup(WORD, form.items[0].span)
+    defined = function is not None and not isinstance(function, LibraryModel)
+    if defined or (value is not None and not isinstance(value, TableName)):
+        message = "`grid` is a definition or variable of yours here, and `:over` takes a table"
+        raise MbmError(language_faults.bad_form(form.span, message, f"call yours otherwise, to write {GRID_USAGE}"))
+
+
+def _end(work: Workspace, form: Form) -> RowValues:
+    """An end: a number that may be made of exact constants.
+
+    Raises:
+        MbmError: it depends on unknowns, on data, or on a constant with an uncertainty.
+
+    """
+    values = work.values(form, None, (), wanted="an end of a grid")
+    for leaf in leaves(values.cases[0].values):
+        if isinstance(leaf, Column):
+            message = f"an end of a grid is a number, and the column `{leaf.name}` has other ones in other data"
+            raise MbmError(language_faults.bad_form(leaf.span or form.span, message, GRID_USAGE))
+        if isinstance(leaf, Constant) and leaf.name in work.uncertain:
+            message = f"an end of a grid is an exact number, and `{leaf.name}` has a standard deviation"
+            raise MbmError(language_faults.bad_form(leaf.span or form.span, message, GRID_USAGE))
+    return values
+
+
+def _unit(form: Form) -> Unit | None:
+    """The unit that an end states."""
+    return parse_unit(form.unit) if isinstance(form, Numeral) and form.unit else None

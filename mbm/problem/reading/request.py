@@ -16,8 +16,14 @@ from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.kinds import ConstraintMethod, Gauge
 from mbm.problem.options import split_options
 from mbm.problem.reading.declarations import Declaration
-from mbm.problem.reading.estimators import METHODS, TRUNCATE, checked_cuts, is_of_sequences, named_estimator
-from mbm.problem.reading.intervals import read_enclosing
+from mbm.problem.reading.estimators import (
+    METHODS,
+    TRUNCATE,
+    checked_cuts,
+    is_of_sequences,
+    named_estimator,
+    read_enclosing,
+)
 from mbm.problem.reading.robust import read_consensus, read_trust
 from mbm.problem.reading.unknowns import stated_numbers
 from mbm.problem.requests import GivenStarts, RandomStarts

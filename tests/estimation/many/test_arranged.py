@@ -6,8 +6,8 @@ import numpy as np
 
 import mbm
 from mbm.estimation.batches.arranged import arranged
+from mbm.estimation.batches.parts import shapes
 from mbm.estimation.batches.sets import Span, sets_of
-from mbm.estimation.batches.shapes import shapes
 from mbm.problem.tables import Column, Provenance, Table
 
 TEXT = """

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbm.report.view.bodies import round_body
 from mbm.report.view.hidden import Faces
+from mbm.report.view.solids import round_body
 from mbm.report.view.viewpoint import View, outlines
 
 CUBE = np.array([[x, y, z] for z in (0, 1) for x, y in ((1, 1), (0, 1), (0, 0), (1, 0))], dtype=float)

@@ -1,13 +1,19 @@
-"""A point of a constrained problem to first order, in units that do not depend on how the constraints are written."""
+"""A point of a constrained problem to first order, in units that do not depend on how the constraints are written.
+
+Beside it the constraints at the end of a search.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from mbm.equations.metric import column_norms, magnitudes, scale_of
-from mbm.equations.types import Floats, Mask
+from mbm.equations.metric import column_norms, first_bad, magnitudes, scale_of
+from mbm.equations.types import ConstraintState, Floats, Mask, Minimum, Reason
 from mbm.estimation.minimise.constrained.types import ConstrainedEquations, Linearised
-from mbm.solver.decisions import EPSILON, MET, ROUNDING_ERRORS, rounding_of_norm
+from mbm.estimation.minimise.native.minimum import without_value
+from mbm.solver.decisions import EPSILON, MET, PUSHED, ROUNDING_ERRORS, rounding_of_norm
 
 
 @np.errstate(all="ignore")
@@ -49,3 +55,34 @@ def violations(values: Floats, equality: Mask) -> Floats:
 def met(here: Linearised, equality: Mask, share: float = MET) -> Mask:
     """Which constraints hold, as far as anybody can tell, shape (k,)."""
     return np.asarray(violations(here.values, equality) <= share * here.unit + here.rounding, dtype=bool)
+
+
+def constraint_state(equality: Mask, place: Linearised, multipliers: Floats) -> ConstraintState:
+    """The constraints at a place where their multipliers (k,) are known."""
+    usable = bool(np.isfinite(place.slopes).all())
+    holds = met(place, equality)
+    active = equality | (place.values >= -(MET * place.unit + place.rounding))
+    pushed = multipliers * place.unit > PUSHED * (1.0 + np.sqrt(max(place.cost, 0.0)) if np.isfinite(place.cost) else 1)
+    return ConstraintState(
+        values=place.values,
+        slopes=place.slopes if usable else np.zeros_like(place.slopes),
+        multipliers=multipliers,
+        equality=equality,
+        violated=~holds,
+        active=active,
+        forcing=equality | (active & pushed),
+    )
+
+
+def without_constrained_value(equations: ConstrainedEquations, start: Floats) -> Minimum:
+    """A start where something is not finite, with the first row that is not: of residuals, then of constraints."""
+    place = linearise(equations, start)
+    reason = Reason.NOT_FINITE_AT_START
+    row = first_bad(np.concatenate([place.residuals, place.values]))
+    if row is None:
+        reason = Reason.JACOBIAN_NOT_FINITE_AT_START
+        row = first_bad(np.vstack([place.jacobian, place.slopes]))
+    found = without_value(equations, start)
+    if row is not None:
+        found = replace(found, reason=reason, bad_row=row)
+    return replace(found, constraints=constraint_state(equations.equality, place, np.zeros(len(place.values))))

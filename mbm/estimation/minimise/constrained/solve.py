@@ -10,9 +10,8 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Conflict, Equations, Floats, Minimum, Reason
-from mbm.estimation.minimise.constrained.answer import constraint_state, without_constrained_value
 from mbm.estimation.minimise.constrained.feasible import feasible_point
-from mbm.estimation.minimise.constrained.linearise import linearise
+from mbm.estimation.minimise.constrained.linearise import constraint_state, linearise, without_constrained_value
 from mbm.estimation.minimise.constrained.types import ConstrainedEquations, constrained
 from mbm.estimation.minimise.native.minimum import Stopped, linearised_ends, minimum_at, native_minimum
 from mbm.estimation.minimise.native.system import NativeEnds, system_of

@@ -18,9 +18,8 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.formulas import of_arrays
 from mbm.equations.forwarding import Forwarding
 from mbm.equations.types import Conflict, ConstraintState, Floats, Mask, Minimum, Reason
-from mbm.estimation.minimise.constrained.answer import constraint_state
 from mbm.estimation.minimise.constrained.feasible import feasible_point
-from mbm.estimation.minimise.constrained.linearise import first_order
+from mbm.estimation.minimise.constrained.linearise import constraint_state, first_order
 from mbm.estimation.minimise.constrained.types import Linearised
 from mbm.estimation.minimise.sparse import least_damping, sparse_minimum
 from mbm.estimation.settings import Settings
