@@ -350,6 +350,7 @@ class NoiseState(Enum):
     ESTIMATED = "the factor was estimated from the residuals"
     NO_REDUNDANCY = "no degrees of freedom are left to estimate the noise"
     COVERED = "the stated common errors explain all of the residuals, which leaves nothing to estimate the noise"
+    NOTHING = "the noise of other rows explains all of the residuals, so that the noise is estimated as nothing"
     EXACT = "all residuals are zero, which leaves nothing to estimate the noise"
 
 
@@ -357,8 +358,9 @@ class NoiseState(Enum):
 class Noise:
     """Noise of one ``:sigma unknown`` group: its sigma times ``factor``.
 
-    Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight, not an estimate. ``rho`` is the
-    correlation of neighbouring rows, ``covariance`` (k, k) that of a row's components, where those are estimated.
+    Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight, not an estimate (of NOTHING, 0 is).
+    ``rho`` is the correlation of neighbouring rows, ``covariance`` (k, k) that of a row's components, where those are
+    estimated.
     """
 
     factor: float

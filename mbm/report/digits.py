@@ -33,6 +33,11 @@ class Measured:
     value: str
     sigma: str = ""
 
+    @property
+    def alone(self) -> str:
+        """The value without its uncertainty, and with the power of ten that both have."""
+        return self.value[1:] + self.sigma.partition(")")[2] if self.value.startswith("(") else self.value
+
     def __str__(self) -> str:
         return f"{self.value} ± {self.sigma}" if self.sigma else self.value
 

@@ -78,4 +78,4 @@ def _end(value: float, scalar: Scalar) -> str:
     """An end with the digits of the standard deviation."""
     if not isfinite(value):
         return "∞" if value > 0 else "-∞"
-    return measured(value, scalar.sigma, exact=False).value if scalar.sigma > 0 else plain(value, 6)
+    return measured(value, scalar.sigma, exact=False).alone if scalar.sigma > 0 else plain(value, 6)

@@ -23,6 +23,8 @@ def noise_reports(problem: Problem, noises: Mapping[int, Noise]) -> dict[str, No
             continue
         noise = noises.get(number)
         found.setdefault(block.factor_name, None)
+        if noise is not None and noise.state is NoiseState.NOTHING:
+            found[block.factor_name] = 0.0
         if noise is None or noise.state is not NoiseState.ESTIMATED:
             continue
         if block.unknown_factor:

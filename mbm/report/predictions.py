@@ -259,7 +259,7 @@ def _noise(problem: Problem, solution: Solution, modelled: Modelled, table: Tabl
     told = solution.noise.get(modelled.block)
     if told is None:
         return stated
-    if told.state is not NoiseState.ESTIMATED:
+    if told.state not in (NoiseState.ESTIMATED, NoiseState.NOTHING):
         return f"the residuals do not tell the noise of `{block.name}`"
     if told.covariance is not None:
         return stated * np.sqrt(np.diag(told.covariance))

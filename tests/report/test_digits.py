@@ -35,6 +35,11 @@ def test_value_and_sigma(value: float, sigma: float, text: str) -> None:
     assert str(measured(value, sigma)) == text
 
 
+def test_values_alone_keep_their_power_of_ten() -> None:
+    assert measured(1.2346e-7, 1.2e-9).alone == "1.235e-07"
+    assert measured(1.5, 0.25).alone == "1.50"
+
+
 def test_exact_values_have_no_sigma() -> None:
     assert str(measured(800.0, nan, exact=True)) == "800"
     assert str(measured(0.0254, 0.0, exact=True)) == "0.0254"

@@ -79,6 +79,11 @@ KINDS: Mapping[str, Kind] = {
     "days, 5 × 3, hardly different": _days((3,) * 5, 0.3),
     "days, unbalanced": _days((2, 3, 4, 5, 6, 7), 2.0),
     "6 laboratories, one factor": _laboratories(6, 2.0, "factor"),
+    "3 laboratories, dark uncertainty": _laboratories(3, 2.0, "dark"),
+    "4 laboratories, dark uncertainty": _laboratories(4, 2.0, "dark"),
+    "5 laboratories, dark uncertainty": _laboratories(5, 2.0, "dark"),
     "6 laboratories, dark uncertainty": _laboratories(6, 2.0, "dark"),
+    "6 laboratories, hardly any dark uncertainty": _laboratories(6, 0.5, "dark"),
+    "8 laboratories, dark uncertainty": _laboratories(8, 2.0, "dark"),
     "12 laboratories, dark uncertainty": _laboratories(12, 2.0, "dark"),
 }

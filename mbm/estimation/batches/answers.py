@@ -66,7 +66,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     tails = _tails(stack, cost if lossy else counts.tested(scattered), freedom, asked)
     chi2_p = np.full(len(which), np.nan) if lossy else tails
     undoubted = _undoubted(problem, portion, ends, found, spread, derived, residuals, surface)
-    degrees = degrees_columns(problem, portion, spread, derived, freedom)
+    degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom)
     limited = limited_columns(portion, None if surface is None else surface[0], ends.points, rooted, spread, residuals)
     counting = counted(portion, residuals)
     return Columns(

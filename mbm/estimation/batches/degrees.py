@@ -19,9 +19,11 @@ from mbm.problem.types import Problem
 
 @np.errstate(all="ignore")
 def degrees_columns(
-    problem: Problem, portion: Portion, spread: Spread, derived: tuple[DerivedColumns, ...], dof: Indices
+    problem: Problem, portion: Portion, spread: Spread, derived: tuple[DerivedColumns, ...], cost: Floats, dof: Indices
 ) -> DegreesColumns:
-    """The degrees of freedom of K solves, by the rules of `uncertainty.degrees.freedoms`; ``dof`` (K,) the redundancy.
+    """The degrees of freedom of K solves, by the rules of `uncertainty.degrees.freedoms`.
+
+    ``cost`` (K,) is that of the minima with the final weights, ``dof`` (K,) the redundancy.
 
     With several noises the factor of the covariance that is estimated is 1, so that the basis of the ``spread`` is the
     whitened Jacobian times the factor of the covariance.
@@ -44,7 +46,8 @@ def degrees_columns(
         picked = np.where(own[:, :, None], basis, 0.0)
         grams[:, place] = np.matmul(picked.transpose(0, 2, 1), picked)
         counts[:, place] = own.sum(axis=1)
-    found = [effective(image, grams, counts) for image in images]
+    misfit = cost / np.maximum(dof, 1)
+    found = [effective(image, grams, counts, misfit) for image in images]
     poor = np.asarray(untold(spread.factor, grams, counts).any(axis=1))
     return DegreesColumns(estimates=found[0], derived=tuple(found[1:]), poor=poor)
 

@@ -76,7 +76,7 @@ def statistics(
     diagnostics = tuple(
         faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.state.value, _wanted(problem, i))
         for i, n in noise.items()
-        if n.state is not NoiseState.ESTIMATED
+        if n.state not in (NoiseState.ESTIMATED, NoiseState.NOTHING)
     )
     fit = fit_statistics(
         cost,

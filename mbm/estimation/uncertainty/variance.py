@@ -65,13 +65,15 @@ class Helmert:
     """Noise factors (K, groups) of K solves: simplified Helmert iteration (Förstner 1979), round by round.
 
     ``s_k² ← s_k² · SSE_k / r_k`` with the whitened residuals and the redundancy of group k. Groups that
-    are fitted exactly (``exact``, (K, groups)), or have no redundancy (``untold``), keep their last factor.
+    are fitted exactly (``exact``, (K, groups)), or have no redundancy (``untold``), keep their last factor. Groups that
+    had some in the first round (``checked``) lose it as their factor vanishes beside the noise of others.
     """
 
     def __init__(self, solves: int, groups: int) -> None:
         self.factors = np.ones((solves, groups))
         self.exact = np.zeros((solves, groups), dtype=bool)
         self.untold = self.exact.copy()
+        self.checked = self.exact.copy()
         self._first: Floats | None = None
 
     @np.errstate(all="ignore")
@@ -88,6 +90,7 @@ class Helmert:
         if self._first is None:
             self._first = np.ones(self.factors.shape)
             self._first[which] = after
+            self.checked[which] = ~self.untold[which]
         vanished = after < VANISHED * self._first[which]
         after = np.where(vanished | ~sound[:, None], before, after)
         self.exact[which] = exact | (vanished & sound[:, None])
@@ -114,13 +117,17 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Compone
         if settled or not sound:
             break
     noises = (
-        Noise(factor=float(factor), state=_state(exact=exact, untold=untold))
-        for factor, exact, untold in zip(helmert.factors[0], helmert.exact[0], helmert.untold[0], strict=True)
+        Noise(factor=float(factor), state=_state(exact=exact, untold=untold, checked=checked))
+        for factor, exact, untold, checked in zip(
+            helmert.factors[0], helmert.exact[0], helmert.untold[0], helmert.checked[0], strict=True
+        )
     )
     return Components(noises=tuple(noises), settled=bool(settled))
 
 
-def _state(*, exact: bool, untold: bool) -> NoiseState:
+def _state(*, exact: bool, untold: bool, checked: bool) -> NoiseState:
     if exact:
         return NoiseState.EXACT
-    return NoiseState.NO_REDUNDANCY if untold else NoiseState.ESTIMATED
+    if untold:
+        return NoiseState.NOTHING if checked else NoiseState.NO_REDUNDANCY
+    return NoiseState.ESTIMATED

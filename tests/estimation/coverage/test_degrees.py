@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 from scipy.stats import t
 
 import mbm
@@ -71,6 +72,49 @@ def test_a_coverage_is_a_probability(text: str) -> None:
     with pytest.raises(mbm.MbmError) as caught:
         solved(_line("0.1")[:-1] + f"(solve :coverage {text}))")
     assert "`:coverage` should lie between 0 and 1" in caught.value.diagnostics[0].message
+
+
+LABORATORIES = """(problem p (data d external) (unknowns (m) (b (vector {count})))
+  (observe d (= y (+ m (b lab))) :sigma u) (observe dark d (= 0 (b lab)) :sigma unknown){more})"""
+
+
+def _hartung_knapp(y: Floats, u: Floats) -> tuple[float, float, float, float]:
+    """Mean, its standard deviation, half the interval, and the dark uncertainty of largest restricted likelihood."""
+
+    def criterion(dark: float) -> float:
+        w = 1 / (u**2 + dark**2)
+        return float(np.log(w.sum()) - np.log(w).sum() + (w * (y - (w @ y) / w.sum()) ** 2).sum())
+
+    dark = float(minimize_scalar(criterion, bounds=(0.0, 20.0), method="bounded", options={"xatol": 1e-9}).x)
+    dark = 0.0 if criterion(0.0) <= criterion(dark) else dark
+    w = 1 / (u**2 + dark**2)
+    mean = float(w @ y) / w.sum()
+    scale = max(1.0, float((w * (y - mean) ** 2).sum()) / (len(y) - 1))
+    sigma = 1 / np.sqrt(w.sum())
+    return mean, sigma, float(t.ppf(0.975, len(y) - 1)) * np.sqrt(scale) * sigma, dark
+
+
+def test_dark_uncertainty_has_the_interval_of_hartung_and_knapp() -> None:
+    """Also where laboratories agree better than they state; alone and in a table of several comparisons."""
+    u = np.array([0.5, 0.8, 1.1, 1.4])
+    sets = [np.array([8.0, 10.1, 13.2, 9.0]), np.array([10.0, 10.2, 9.9, 10.4])]
+    text = LABORATORIES.format(count=4, more="")
+    table = {"lab": [1.0, 2.0, 3.0, 4.0], "u": u.tolist()}
+    alone = [solved(text, {"d": table | {"y": y.tolist()}}) for y in sets]
+    several = {name: values * 2 for name, values in table.items()}
+    several |= {"run": [0.0] * 4 + [1.0] * 4, "y": np.concatenate(sets).tolist()}
+    both = solved(LABORATORIES.format(count=4, more=" (for-each run)"), {"d": several})
+    for y, result, solve in zip(sets, alone, both.solves, strict=True):
+        mean, sigma, half, dark = _hartung_knapp(y, u)
+        assert not result.diagnostics
+        for found in (result, solve):
+            m = found["m"]
+            # the search for the outside dark uncertainty ends within 1e-6 of it, its likelihood being flat there
+            assert float(m.value) == pytest.approx(mean, rel=1e-6)
+            assert float(m.sigma) == pytest.approx(sigma, rel=1e-6)
+            assert m.interval() == pytest.approx([mean - half, mean + half], rel=1e-5)
+            assert found.noise["dark"] == pytest.approx(dark, abs=1e-5)
+    assert both.solves[1].noise["dark"] == 0.0
 
 
 def test_the_mean_of_days_has_as_many_as_days_less_one() -> None:
