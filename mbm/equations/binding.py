@@ -302,6 +302,14 @@ class Group:
             scatter(outputs, inputs, self.columns[rows], self.shared_columns, columns).add(nonzeros[rows], part)
             yield rows, part
 
+    def slope_lengths(self, numbers: Floats, weights: Floats) -> Floats:
+        """The lengths (rows, outputs) of the slopes, each times the weight (M,) of its coordinate; of no aggregates."""
+        self.fill(numbers)
+        nonzeros = self.evaluation.values_and_jacobian()[1]
+        terms = np.square(nonzeros * weights[self.touched[:, self.kernel.jacobian_columns]])
+        of_output = self.kernel.jacobian_rows[:, None] == np.arange(self.kernel.outputs)
+        return np.asarray(np.sqrt(terms @ of_output))
+
     def _by_aggregates(
         self, gathered: Gathered, numbers: Floats, columns: Indices, width: int
     ) -> tuple[Group, tuple[Floats, Indices, int], Callable[[Floats], Floats]]:

@@ -294,7 +294,9 @@ def _step(value: Value, arguments: tuple[Value, ...], forms: tuple[Form, ...], f
     if isinstance(value, ListValue):
         return value.items[_position(arguments[0], len(value.items), span)], 1
     if not isinstance(value, Array):
-        raise MbmError(faults.bad_index(form.span, f"{describe(value)} cannot be indexed"))
+        before = " ".join(each.span.text for each in form.items[: len(form.items) - len(forms)])
+        shown = f"`({before})` is {describe(value)}, which" if len(forms) < len(form.items) - 1 else describe(value)
+        raise MbmError(faults.bad_index(form.span, f"{shown} cannot be indexed"))
     if not value.is_matrix:
         return value.elements[_position(arguments[0], value.shape[0], span)], 1
     height, width = value.shape
@@ -327,7 +329,11 @@ def family_key(family: FamilyValue, value: Value, span: Span) -> str | float | C
             )
         key = nearest(number.value)
     if key not in family.keys:
-        shown = f"`{key}`" if isinstance(key, str) else f"{key:g}"
-        hint = suggestion(str(key), sorted(str(k) for k in family.keys), None)
+        shown = f"`{key}`" if isinstance(key, str) else _key_text(key)
+        hint = suggestion(_key_text(key), sorted(_key_text(k) for k in family.keys), None)
         raise MbmError(faults.bad_index(span, f"`{family.name}` has no member {shown}", hint))
     return key
+
+
+def _key_text(key: str | float) -> str:
+    return key if isinstance(key, str) else f"{key:g}"

@@ -312,11 +312,11 @@ def _unknowns(work: Workspace, declarations: list[Declaration]) -> tuple[tuple[U
 
 
 def _states(work: Workspace, clauses: tuple[Sequence, ...]) -> Declared | None:
-    dynamics = _all(clauses, "dynamics")
+    dynamics, states = _all(clauses, "dynamics"), _all(clauses, "states")
     found = None
-    with work.collecting():
+    with work.collecting(*states[:1]):
         divided = bool(_all(clauses, "for-each") or _all(clauses, "window"))
-        found = declare_states(work, _all(clauses, "states"), dynamics, divided=divided)
+        found = declare_states(work, states, dynamics, divided=divided)
         if found is None and dynamics:
             raise MbmError(faults.no_states(dynamics[0].items[0].span, "`dynamics`"))
     return found

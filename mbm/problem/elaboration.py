@@ -37,6 +37,9 @@ Routines: TypeAlias = Callable[[], tuple[str, ...]]
 
 T = TypeVar("T")
 
+STATES = "states"
+"""The clause that declares states."""
+
 
 @dataclass(slots=True)
 class Reads:
@@ -86,14 +89,18 @@ class Workspace:
     def collecting(self, declares: Form | None = None) -> Iterator[None]:
         """Errors inside are kept, so that one run reports what several clauses have wrong.
 
-        ``declares`` is the declaration at work: where it fails, that its name is unknown elsewhere is no news.
+        ``declares`` is the declaration at work, or the clause of states: where it fails, that its names are unknown
+        elsewhere is no news.
         """
         try:
             yield
         except MbmError as error:
             found = [d for d in error.diagnostics if not self._follows(d)]
             if isinstance(declares, Sequence) and declares.head is not None:
-                self.undeclared.add(declares.head)
+                inside = declares.items[1:] if declares.head == STATES else ()
+                self.undeclared.update(
+                    each.head for each in (declares, *inside) if isinstance(each, Sequence) and each.head
+                )
             self._keep(found)
             if any(d.code in _ENDING for d in found):
                 raise MbmError(*self.diagnostics) from None
@@ -109,6 +116,8 @@ class Workspace:
 
     def _follows(self, diagnostic: Diagnostic) -> bool:
         """Whether an error only repeats that a declaration failed."""
+        if diagnostic.code == faults.NO_STATES:
+            return STATES in self.undeclared
         unknown = diagnostic.code == language_faults.UNKNOWN_NAME and isinstance(diagnostic.place, Span)
         return unknown and isinstance(diagnostic.place, Span) and diagnostic.place.text in self.undeclared
 

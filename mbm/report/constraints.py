@@ -14,6 +14,7 @@ from mbm.problem.kinds import ConstraintKind
 from mbm.problem.types import Block, Problem
 from mbm.report import faults
 from mbm.report.types import ConstraintReport, Floats, Mask
+from mbm.solver.decisions import EPSILON, MET, ROUNDING_ERRORS
 from mbm.text.types import Diagnostic, Label
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def constraint_reports(problem: Problem, solution: Solution) -> tuple[Constraint
         return ()
     state = solution.minimum.constraints
     values = _values(solution) if state is None else state.values
-    violated = _violation(values, _equality(problem, solution)) > 0.0 if state is None else state.violated
+    violated = _beyond_rounding(problem, solution, values) if state is None else state.violated
     active = np.zeros(len(values), dtype=bool) if state is None else state.active
     owners = dict.fromkeys(group.kernel.owner for group in solution.constraints)
     return tuple(_report(problem.blocks[owner], owner, solution, values, violated, active) for owner in owners)
@@ -36,6 +37,21 @@ def constraint_reports(problem: Problem, solution: Solution) -> tuple[Constraint
 
 def _values(solution: Solution) -> Floats:
     return np.concatenate([group.values(solution.numbers).ravel() for group in solution.constraints])
+
+
+def _beyond_rounding(problem: Problem, solution: Solution, values: Floats) -> Mask:
+    """Which constraints are violated by more than can be told, as `met` of the constrained search decides it."""
+    layout, numbers = solution.layout, solution.numbers
+    spread = np.zeros(len(layout.number))
+    spread[solution.free] = 1.0 / solution.observability.scale
+    size = np.where(layout.number >= 0, np.abs(numbers[layout.number]), 1.0)
+    rounding = ROUNDING_ERRORS * EPSILON
+    lengths = [
+        MET * each.slope_lengths(numbers, spread) + rounding * each.slope_lengths(numbers, size)
+        for each in solution.constraints
+    ]
+    told = np.concatenate([each.ravel() for each in lengths]) + rounding * np.abs(values)
+    return ~(_violation(values, _equality(problem, solution)) <= told)
 
 
 def _equality(problem: Problem, solution: Solution) -> Mask:

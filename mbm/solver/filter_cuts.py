@@ -2,7 +2,8 @@
 
 In the coordinates in which the distribution is a standard normal one a cut acts along one direction u alone: the mean
 goes by ν along u, and the variance along u becomes τ. So the factor U becomes ``U + (√τ − 1) u (uᵀU)``, which
-stays a factor. An equality leaves no variance along u.
+stays a factor. An equality leaves no variance along u: it is a measurement without noise, and adds the square of its
+innovation, over its variance, to the cost.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from mbm.solver.filter_records import Walk
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
 from mbm.solver.manifolds import retract
 from mbm.solver.truncation import cut_mean, cut_variance
+
+KNOWN_BEFORE = 1e-24
+"""A variance that is this share of all variances is the rounding of a cut before, and no measurement."""
 
 
 def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) -> None:
@@ -40,6 +44,8 @@ def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) 
             return
         shift = cut_mean(distance)
         left = sqrt(cut_variance(distance))
+    elif square > KNOWN_BEFORE * dot(n * n, walk.factor, walk.factor) * dot(n, slope, slope):
+        walk.last_cost += distance * distance
     filled(n, 0.0, walk.along)
     for i in range(n):
         add_multiple(n, direction[i] / deviation, walk.factor[i * n :], walk.along)

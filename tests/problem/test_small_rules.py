@@ -128,3 +128,42 @@ def test_inputs_of_generated_functions_are_called_as_their_columns():
         for name in (Foreign("speed"), None)
     ]
     assert [input_name(cell).unescaped for cell in cells] == ["speed", "row"]
+
+
+QUALIFIED = (
+    "(problem p (data d (table (g t y) (1 0s 1) (1 1s 2) (2 0s 4) (2 1s 6))) {} (observe d (= y {}) :sigma 1) {})"
+)
+
+
+@pytest.mark.parametrize(
+    ("clauses", "model", "more"),
+    [
+        ("(unknowns (x))", "x", "(for-each {}g)"),
+        ("(unknowns (x))", "x", "(window {}t :length 2s :step 1s)"),
+        ("(states :over {}t (x :init 0 :sigma 9)) (dynamics (random-walk x :sigma 1))", "x", "(solve :method ekf)"),
+    ],
+)
+def test_columns_that_choose_rows_may_be_written_with_their_table(clauses, model, more):
+    plain, qualified = (
+        mbm.loads(QUALIFIED.format(clauses.format(name), model, more.format(name))).solve() for name in ("", "d.")
+    )
+    assert [s.key for s in plain.solves] == [s.key for s in qualified.solves]
+    assert [np.asarray(s["x"].value).tolist() for s in plain.solves] == [
+        np.asarray(s["x"].value).tolist() for s in qualified.solves
+    ]
+
+
+def test_a_qualified_column_that_its_table_has_not_is_named_and_nothing_that_follows_from_it():
+    text = QUALIFIED.format("(states :over d.s (x :init 0 :sigma 9))", "x", "(solve :method ekf)")
+    (diagnostic,) = refused(text).diagnostics
+    assert diagnostic.message == "`s` is no column of `d`"
+
+
+def test_a_member_is_picked_by_one_key():
+    found = refused(QUALIFIED.format("(unknowns (x :per d.g))", "(x g t)", "")).diagnostics
+    assert [each.message for each in found] == ["`(x g)` is a number, which cannot be indexed"]
+
+
+def test_keys_that_are_whole_numbers_are_suggested_as_they_are_written():
+    found = refused(QUALIFIED.format("(unknowns (x :per d.g))", "(x g)", "(derive (z (x 11)))")).diagnostics
+    assert [each.hint for each in found] == ["did you mean `1`?"]

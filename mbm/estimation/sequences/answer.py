@@ -94,7 +94,7 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         robust_cost=track.cost if equations.lossy else None,
         tally=None,
         origin="the prior of the first step",
-        observability=_observability(len(free), lost, np.isfinite(sigma)),
+        observability=_observability(lost, np.isfinite(sigma), _scale(walked)[free]),
         covariance=covariance,
         derived_covariance=derived_covariance,
         derived=derived,
@@ -185,13 +185,26 @@ def _covariance(walked: Walked, free: Indices, sigma: Floats) -> Covariance:
     return Covariance(matrix=found, sigma=sigma, factor=factor, reason=ONE_AT_A_TIME if track.made > 1 else None)
 
 
-def _observability(size: int, lost: int, estimable: Mask) -> Observability:
+def _scale(walked: Walked) -> Floats:
+    """One over the largest deviation that a coordinate (M,) has before the rows or at a step; 1 without one."""
+    places, track = walked.told.places, walked.track
+    before = np.sqrt(np.diag(walked.prior.covariance))
+    deviations = np.sqrt(np.square(track.factors[: track.made]).sum(axis=1))
+    deviations[track.touched[: track.made]] = 0.0
+    largest = np.vstack([before, deviations]).max(axis=0)
+    found = np.ones(len(walked.told.equations.layout.number))
+    found[places.coordinates[:, places.free]] = 1.0 / np.where(largest > 0.0, largest, 1.0)
+    return found
+
+
+def _observability(lost: int, estimable: Mask, scale: Floats) -> Observability:
+    size = len(scale)
     return Observability(
         dimension=size,
         rank=size - lost,
         condition=float("nan"),
         singular_values=np.zeros(0),
-        scale=np.ones(size),
+        scale=scale,
         row_space=np.zeros((size, 0)),
         null_space=np.zeros((size, 0)),
         combinations=(),

@@ -24,6 +24,7 @@ from mbm.problem.reading.estimators import (
     named_estimator,
     read_enclosing,
 )
+from mbm.problem.reading.named_columns import named_column
 from mbm.problem.reading.robust import read_consensus, read_trust
 from mbm.problem.reading.unknowns import stated_numbers
 from mbm.problem.requests import GivenStarts, RandomStarts
@@ -104,12 +105,10 @@ def _columns(work: Workspace, clauses: list[Sequence]) -> dict[str, Span]:
             raise MbmError(
                 language_faults.bad_form(form.span, "`for-each` takes names of columns", "(for-each column…)")
             )
-        if not any(form.name in table.columns for table in work.tables.values()):
-            every = tuple(dict.fromkeys(c for table in work.tables.values() for c in table.columns))
-            raise MbmError(faults.unknown_column(form.span, form.name, "any table", every))
-        if form.name in found:
-            raise MbmError(language_faults.duplicate_definition(form.span, form.name, found[form.name]))
-        found[form.name] = form.span
+        column = named_column(work, form)
+        if column in found:
+            raise MbmError(language_faults.duplicate_definition(form.span, column, found[column]))
+        found[column] = form.span
     return found
 
 

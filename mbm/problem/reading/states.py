@@ -14,6 +14,7 @@ from mbm.problem.joining import with_families
 from mbm.problem.naming import PRIOR
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.declarations import Declaration, components, read_declaration
+from mbm.problem.reading.named_columns import named_column
 from mbm.problem.scopes import Entry, Steps
 from mbm.problem.sequence.types import INTERVAL, PREVIOUS, RATE, State
 from mbm.problem.tables import ROW
@@ -173,16 +174,11 @@ def _steps(work: Workspace, form: Form) -> Family:
     """The family over the steps: the values of a column in all tables that have it."""
     if not isinstance(form, Symbol):
         raise MbmError(language_faults.bad_form(form.span, "`:over` names a column, or a table with a key", USAGE))
-    column = form.name
-    if column in work.tables:
-        key = work.tables[column].key
-        if key is None:
-            raise MbmError(faults.table_without_key(form.span, column))
-        column = key
+    named = work.tables.get(form.name)
+    if named is not None and named.key is None:
+        raise MbmError(faults.table_without_key(form.span, form.name))
+    column = named_column(work, form) if named is None or named.key is None else named.key
     sources = tuple((name, column) for name, table in work.tables.items() if column in table.columns)
-    if not sources:
-        every = tuple(dict.fromkeys(c for table in work.tables.values() for c in table.columns))
-        raise MbmError(faults.unknown_column(form.span, column, "any table", every))
     for name, _ in sources:
         table = work.tables[name]
         cells = table.columns[column]

@@ -7,6 +7,7 @@ from mbm.language.coerce import integer
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import split_options
+from mbm.problem.reading.named_columns import named_column
 from mbm.problem.reading.pairs import stretch
 from mbm.problem.requests import Window
 from mbm.text.types import MbmError, Sequence, Symbol
@@ -25,22 +26,20 @@ def read_window(work: Workspace, clauses: list[Sequence], for_each: tuple[str, .
     options = split_options(clause.items[1:], clause.span, owner="`window`", known=("length", "step", "min-rows"))
     if len(options.positional) != 1 or not isinstance(options.positional[0], Symbol):
         raise MbmError(language_faults.bad_form(clause.span, "`window` names one column", USAGE))
-    column = options.positional[0]
+    named = options.positional[0]
     length, step = options.get("length"), options.get("step")
     if length is None or step is None:
         raise MbmError(language_faults.bad_form(clause.span, "`window` wants a length and a step", USAGE))
-    tables = tuple(table for table in work.tables.values() if column.name in table.columns)
-    if not tables:
-        every = tuple(dict.fromkeys(c for table in work.tables.values() for c in table.columns))
-        raise MbmError(faults.unknown_column(column.span, column.name, "any table", every))
+    column = named_column(work, named)
+    tables = tuple(table for table in work.tables.values() if column in table.columns)
     for table in tables:
-        cells = table.columns[column.name]
+        cells = table.columns[column]
         if cells.is_text:
             position = cells.first_text() or 0
-            place = table.place(position, column.name)
-            raise MbmError(faults.bad_time(place, column.name, str(cells.cell(position)), column.span))
-    if column.name in for_each:
-        raise MbmError(language_faults.duplicate_definition(column.span, column.name, clause.span))
+            place = table.place(position, column)
+            raise MbmError(faults.bad_time(place, column, str(cells.cell(position)), named.span))
+    if column in for_each:
+        raise MbmError(language_faults.duplicate_definition(named.span, column, clause.span))
     rows = options.get("min-rows")
     wanted = "a whole number (`:min-rows`)"
     count = 1 if rows is None else integer(work.evaluator.wanted(rows, work.scope), rows.span, wanted)
@@ -48,9 +47,9 @@ def read_window(work: Workspace, clauses: list[Sequence], for_each: tuple[str, .
         where = rows.span if rows is not None else clause.span
         raise MbmError(language_faults.bad_form(where, "`:min-rows` is a whole number from 1 on", USAGE))
     return Window(
-        column=column.name,
-        length=stretch(work, length, tables, column.name, ":length"),
-        step=stretch(work, step, tables, column.name, ":step"),
+        column=column,
+        length=stretch(work, length, tables, column, ":length"),
+        step=stretch(work, step, tables, column, ":step"),
         min_rows=count,
         span=clause.items[0].span,
     )

@@ -175,6 +175,26 @@ def test_an_equality_holds_in_filters():
     assert found["b"].sigma == pytest.approx(found["c"].sigma, rel=1e-10)
 
 
+STEADY = """(problem steady
+  (data d (table (t y) (0 0.1) (1 0.9) (2.5 2.2) (4 4.5) (7 6.8)))
+  (states :over t (x :init 0 :sigma 2) (z :init 1 :sigma 1))
+  (dynamics (constant-velocity x :acceleration 0.5 :velocity 0 :velocity-sigma 1) (static z))
+  (observe d (= y (+ x z)) :sigma 0.2)
+  (constraints {constraint})
+  (solve :method {method}))"""
+
+
+@pytest.mark.parametrize(
+    "constraint", ["(= x 0.5 :at first)", "(= (rate x) 1)", "(= z 0)", "(= (+ x z) (* 2 z) :at first)"]
+)
+def test_an_equality_adds_its_innovation_to_the_cost_of_a_filter(constraint):
+    """For linear problems Σ vᵀS⁻¹v is the least weighted sum; an equation met to rounding is met."""
+    filtered = mbm.loads(STEADY.format(constraint=constraint, method="ekf")).solve()
+    batch = mbm.loads(STEADY.format(constraint=constraint, method="batch")).solve()
+    assert filtered.status == "ok"
+    assert filtered.cost == pytest.approx(batch.cost, rel=1e-6)  # batch has the noise-free part by a small variance
+
+
 def test_a_loss_holds_an_outlier_down():
     wrong = walk("iterated-ekf", observe="(= y (+ x b)) :sigma s :loss (huber 1.5)").replace("(11 ", "(11 9", 1)
     found = Found(wrong)
