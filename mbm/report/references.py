@@ -17,8 +17,8 @@ from mbm.equations.layout import Layout
 from mbm.equations.losses import loss_function
 from mbm.equations.selection import Selection, selections
 from mbm.equations.types import Floats, Indices, Mask, Reason
-from mbm.estimation.batches.forms import recognised
 from mbm.estimation.consensus.agreeing import agreed, agreed_anywhere
+from mbm.estimation.consensus.recognised import recognised
 from mbm.estimation.consensus.types import Asked, observed
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.search.multistart import starting_points

@@ -305,6 +305,12 @@ def settle_lower(problem: Problem, start: ConstantReals, form: RangeForm, work: 
     work.evaluations = evaluations
 
 
+def place_of_ranges(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> None:
+    """The best place that the ranges of a solve that was started give, as an answer: its numbers and its cost."""
+    work.answer.results[COST] = best_of_ranges(problem, start, form, work)
+    copied(problem.numbers, form.point, work.answer.numbers)
+
+
 def solve_many(solves: Solves) -> None:
     """Solves of a batch, each from beginning to end, with the scratch of one thread."""
     problem = solves.problem

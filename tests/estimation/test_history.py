@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import least_squares
 
 import mbm
+from mbm.estimation.starts.closed_forms.multilateration import Multilateration
 
 PLACE = """(problem place
   (data r external)
@@ -50,6 +52,65 @@ def test_where_no_closed_form_was_found_a_fit_that_stated_noise_does_not_explain
     compiled.kept.compilation.cache.without_closed_form.add((("p",), (8,)))
     after = compiled.solve().solves[0]
     np.testing.assert_array_equal(after.estimates[0].value, alone.estimates[0].value)
+
+
+PLANE = """(problem place
+  (data r external)
+  (unknowns (p (vector 2) :init [1 -2]))
+  (observe r (= d (distance p [x y])) :sigma 1cm))"""
+
+
+def stations_in_a_row(count, seed):
+    """Ranges from a row of stations that is hardly bent: its mirror image is a minimum that costs more."""
+    generator = np.random.default_rng(seed)
+    along, across = np.linspace(0, 5, count), 0.2 * generator.uniform(-1, 1, count)
+    true = np.array([2.0, generator.choice([-3.0, 3.0])])
+    distances = np.hypot(along - true[0], across - true[1]) + 0.01 * generator.normal(size=count)
+    return {"r": {"x": along, "y": across, "d": distances}}, true
+
+
+def best_by_scipy(table):
+    """The lowest minimum that MINPACK reaches from both sides, and its sum of squares."""
+
+    def away(p):
+        return (np.hypot(table["x"] - p[0], table["y"] - p[1]) - table["d"]) / 0.01
+
+    found = [least_squares(away, [2.0, side], method="lm", xtol=1e-14, ftol=1e-14) for side in (-3.0, 3.0)]
+    best = min(found, key=lambda each: each.cost)
+    return best.x, 2.0 * best.cost
+
+
+def test_ranges_that_were_recognised_in_earlier_data_sets_still_beat_a_start_on_the_wrong_side():
+    problem = mbm.loads(PLANE)
+    compiled = problem.compile(data=stations_in_a_row(7, 0)[0])
+    sides = set()
+    for seed in range(8):
+        data, true = stations_in_a_row(7 + seed % 3, seed)
+        solved = compiled.solve(data=data)
+        place, cost = best_by_scipy(data["r"])
+        sides.add(true[1])
+        assert solved.first.status == "converged"
+        # Both end where the relative offset is below 1e-8: of a millimetre or so of standard deviation.
+        np.testing.assert_allclose(solved["p"].value, place, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(solved.cost, cost, rtol=1e-9)
+        np.testing.assert_array_equal(solved["p"].value, problem.compile(data=data).solve()["p"].value)
+    assert sides == {-3.0, 3.0}
+
+
+def test_ranges_are_recognised_once_for_data_sets_of_any_number_of_rows(monkeypatch):
+    """From the second data set on nobody looks for closed forms where no other place is better than what was found."""
+    problem = mbm.loads(PLANE)
+    compiled = problem.compile(data=stations_in_a_row(7, 0)[0])
+    found = []
+    below = [seed for seed in range(20) if stations_in_a_row(7, seed)[1][1] < 0.0]
+    asked = Multilateration.recognises
+    monkeypatch.setattr(Multilateration, "recognises", lambda *given: found.append(given) or asked(*given))
+    counts = []
+    for seed in below[:4]:
+        compiled.solve(data=stations_in_a_row(7 + seed % 3, seed)[0])
+        counts.append(len(found))
+    assert counts[0] > 0
+    assert counts[1] == counts[2] == counts[3]
 
 
 class Asked:

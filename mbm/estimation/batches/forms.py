@@ -17,15 +17,13 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Which
-from mbm.estimation.consensus.forms import KnownForm, form_of
+from mbm.estimation.consensus.recognised import Recognised, recognised
 from mbm.estimation.settings import Settings
-from mbm.estimation.starts.closed_forms.minimal import minimal_solver
 from mbm.estimation.starts.closed_forms.multilateration import Spheres
 from mbm.estimation.starts.closed_forms.pose_from_points import Sights
 from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.solver.decisions import plausible
-from mbm.solver.range_maps import RangeMaps
 from mbm.values import dataclass
 
 
@@ -145,58 +143,14 @@ def _best(points: Floats, costs: Floats) -> tuple[Floats, Floats]:
     return found, np.take_along_axis(costs, best[:, None], axis=1)[:, 0]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Recognised:
-    """A closed form that was recognised in the equations of one solve, ``first``, and gives all numbers of such."""
-
-    first: Assembled
-    form: KnownForm
-    plan: Plan
-
-    def of_all(self, systems: Systems, told: Floats, precision: Floats) -> Formed:
-        """The form for ``systems``; ``told`` (units, width) and ``precision`` (units,), 1/σ², are of all units."""
-        return Formed(
-            systems=systems,
-            plan=_of_all(self.plan, told, precision),
-            known=np.asarray(np.isfinite(told).all(axis=1)),
-            base=self.first.numbers,
-        )
-
-    def ranges(self, *, stated: bool) -> RangeMaps | None:
-        """What the solver compares starts with, where the form is that of ranges; ``stated``: the noise is."""
-        data = self.plan.data
-        if not isinstance(data, Spheres):
-            return None
-        places, maps = self.form.tables(self.first, (True,) * len(self.first.groups), open_ones=True)
-        return RangeMaps(
-            dimension=len(data.point),
-            offset=data.offset is not None,
-            even=data.even,
-            rooted=self.form.rooted,
-            places=self.form.form.about[3:],
-            map_places=places,
-            maps=maps,
-            fixed=tuple(self.form.fixed.tolist()),
-            values=tuple(self.first.numbers[self.form.fixed].tolist()),
-            held=self.form.held,
-            stated=stated,
-        )
-
-
-@np.errstate(all="ignore")
-def recognised(first: Assembled, settings: Settings) -> Recognised | None:
-    """The closed form that gives all numbers of the equations of one solve; None if it is not known from the rows."""
-    forms = settings.closed_forms
-    solver = minimal_solver(first, first.numbers, forms)
-    if solver is None or not solver.foremost:
-        return None  # others come first, and leave numbers to it
-    known = form_of(first, solver, forms)
-    if known is None or known.maps is None:
-        return None
-    candidate = solver.plan.candidate
-    if candidate.flat and bool((candidate.angles & np.isfinite(first.layout.lower[candidate.coordinates[0]])).any()):
-        return None  # which turn of an angle lies within its bounds is found out one by one
-    return Recognised(first=first, form=known, plan=solver.plan)
+def of_all(found: Recognised, systems: Systems, told: Floats, precision: Floats) -> Formed:
+    """A form for ``systems``; ``told`` (units, width) and ``precision`` (units,), 1/σ², are of all units."""
+    return Formed(
+        systems=systems,
+        plan=_of_all(found.plan, told, precision),
+        known=np.asarray(np.isfinite(told).all(axis=1)),
+        base=found.first.numbers,
+    )
 
 
 def recognised_in(stack: Stack, first: Assembled, settings: Settings) -> Recognised | None:
@@ -212,7 +166,7 @@ def formed(stack: Stack, found: Recognised, settings: Settings) -> Formed | None
     """The closed form for all solves of a stack in which it was recognised; None where rows have to be probed."""
     equations = stack.equations
     told = found.form.of_rows(equations, (True,) * len(equations.groups), settings.closed_forms, exact=True)
-    return None if told is None else found.of_all(_Stacked(stack=stack), told, precisions(equations))
+    return None if told is None else of_all(found, _Stacked(stack=stack), told, precisions(equations))
 
 
 def precisions(equations: Assembled) -> Floats:

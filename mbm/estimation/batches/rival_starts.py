@@ -8,9 +8,10 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.batches.forms import Recognised, precisions, recognised
+from mbm.estimation.batches.forms import of_all, precisions
 from mbm.estimation.batches.stream_ends import StreamEnds
 from mbm.estimation.batches.types import Which
+from mbm.estimation.consensus.recognised import Recognised, recognised
 from mbm.estimation.minimise.native.system import NativeSystem, system_of
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.thinning import ENOUGH
@@ -57,7 +58,7 @@ class Rivals:
             return which, np.empty((0, found.numbers.shape[1]))
         told = self.form.form.of_parameters(equations, parameters[which])
         sets = _DataSets(equations=equations, system=replace(self.costs, rows=system.rows), numbers=which)
-        formed = self.form.of_all(sets, told, np.tile(precisions(equations), len(which)))
+        formed = of_all(self.form, sets, told, np.tile(precisions(equations), len(which)))
         points, least = formed.best(np.arange(len(which)))
         below = (least < found.cost[which]) | (found.strained[which] & np.isfinite(least))
         return which[below], points[below]

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.forms import Recognised
+from mbm.estimation.consensus.recognised import Recognised
 from mbm.estimation.minimise.native.system import NativeSystem
 from mbm.estimation.starts.closed_forms.multilateration import Spheres
 from mbm.solver import description as of

@@ -36,7 +36,8 @@ from mbm.text.types import MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.estimation.batches.forms import Formed, Recognised
+    from mbm.estimation.batches.forms import Formed
+    from mbm.estimation.consensus.recognised import Recognised
     from mbm.solver.range_maps import RangeMaps
 
 

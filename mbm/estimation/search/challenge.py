@@ -7,7 +7,7 @@ drags the camera with it, and is seen rightly even by that camera.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -33,6 +33,7 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.estimation.starts.closed_forms.completion import Completion
+    from mbm.solver.range_maps import RangeMaps
 
 FROM_A_SAMPLE = 1e-2
 """Share of the cost by which an answer from a sample of the rows may lie above the minimum near it."""
@@ -66,11 +67,20 @@ class Challenge:
     forms recognise is found by probing the data, and one that fails on these may succeed on the next.
     """
 
-    def __init__(self, equations: Assembled, settings: Settings, problem: Problem, cache: EvaluationCache) -> None:
+    def __init__(
+        self,
+        equations: Assembled,
+        settings: Settings,
+        problem: Problem,
+        cache: EvaluationCache,
+        ranges: Callable[[], RangeMaps | None] = lambda: None,
+    ) -> None:
+        """``ranges`` gives those that were recognised in data sets before, if they give all numbers."""
         self._equations = equations
         self._settings = settings
         self._problem = problem
         self._cache = cache
+        self._ranges = ranges
         self._kind = kind_of(equations)
         self._led: Minimum | None = None
 
@@ -111,6 +121,8 @@ class Challenge:
         solved = minimum.reason.converged and bool(np.isfinite(minimum.cost))
         if solved and self._kind in self._cache.without_closed_form and minimum.cost < self._most:
             return found
+        if solved and self._outdone(minimum):
+            return found
         form = self._form
         if form is None:
             if solved and not self._recognised:
@@ -119,8 +131,7 @@ class Challenge:
         if form is None:
             return found
         rounding = rounding_at(self._equations, minimum)
-        away = self._away(minimum, form.numbers)
-        promising = worth_following(minimum.cost, form.cost / form.allowance, away, self._most, rounding)
+        promising = self._promises(minimum, form.numbers, form.cost / form.allowance)
         if not np.isfinite(form.cost) or (minimum.reason.converged and not promising and self._led is None):
             return found
         other = self._led
@@ -132,6 +143,22 @@ class Challenge:
         )
         beaten = rescued or takes_over(minimum.cost, other.cost, rounding)
         return _beaten(worked, other, form.origin) if beaten else worked
+
+    def _outdone(self, minimum: Minimum) -> bool:
+        """Whether ranges that were recognised before lead nowhere else; where they may, all is looked at."""
+        ranges = None if self._led is not None or sparse_suits(self._equations) else self._ranges()
+        if ranges is None:
+            return False
+        # Loaded where many data sets are solved only, so that the others start at once.
+        from mbm.estimation.minimise.native.range_places import place_of_ranges
+
+        place = place_of_ranges(self._equations, ranges, minimum.point, self._settings)
+        return place is not None and bool(np.isfinite(place[1])) and not self._promises(minimum, *place)
+
+    def _promises(self, minimum: Minimum, point: Floats, cost: float) -> bool:
+        """Whether a point of a closed form, of this cost, is worth following beside a minimum."""
+        rounding, away = rounding_at(self._equations, minimum), self._away(minimum, point)
+        return bool(worth_following(minimum.cost, cost, away, self._most, rounding))
 
     @cached_property
     def _reached(self) -> tuple[bool, tuple[Completion, ...]]:

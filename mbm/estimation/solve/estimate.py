@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache as cached
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -23,6 +24,7 @@ from mbm.equations.types import (
     Observability,
     Reason,
 )
+from mbm.estimation.consensus.known_ranges import known_ranges
 from mbm.estimation.consensus.preparation import outliers, prepared, robust_cost, unit_weights
 from mbm.estimation.consensus.rivals import rivals
 from mbm.estimation.consensus.types import Prepared
@@ -122,7 +124,8 @@ def estimate(
         equations = begun_step_by_step(equations, binder, kernels, starts, settings)
     robust = prepared(problem, equations, settings, lambda: starting_points(equations, settings, last))
     equations = robust.equations.with_factors(robust.factors)
-    challenge = Challenge(equations, settings, problem, cache)
+    ranges = partial(known_ranges(cache).of, equations, settings, stated=not problem.estimates_noise)
+    challenge = Challenge(equations, settings, problem, cache, ranges)
     found = challenge.anticipated(robust.starts)
     if found is None:
         found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
