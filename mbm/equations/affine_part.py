@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from mbm.equations.assembly import Assembled
@@ -37,16 +39,27 @@ def affine_coordinates(equations: Assembled, missing: Mask) -> Mask:
 
 def solved_linearly(equations: Assembled, numbers: Floats, coordinates: Mask) -> Floats:
     """``numbers`` with the least squares solution for ``coordinates`` (M,), of least norm where it is not unique."""
+    return linear_solver(equations, numbers, coordinates)(numbers)
+
+
+def linear_solver(equations: Assembled, numbers: Floats, coordinates: Mask) -> Callable[[Floats], Floats]:
+    """What gives any numbers (N,) the least squares solution for ``coordinates`` (M,); ``numbers`` are some of them."""
     layout = equations.layout
     places = np.flatnonzero(coordinates)
-    start = numbers.copy()
-    start[layout.number[places]] = 0.0
-    partial = equations.freed(places, start)
-    residuals, jacobian = partial.plain_residuals(start), partial.plain_jacobian(start)
-    usable = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
-    scale = np.linalg.norm(jacobian[usable], axis=0)
-    scale[scale == 0] = 1.0
-    solution = np.linalg.lstsq(jacobian[usable] / scale, -residuals[usable], rcond=None)[0] / scale
+    zero = numbers.copy()
+    zero[layout.number[places]] = 0.0
+    partial = equations.freed(places, zero)
     positive = layout.positive[places]
-    solution[positive] = np.where(solution[positive] > 0, solution[positive], 1.0)
-    return partial.placed(start, solution)
+
+    def solved(others: Floats) -> Floats:
+        start = others.copy()
+        start[layout.number[places]] = 0.0
+        residuals, jacobian = partial.plain_residuals(start), partial.plain_jacobian(start)
+        usable = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
+        scale = np.linalg.norm(jacobian[usable], axis=0)
+        scale[scale == 0] = 1.0
+        solution = np.linalg.lstsq(jacobian[usable] / scale, -residuals[usable], rcond=None)[0] / scale
+        solution[positive] = np.where(solution[positive] > 0, solution[positive], 1.0)
+        return partial.placed(start, solution)
+
+    return solved

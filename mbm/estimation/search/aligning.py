@@ -1,26 +1,26 @@
 """A tree of poses that nothing ties to the world → where in the world it lies, by what else was measured from it.
 
 Odometry places a whole drive but for one motion, and ranges to known stations, fixes or bearings tell that motion.
-Given it, unknowns that enter linearly (the scale and offset of a radio) are solved for. The motion is looked for at
-random, then nearer and nearer to the best that was found.
+Given it, unknowns that enter linearly (the scale and offset of a radio) are solved for. There may be several: a nearly
+straight drive past stations that stand nearly in a line has a mirror image on their other side. So what a start has led
+to is laid elsewhere, too: which of the places is right, only a solve from each can tell.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.affine_part import affine_coordinates, solved_linearly
+from mbm.equations.affine_part import affine_coordinates
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.excerpt import excerpt
 from mbm.equations.layout import Entry
-from mbm.equations.types import Floats, Indices, Mask
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.search.laying import Tree
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import completions
-from mbm.estimation.starts.closed_forms.motions import origin, product, stepped
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES, relates
 from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.problem.types import UnknownKind
@@ -28,43 +28,62 @@ from mbm.problem.types import UnknownKind
 ENOUGH_UNITS = 600
 """Equations in rows that the motion is judged by."""
 
-TRIALS = {2: 1500, 3: 4000}
-"""Motions tried at random, of the plane and of space."""
-
-NEARER_ROUNDS, NEAR, SHRINKING = 30, 16, 0.8
-"""Rounds of motions near the best one, how many in each, and how much nearer each round is."""
-
-FIRST_TURN, FIRST_SHIFT = 0.3, 0.1
-"""How far those of the first round turn, in rad, and shift, as a share of the reach."""
+LEAST = 3
+"""Poses that more than one motion may suit: two are brought where they should be in one way."""
 
 ORIGIN = "aligned"
 
 
-def aligned(equations: Assembled, numbers: Floats, settings: Settings) -> tuple[Floats, str] | None:
-    """All numbers (N,), from those that are known (NaN: open), and how, in words; None where there is nothing to align.
+def aligned(equations: Assembled, numbers: Floats, settings: Settings) -> tuple[tuple[Floats, str], ...]:
+    """All numbers (N,), from those that are known (NaN: open), and how, in words; none where there is nothing to align.
 
     There is where the motions between all members of one family of poses are measured, none of which is known, other
-    equations speak of them, and what else is open enters these linearly.
+    equations speak of them, and what else is open enters these linearly. The first fits best.
     """
     entry = _loose_family(equations, numbers)
     if entry is None:
-        return None
+        return ()
     apart = [group for group in equations.groups if group.rows and not relates(group, entry)]
     others = [group for group in apart if any(slot.unknown == entry.unknown.name for slot in group.kernel.variables)]
     graph = tuple(group for group in equations.groups if group.rows and relates(group, entry))
     if not others or not graph:
-        return None
+        return ()
     situation = Situation(layout=equations.layout, groups=graph, numbers=numbers)
     found = completions(situation, (RELATIVE_POSES,))[0]
     if bool(np.isnan(found.numbers[entry.range]).any()):
-        return None
+        return ()
     missing = replace(equations.layout, start=found.numbers).missing()
     part = excerpt(equations, np.flatnonzero(missing), _some_units(apart, settings.seed))
     linear = affine_coordinates(part, missing)
     if not bool((linear == missing).all()):
-        return None
-    best = _searched(part, entry, found.numbers, linear, settings)
-    return None if best is None else (best, "; ".join((*found.used, ORIGIN)))
+        return ()
+    origin_of = "; ".join((*found.used, ORIGIN))
+    return tuple((each, origin_of) for each in Tree(part, entry, found.numbers, linear).laid(settings))
+
+
+def laid_elsewhere(equations: Assembled, point: Floats, settings: Settings) -> tuple[Floats, ...]:
+    """All numbers (N,) with the family of poses moved as one to where it fits nearly as well as at a point (N,).
+
+    None where no motions between members are measured, or fewer than three of them are felt by other equations.
+    """
+    families = [
+        e for e in equations.layout.entries if e.unknown.kind is UnknownKind.POSE and e.members >= LEAST and not e.steps
+    ]
+    entry = max(families, key=lambda e: e.members, default=None)
+    if entry is None:
+        return ()
+    graph = [group for group in equations.groups if group.rows and relates(group, entry)]
+    apart = [group for group in equations.groups if group.rows and not relates(group, entry)]
+    if not graph or not apart:
+        return ()
+    of_others = np.zeros(len(equations.layout.number), dtype=bool)
+    of_others[np.concatenate([np.unique(group.columns) for group in apart])] = True
+    of_others[np.concatenate([np.unique(group.columns) for group in graph])] = False
+    of_others[entry.coordinates] = False
+    of_others &= np.isin(np.arange(len(of_others)), equations.free)
+    part = excerpt(equations, np.flatnonzero(of_others), _some_units(apart, settings.seed))
+    tree = Tree(part, entry, point, affine_coordinates(part, of_others))
+    return tree.elsewhere(settings) if tree.felt >= LEAST else ()
 
 
 def _loose_family(equations: Assembled, numbers: Floats) -> Entry | None:
@@ -85,71 +104,3 @@ def _some_units(groups: list[Group], seed: int) -> Indices:
         units = np.unique(group.units)
         found.append(units if len(units) <= ENOUGH_UNITS else generator.choice(units, ENOUGH_UNITS, replace=False))
     return np.sort(np.concatenate(found))
-
-
-@np.errstate(all="ignore")
-def _searched(part: Assembled, entry: Entry, numbers: Floats, linear: Mask, settings: Settings) -> Floats | None:
-    """The numbers with the best motion of the family's members, and the ``linear`` coordinates that go with it."""
-    dimension, size = entry.unknown.dimension, entry.unknown.size
-    tree = numbers[entry.range].reshape(entry.members, size)
-    middle = tree[:, -dimension:].mean(axis=0)
-    still = np.where(np.isnan(numbers), 0.0, numbers)
-    reach = float(np.ptp(tree[:, -dimension:], axis=0).max())
-    for group in part.groups:
-        values = np.abs(group.values(still)) if group.rows else np.zeros(1)
-        reach = max(reach, float(np.max(values[np.isfinite(values)], initial=0.0)))
-
-    def placed(motion: Floats) -> Floats:
-        """All numbers with the tree turned about its middle and shifted."""
-        about = tree.copy()
-        about[:, -dimension:] -= middle
-        moved = product(entry, np.tile(motion, (entry.members, 1)), about)
-        moved[:, -dimension:] += middle
-        result = numbers.copy()
-        result[entry.range] = moved.ravel()
-        return solved_linearly(part, result, linear) if linear.any() else result
-
-    def cost(motion: Floats) -> float:
-        value = float(np.square(part.plain_residuals(placed(motion))).sum())
-        return value if np.isfinite(value) else np.inf
-
-    best = _nearest(entry, cost, reach, np.random.default_rng(settings.seed), settings.stopped)
-    return None if best is None else placed(best)
-
-
-def _nearest(
-    entry: Entry,
-    cost: Callable[[Floats], float],
-    reach: float,
-    generator: np.random.Generator,
-    stopped: Callable[[], bool],
-) -> Floats | None:
-    """The motion (s,) of least cost; None where none has a value."""
-    dimension, freedom = entry.unknown.dimension, entry.unknown.freedom
-    best, least = None, np.inf
-    steps = np.zeros((TRIALS[dimension], freedom))
-    steps[:, freedom - dimension :] = generator.uniform(-reach, reach, (len(steps), dimension))
-    motions = stepped(entry, np.tile(origin(entry), (len(steps), 1)), steps)
-    if dimension == 2:
-        motions[:, 0] = generator.uniform(-np.pi, np.pi, len(steps))
-    else:
-        turns = generator.normal(size=(len(steps), 4))
-        motions[:, :4] = turns / np.linalg.norm(turns, axis=1, keepdims=True)
-    for motion in motions:
-        value = cost(motion)
-        if value < least:
-            best, least = motion, value
-        if stopped():
-            return best
-    scale = np.full(freedom, FIRST_TURN)
-    scale[freedom - dimension :] = FIRST_SHIFT * reach
-    for _ in range(NEARER_ROUNDS):
-        if best is None or stopped():
-            break
-        for step in generator.normal(size=(NEAR, freedom)) * scale:
-            motion = stepped(entry, best[None], step[None])[0]
-            value = cost(motion)
-            if value < least:
-                best, least = motion, value
-        scale = scale * SHRINKING
-    return best

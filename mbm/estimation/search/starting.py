@@ -88,9 +88,9 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 
     wanted_numbers = np.where(open_ones, np.nan, numbers)
-    tied = aligned(equations, wanted_numbers, settings) if settings.closed_forms else None
-    if tied is not None:
-        return (Beginning(point=tied[0], origin=tied[1]),)
+    tied = aligned(equations, wanted_numbers, settings) if settings.closed_forms else ()
+    if tied:
+        return tuple(Beginning(point=point, origin=origin) for point, origin in tied)
     situation = Situation(layout=layout, groups=equations.groups, numbers=wanted_numbers, most=ENOUGH)
     found = completions(situation, settings.closed_forms)
     most = min(int(np.isnan(c.numbers).sum()) for c in found)

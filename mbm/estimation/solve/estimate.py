@@ -51,7 +51,7 @@ from mbm.estimation.uncertainty.observability import observed_at
 from mbm.estimation.uncertainty.statistics import Statistics, statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import Problem
+from mbm.problem.types import Problem, UnknownKind
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
@@ -130,6 +130,11 @@ def estimate(
     if found is None:
         found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
         found = challenge.answered(found)
+    if any(entry.unknown.kind is UnknownKind.POSE and entry.members > 1 for entry in equations.layout.entries):
+        # Loaded by families of poses only, so that the others start at once.
+        from mbm.estimation.search.rival_places import with_rival_places
+
+        found = with_rival_places(equations, found, settings, problem)
     end = reached(problem, robust, settings, found)
     run = Run(
         problem=problem, kernels=kernels, tables=tables, key=key, settings=settings, equations=equations, binder=binder
@@ -236,7 +241,7 @@ def _others(
     others = end.others
     if alone:
         agrees = derived_agreement(run.problem, run.binder, run.kernels)
-        others = minima_beside(equations, about, run.settings, run.problem, agrees)
+        others = (*others, *minima_beside(equations, about, run.settings, run.problem, agrees))
     return others, rivals(run.problem, minimum, others, about.most)
 
 
