@@ -289,7 +289,7 @@ def test_derivatives_of_patterns(pattern):
         steps = 1e-6 * np.eye(len(at))
         numeric = [(value(at + step) - value(at - step)) / 2e-6 for step in steps]
         _, by_place, by_shape = pattern(at[None, :-2], at[None, -2:-1], at[None, -1:])
-        np.testing.assert_allclose([*by_shape[0, 0], *by_place[0, 0]], numeric, atol=2e-5)
+        np.testing.assert_allclose([*by_shape[0, :, 0], *by_place[0, :, 0]], numeric, atol=2e-5)
 
 
 def test_a_camera_is_calibrated_from_a_board_of_circles(clean, tmp_path):

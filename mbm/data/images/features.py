@@ -32,7 +32,16 @@ _NODES = _NODES + 0.5
 _FARTHEST, _STEPS = 6.0, 64
 _TABLE_AT = np.arange(-_FARTHEST * _STEPS, _FARTHEST * _STEPS + 1) / _STEPS
 _TABLE = np.array([exact_erf(x) for x in _TABLE_AT.tolist()])
-_TABLE_SLOPES = 2 / np.sqrt(np.pi) * np.exp(-(_TABLE_AT**2)) / _STEPS
+
+
+def _cubics() -> tuple[Floats, ...]:
+    """Hermite's cubics between the tabled values: coefficients of 1, t, t², t³, each contiguous."""
+    rise, slopes = np.diff(_TABLE), 2 / np.sqrt(np.pi) * np.exp(-(_TABLE_AT**2)) / _STEPS
+    first, last = slopes[:-1], slopes[1:]
+    return _TABLE[:-1], first, 3 * rise - 2 * first - last, first + last - 2 * rise
+
+
+_CUBICS = _cubics()
 
 
 def erf(x: Floats) -> Floats:
@@ -40,13 +49,14 @@ def erf(x: Floats) -> Floats:
 
     The import of SciPy's takes as long as the fits of ten images.
     """
-    at = (np.clip(x, -_FARTHEST, _FARTHEST) + _FARTHEST) * _STEPS
-    before = np.clip(at.astype(np.intp), 0, len(_TABLE) - 2)  # of NaN too, which stays NaN below
-    t = at - before
-    low, high = _TABLE[before], _TABLE[before + 1]
-    first, last = _TABLE_SLOPES[before], _TABLE_SLOPES[before + 1]
-    step = high - low
-    return np.asarray(low + t * (first + t * (3 * step - 2 * first - last + t * (first + last - 2 * step))))
+    t = (np.minimum(np.maximum(x, -_FARTHEST), _FARTHEST) + _FARTHEST) * _STEPS
+    before = np.minimum(t.astype(np.int32), len(_TABLE) - 2)  # of NaN something, to which t stays NaN below
+    t -= before
+    found = _CUBICS[3].take(before, mode="clip")
+    for each in _CUBICS[2::-1]:
+        found *= t
+        found += each.take(before, mode="clip")
+    return np.asarray(found)
 
 
 def crossing(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
@@ -73,7 +83,7 @@ def corner(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Fl
     blurred = erf(edges.a / _ROOT) + erf(edges.b / _ROOT)
     by_a, by_b = (_SLOPE * np.exp(-each * each / 2) for each in (edges.a, edges.b))
     by_place = by_place + edges.along(by_a, by_b)
-    turned = np.stack([by_a * edges.a_turned, by_b * edges.b_turned, -edges.a * by_a - edges.b * by_b], axis=2)
+    turned = np.stack([by_a * edges.a_turned, by_b * edges.b_turned, -edges.a * by_a - edges.b * by_b], axis=1)
     return (1 + blurred + value) / 4, by_place / 4, (by_shape + turned) / 4
 
 
@@ -108,8 +118,8 @@ class _Edges:
         )
 
     def along(self, by_a: Floats, by_b: Floats) -> Floats:
-        """The derivative by x and y (n, pixels, 2) of what has these derivatives by a and b."""
-        return np.asarray(by_a[:, :, None] * self.a_place + by_b[:, :, None] * self.b_place)
+        """The derivative by x and y (n, 2, pixels) of what has these derivatives by a and b."""
+        return np.asarray(by_a[:, None] * self.a_place + by_b[:, None] * self.b_place)
 
     def expected(self) -> tuple[Floats, Floats, Floats]:
         """E[sgn(a + g) sgn(b + h)], and its derivatives."""
@@ -122,7 +132,7 @@ class _Edges:
         by_b = _SLOPE * np.exp(-b * b / 2) * erf((a - correlation * b) / (_ROOT * root))
         turned = _by_correlation(a, b, correlation) * self.sine
         shape = [by_a * self.a_turned + turned, by_b * self.b_turned - turned, -a * by_a - b * by_b]
-        return np.asarray(value), self.along(by_a, by_b), np.stack(shape, axis=2)
+        return np.asarray(value), self.along(by_a, by_b), np.stack(shape, axis=1)
 
 
 def disc(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
@@ -148,8 +158,8 @@ def disc(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floa
         2 * y * down,
     )
     parts = [slope * (by_q * dq + by_w * dw) for dq, dw in zip(q_by, w_by, strict=True)]
-    by_shape = np.stack([*parts[2:], -slope * distance], axis=2)
-    return np.asarray(erf(distance / _ROOT)), np.stack(parts[:2], axis=2), by_shape
+    by_shape = np.stack([*parts[2:], -slope * distance], axis=1)
+    return np.asarray(erf(distance / _ROOT)), np.stack(parts[:2], axis=1), by_shape
 
 
 def edge(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
@@ -166,14 +176,14 @@ def edge(parameters: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floa
     distance = straight + bend * bent
     slope = _SLOPE * np.exp(-distance * distance / 2)
     blurred = -straight + bend * (x * x / s - s) / 2
-    by_shape = np.stack([slope * turned, slope * bent, slope * blurred], axis=2)
-    return np.asarray(erf(distance / _ROOT)), slope[:, :, None] * place[:, :, 1:], by_shape
+    by_shape = np.stack([slope * turned, slope * bent, slope * blurred], axis=1)
+    return np.asarray(erf(distance / _ROOT)), slope[:, None] * place[:, 1:], by_shape
 
 
 def _distance(angle: Floats, blur: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-    """The distance (n, p) from an edge at ``angle`` in units of s; its derivatives by the angle, and by x, y."""
+    """The distance (n, p) from an edge at ``angle`` in units of s; derivatives by the angle, and by x, y (n, 2, 1)."""
     c, s, scale = np.cos(angle), np.sin(angle), np.exp(-blur)
-    by_place = np.stack([np.broadcast_to(-s * scale, x.shape), np.broadcast_to(c * scale, x.shape)], axis=2)
+    by_place = np.stack([-s * scale, c * scale], axis=1)
     return (c * y - s * x) * scale, -(c * x + s * y) * scale, by_place
 
 

@@ -31,7 +31,7 @@ Image: TypeAlias = Grey | NDArray[np.int16]
 
 Pattern: TypeAlias = Callable[[Floats, Floats, Floats], tuple[Floats, Floats, Floats]]
 """Values (n, pixels) of a pattern with parameters (n, k) at x, y (n, pixels) from its point; their derivatives with
-respect to x and y (n, pixels, 2), or y alone (n, pixels, 1) in strips, and to the parameters (n, pixels, k)."""
+respect to x and y (n, 2, pixels), or y alone (n, 1, pixels) in strips, and to the parameters (n, k, pixels)."""
 
 MOST_TRIALS = 60
 LEAST_MOVE = 1e-4
@@ -237,7 +237,7 @@ def _with_background(patches: Patches, pixels: _Pixels, pattern: Pattern) -> Flo
 
 
 def _linearised(parameters: Floats, pixels: _Pixels, pattern: Pattern, dimension: int) -> tuple[Floats, Floats]:
-    """Residuals (n, pixels), model less image, and their Jacobian (n, pixels, k); zero where pixels do not count.
+    """Residuals (n, pixels), model less image, and their derivatives (n, k, pixels); zero where pixels do not count.
 
     The first ``dimension`` parameters are how far the point has moved: along x and y, or along y alone.
     """
@@ -248,10 +248,14 @@ def _linearised(parameters: Floats, pixels: _Pixels, pattern: Pattern, dimension
     value, by_place, by_shape = pattern(shape, x, y)
     model = level + along * pixels.x + down * pixels.y + contrast * value
     residuals = (model - pixels.grey) * pixels.counts
-    steep = contrast[:, :, None]
-    background = np.stack([np.ones_like(value), pixels.x, pixels.y, value], axis=2)
-    jacobian = np.concatenate([-steep * by_place, steep * by_shape, background], axis=2)
-    return residuals, jacobian * pixels.counts[:, :, None]
+    steep = (contrast * pixels.counts)[:, None]
+    jacobian = np.empty((len(x), parameters.shape[1], x.shape[1]))
+    np.multiply(-steep, by_place, out=jacobian[:, :dimension])
+    np.multiply(steep, by_shape, out=jacobian[:, dimension:-BACKGROUND])
+    jacobian[:, -BACKGROUND] = pixels.counts
+    for row, by_background in enumerate((pixels.x, pixels.y, value), 1 - BACKGROUND):
+        np.multiply(pixels.counts, by_background, out=jacobian[:, row])
+    return residuals, jacobian
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -278,9 +282,8 @@ class _Sums:
 
 def _summed(parameters: Floats, pixels: _Pixels, pattern: Pattern, dimension: int) -> _Sums:
     residuals, jacobian = _linearised(parameters, pixels, pattern, dimension)
-    turned = jacobian.transpose(0, 2, 1)
-    squares, gradient = (residuals**2).sum(axis=1), (turned @ residuals[:, :, None])[:, :, 0]
-    normal = turned @ jacobian
+    squares, gradient = (residuals**2).sum(axis=1), (jacobian @ residuals[:, :, None])[:, :, 0]
+    normal = jacobian @ jacobian.transpose(0, 2, 1)
     shape = np.arange(dimension, parameters.shape[1] - BACKGROUND)
     away = parameters[:, shape] - pixels.expected
     gradient[:, shape] += pixels.known * away

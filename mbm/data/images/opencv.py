@@ -108,7 +108,7 @@ def chessboard_beside(image: Grey, columns: int, rows: int, points: Floats) -> b
     middle = hull.mean(axis=0)
     grown = middle + (hull - middle) * (1 + 3 / min(columns, rows))  # the squares outside of the inner corners
     rest = image.copy()
-    cv2.fillConvexPoly(rest, np.rint(grown).astype(np.int32), float(np.median(image)))
+    cv2.fillConvexPoly(rest, np.rint(grown).astype(np.int32), float(np.median(image[::4, ::4])))
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_FAST_CHECK
     try:
         found, _ = cv2.findChessboardCorners(rest, (columns, rows), flags=flags)
