@@ -28,6 +28,7 @@ DOUBTS = frozenset(
         "another-solution",
         "autocorrelated-residuals",
         "bad-leverage",
+        "coarse-readings",
         "contradicting-rows",
         "improbable-noise",
         "near-bound",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.batches.coarse import coarsely_read
 from mbm.estimation.batches.degrees import degrees_columns
 from mbm.estimation.batches.derived import DerivedColumns, derived_columns
 from mbm.estimation.batches.doubts import doubtful, stationary
@@ -34,8 +35,7 @@ if TYPE_CHECKING:
 @np.errstate(all="ignore")
 def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> Columns:
     """The answers of some consecutive solves."""
-    began = perf_counter()
-    ends = descent(which)
+    began, ends = perf_counter(), descent(which)
     portion = Portion(stack, which, ends.kept, ends.factors)
     count = stack.residuals[which.start : which.stop] if ends.kept is None else ends.kept.count
     residuals, slopes = portion.linearised(ends.points)
@@ -57,15 +57,16 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     if ends.factors is not None and len(unknown) == 1:
         cost = _as_stated(portion, residuals, unknown[0], ends.factors)
     spread = _spread(problem, portion, residuals, slopes, found, noise, None if ends.kept is None else left)
-    factor = spread.factor
     reported = stack.equations.layout.reported(ends.points)
-    derived = tuple(derived_columns(each, owner, stack, reported, factor) for owner, each in enumerate(problem.derived))
+    derived = tuple(
+        derived_columns(each, owner, stack, reported, spread.factor) for owner, each in enumerate(problem.derived)
+    )
     solved &= spread.sound & np.isfinite(cost) & _all_finite([one.sigma for one in derived], len(which))
     sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
-    asked = solved & ~counts.untested & known
-    tails = _tails(stack, cost if lossy else counts.tested(scattered), freedom, asked)
+    tails = _tails(stack, cost if lossy else counts.tested(scattered), freedom, solved & ~counts.untested & known)
     chi2_p = np.full(len(which), np.nan) if lossy else tails
     undoubted = _undoubted(problem, portion, ends, found, spread, derived, residuals, surface)
+    undoubted &= ~coarsely_read(problem, stack, which, portion, residuals, found.basis, noise)
     degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom)
     limited = limited_columns(portion, None if surface is None else surface[0], ends.points, rooted, spread, residuals)
     counting = counted(portion, residuals)
@@ -81,8 +82,8 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         sigma0=sigma0,
         chi2_p=chi2_p,
         noise=np.where(_unknown(problem), noise[:, None], 1.0) if ends.factors is None else ends.factors,
-        sigma=np.sqrt(np.square(factor).sum(axis=2)),
-        factor=factor,
+        sigma=np.sqrt(np.square(spread.factor).sum(axis=2)),
+        factor=spread.factor,
         root=spread.root,
         scale=spread.scale,
         derived=tuple((one.values, one.sigma, one.image) for one in derived),

@@ -112,6 +112,10 @@ class Portion:
                 each.put(np.broadcast_to(own, each.slots.shape), result)
         return result
 
+    def deviations(self) -> Floats:
+        """The standard deviations (K, m) of independent components; 1 where a row has a matrix instead."""
+        return self.by_slot([_deviations(each.whiteners) for each in self._lines])
+
     def losses(self, number: int | None = None) -> Iterator[tuple[LossFunction, Indices, Indices]]:
         """Each loss (of one group, or all), with solve (U,) and places (U, k) of the residuals of its units."""
         for each in self._lines if number is None else self._lines[number : number + 1]:
@@ -208,6 +212,14 @@ def _lines(
         inputs=_blank(group, group.parameters[places]),
         block=slice(int(taken[0]), int(taken[0] + counts[0] * outputs)) if alike else None,
     )
+
+
+@np.errstate(divide="ignore")
+def _deviations(whiteners: tuple[Whitener, ...]) -> Floats | None:
+    """Those (R, outputs) of the rows of a group; None where some equation has none."""
+    if not whiteners or any(each.weights.ndim != 2 for each in whiteners):
+        return None
+    return np.concatenate([1.0 / each.weights for each in whiteners], axis=1)
 
 
 def _taken(whitener: Whitener, places: Indices | slice, kept: Mask | None, weight: Floats | None) -> Whitener:

@@ -40,6 +40,13 @@ SMALL_SAMPLE = Code(
     "samples hold the true value less often than they say (a warning).",
     "Add rows, or state the noise with `:sigma`.",
 )
+COARSE_READINGS = Code(
+    "coarse-readings",
+    "Readings are rounded to steps that are coarse beside their scatter. Rounding errors are then no independent "
+    "noise: readings of one value are alike, the residuals tell the noise too small, and the mean keeps an error of up "
+    "to half a step, however many readings there are (a warning).",
+    "State the step and the scatter before rounding, `:resolution STEP :sigma FORM`, or read more digits.",
+)
 MOST_LISTED = 6
 """Rows that the message lists."""
 
@@ -99,6 +106,18 @@ def improbable_noise(span: Span, sigma0: float, probability: float, *, large: bo
         f"{sigma0:.3g} times as large as it lets expect",
         place=span,
         hint=IMPROBABLE_NOISE.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def coarse_readings(span: Span, name: str, scatter: float) -> Diagnostic:
+    """Readings of the clause ``name`` in steps that are coarse beside their ``scatter``, in steps."""
+    return Diagnostic(
+        code=COARSE_READINGS,
+        message=f"the readings of `{name}` are rounded: they scatter by {scatter:.2f} of their steps about the "
+        "model, too little to average the rounding errors out",
+        place=span,
+        hint=COARSE_READINGS.mend,
         severity=Severity.WARNING,
     )
 

@@ -11,6 +11,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.types import Covariance, Floats, Mask, Minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust import faults as trust_faults
+from mbm.estimation.trust.coarse import coarse_readings
 from mbm.estimation.trust.curvature import Curvature, DerivedEnds
 from mbm.estimation.trust.lags import autocorrelation
 from mbm.estimation.trust.nonlinearity import IntervalEnds
@@ -58,6 +59,7 @@ def doubts(
         found += _nonlinear_derived(propagation, bent.derived)
     found += _noise(problem, equations, outcome)
     found += autocorrelation(problem, equations, minimum, outcome.covariance)
+    found += coarse_readings(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if outcome.freedoms.poor:
         found.append(trust_faults.small_sample(problem.span))
     if equations.lossy:  # loaded by problems with losses only, so that the others start at once

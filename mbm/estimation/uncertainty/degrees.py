@@ -53,8 +53,6 @@ FEW_SCALED = 30.0
 """Degrees of freedom below which intervals fall short where a scale is an unknown of a likelihood: that of greatest
 likelihood is low by the root of ν/n, so that a mean and slope of 30 exact readings are held in 93 %."""
 
-TINY = 1e-300
-
 BALANCING = 20
 """Rounds in which weights are brought to where each row tells as much as any other."""
 
@@ -305,7 +303,7 @@ def _vanished(
         if noise.state is NoiseState.NOTHING and minimum.blocks is None:
             rows = np.concatenate([equations.noise_rows(number) for number in blocks])
             others = np.delete(minimum.jacobian, rows, axis=0)
-            rank = np.linalg.matrix_rank(others / np.maximum(column_norms(others), TINY))
+            rank = np.linalg.matrix_rank(others / np.maximum(column_norms(others), np.finfo(float).tiny))
             alone = observed.rank - int(rank)
             if alone and int(np.linalg.matrix_rank(minimum.jacobian[rows])) == len(rows):
                 least = min(least, max(float(len(rows) - alone), LEAST))

@@ -1,0 +1,108 @@
+"""Readings in steps that are coarse beside their scatter: rounding errors of successive rows are not independent.
+
+A reading that is rounded to steps h is off by up to h/2. Where the scatter before rounding is above about h/2 these
+errors are like noise of the variance h²/12 (Sheppard 1898; Widrow and Kollár 2008, Quantization Noise). Below, readings
+of one value are alike, the residuals tell next to nothing of the noise, and the mean keeps an error that no number of
+readings averages out, unless the model goes through many steps from row to row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.types import Covariance, Floats, Mask, Minimum
+from mbm.estimation.trust import faults
+from mbm.expression.nodes import Column, RowChoice
+from mbm.problem.tables import Table
+from mbm.problem.types import BlockRole, Problem
+from mbm.text.types import Diagnostic
+
+COARSE = 0.55
+"""Standard deviation of the readings about the model, in steps, below which the steps are coarse: 0.29 is that of
+rounding alone; where the scatter before rounding is half a step, it is 0.58."""
+
+SHIFTED = 0.5
+"""Standard deviations by which rounding may shift estimates from which on that matters."""
+
+LEAST_ROWS = 4
+"""Readings that tell their steps: two of them have to be alike, and two to differ."""
+
+WHOLE = 1e-6
+"""Distance from whole numbers of steps up to which readings are such: what changes of units leave."""
+
+
+def rounded_column(problem: Problem, owner: int) -> str | None:
+    """The column that holds the readings of a block of scalar equations whose unknown noise their residuals tell."""
+    block = problem.blocks[owner]
+    plain = block.role is BlockRole.OBSERVATION and block.unknown_factor and block.table is not None
+    if not plain or len(block.cases) != 1 or len(block.cases[0].equations) != 1:
+        return None
+    measured = block.cases[0].equations[0].measured
+    if measured is None or len(measured) != 1 or not isinstance(measured[0], Column):
+        return None
+    column = measured[0]
+    simple = column.row is RowChoice.EACH and column.table == block.table and column.sampling is None
+    return column.name if simple and column.member is None else None
+
+
+@np.errstate(all="ignore")
+def steps(readings: Floats) -> Floats:
+    """The steps (…,) of readings (…, m), NaN where there is none; NaN where they are in no steps, or all are alike.
+
+    Readings of a continuous quantity are never alike, and no whole numbers of their smallest difference.
+    """
+    ordered = np.sort(readings, axis=-1)
+    apart = np.diff(ordered, axis=-1)
+    step = np.min(np.where(apart > 0.0, apart, np.inf), axis=-1, initial=np.inf)
+    counted = (ordered - ordered[..., :1]) / step[..., None]
+    whole = (np.isnan(counted) | (np.abs(counted - np.rint(counted)) <= WHOLE)).all(axis=-1)
+    alike = (apart == 0.0).any(axis=-1) & (np.isfinite(readings).sum(axis=-1) >= LEAST_ROWS)
+    return np.where(whole & alike & np.isfinite(step), step, np.nan)
+
+
+@np.errstate(all="ignore")
+def coarse(readings: Floats, raw: Floats, deviations: Floats, basis: Floats, share: float = 0.0) -> Mask:
+    """Where the steps of readings are coarse, or nearly: nearer to that than by a ``share``.
+
+    ``readings`` (…, m) are NaN for other rows, ``raw`` (…, m) what the model is larger by, ``deviations`` (…, m) the
+    standard deviations as estimated, ``basis`` (…, m, k) orthonormal, the directions in which residuals follow
+    estimates. The rounding error of the reading of y has the first harmonic h/π sin(2π y/h).
+    """
+    there = np.isfinite(readings)
+    step = steps(readings)
+    scatter = np.nanmedian(np.where(there, deviations, np.nan), axis=-1) if there.any() else np.full(step.shape, np.nan)
+    wave = np.exp(2j * np.pi * (readings + raw) / step[..., None]) / deviations
+    along = np.einsum("...mk,...m->...k", basis, np.where(there, wave, 0.0))
+    shift = step / np.pi * np.sqrt(np.square(np.abs(along)).sum(axis=-1))
+    return np.asarray((scatter < COARSE * step * (1.0 + share)) & (shift > SHIFTED * (1.0 - share)))
+
+
+def coarse_readings(
+    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, estimated: Covariance
+) -> tuple[Diagnostic, ...]:
+    """A warning for each clause whose readings have coarse steps at a minimum."""
+    if minimum.blocks is not None or equations.rows is not None or equations.likely or equations.lossy:
+        return ()
+    columns = {group.kernel.owner: rounded_column(problem, group.kernel.owner) for group in equations.groups}
+    if all(name is None for name in columns.values()) or not bool(np.isfinite(estimated.factor).all()):
+        return ()
+    basis = np.linalg.qr(minimum.jacobian @ estimated.factor)[0]
+    factors = np.ones(equations.count) if equations.factors is None else equations.picked(equations.factors)
+    redundancy = max(equations.count - basis.shape[1], 1)
+    common = float(np.sqrt(minimum.cost / redundancy)) if equations.factors is None else 1.0
+    told = []
+    for group in equations.groups:
+        owner, name = group.kernel.owner, columns[group.kernel.owner]
+        block = problem.blocks[owner]
+        if name is None or block.table is None or group.positions is None or group.rows < LEAST_ROWS:
+            continue
+        own = slice(group.first, group.first + group.count)
+        unit = factors[own] / group.whiteners[0].weights[:, 0]
+        readings = tables[block.table].numbers(name)[np.asarray(group.positions)]
+        if bool(coarse(readings, minimum.residuals[own] * unit, common * unit, basis[own])):
+            scatter = common * float(np.median(unit))
+            told.append(faults.coarse_readings(block.span, block.name, scatter / float(steps(readings))))
+    return tuple(told)
