@@ -22,7 +22,6 @@ from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
     LOOKED_AT,
     NORMAL_95,
-    TOLERATED,
     derived_ratios,
     end_ratios,
     too_much,
@@ -94,7 +93,7 @@ def _bent(problem: Problem, around: _Intervals, derived: tuple[DerivedColumns, .
             # what constraints determine has no interval
             wrong |= (deviation[:, place] > 0.0) & _off(around.ratios(along), LOOKED_AT)
     for one, place in _looked_at(problem, derived):
-        wrong |= _off(_derived_ends(around, one, place, problem.derived[one.owner].angle, linear), TOLERATED)
+        wrong |= _off(_derived_ends(around, one, place, problem.derived[one.owner].angle, linear), LOOKED_AT)
     return wrong
 
 

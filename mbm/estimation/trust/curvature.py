@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -107,19 +108,28 @@ def _coordinates(equations: Assembled, around: Surroundings, estimated: Covarian
 
     ends = derived_ends(around, gradient, values, angle=False)
     found = DerivedEnds(owner=-1, known=known, ends=ends, gradient=gradient, values=values, angle=False)
-    both = np.stack([ends.lower, ends.upper])
-    for place in np.flatnonzero((np.abs(both - 1.0) > LOOKED_AT).any(axis=0))[: most_followed(around)].tolist():
-        far = NORMAL_95 * float(spread[known[place]])
+    return _followed(around, found, most_followed(around))[0]
+
+
+def _followed(around: Surroundings, found: DerivedEnds, most: int) -> tuple[DerivedEnds, int]:
+    """The ends that the quick look finds misplaced, followed to the true ones: the first ``most``; how many these are.
+
+    Those where a number turns back on the way stay.
+    """
+    both = np.stack([found.ends.lower, found.ends.upper])
+    misplaced = (np.abs(both - 1.0) > LOOKED_AT).any(axis=0) & ~np.isneginf(both).any(axis=0)
+    places = np.flatnonzero(misplaced)[:most].tolist()
+    for place in places:
+        far = NORMAL_95 * float(np.linalg.norm(found.gradient[place] @ around.factor))
         both[:, place] = np.array(followed_ends(around, found, place, NORMAL_95, END_ACCURACY)) / far
-    ends = IntervalEnds(lower=both[0], upper=both[1])
-    return DerivedEnds(owner=-1, known=known, ends=ends, gradient=gradient, values=values, angle=False)
+    return replace(found, ends=IntervalEnds(lower=both[0], upper=both[1])), len(places)
 
 
 def _derived(
     propagation: Propagation, around: Surroundings, derived: tuple[DerivedSolution, ...]
 ) -> Iterator[DerivedEnds]:
     """Those of quantities that are numbers, in all rows if they are derived over a table."""
-    left = MOST_DERIVED
+    left, followed = MOST_DERIVED, most_followed(around)
     equations, point = propagation.equations, around.minimum.point
     turned = equations.layout.reported(point) - point  # quantities are derived from reported angles
     free = np.zeros(len(equations.layout.number), dtype=bool)
@@ -142,7 +152,12 @@ def _derived(
             continue
         values, gradient = _picked(groups[0], known, turned), one.gradient[known]
         ends = derived_ends(around, gradient, values, stated.angle)
-        yield DerivedEnds(owner=one.owner, known=known, ends=ends, gradient=gradient, values=values, angle=stated.angle)
+        found = DerivedEnds(
+            owner=one.owner, known=known, ends=ends, gradient=gradient, values=values, angle=stated.angle
+        )
+        found, done = _followed(around, found, followed)
+        followed -= done
+        yield found
 
 
 def _picked(group: Group, which: Indices, turned: Floats) -> Callable[[Floats], Floats]:

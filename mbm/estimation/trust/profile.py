@@ -46,6 +46,10 @@ END_ACCURACY = 0.01
 ENDS_TRIED = 12
 INNER = 10
 HALVINGS = 4
+APPROACHED = 0.5
+"""Share of the distance before, up to which a step across the end has come nearer. Else steps in proportion to the
+growth go to and fro, and the line between what lies inside and outside tells more."""
+
 SETTLED = 1e-3
 """Gain of cost, in variances, below which the other coordinates are where they should be."""
 
@@ -72,7 +76,7 @@ class Profile:
         0 where the equations have no value however near. ``accuracy`` is relative.
         """
         inside, outside = 0.0, np.inf
-        grown_inside = 0.0
+        grown_inside, grown_outside, last = 0.0, np.inf, np.inf
         beside = np.zeros(len(self.direction))
         multiple = 1.0
         for _ in range(ENDS_TRIED):
@@ -80,12 +84,17 @@ class Profile:
             if grown <= 1.0:
                 inside, grown_inside, beside = multiple, grown, moved
             else:
-                outside = multiple
+                outside, grown_outside = multiple, grown
             if abs(grown - 1.0) < accuracy or outside - inside < accuracy * inside:
                 return multiple if np.isfinite(grown) else inside
             if inside >= FARTHEST:
                 return float("inf")
-            multiple = self._next(inside, outside, multiple, grown)
+            crossed = (grown <= 1.0) != (last <= 1.0)
+            if crossed and abs(grown - 1.0) > APPROACHED * abs(last - 1.0) and np.isfinite(grown_outside):
+                multiple = inside + (outside - inside) * (1.0 - grown_inside) / (grown_outside - grown_inside)
+            else:
+                multiple = self._next(inside, outside, multiple, grown)
+            last = grown
             beside = beside * (multiple / inside) ** 2 if inside > 0.0 else np.zeros(len(self.direction))
             beside = beside if np.isfinite(beside).all() else np.zeros(len(self.direction))
         return inside if grown_inside > 0.0 else 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq, minimize_scalar
 from scipy.stats import norm
 
 import mbm
@@ -100,3 +101,37 @@ def test_limits_in_many_solves_are_those_of_one() -> None:
             entry = solves[g]["estimates"]["d"]
             assert entry["interval_kind"] == "limited"
             assert entry["interval"] == pytest.approx(one["d"].interval(), abs=1e-9)
+
+
+WEIGHED = """(problem weighed
+  (data d (table (t y) (0 2.9) (1 5.3) (2 7.5) (3 8.1) (4 12) (5 13)))
+  (unknowns (a) (b))
+  (observe d (= y (+ a (* b t))) :sigma {})
+  (derive (q (* 2 a))))"""
+
+
+def test_an_interval_whose_end_is_steep_is_followed_to_it():
+    """Poisson-like weights: the profile of the intercept rises without bound where the model reaches zero."""
+    t, y = np.arange(6.0), np.array([2.9, 5.3, 7.5, 8.1, 12.0, 13.0])
+    found = mbm.loads(WEIGHED.format("(sqrt model)")).solve()
+    a, b = float(found["a"].value), float(found["b"].value)
+
+    def density(intercept: float, slope: float) -> float:
+        model = intercept + slope * t
+        return float(((y - model) ** 2 / model + np.log(model)).sum()) if (model > 0).all() else 1e9
+
+    def growth(intercept: float) -> float:
+        least = minimize_scalar(lambda slope: density(intercept, slope), bounds=(0.2, 5), method="bounded").fun
+        return float(least) - density(a, b) - norm.ppf(0.975) ** 2
+
+    ends = [brentq(growth, 0.05, a), brentq(growth, a, 9.0)]
+    # profiles are followed to a thousandth
+    assert np.abs(found["a"].interval(0.95) - ends) == pytest.approx(0, abs=2e-3 * (ends[1] - ends[0]))
+
+
+@pytest.mark.parametrize("sigma", ["(sqrt model)", "(* 10% model)", "(hypot 0.3 (* 5% model))", "0.5"])
+def test_twice_an_unknown_is_as_doubtful_as_the_unknown(sigma):
+    found = mbm.loads(WEIGHED.format(sigma)).solve()
+    assert found["q"].interval(0.95) == pytest.approx(2 * found["a"].interval(0.95), rel=1e-2)
+    said = [each.message for each in found.diagnostics if each.code.name == "too-nonlinear"]
+    assert sum("`a`" in each for each in said) == sum("`q`" in each for each in said)
