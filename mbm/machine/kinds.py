@@ -84,9 +84,13 @@ class Record:
     @property
     def number(self) -> Type | None:
         """The type of all its numbers where it is *flat*: a view on an array of numbers; None where it is not."""
-        found = {Type.INTEGER if m.held in (Held.TABLE, Held.BEHIND) else m.type for m in self.members}
-        (only,) = found if len(found) == 1 else (None,)
-        return only if only in (Type.INTEGER, Type.REAL) else None
+        only: Kind | None = None
+        for member in self.members:  # the first that differs ends it: printers ask at every access
+            kind = Type.INTEGER if member.held in (Held.TABLE, Held.BEHIND) else member.type
+            if only not in (None, kind):
+                return None
+            only = kind
+        return only if only is Type.INTEGER or only is Type.REAL else None
 
     def member(self, name: str) -> Member | None:
         """A field by its name."""

@@ -40,7 +40,7 @@ def test_what_data_do_not_determine_has_no_standard_deviation(name, target, tmp_
     assert mbm.loads(FREE[name]).solve().solves[0].status == "unobservable"
     folder = written(of_text(FREE[name], target), tmp_path)
     if target == "c":
-        assert make(folder, "all", "test").returncode == 0
+        assert make(folder, "all", "test", watched=False).returncode == 0
         found = run(f"./{name}", "data/d.csv", folder=folder)
     else:
         assert run(sys.executable, f"test_{name}.py", folder=folder).returncode == 0
@@ -61,7 +61,7 @@ EACH = """(problem each
 @needs_compiler
 def test_both_languages_print_keys_alike(tmp_path):
     c, python = (written(of_text(EACH, target), tmp_path / target) for target in ("c", "python"))
-    assert make(c, "all").returncode == 0
+    assert make(c, "all", watched=False).returncode == 0
     commands = ((c, "./each"), (python, sys.executable, "each.py"))
     printed = [run(*command, "data/d.csv", folder=folder).stdout for folder, *command in commands]
     rows = [[(row["epoch"], row["name"]) for row in csv.DictReader(text.splitlines())] for text in printed]
@@ -87,7 +87,7 @@ def test_a_faulty_data_set_does_not_stop_the_others(target, row, tmp_path):
     folder = written(of_text(SPREADS, target), tmp_path)
     (folder / "data" / "d.csv").write_text(f"day,y,s,c\n1,4,0.1,1\n2,{row}\n3,5,0.1,1\n", encoding="utf-8")
     if target == "c":
-        assert make(folder, "all").returncode == 0
+        assert make(folder, "all", watched=False).returncode == 0
         found = run("./spreads", "data/d.csv", folder=folder)
     else:
         found = run(sys.executable, "spreads.py", "data/d.csv", folder=folder)

@@ -47,7 +47,7 @@ def test_in_the_process(more):
 def test_in_generated_solvers(target, tmp_path):
     folder = written(of_text(TEXT.format(more=""), target), tmp_path)
     if target == "c":
-        assert make(folder, "all", "test").returncode == 0
+        assert make(folder, "all", "test", watched=False).returncode == 0
         found = run("./turns", "data/d.csv", folder=folder)
     else:
         assert run(sys.executable, "test_turns.py", folder=folder).returncode == 0

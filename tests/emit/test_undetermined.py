@@ -81,7 +81,7 @@ def test_python(name, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", CHOSEN)
 def test_c(name, tmp_path):
     folder = written(of_text(f"(problem {name} {TEXTS[name]})", "c"), tmp_path)
-    made = make(folder, "all", "test")
+    made = make(folder, "all", "test", watched=False)
     assert made.returncode == 0, made.stdout + made.stderr
     tables = [f"data/{table}.csv" for table in ("d", "e") if (folder / "data" / f"{table}.csv").exists()]
     found = run(f"./{name}", *tables, folder=folder)

@@ -249,7 +249,7 @@ def test_filters_and_streams(unit, tmp_path):
     if which("cc") is not None:
         (tmp_path / "p.mbm").write_text(text(unit, template), encoding="utf-8")
         folder = written_files(emit_file(tmp_path / "p.mbm", SolveOptions(), "c"), tmp_path / "out")
-        assert make(folder, "p").returncode == 0
+        assert make(folder, "p", watched=False).returncode == 0
         last = run("./p", "data/r.csv", folder=folder).stdout.split()[-1].split(",")
         assert kelvin(unit, float(last[2])) == pytest.approx(float(theirs["x"].value[-1]), abs=1e-8)
         assert float(last[3]) * ZEROS[unit][0] == pytest.approx(float(theirs["x"].sigma[-1]), rel=1e-8)
@@ -268,7 +268,7 @@ def test_generated_solvers_read_and_print_the_unit(unit, target, tmp_path):
     folder = written_files(emit_file(path, SolveOptions(), target), tmp_path / "out")
     tables = [f"data/{each.name}" for each in sorted((folder / "data").glob("*.csv"))]
     if target == "c":
-        assert make(folder, "p").returncode == 0
+        assert make(folder, "p", watched=False).returncode == 0
     command = ["./p"] if target == "c" else [sys.executable, "p.py"]
     printed = run(*command, *tables, folder=folder)
     assert printed.returncode == 0, printed.stderr
