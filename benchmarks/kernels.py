@@ -13,8 +13,7 @@ from benchmarks.scenes import RANGE, REPROJECTION, range_rows, reprojection_rows
 from mbm.kernels.backends import casadi_map, native, numpy_stream
 from mbm.kernels.native.engine import compiled
 from mbm.kernels.native.kernels import KernelCode
-from mbm.kernels.native.normal import normal_kernels, normal_rows
-from mbm.kernels.native.normal_rows import Unit
+from mbm.kernels.native.normal import Unit, normal_kernels, normal_rows
 from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import Kernel
 from mbm.machine import blocks_of_rows

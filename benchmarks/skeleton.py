@@ -20,8 +20,8 @@ import mbm
 from benchmarks.figures import Figure, duration, show_figures
 from benchmarks.peers import UnavailableError, asked
 from mbm.equations.layout import Entry
-from mbm.estimation.search.descent import descent
 from mbm.estimation.search.multistart import starting_points
+from mbm.estimation.search.seeker import descent
 from mbm.estimation.settings import settings_of
 from mbm.estimation.solve.estimate import assemble
 from tests.evidence.skeleton import COSTS, POSE, TRUTH, seen, write_example

@@ -46,7 +46,7 @@ from mbm.text.atoms import LONGEST_NUMBER
 from mbm.text.characters import LARGEST_TEXT, MOST_WORDS
 from mbm.text.faults import MOST_FAULTS
 from mbm.text.printer import LONGEST
-from mbm.text.structure import DEEPEST
+from mbm.text.reader import DEEPEST
 from mbm.text.types import LONGEST_MESSAGE, Code
 
 DOCS = Path(__file__).parent

@@ -329,7 +329,7 @@ CALL_NORMAL = Function(
     returns=None,
     body=(),
     locals=(),
-    doc="Add the normal equations of blocks of rows to sums (`mbm.kernels.native.normal_rows`): in the process only.",
+    doc="Add the normal equations of blocks of rows to sums (`mbm.kernels.native.normal`): in the process only.",
     distinct=True,
     external=True,
 )

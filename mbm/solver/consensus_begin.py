@@ -1,21 +1,28 @@
-"""What consensus has before its first trial: the rows, their units, and a start where these determine the unknowns."""
+"""What consensus has before its first trial: the rows, their units, and a start where these determine the unknowns.
+
+Lines of sight behind a lens that distorts: found from near ones, by Newton's method on the equations themselves.
+
+A camera stands still, and a point is put before it so that the equation of its image holds: its direction is the line
+of sight. Slopes are difference quotients, which leaves the root as it is and the last steps as short as rounding.
+
+Whether the stations of spheres lie in one plane, so that places on both sides of it fit all of them alike.
+"""
 
 from __future__ import annotations
 
-from math import inf
+from math import fabs, inf, isfinite, sqrt
 
-from mbm.machine.words import ConstantReals, Integer, Real
-from mbm.solver.consensus_coplanar import one_sided
-from mbm.solver.consensus_forms import points_in_closed_form
+from mbm.machine.kinds import LANES
+from mbm.machine.words import ConstantReals, Integer, Real, Reals, call_kernel
+from mbm.solver.consensus_forms import points_in_closed_form, put_motion
 from mbm.solver.consensus_order import median
 from mbm.solver.consensus_ranking import empty_lists
 from mbm.solver.consensus_records import NOWHERE, SPHERES, ConsensusWork, Rules, share_out_consensus
 from mbm.solver.consensus_rows import linearised, squares_at
 from mbm.solver.consensus_scores import GNC
-from mbm.solver.consensus_sights import find_sights
 from mbm.solver.consensus_trials import begin_trials, seldom_in_vain, size_of_subsets
 from mbm.solver.consensus_units import list_units, norm_directions, set_rounding
-from mbm.solver.decisions import ATTEMPTS, FAR
+from mbm.solver.decisions import ATTEMPTS, FAR, MIRRORED
 from mbm.solver.description import Problem
 from mbm.solver.equations import load_rows
 from mbm.solver.linear_algebra import copied
@@ -143,3 +150,171 @@ def begin_consensus(problem: Problem, work: ConsensusWork) -> None:
         empty_lists(work)
         if work.rules.kind != GNC and work.rules.near == 0:
             begin_trials(work)
+
+
+STEPS = 30
+"""Steps of Newton's method; from near ones it takes five."""
+
+QUOTIENT_STEP = 1e-6
+"""By which a slope is taken, beside a direction whose largest component is 1. Rounding and curvature make a millionth
+of the slope wrong, so that each step leaves as much of the error before."""
+
+LAST_STEP = 1e-12
+"""Change of the direction from which nothing but rounding is left to gain."""
+
+
+def image_misfit(problem: Problem, u: Integer, sight: ConstantReals, work: ConsensusWork, target: Reals) -> None:
+    """What the equation of unit ``u`` leaves (2,) if its point stands at ``sight`` (3,) before the camera."""
+    units = work.units
+    rows = work.rows
+    about = work.rules.about
+    block = problem.blocks[units.block[u]]
+    part = rows.data.blocks[units.block[u]]
+    row = units.row[u]
+    point = work.kept
+    pose = work.form_scratch[24:]
+    known = work.forms[u * work.rules.form_width :]
+    for i in range(9):
+        pose[i] = 0.0
+    for i in range(3):
+        pose[4 * i] = 1.0
+        pose[9 + i] = sight[i] - known[i]
+    put_motion(about[0], about[1], pose, about[2:], work.form_scratch[36:], point)
+    inputs = work.subset_rows.inputs
+    outputs = work.subset_rows.outputs
+    index = rows.index[part.index + row * block.index :]
+    given = rows.parameters[part.parameters + row * block.parameters :]
+    for lane in range(LANES):
+        for v in range(block.variables):
+            inputs[v * LANES + lane] = point[index[v]]
+        for p in range(block.parameters):
+            inputs[(block.variables + p) * LANES + lane] = given[p]
+    call_kernel(block.values, inputs, outputs, 1)
+    first = block.units[units.equation[u]].first
+    for i in range(2):
+        target[i] = outputs[(first + i) * LANES]
+
+
+def found_sight(problem: Problem, u: Integer, work: ConsensusWork, sight: Reals) -> Integer:
+    """The line of sight (3,) of unit ``u`` from one near by, by length as that; 0 where it is not found."""
+    misfit = work.form_scratch[4:]
+    beside = work.form_scratch[6:]
+    slopes = work.form_scratch[8:]
+    step = work.form_scratch[12:]
+    axis = 0
+    for i in range(1, 3):
+        if fabs(sight[i]) > fabs(sight[axis]):
+            axis = i
+    far = fabs(sight[axis])
+    for i in range(3):
+        sight[i] = sight[i] / far
+    for _ in range(STEPS):
+        image_misfit(problem, u, sight, work, misfit)
+        for k in range(2):
+            i = (axis + 1 + k) % 3
+            held = sight[i]
+            sight[i] = held + QUOTIENT_STEP
+            image_misfit(problem, u, sight, work, beside)
+            sight[i] = held
+            for j in range(2):
+                slopes[2 * j + k] = (beside[j] - misfit[j]) / QUOTIENT_STEP
+        determinant = slopes[0] * slopes[3] - slopes[1] * slopes[2]
+        step[0] = (slopes[1] * misfit[1] - slopes[3] * misfit[0]) / determinant
+        step[1] = (slopes[2] * misfit[0] - slopes[0] * misfit[1]) / determinant
+        if not isfinite(step[0]) or not isfinite(step[1]):
+            return 0
+        for k in range(2):
+            sight[(axis + 1 + k) % 3] += step[k]
+        if max(fabs(step[0]), fabs(step[1])) <= LAST_STEP:
+            far = sqrt(sight[0] * sight[0] + sight[1] * sight[1] + sight[2] * sight[2])
+            for i in range(3):
+                sight[i] = sight[i] / far
+            return 1
+    return 0
+
+
+def find_sights(problem: Problem, work: ConsensusWork) -> None:
+    """What the form knows of the units, with their own lines of sight; NaN where these are not found."""
+    width = work.rules.form_width
+    copied(problem.numbers, work.starts, work.kept)
+    for u in range(work.units.count):
+        own = work.sights[u * width :]
+        copied(width, work.forms[u * width :], own)
+        if isfinite(own[3]) and found_sight(problem, u, work, own[3:]) == 0:
+            own[3] = inf - inf
+    work.forms = work.sights
+
+
+SWEEPS = 12
+"""Sweeps of Jacobi's method: for matrices of three rows a few are enough."""
+
+NOTHING = 1e-30
+"""Share of the diagonal below which an element beside it is none."""
+
+MOMENTS = 12
+"""Reals of scratch for the moments of stations: their sums, then a matrix."""
+
+
+def smallest_share(d: Integer, matrix: Reals) -> Real:
+    """The smallest eigenvalue of a symmetric matrix (d, d) over the largest, by Jacobi's method; 0 if all are 0."""
+    for _ in range(SWEEPS):
+        for p in range(d):
+            for q in range(p + 1, d):
+                if fabs(matrix[p * d + q]) > NOTHING * (fabs(matrix[p * d + p]) + fabs(matrix[q * d + q])):
+                    turn = (matrix[q * d + q] - matrix[p * d + p]) / (2.0 * matrix[p * d + q])
+                    tangent = 1.0 / (fabs(turn) + sqrt(turn * turn + 1.0))
+                    if turn < 0.0:
+                        tangent = -tangent
+                    cosine = 1.0 / sqrt(tangent * tangent + 1.0)
+                    sine = tangent * cosine
+                    for i in range(d):
+                        left = matrix[i * d + p]
+                        right = matrix[i * d + q]
+                        matrix[i * d + p] = cosine * left - sine * right
+                        matrix[i * d + q] = sine * left + cosine * right
+                    for i in range(d):
+                        left = matrix[p * d + i]
+                        right = matrix[q * d + i]
+                        matrix[p * d + i] = cosine * left - sine * right
+                        matrix[q * d + i] = sine * left + cosine * right
+    least = matrix[0]
+    largest = matrix[0]
+    for i in range(1, d):
+        least = min(least, matrix[i * d + i])
+        largest = max(largest, matrix[i * d + i])
+    return max(least, 0.0) / largest if largest > 0.0 else 0.0
+
+
+def one_sided(rules: Rules, units: Integer, forms: ConstantReals, moments: Reals) -> Integer:
+    """Whether all known stations of spheres lie in one plane (on one line), and there is no offset."""
+    if rules.form != SPHERES:
+        return 0
+    width = rules.form_width
+    d = rules.about[0]
+    if rules.about[1] != 0:
+        return 0
+    for i in range(MOMENTS):
+        moments[i] = 0.0
+    matrix = moments[3:]
+    known = 0
+    for again in range(2):
+        for u in range(units):
+            good = 1
+            for w in range(width):
+                if not isfinite(forms[u * width + w]):
+                    good = 0
+            if good == 1 and again == 0:
+                known += 1
+                for i in range(d):
+                    moments[i] += forms[u * width + i]
+            if good == 1 and again == 1:
+                for i in range(d):
+                    for j in range(d):
+                        away = forms[u * width + i] - moments[i]
+                        matrix[i * d + j] += away * (forms[u * width + j] - moments[j])
+        if known == 0:
+            return 0
+        if again == 0:
+            for i in range(d):
+                moments[i] = moments[i] / float(known)
+    return smallest_share(d, matrix) <= MIRRORED * MIRRORED

@@ -11,9 +11,8 @@ from math import inf, isfinite, sqrt
 from mbm.machine.words import Integer, Real
 from mbm.solver.consensus_order import median, robust_variance
 from mbm.solver.consensus_records import ConsensusWork
-from mbm.solver.consensus_refine import refined
+from mbm.solver.consensus_refine import GIVEN, refined
 from mbm.solver.consensus_rows import squares_at
-from mbm.solver.consensus_weights import GIVEN
 from mbm.solver.decisions import ABSOLUTE_ROUNDS, CONTROL_GROWTH, GRADUATED_FITS, GRADUATED_ROUNDS, STILL
 from mbm.solver.description import Problem
 

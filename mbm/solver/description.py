@@ -109,7 +109,7 @@ class Block:
     """Address of the function that sums the normal equations of all rows, 0: there is none. It may be there for
     blocks with one row of columns, weights that are the factors of the outputs in their order, and losses of all
     units or of none. It is reached by ``call_normal(address, inputs, weights, losses, sums, blocks)``, see
-    `mbm.kernels.native.normal_rows`; printed text has none."""
+    `mbm.kernels.native.normal`; printed text has none."""
 
 
 @record

@@ -8,15 +8,25 @@ from __future__ import annotations
 
 from mbm.machine.words import Integer
 from mbm.solver.charts import step_between, transport
-from mbm.solver.filter_backward import load_noise, path_of, set_base_vectors, slot_of
-from mbm.solver.filter_forward import forward, spread_first
 from mbm.solver.filter_moves import add_noise, carried, carry_lines, move_on
 from mbm.solver.filter_records import Walk
 from mbm.solver.filter_rows import load_step, step_lines
 from mbm.solver.filter_update import set_new_factor, set_triangle_of, turn_open
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
 from mbm.solver.manifolds import retract
-from mbm.solver.smoothers import begin_path, drop_open, keep_path, smooth, spread_path
+from mbm.solver.smoothers import (
+    begin_path,
+    drop_open,
+    forward,
+    keep_path,
+    load_noise,
+    path_of,
+    set_base_vectors,
+    slot_of,
+    smooth,
+    spread_first,
+    spread_path,
+)
 
 
 def leave_step(walk: Walk, k: Integer) -> None:

@@ -13,8 +13,7 @@ from mbm.equations.types import Floats, Indices, Minimum
 from mbm.sparse.arithmetic import Arithmetic, arithmetic
 from mbm.sparse.deferred import DeferredMatrix
 from mbm.sparse.elimination import Elimination, eliminable, elimination
-from mbm.sparse.frontal import FrontFactor, FrontSolver, front_solver, minimum_degree
-from mbm.sparse.fronts import fronts
+from mbm.sparse.frontal import FrontFactor, FrontSolver, front_solver, fronts, minimum_degree
 from mbm.sparse.normal import Normal, NormalPattern, normal_pattern
 from mbm.sparse.routines import Making
 from mbm.sparse.structure import Structure, Values

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbm.data.readers.plain_rows import AT_ONCE, decimals
+from mbm.data.readers.delimited import AT_ONCE, decimals
 
 
 def read(cells):

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbm.data.readers import READERS
-from mbm.data.readers.plain_rows import plain_columns
+from mbm.data.readers.delimited import plain_columns
 
 
 def read(folder: Path, content: str | bytes, ending: str = "csv"):

@@ -7,7 +7,7 @@ import pytest
 
 from mbm.machine.records import put, slots_of, view
 from mbm.solver import consensus_records as c
-from mbm.solver.consensus_coplanar import MOMENTS, one_sided, smallest_share
+from mbm.solver.consensus_begin import MOMENTS, one_sided, smallest_share
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mbm.solver.manifolds import quaternion_of_matrix
-from mbm.solver.minimal_pose import poses_from_three
-from mbm.solver.minimal_quartic import real_roots
+from mbm.solver.minimal_pose import poses_from_three, real_roots
 from mbm.solver.minimal_spheres import places_from_spheres
 
 SEEDS = st.integers(0, 2**32 - 1)

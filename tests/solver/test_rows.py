@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbm.machine.kinds import LANES
-from mbm.solver import consensus_sights, normal_equations
+from mbm.solver import consensus_begin, sweeps
 from mbm.solver.consensus_gnc import widen_limits
 from mbm.solver.covariance import set_scales
 from mbm.solver.equations import penalise_values, whiten_values
@@ -112,12 +112,12 @@ def test_sums_of_a_block_go_where_its_columns_say(monkeypatch):
         sums[:10] = products[np.tril_indices(4)]
         sums[10:14] = jacobian.T @ residuals
 
-    monkeypatch.setattr(normal_equations, "call_normal", summed)
+    monkeypatch.setattr(sweeps, "call_normal", summed)
     block = SimpleNamespace(tangents=4, normal=0, units=[SimpleNamespace(loss_at=0)])
     rows = SimpleNamespace(columns=columns, outputs=np.zeros(16), constants=np.zeros(1))
     target = np.zeros((n + 1) ** 2)
     part = SimpleNamespace(columns=0)
-    normal_equations.add_sums(n, block, part, 1, rows, np.zeros(1), np.zeros(1), target)
+    sweeps.add_sums(n, block, part, 1, rows, np.zeros(1), np.zeros(1), target)
     whole = np.zeros((20, n + 1))
     for k, column in enumerate(columns):
         if column >= 0:
@@ -140,9 +140,9 @@ def test_a_line_of_sight_is_found_or_given_up(monkeypatch, bent, expected):
         else:
             target[:2] = x + bent * x**3 - seen[0], y - seen[1]
 
-    monkeypatch.setattr(consensus_sights, "image_misfit", misfit)
+    monkeypatch.setattr(consensus_begin, "image_misfit", misfit)
     sight = np.array([0.31, -0.2, 1.0])
-    found = consensus_sights.found_sight(None, 0, SimpleNamespace(form_scratch=np.zeros(40)), sight)
+    found = consensus_begin.found_sight(None, 0, SimpleNamespace(form_scratch=np.zeros(40)), sight)
     assert found == expected
     if expected:
         x, y = sight[:2] / sight[2]

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 from mbm.kernels.store import standard_store
 from mbm.kernels.types import MachineCode
 from mbm.sparse import frontal
-from mbm.sparse.fronts import Fronts, fronts
+from mbm.sparse.frontal import Fronts, fronts
 from mbm.sparse.routines import Making
 
 pytest.importorskip("llvmlite")

@@ -126,7 +126,7 @@ SELDOM = (
     *("mbm.report.blocks", "mbm.report.document", "mbm.report.exports", "mbm.report.given_starts", "mbm.report.many"),
     *(
         "mbm.estimation.search.basins",
-        "mbm.estimation.search.descent",
+        "mbm.estimation.search.seeker",
         "mbm.estimation.search.seeker",
         "mbm.equations.windows",
     ),

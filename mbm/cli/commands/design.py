@@ -68,7 +68,7 @@ def command(**given: Any) -> int:
     if given["json_path"] == STANDARD_OUTPUT:
         write_bytes(_document(design))
     else:
-        from mbm.report.designs.text import text
+        from mbm.report.designs.answer import text
 
         say(text(design, color=screen.color, full=screen.verbose), end="")
     return OK if design.observable else ATTENTION

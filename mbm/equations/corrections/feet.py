@@ -139,7 +139,7 @@ def _elsewhere(conditions: Conditions, search: Search, found: Mask) -> tuple[Sea
 MOST = 8
 """Steps; where Newton's method goes well it needs three or four from the measured values."""
 
-NEAR = 1e-2
+SHORT = 0.01
 """… if the last one was as short as this at least."""
 
 LAST = 1e-10
@@ -161,7 +161,7 @@ def calm_feet(conditions: Conditions, start: Floats, multipliers: Floats) -> Fee
         coming = size * (size / last) ** 2 if last < np.inf else size  # Newton's method converges quadratically
         here, last = target, size
         local = conditions.at(here, multipliers)
-        if coming <= LAST * (1.0 + float(np.abs(here).max(initial=0.0))) and size < NEAR:
+        if coming <= LAST * (1.0 + float(np.abs(here).max(initial=0.0))) and size < SHORT:
             break
     else:
         return None

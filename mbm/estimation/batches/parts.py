@@ -11,9 +11,8 @@ from mbm.equations.binding import EvaluationCache
 from mbm.equations.layout import Layout, stated_start, stated_values, within_turns
 from mbm.equations.layouts import columns_of, limits
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.arranged import Arranged, arranged
 from mbm.estimation.batches.sets import Sets
-from mbm.estimation.batches.stack import Stack, stack
+from mbm.estimation.batches.stack import Arranged, Stack, arranged, stack
 from mbm.estimation.batches.types import Begun
 from mbm.estimation.solve.estimate import assemble
 from mbm.kernels.types import KernelSet

@@ -1,10 +1,13 @@
-"""The equations of all solves, bound at once: rows stand solve by solve, and each solve knows where its own begin."""
+"""The equations of all solves, bound at once: rows stand solve by solve, and each solve knows where its own begin.
+
+The tables of many solves, one below the other, with the members of families numbered within each solve.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, pairwise
+from itertools import chain, pairwise, repeat
 
 import numpy as np
 
@@ -12,14 +15,163 @@ from mbm.equations.assembling import blank
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache, Group
-from mbm.equations.layout import Layout
+from mbm.equations.layout import Entry, Layout
+from mbm.equations.members import member_cells, picked_members
 from mbm.equations.types import Indices
-from mbm.estimation.batches.arranged import Arranged
+from mbm.estimation.batches.sets import Sets, Span
 from mbm.estimation.batches.types import Errors, Which
+from mbm.expression.nodes import ColumnMember, Member
 from mbm.kernels.types import KernelSet
-from mbm.problem.tables import Table
-from mbm.problem.types import Problem
+from mbm.problem import faults as problem_faults
+from mbm.problem.joining import distinct
+from mbm.problem.rows import Positions
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import Family, Problem
+from mbm.text.types import MbmError
 from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Numbered:
+    """The members of a family in T solves that each have their own.
+
+    ``keys`` are those of all members, solve by solve; solve k has those from ``first[k]`` (T + 1,) on. ``code`` numbers
+    the distinct keys. ``pairs`` are ``solve · codes + code`` of all members, ascending, and ``local`` the number of
+    each within its solve.
+    """
+
+    keys: Sequence[CellKey]
+    first: Indices
+    code: Mapping[CellKey, int]
+    pairs: Indices
+    local: Indices
+
+    def codes(self, cells: Sequence[CellKey]) -> Indices:
+        """The codes (R,) of keys, -1 for those that are no member's anywhere."""
+        return np.fromiter(map(self.code.get, cells, repeat(-1)), np.int64, len(cells))
+
+    def numbers(self, solve: Indices, codes: Indices) -> Indices:
+        """The numbers (R,) within solves (R,) of the members with some codes (R,); -1 where a solve has none."""
+        if not len(self.pairs):
+            return np.full(len(codes), -1, dtype=np.int64)
+        wanted = solve * len(self.code) + codes
+        at = np.maximum(np.searchsorted(self.pairs, wanted, side="right") - 1, 0)
+        return np.where((codes >= 0) & (self.pairs[at] == wanted), self.local[at], -1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Arranged:
+    """The tables of T solves.
+
+    ``tables`` that are divided have their rows solve by solve: ``spans`` says which; windows share rows, unless members
+    are numbered. ``families`` has the families, by the table with a row for each member, whose members differ by
+    solve; ``owners`` (rows,) is then the solve of each row of a divided table.
+    """
+
+    tables: Mapping[str, Table]
+    spans: Mapping[str, Span]
+    families: Mapping[str, Numbered]
+    owners: Mapping[str, Indices]
+
+    def rows(self, table: str) -> Indices | int:
+        """Rows of a table in each solve: (T,), or a number where all have the same ones."""
+        span = self.spans.get(table)
+        return len(self.tables[table]) if span is None else span.sizes
+
+    def pick(
+        self,
+        entry: Entry,
+        member: Member,
+        table: Table | None,
+        positions: Positions | None,
+        tables: Mapping[str, Table],
+    ) -> Indices | int:
+        """The members that rows speak of, by their numbers within the solve of the row (`members.picked_members`).
+
+        Raises:
+            MbmError: a key that is no member's in that solve.
+
+        """
+        family = entry.unknown.family
+        found = None if family is None else self.families.get(family.rows)
+        if found is None or table is None or positions is None or not isinstance(member, ColumnMember):
+            return picked_members(entry, member, table, positions, tables)
+        cells = member_cells(member, table, positions, tables)
+        numbers = found.numbers(self.owners[table.name][positions], found.codes(cells))
+        if bool((numbers < 0).any()):
+            row = int(np.argmax(numbers < 0))
+            where = f"the family `{entry.unknown.name}`"
+            place = table.place(int(positions[row]), member.column)
+            raise MbmError(problem_faults.dangling_key(place, cells[row], where, None, entry.unknown.span))
+        return numbers
+
+
+def arranged(problem: Problem, sets: Sets) -> Arranged:
+    """The tables of all solves of ``sets``."""
+    families = {u.family.rows: u.family for u in problem.unknowns if u.family is not None}
+    own = {rows: family for rows, family in families.items() if family.table in sets.spans}
+    tables, spans = dict(sets.tables), {}
+    for name, span in sets.spans.items():
+        spans[name] = mine = _apart(span) if own else span
+        table, order = sets.tables[name], mine.order
+        in_place = len(order) == len(table) and bool((order == np.arange(len(order))).all())
+        tables[name] = table if in_place else table.take(order)
+    owners = {}
+    if own:
+        owners = {name: np.repeat(np.arange(sets.count), span.sizes) for name, span in spans.items()}
+    for rows, family in families.items():
+        if rows in own and family.column is not None:
+            tables[rows], spans[rows], owners[rows] = _distinct(family, tables[family.table], owners, sets.count)
+        elif family.column is not None:
+            tables[rows] = distinct(tables[family.table], family, rows)
+    return Arranged(
+        tables=tables,
+        spans=spans,
+        families={rows: _numbered(tables[rows], owners[rows], sets.count) for rows in own},
+        owners=owners,
+    )
+
+
+def _apart(span: Span) -> Span:
+    """The same rows, ascending in each solve, none of them shared by solves."""
+    sizes = span.sizes
+    last = np.cumsum(sizes)
+    solve = np.repeat(np.arange(len(sizes)), sizes)
+    order = span.order[np.arange(len(solve)) + np.repeat(span.first - (last - sizes), sizes)]
+    return Span(order=order[np.lexsort((order, solve))], first=last - sizes, last=last)
+
+
+def _distinct(family: Family, table: Table, owners: Mapping[str, Indices], solves: int) -> tuple[Table, Span, Indices]:
+    """`joining.distinct` of each solve, one below the other, and the solve of each row."""
+    column = str(family.column)
+    cells = table.keys(column)
+    code = {cell: number for number, cell in enumerate(dict.fromkeys(cells))}
+    pairs = owners[family.table] * len(code) + np.fromiter(map(code.__getitem__, cells), np.int64, len(cells))
+    positions = np.sort(np.unique(pairs, return_index=True)[1])
+    solve = owners[family.table][positions]
+    last = np.cumsum(np.bincount(solve, minlength=solves))
+    first = np.concatenate([np.zeros(1, dtype=np.int64), last[:-1]])
+    made = replace(
+        table.take(positions),
+        name=family.rows,
+        columns={each: table.columns[each].take(positions) for each in family.names},
+        rows=np.arange(len(positions)) - first[solve] + 1,
+        key=column,
+        groups={},
+    )
+    return made, Span(order=np.arange(len(positions)), first=first, last=last), solve
+
+
+def _numbered(table: Table, solve: Indices, solves: int) -> Numbered:
+    """The members for the rows of a table, which belong to solves (rows,), ascending."""
+    keys = table.keys()
+    code = {cell: number for number, cell in enumerate(dict.fromkeys(keys))}
+    first = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(np.bincount(solve, minlength=solves))])
+    pairs = solve * len(code) + np.fromiter(map(code.__getitem__, keys), np.int64, len(keys))
+    order = np.argsort(pairs, kind="stable")
+    local = np.arange(len(keys)) - first[solve]
+    return Numbered(keys=keys, first=first, code=code, pairs=pairs[order], local=local[order])
+
 
 ROWS_AT_ONCE = 30_000
 """Rows of a slice: what is worked on stays in the processor's cache, and there are enough slices for all threads."""

@@ -1,4 +1,10 @@
-"""Many points → the minima that they lead to, each as a basin, counted, and told apart."""
+"""Many points → the minima that they lead to, each as a basin, counted, and told apart. Points go down to
+moderate accuracy first.
+
+Where the structure of the equations allows, part by part first: the unknowns that some equations determine by
+themselves, then those that the next equations determine given them. A part that its equations determine exactly has
+solutions with residuals of zero; a start that ends elsewhere tries again with the values that other starts had.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +15,161 @@ from itertools import islice
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.types import Floats, Minimum
+from mbm.equations.excerpt import excerpt
+from mbm.equations.types import Floats, Indices, Minimum
 from mbm.estimation.minimise.minimise import minima, minimise
-from mbm.estimation.minimise.native.starts import StartEnds
+from mbm.estimation.minimise.native.starts import StartEnds, ends_of_starts, joined
 from mbm.estimation.search.agreement import Agreement
 from mbm.estimation.search.basins import Basin, ends_apart, merged, ways_down, without_twins
-from mbm.estimation.search.descent import descent
+from mbm.estimation.search.dissection import MAXIMUM_ROWS, Dissection, Mention, Part, dissected
 from mbm.estimation.search.starting import Beginning
 from mbm.estimation.settings import Settings
-from mbm.problem.types import Problem
+from mbm.problem.types import BlockRole, Problem
+from mbm.values import dataclass
+
+ITERATIONS = 60
+PART_ITERATIONS = 30
+"""Steps of Marquardt's method for the whole problem and for a part of it; what needs more is left to the next stage."""
+
+TOGETHER = 500
+"""Starts that go through all stages together, and lend values to one another."""
+
+TRIES = 6
+"""Values of other starts that a part tries where its own lead nowhere."""
+
+ZERO = 1e-9
+"""A cost for each residual that is zero, in squared standard deviations."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Descent:
+    """The equations with the order in which to solve them (None: all together)."""
+
+    equations: Assembled
+    order: Dissection | None
+    units: Indices
+    settings: Settings
+
+    def ends(self, starts: Floats) -> StartEnds:
+        """Where the starts (T, N) lead to, never worse than a start; only the first of them where it is stopped."""
+        parts: list[StartEnds] = []
+        for first in range(0, len(starts), TOGETHER):
+            if parts and self.settings.stopped():
+                break
+            parts.append(self._ends(starts[first : first + TOGETHER]))
+        return joined(parts)
+
+    def _ends(self, starts: Floats) -> StartEnds:
+        begun = _begun(starts)
+        if self.order is not None:
+            found = self._by_parts(begun, self.order)
+            before, after = (np.square(self.equations.residuals_at(p)).sum(axis=1) for p in (starts, found.points))
+            better = (after <= before)[:, None] | ~np.isfinite(before)[:, None]
+            begun = replace(found, points=np.where(better, found.points, starts))
+        return self._minimised(begun, self.equations.free, None, ITERATIONS)
+
+    def _by_parts(self, reached: StartEnds, order: Dissection) -> StartEnds:
+        starts = reached.points
+        for part in order.trunk:
+            reached = self._solved(reached, (part,), PART_ITERATIONS)
+        if len(order.trunk) > 1:
+            reached = self._solved(reached, order.trunk, ITERATIONS)
+        for branch in order.branches:
+            reached = self._branch(reached, starts, branch)
+        return reached
+
+    def _branch(self, reached: StartEnds, starts: Floats, branch: tuple[Part, ...]) -> StartEnds:
+        """The points with the unknowns of a branch solved for, from their own values or those of other starts."""
+        found = self._branch_solved(reached, branch)
+        enough = ZERO * sum(len(part.equations) for part in branch)
+        lost = np.flatnonzero(~(found.cost <= enough))
+        tries = min(TRIES, len(starts) - 1)
+        if not lost.size or not tries or self.settings.stopped():
+            return found
+        places = self._numbers([column for part in branch for column in part.columns])
+        others = (lost[:, None] + 1 + np.arange(tries) * max(1, len(starts) // (tries + 1))) % len(starts)
+        again = np.repeat(reached.points[lost], tries, axis=0)
+        again[:, places] = starts[others.ravel()][:, places]
+        second = self._branch_solved(_begun(again), branch)
+        costs = np.where(np.isfinite(second.cost), second.cost, np.inf).reshape(len(lost), tries)
+        zero = costs <= enough
+        chosen = np.where(zero.any(axis=1), zero.argmax(axis=1), costs.argmin(axis=1))
+        line = np.arange(len(lost))
+        better = costs[line, chosen] < np.where(np.isfinite(found.cost[lost]), found.cost[lost], np.inf)
+        points, iterations, evaluations = found.points.copy(), found.iterations.copy(), found.evaluations.copy()
+        points[lost[better]] = second.points.reshape(len(lost), tries, -1)[line, chosen][better]
+        iterations[lost] += second.iterations.reshape(len(lost), tries).sum(axis=1)
+        evaluations[lost] += second.evaluations.reshape(len(lost), tries).sum(axis=1)
+        return replace(found, points=points, iterations=iterations, evaluations=evaluations)
+
+    def _branch_solved(self, reached: StartEnds, branch: tuple[Part, ...]) -> StartEnds:
+        for part in branch:
+            reached = self._solved(reached, (part,), PART_ITERATIONS)
+        return self._solved(reached, branch, PART_ITERATIONS) if len(branch) > 1 else reached
+
+    def _solved(self, reached: StartEnds, parts: tuple[Part, ...], iterations: int) -> StartEnds:
+        columns = self.equations.free[sorted(c for part in parts for c in part.columns)]
+        units = self.units[sorted(i for part in parts for i in part.equations)]
+        return self._minimised(reached, columns, units, iterations)
+
+    def _minimised(self, reached: StartEnds, columns: Indices, units: Indices | None, iterations: int) -> StartEnds:
+        """The minima of some units over some coordinates, with the work so far."""
+        part = excerpt(self.equations, columns, np.unique(self.equations.units) if units is None else units)
+        found = ends_of_starts(part, reached.points, iterations, self.settings)
+        return replace(
+            found,
+            iterations=reached.iterations + found.iterations,
+            evaluations=reached.evaluations + found.evaluations,
+        )
+
+    def _numbers(self, columns: list[int]) -> Indices:
+        """The places of the numbers that the columns (positions in ``free``) hold; rotations only if they hold all."""
+        layout = self.equations.layout
+        mine = np.zeros(len(layout.number), dtype=bool)
+        mine[self.equations.free[columns]] = True
+        plain = layout.number[mine]
+        turned = [c.numbers[mine[c.coordinates].all(axis=1)].ravel() for c in layout.curved]
+        return np.concatenate([plain[plain >= 0], *turned])
+
+
+def descent(equations: Assembled, problem: Problem, settings: Settings) -> Descent:
+    """The descent for these equations; ``settings`` may stop it early, with the points reached so far."""
+    if equations.count > MAXIMUM_ROWS:
+        return Descent(equations=equations, order=None, units=np.empty(0, dtype=np.int64), settings=settings)
+    units, mentions = _mentions(equations, problem)
+    order = dissected(mentions, equations.dimension)
+    return Descent(equations=equations, order=order, units=units, settings=settings)
+
+
+def _begun(points: Floats) -> StartEnds:
+    """Trials of which nothing is known yet."""
+    none = np.zeros(len(points), dtype=np.int64)
+    unknown = np.full(len(points), np.inf)
+    return StartEnds(points=points, cost=unknown, settled=none > 0, iterations=none, evaluations=none)
+
+
+def _mentions(equations: Assembled, problem: Problem) -> tuple[Indices, list[Mention]]:
+    """The units in use, and which of the free coordinates each of them mentions."""
+    place = np.full(len(equations.layout.number), -1, dtype=np.int64)
+    place[equations.free] = np.arange(equations.dimension)
+    used = np.zeros(int(equations.everything().units.max(initial=-1)) + 1, dtype=bool)
+    used[equations.units] = True
+    units: list[int] = []
+    mentions: list[Mention] = []
+    for group in equations.groups:
+        decides = problem.blocks[group.kernel.owner].role is not BlockRole.PRIOR
+        for number, whitener in enumerate(group.whiteners):
+            inside = (group.kernel.jacobian_rows >= whitener.first) & (group.kernel.jacobian_rows < whitener.last)
+            tangents = np.unique(group.kernel.jacobian_columns[inside])
+            columns = place[group.columns[:, tangents]]
+            for row, line in enumerate(columns.tolist()):
+                unit = group.first_unit + row * len(group.whiteners) + number
+                if used[unit]:
+                    units.append(unit)
+                    named = frozenset(c for c in line if c >= 0)
+                    mentions.append(Mention(columns=named, size=whitener.last - whitener.first, decides=decides))
+    return np.array(units, dtype=np.int64), mentions
+
 
 ALONE = 3
 """Up to so many starts each is minimised by itself: a batch pays only for many."""

@@ -19,8 +19,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.common_errors import with_rho
 from mbm.equations.structure import Pattern, Structure
 from mbm.equations.types import Floats, Indices, Minimum, Noise, NoiseState, Observability
-from mbm.estimation.uncertainty.noise_parameters import NoiseParameter, Rho, Told, told
-from mbm.estimation.uncertainty.shared_degrees import scale_of
+from mbm.estimation.uncertainty.shared_degrees import NoiseParameter, Rho, Told, scale_of, told
 from mbm.solver.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 from mbm.values import dataclass
 

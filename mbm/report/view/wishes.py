@@ -21,9 +21,8 @@ from mbm.report.view.near_curves import curve_photographs
 from mbm.report.view.overlay import draw_overlay, overlay_of
 from mbm.report.view.pages import Panel, page_bytes
 from mbm.report.view.photographs import Photograph, photographs, together
-from mbm.report.view.scene import Scene, scene_of
+from mbm.report.view.scene import Scene, scene_of, source_of
 from mbm.report.view.solids import solid_of
-from mbm.report.view.sources import source_of
 from mbm.report.view.types import Solid
 from mbm.report.view.values import answer_lookup
 from mbm.report.view.viewpoint import View

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import mbm
-from mbm.estimation.batches.arranged import arranged
 from mbm.estimation.batches.parts import shapes
 from mbm.estimation.batches.sets import Span, sets_of
+from mbm.estimation.batches.stack import arranged
 from mbm.problem.tables import Column, Provenance, Table
 
 TEXT = """

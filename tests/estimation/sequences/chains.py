@@ -7,9 +7,8 @@ import numpy as np
 import mbm
 from mbm.api.compilation import compilation_of
 from mbm.compiler import Inputs
-from mbm.estimation.batches.arranged import arranged
 from mbm.estimation.batches.sets import sets_of
-from mbm.estimation.batches.stack import stack
+from mbm.estimation.batches.stack import arranged, stack
 from mbm.estimation.sequences.local import local
 from mbm.estimation.sequences.walk import Chained
 from mbm.problem.types import BlockRole

@@ -11,8 +11,7 @@ pytest.importorskip("llvmlite")
 
 import mbm
 from mbm.kernels.backends import numpy_stream
-from mbm.kernels.native.normal import normal_kernels, normal_rows
-from mbm.kernels.native.normal_rows import Unit
+from mbm.kernels.native.normal import Unit, normal_kernels, normal_rows
 from mbm.machine.kinds import LANES
 from mbm.solver import losses
 

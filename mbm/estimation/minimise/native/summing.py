@@ -47,8 +47,7 @@ def sum_addresses(code: NativeCode, groups: Sequence[Group | None]) -> list[int]
 
 def _sums_of(group: Group, store: Store | None) -> NormalKernels:
     """The function of one group under the number 0."""
-    from mbm.kernels.native.normal import normal_kernels
-    from mbm.kernels.native.normal_rows import Unit
+    from mbm.kernels.native.normal import Unit, normal_kernels
     from mbm.solver.description import NO_LOSS
 
     losses = [NO_LOSS if loss is None else loss.number for loss in group.losses]
