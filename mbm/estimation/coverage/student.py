@@ -18,7 +18,7 @@ PLENTY = 1e7
 """Degrees of freedom from which on tails are those of the normal distribution, to 1e-7 of themselves."""
 
 TERMS = 500
-TINY = 1e-300
+LEAST_TERM = 1e-300
 ROUNDING = 4e-16
 NEWTON_STEPS = 200
 HALVINGS = 200
@@ -139,4 +139,4 @@ def _fraction(a: float, b: float, x: float) -> float:
 
 def _kept(value: float) -> float:
     """The value, away from zero."""
-    return value if abs(value) > TINY else TINY
+    return value if abs(value) > LEAST_TERM else LEAST_TERM

@@ -28,7 +28,7 @@ from mbm.problem.types import UnknownKind
 ENOUGH_UNITS = 600
 """Equations in rows that the motion is judged by."""
 
-LEAST = 3
+LEAST_FELT = 3
 """Poses that more than one motion may suit: two are brought where they should be in one way."""
 
 ORIGIN = "aligned"
@@ -67,7 +67,9 @@ def laid_elsewhere(equations: Assembled, point: Floats, settings: Settings) -> t
     None where no motions between members are measured, or fewer than three of them are felt by other equations.
     """
     families = [
-        e for e in equations.layout.entries if e.unknown.kind is UnknownKind.POSE and e.members >= LEAST and not e.steps
+        e
+        for e in equations.layout.entries
+        if e.unknown.kind is UnknownKind.POSE and e.members >= LEAST_FELT and not e.steps
     ]
     entry = max(families, key=lambda e: e.members, default=None)
     if entry is None:
@@ -83,7 +85,7 @@ def laid_elsewhere(equations: Assembled, point: Floats, settings: Settings) -> t
     of_others &= np.isin(np.arange(len(of_others)), equations.free)
     part = excerpt(equations, np.flatnonzero(of_others), _some_units(apart, settings.seed))
     tree = Tree(part, entry, point, affine_coordinates(part, of_others))
-    return tree.elsewhere(settings) if tree.felt >= LEAST else ()
+    return tree.elsewhere(settings) if tree.felt >= LEAST_FELT else ()
 
 
 def _loose_family(equations: Assembled, numbers: Floats) -> Entry | None:

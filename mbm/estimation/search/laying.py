@@ -25,7 +25,7 @@ FOLLOWED, STEPS = 32, 15
 ALIKE = 10
 """If so many lead to where the tree lies already, it is the only place."""
 
-APART, SAME = 0.15, 0.02
+APART, SAME_PLACE = 0.15, 0.02
 """Shares of the reach by which trees lie apart, root mean square, to be followed down, and to be told apart then."""
 
 FARTHER = 8.0
@@ -40,7 +40,7 @@ PLAUSIBLE = 30.0
 ENOUGH = 1e-4
 """Share of the cost by which a step makes it smaller that is the last one."""
 
-STEP = 1e-6
+SLOPE_STEP = 1e-6
 """Step of the differences by which a motion is followed down, in rad, and as a share of the reach."""
 
 
@@ -77,7 +77,7 @@ class Tree:
         for group in self._part.groups:
             values = np.abs(group.values(still)) if group.rows else np.zeros(1)
             self.reach = max(self.reach, float(np.max(values[np.isfinite(values)], initial=0.0)))
-        best = self._apart(self._followed(1.0, settings), KEPT, SAME)
+        best = self._apart(self._followed(1.0, settings), KEPT, SAME_PLACE)
         return tuple(self._placed(motion) for cost, motion in best if cost <= PLAUSIBLE * best[0][0])
 
     @np.errstate(all="ignore")
@@ -86,7 +86,7 @@ class Tree:
         here = self._lower(origin(self._entry))
         others = self._followed(FARTHER, settings, here)
         most = PLAUSIBLE * min([here[0], *(cost for cost, _ in others)])
-        best = self._apart([here, *others], KEPT, SAME)[1:]
+        best = self._apart([here, *others], KEPT, SAME_PLACE)[1:]
         return tuple(self._placed(motion) for cost, motion in best if cost <= most)
 
     def _followed(
@@ -103,7 +103,7 @@ class Tree:
         lower: list[tuple[float, Floats]] = []
         for each in chosen:
             lower.append(each if settings.stopped() else self._lower(each[1]))
-            if here is not None and len(lower) == ALIKE and len(self._apart([here, *lower], KEPT, SAME)) == 1:
+            if here is not None and len(lower) == ALIKE and len(self._apart([here, *lower], KEPT, SAME_PLACE)) == 1:
                 break
         return sorted(lower, key=lambda each: each[0])
 
@@ -166,8 +166,8 @@ class Tree:
         residuals, damping = self._residuals(motion), 1e-3
         cost = self._cost(residuals)
         for _ in range(STEPS):
-            nearby = stepped(self._entry, np.tile(motion, (freedom, 1)), np.diag(STEP * units))
-            slopes = np.stack([(self._residuals(each) - residuals) / STEP for each in nearby], axis=1)
+            nearby = stepped(self._entry, np.tile(motion, (freedom, 1)), np.diag(SLOPE_STEP * units))
+            slopes = np.stack([(self._residuals(each) - residuals) / SLOPE_STEP for each in nearby], axis=1)
             if not np.isfinite(slopes).all():
                 break
             matrix = slopes.T @ slopes
