@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mbm.cli.documents import STANDARD_OUTPUT
-from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import solve_options
-from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
-from mbm.cli.output import say, write_bytes
-from mbm.cli.outputs import Output, check_outputs, write_outputs
-from mbm.cli.statuses import ATTENTION, OK, WRONG
-from mbm.text.types import MbmError
+from mbm.cli.options import Terminal, allow_external_option, verbosity_options
+from mbm.cli.output import say
+from mbm.cli.outputs import answered, outputs_at
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from mbm.report.budgets.answer import BudgetAnswer
 
 
@@ -53,49 +51,14 @@ def command(**given: Any) -> int:
 
     Exit status: as `mbm solve`.
     """
-    screen = terminal()
-    made: list[BudgetAnswer] = []
-    outputs = _outputs(given, made)
-    check_outputs(outputs, problem_at(given["file"]))
-    answer = _answer(given, lambda: check_outputs(outputs, reads_so_far()))
-    made.append(answer)
-    told = () if screen.quiet else (*answer.result.diagnostics, *answer.refused)
-    print_diagnostics(told, color=screen.color_errors)
-    wrong = [*write_outputs(outputs, answer.result, reads_so_far())]
-    try:
-        if given["json_path"] == STANDARD_OUTPUT:
-            write_bytes(_document(answer))
-        else:
-            from mbm.report.budgets.text import text
-
-            say(text(answer.budgets, color=screen.color, full=screen.verbose), end="")
-    except MbmError as error:  # the files are there, and stay
-        wrong.extend(error.diagnostics)
-    print_diagnostics(wrong, color=screen.color_errors)
-    return WRONG if wrong else OK if answer.status.value == "ok" else ATTENTION
+    outputs = outputs_at(given, {"csv_path": _rows, "latex_path": _latex}, _drawn)
+    return answered(given, outputs, lambda loaded: _answer(given, loaded), _say, lambda answer: answer.refused)
 
 
-def _outputs(given: dict[str, Any], made: list[BudgetAnswer]) -> tuple[Output, ...]:
-    """The files that are asked for; what they hold is ``made`` when they are written."""
-    found = []
-    if given["json_path"] not in (None, STANDARD_OUTPUT):
-        found.append(Output(path=given["json_path"], content=lambda _: _document(made[0])))
-    if given["csv_path"] is not None:
-        found.append(Output(path=given["csv_path"], content=lambda _: _rows(made[0])))
-    if given["latex_path"] is not None:
-        found.append(Output(path=given["latex_path"], content=lambda _: _latex(made[0])))
-    if given["plot_path"] is not None:
-        from mbm.report.plots import format_of
+def _say(answer: BudgetAnswer, screen: Terminal) -> None:
+    from mbm.report.budgets.text import text
 
-        ending = format_of(given["plot_path"])
-        found.append(Output(path=given["plot_path"], content=lambda _: _picture(made[0], ending)))
-    return tuple(found)
-
-
-def _document(answer: BudgetAnswer) -> bytes:
-    from mbm.report.encode import encode, to_bytes
-
-    return to_bytes(encode(answer.document()))
+    say(text(answer.budgets, color=screen.color, full=screen.verbose), end="")
 
 
 def _rows(answer: BudgetAnswer) -> bytes:
@@ -110,11 +73,10 @@ def _latex(answer: BudgetAnswer) -> bytes:
     return latex(answer.budgets).encode("utf-8", errors="backslashreplace")
 
 
-def _picture(answer: BudgetAnswer, ending: str) -> bytes:
+def _drawn(answer: BudgetAnswer) -> Figure:
     from mbm.report.budgets.plots import draw
-    from mbm.report.plots import figure_bytes
 
-    return figure_bytes(draw(answer.budgets, answer.result.problem), ending)
+    return draw(answer.budgets, answer.result.problem)
 
 
 def _answer(given: dict[str, Any], loaded: Callable[[], None]) -> BudgetAnswer:

@@ -12,6 +12,7 @@ from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import initial_values, solve_options
 from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say, write_bytes
+from mbm.cli.outputs import encoded
 from mbm.cli.statuses import ATTENTION, OK
 from mbm.files.writing import checked_target, write_whole
 
@@ -55,7 +56,7 @@ def command(**given: Any) -> int:
     design = _design(given)
     print_diagnostics(() if screen.quiet else design.notes, color=screen.color_errors)
     if given["json_path"] not in (None, STANDARD_OUTPUT):
-        write_whole(given["json_path"], _document(design), reads=reads_so_far())
+        write_whole(given["json_path"], encoded(design), reads=reads_so_far())
     if given["csv_path"] is not None:
         from mbm.report.designs.answer import design_rows
 
@@ -66,7 +67,7 @@ def command(**given: Any) -> int:
 
         write_whole(given["plot_path"], figure_bytes(draw(design), ending), reads=reads_so_far())
     if given["json_path"] == STANDARD_OUTPUT:
-        write_bytes(_document(design))
+        write_bytes(encoded(design))
     else:
         from mbm.report.designs.answer import text
 
@@ -81,12 +82,6 @@ def _ending(path: str | None) -> str | None:
     from mbm.report.plots import format_of
 
     return format_of(path)
-
-
-def _document(design: Design) -> bytes:
-    from mbm.report.encode import encode, to_bytes
-
-    return to_bytes(encode(design.document()))
 
 
 def _design(given: dict[str, Any]) -> Design:

@@ -10,15 +10,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mbm.cli import faults
-from mbm.cli.documents import STANDARD_OUTPUT
-from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
-from mbm.cli.options import Terminal, allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
-from mbm.cli.output import say, write_bytes
-from mbm.cli.outputs import Output, check_outputs, write_outputs
+from mbm.cli.options import Terminal, allow_external_option, terminal, verbosity_options
+from mbm.cli.output import say
+from mbm.cli.outputs import answered, outputs_at
 from mbm.cli.progress import ProgressBar
-from mbm.cli.statuses import ATTENTION, OK, WRONG
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
@@ -50,25 +47,19 @@ def command(**given: Any) -> int:
 
     Exit status: as `mbm solve`.
     """
-    screen = terminal()
-    trials = _trials(given["trials"])
-    made: list[Propagated] = []
-    outputs = _outputs(given, made)
-    check_outputs(outputs, problem_at(given["file"]))
-    found = _propagated(given, trials, screen, lambda: check_outputs(outputs, reads_so_far()))
-    made.append(found)
-    print_diagnostics(() if screen.quiet else found.result.diagnostics, color=screen.color_errors)
-    wrong = [*write_outputs(outputs, found.result, reads_so_far())]
-    try:
-        if given["json_path"] == STANDARD_OUTPUT:
-            write_bytes(_document(found))
-        else:
-            shown = found.table(width=screen.width, color=screen.color, full=screen.verbose)
-            say(shown, color=screen.color, end="")
-    except MbmError as error:  # the files are there, and stay
-        wrong.extend(error.diagnostics)
-    print_diagnostics(wrong, color=screen.color_errors)
-    return WRONG if wrong else OK if found.result.status.value == "ok" else ATTENTION
+    trials, contents = _trials(given["trials"]), {}
+    if given["samples_path"] is not None:
+        from mbm.report.propagation.answer import sample_format
+
+        written = sample_format(given["samples_path"])
+        contents["samples_path"] = lambda found: written(found.solves)
+    return answered(
+        given, outputs_at(given, contents), lambda loaded: _propagated(given, trials, terminal(), loaded), _say
+    )
+
+
+def _say(found: Propagated, screen: Terminal) -> None:
+    say(found.table(width=screen.width, color=screen.color, full=screen.verbose), color=screen.color, end="")
 
 
 def _trials(text: str) -> int | str:
@@ -89,25 +80,6 @@ def _trials(text: str) -> int | str:
             faults.bad_call(f"--trials is {text}; `auto` or a whole number from 2 is wanted", "mbm propagate")
         )
     return int(number)
-
-
-def _outputs(given: dict[str, Any], made: list[Propagated]) -> tuple[Output, ...]:
-    """The files that are asked for; what they hold is ``made`` when they are written."""
-    found = []
-    if given["json_path"] not in (None, STANDARD_OUTPUT):
-        found.append(Output(path=given["json_path"], content=lambda _: _document(made[0])))
-    if given["samples_path"] is not None:
-        from mbm.report.propagation.answer import sample_format
-
-        written = sample_format(given["samples_path"])
-        found.append(Output(path=given["samples_path"], content=lambda _: written(made[0].solves)))
-    return tuple(found)
-
-
-def _document(found: Propagated) -> bytes:
-    from mbm.report.encode import encode, to_bytes
-
-    return to_bytes(encode(found.document()))
 
 
 def _propagated(given: dict[str, Any], trials: int | str, screen: Terminal, loaded: Callable[[], None]) -> Propagated:

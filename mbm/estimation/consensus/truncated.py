@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.formulas import of_arrays
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.consensus.binding import without_losses
 from mbm.estimation.consensus.many import noise_of_inliers
@@ -23,6 +24,7 @@ from mbm.estimation.consensus.units import Units
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.settings import Settings
+from mbm.solver.consensus_gnc import gnc_weight
 from mbm.solver.decisions import CONTROL_GROWTH, GRADUATED_ROUNDS, STATED
 from mbm.values import dataclass
 
@@ -134,7 +136,7 @@ def _graduated(fits: _Fits, rule: _Rule, way: Way) -> Floats:
         return point
     control = float(max(ratio.min(), 1e-12))
     for _ in range(GRADUATED_ROUNDS):
-        weights = gnc_weights(squares, limits, control)
+        weights = np.where(np.isfinite(squares), of_arrays(gnc_weight)(squares, limits, control), 0.0)
         point = fits.fitted(point, weights, variances, 1)
         squares = fits.squares(point)
         variances, closer = rule.limits(squares, units)
@@ -143,14 +145,6 @@ def _graduated(fits: _Fits, rule: _Rule, way: Way) -> Floats:
             break
         control *= CONTROL_GROWTH
     return point
-
-
-def gnc_weights(squares: Floats, limits: Floats, control: float) -> Floats:
-    """The weights (U,) of the truncated loss made smooth (eq. 14 of the paper); 0 of squares without a value."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        between = np.sqrt(limits * control * (control + 1.0) / squares) - control
-    weights = np.where(squares <= control / (control + 1.0) * limits, 1.0, np.clip(between, 0.0, 1.0))
-    return np.where(np.isfinite(squares), weights, 0.0)
 
 
 def _settled(fits: _Fits, rule: _Rule, point: Floats) -> tuple[Agreed, float]:

@@ -26,7 +26,7 @@ from mbm.report.elements import unit_text
 from mbm.report.interval_table import MOST_LINES
 from mbm.report.propagation.solve import Part, PropagatedSolve, Propagation, propagation_document
 from mbm.report.sentences import diagnostic_sentence
-from mbm.report.types import Result
+from mbm.report.types import Result, ResultStatus
 from mbm.text.faults import missing_extra
 from mbm.text.shown import Paint, Style, joined
 from mbm.text.types import Diagnostic, MbmError
@@ -44,6 +44,11 @@ class Propagated:
     result: Result
     solves: tuple[PropagatedSolve, ...]
     places: tuple[int, ...]
+
+    @property
+    def status(self) -> ResultStatus:
+        """That of the solve."""
+        return self.result.status
 
     @property
     def only(self) -> PropagatedSolve:
