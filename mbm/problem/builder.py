@@ -32,8 +32,7 @@ from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.dynamics import read_dynamics
 from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.estimators import read_estimator
-from mbm.problem.reading.noise_matrices import matrices
-from mbm.problem.reading.noise_structure import check_structures
+from mbm.problem.reading.noise_structure import check_structures, matrices
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.previous import Earlier, looking_back, previous

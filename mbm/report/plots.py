@@ -103,10 +103,10 @@ def figure_bytes(figure: Figure, ending: str) -> bytes:
 
 
 def _panels(result: Result) -> Iterator[Panel]:
-    from mbm.report import bound_panels, map_panels, panels
+    from mbm.report import map_panels, panels
 
     if len(result.solves) == 1:
-        yield from bound_panels.enclosure_panels(result.solves[0])
+        yield from panels.enclosure_panels(result.solves[0])
     if result.solves:
         for found in result.solves[0].maps():
             yield from map_panels.map_panels(found)

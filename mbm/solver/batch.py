@@ -8,7 +8,6 @@ from mbm.machine.kinds import LANES
 from mbm.machine.records import Reference, record, view
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real
 from mbm.solver.active_bounds import release_inactive
-from mbm.solver.beginning import begin, constraint_count, solve_directly
 from mbm.solver.constraint_values import tell_equations
 from mbm.solver.constraints import begin_rounds, next_round, set_held
 from mbm.solver.covariance import set_covariance, undetermined
@@ -48,7 +47,7 @@ from mbm.solver.manifolds import coordinates_of
 from mbm.solver.range_form import RangeForm, best_of_ranges
 from mbm.solver.sequential import begin_steps, sequential_step
 from mbm.solver.sweeps import sweep
-from mbm.solver.trust_region import iterate
+from mbm.solver.trust_region import begin, constraint_count, iterate, solve_directly
 from mbm.solver.workspace import Answer, Linearisation, Work, share_out
 
 SURE = 1e4

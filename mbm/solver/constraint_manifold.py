@@ -10,7 +10,6 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.machine.words import Integer, Reals
-from mbm.solver.beginning import constraint_count
 from mbm.solver.covariance import set_reduced, set_scales
 from mbm.solver.decisions import rounding_of_norm
 from mbm.solver.description import Problem
@@ -18,6 +17,7 @@ from mbm.solver.linear_algebra import cholesky, dot, filled, solve_transposed, s
 from mbm.solver.null_space import REPEATED, from_null_space, reflect_constraints, to_null_space
 from mbm.solver.step_control import relative_offset
 from mbm.solver.steps import INDEPENDENT, without_dependent
+from mbm.solver.trust_region import constraint_count
 from mbm.solver.workspace import Linearisation, Work
 
 SCALE = 11

@@ -14,7 +14,6 @@ from __future__ import annotations
 from math import fabs, inf, isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
-from mbm.solver.beginning import constraint_count
 from mbm.solver.constraint_manifold import choose_free, kkt_step, set_null_space
 from mbm.solver.constraint_values import linearise, set_units
 from mbm.solver.decisions import DIFFERENCE, EXACT, LEAST_DIFFERENCE, MET, MOST_DENSE, POLISH, SETTLED, SLOW_KKT
@@ -23,6 +22,7 @@ from mbm.solver.equations import residuals_at_point
 from mbm.solver.linear_algebra import copied, dot, filled
 from mbm.solver.manifolds import coordinates_of, retract
 from mbm.solver.sweeps import sweep
+from mbm.solver.trust_region import constraint_count
 from mbm.solver.workspace import Linearisation, Work
 
 STEPS_AT_MOST = 20

@@ -10,7 +10,6 @@ from __future__ import annotations
 from math import fabs, inf, isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real
-from mbm.solver.beginning import begin, constraint_count
 from mbm.solver.constraint_values import evaluate, linearise, set_units
 from mbm.solver.constraints import begin_rounds
 from mbm.solver.decisions import EPSILON, LEAST_GAIN_RATIO, UNDECIDED
@@ -24,6 +23,7 @@ from mbm.solver.newton import gradient_of
 from mbm.solver.quadratic import solve_quadratic
 from mbm.solver.step_control import relative_offset
 from mbm.solver.steps import project
+from mbm.solver.trust_region import begin, constraint_count
 from mbm.solver.workspace import Linearisation, Work
 
 MOST_STEPS = 60

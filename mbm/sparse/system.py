@@ -1,8 +1,11 @@
-"""Normal equations → factors: eliminate the family that decouples, then Cholesky of the rest, dense or by fronts."""
+"""Normal equations → factors: eliminate the family that decouples, then Cholesky of the rest, dense or by fronts.
+
+A matrix that is made when it is first looked at: what solves and reports seldom ask for costs nothing.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,7 +14,6 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.sparse.arithmetic import Arithmetic, arithmetic
-from mbm.sparse.deferred import DeferredMatrix
 from mbm.sparse.elimination import Elimination, eliminable, elimination
 from mbm.sparse.frontal import FrontFactor, FrontSolver, front_solver, fronts, minimum_degree
 from mbm.sparse.normal import Normal, NormalPattern, normal_pattern
@@ -21,6 +23,46 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.kernels.types import Backend
+
+
+class DeferredMatrix:
+    """Behaves as the SciPy sparse array of the given ``shape`` that ``make`` makes, once."""
+
+    __array_ufunc__ = None  # products with NumPy's arrays are left to this class
+
+    def __init__(self, shape: tuple[int, int], make: Callable[[], Any]) -> None:
+        self.shape = shape
+        self._make = make
+        self._made: Any = None
+
+    @property
+    def matrix(self) -> Any:
+        """The matrix itself."""
+        if self._made is None:
+            self._made = self._make()
+        return self._made
+
+    def __matmul__(self, other: Any) -> Any:
+        return self.matrix @ other
+
+    def __rmatmul__(self, other: Any) -> Any:
+        return other @ self.matrix
+
+    def __mul__(self, other: Any) -> Any:
+        return self.matrix * other
+
+    def __rmul__(self, other: Any) -> Any:
+        return other * self.matrix
+
+    def __abs__(self) -> Any:
+        return abs(self.matrix)
+
+    def __getitem__(self, key: Any) -> Any:
+        return self.matrix[key]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.matrix, name)
+
 
 NARROW = 400
 """Reduced systems of at most so many columns are dense."""

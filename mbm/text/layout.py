@@ -6,8 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import groupby
 
-from mbm.text.layout_rules import Context
-from mbm.text.layout_tree import WIDEST, Group, Item, Node, Note, Piece
+from mbm.text.layout_tree import WIDEST, Context, Group, Item, Node, Note, Piece
 from mbm.values import dataclass
 
 _INDENT = 2

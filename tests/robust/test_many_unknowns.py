@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import mbm
-from mbm.estimation.consensus.many import noise_of_inliers
+from mbm.estimation.consensus.truncated import noise_of_inliers
 from mbm.estimation.consensus.units import Units
 from tests.robust.scenes import CEILING
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from mbm.emit.c.frame import ends
 from mbm.emit.foreign import told
-from mbm.emit.python.cells import Cells
-from mbm.emit.python.cells import key as written
+from mbm.emit.python.kernels import Cells
+from mbm.emit.python.kernels import key as written
 from mbm.emit.python.text import docstring, literal
 from mbm.emit.system import varies
 from mbm.emit.types import BlockCase, BlockShape, Blueprint, Choice, SlotPlace, UnknownShape

@@ -10,7 +10,6 @@ from __future__ import annotations
 from math import sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
-from mbm.solver.beginning import constraint_count
 from mbm.solver.chi_square import consistency
 from mbm.solver.consensus import find_consensus
 from mbm.solver.consensus_records import ConsensusWork, Units
@@ -20,6 +19,7 @@ from mbm.solver.description import NO_LOSS, Problem, Unit
 from mbm.solver.equations import load_rows
 from mbm.solver.linear_algebra import copied
 from mbm.solver.sweeps import sweep
+from mbm.solver.trust_region import constraint_count
 from mbm.solver.workspace import Rows, Work
 
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache
-from mbm.equations.corrections.approach import FAR
 from mbm.equations.corrections.components import Builder
 from mbm.equations.corrections.feet import feet, first_feet
 from mbm.equations.corrections.measured import Measured, UncertainRows, measured, rows_of_groups
 from mbm.equations.corrections.roots import root
+from mbm.equations.corrections.search import FAR
 from mbm.equations.corrections.straight import eliminating
 from mbm.equations.corrections.system import Conditions
 from mbm.equations.types import Floats, Indices, Mask

@@ -79,7 +79,7 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT, place))
     # asked first, as looking for all that a protocol wants takes longer than a small solve
     if getattr(equations, "profiled", False) and isinstance(equations, Correctable):
-        from mbm.equations.corrections.approach import approached
+        from mbm.equations.corrections.search import approached
 
         start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
     found = _from(equations, bound, start, settings)

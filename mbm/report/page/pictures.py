@@ -8,7 +8,7 @@ from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING
 
-from mbm.report import bound_panels, map_panels, panels
+from mbm.report import map_panels, panels
 from mbm.report.page.types import Block, Picture, Pictures
 from mbm.report.plots import figure_bytes, show_plainly
 from mbm.report.residual_panels import judging_panels
@@ -40,7 +40,7 @@ def result_pictures(result: Result) -> Iterator[Block]:
     found: list[Picture] = []
     solves = result.solves
     if len(solves) == 1:
-        found += [Picture("guaranteed bounds", each) for each in bound_panels.enclosure_panels(solves[0])]
+        found += [Picture("guaranteed bounds", each) for each in panels.enclosure_panels(solves[0])]
     if solves:
         found += [Picture("map", each) for one in solves[0].maps() for each in map_panels.map_panels(one)]
     found += [Picture("data and model", each) for each in panels.data_panels(result)]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.report.scenes import faults
-from mbm.report.scenes.numbering import in_order, numbers, word
-from mbm.report.scenes.types import Camera, Files, Scene
+from mbm.report.scenes.types import Camera, Files, Scene, in_order, numbers, word
 from mbm.text.types import MbmError
 
 FORM = "bundler"

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.report.scenes import faults
-from mbm.report.scenes.numbering import ids, in_order, numbers, word
 from mbm.report.scenes.scene import image_sizes
-from mbm.report.scenes.types import Camera, Files, Scene
+from mbm.report.scenes.types import Camera, Files, Scene, ids, in_order, numbers, word
 from mbm.rotations import quaternion_of_matrix
 from mbm.text.types import MbmError
 

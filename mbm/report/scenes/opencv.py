@@ -7,9 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from mbm.report.scenes import faults
-from mbm.report.scenes.numbering import words
 from mbm.report.scenes.scene import image_sizes
-from mbm.report.scenes.types import Files, Scene
+from mbm.report.scenes.types import Files, Scene, words
 from mbm.report.types import Floats
 from mbm.rotations import quaternion_of_matrix, vector_of_quaternion
 from mbm.text.types import MbmError

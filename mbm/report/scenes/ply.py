@@ -7,8 +7,7 @@ import numpy as np
 from mbm.estimation.search.solution import Solution
 from mbm.problem.types import Problem, UnknownKind
 from mbm.report.scenes import faults
-from mbm.report.scenes.numbering import numbers, words
-from mbm.report.scenes.types import Files
+from mbm.report.scenes.types import Files, numbers, words
 from mbm.text.types import MbmError
 
 FORM = "ply"

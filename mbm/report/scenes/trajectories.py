@@ -7,8 +7,7 @@ import numpy as np
 from mbm.estimation.search.solution import Solution
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.scenes import faults
-from mbm.report.scenes.numbering import numbers, words
-from mbm.report.scenes.types import Files, Trajectory
+from mbm.report.scenes.types import Files, Trajectory, numbers, words
 from mbm.report.scenes.views import views
 from mbm.rotations import from_euler, matrix_of_quaternion, quaternion_of_matrix, unit
 from mbm.text.types import MbmError

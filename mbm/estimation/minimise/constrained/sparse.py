@@ -29,12 +29,11 @@ from mbm.solver import constraints as rules
 from mbm.solver.decisions import EXACT, FIRST_WEIGHT, HEAVIER, LOOSE, MET
 from mbm.solver.step_control import relative_offset
 from mbm.sparse.arithmetic import Arithmetic
-from mbm.sparse.deferred import DeferredMatrix
 from mbm.sparse.equations import Blocked, blocked
 from mbm.sparse.newton import conjugate, products
 from mbm.sparse.place import inside
 from mbm.sparse.structure import Structure, Values
-from mbm.sparse.system import BlockJacobian, Factorised, Plan, blocks_of, factorised, plan
+from mbm.sparse.system import BlockJacobian, DeferredMatrix, Factorised, Plan, blocks_of, factorised, plan
 from mbm.values import dataclass
 
 TOUCHED = 2000
