@@ -16,8 +16,6 @@ from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from mbm.report.budgets.answer import BudgetAnswer
     from mbm.report.designs.answer import Design
     from mbm.report.propagation.answer import Propagated
@@ -138,7 +136,7 @@ def answered(
 def outputs_at(
     given: Mapping[str, Any],
     contents: Mapping[str, Callable[[Any], bytes]],
-    draw: Callable[[Any], Figure] | None = None,
+    draw: Callable[[Any], Any] | None = None,
 ) -> tuple[Output, ...]:
     """The document of an answer, and its ``contents`` by the names of the options that say where; what is drawn of it.
 
@@ -192,7 +190,7 @@ def _as_bytes(write: Callable[[TextIO], None]) -> bytes:
     return stream.getvalue().encode("utf-8", errors="backslashreplace")
 
 
-def _picture(path: str, draw: Callable[[Any], Figure] | None = None) -> Callable[[Any], bytes]:
+def _picture(path: str, draw: Callable[[Any], Any] | None = None) -> Callable[[Any], bytes]:
     """What draws a result, or an answer with ``draw``, in the format that the name of a file says."""
     from mbm.report import plots
 

@@ -15,8 +15,6 @@ from mbm.cli.output import say
 from mbm.cli.outputs import answered, outputs_at
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from mbm.report.budgets.answer import BudgetAnswer
 
 
@@ -73,7 +71,7 @@ def _latex(answer: BudgetAnswer) -> bytes:
     return latex(answer.budgets).encode("utf-8", errors="backslashreplace")
 
 
-def _drawn(answer: BudgetAnswer) -> Figure:
+def _drawn(answer: BudgetAnswer) -> Any:
     from mbm.report.budgets.plots import draw
 
     return draw(answer.budgets, answer.result.problem)

@@ -15,8 +15,6 @@ from mbm.cli.output import say
 from mbm.cli.outputs import answered, outputs_at
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from mbm.report.trajectories.answer import TrajectoryAnswer
 
 
@@ -66,7 +64,7 @@ def _rows(answer: TrajectoryAnswer) -> bytes:
     return error_rows(answer.trajectories).encode("utf-8", errors="backslashreplace")
 
 
-def _drawn(answer: TrajectoryAnswer) -> Figure:
+def _drawn(answer: TrajectoryAnswer) -> Any:
     from mbm.report.trajectories.plots import draw
 
     return draw(answer)
