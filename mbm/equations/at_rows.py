@@ -14,7 +14,7 @@ from mbm.expression.evaluate import Values, evaluate
 from mbm.expression.nodes import Column, Component, Expression, Leaf, externals
 from mbm.problem.rows import Positions, lookup, sampled_column
 from mbm.problem.tables import Table
-from mbm.problem.types import Equation
+from mbm.problem.types import Equation, Problem
 from mbm.symbolic.types import Slot
 from mbm.values import dataclass
 
@@ -80,3 +80,22 @@ class AtRows:
         depth, *focal = np.moveaxis(self.values(wanted).reshape(self.count, -1, 3), 2, 0)
         ahead = np.where((focal[0] < 0) & (focal[1] < 0), -depth, depth)
         return np.asarray((ahead <= 0).any(axis=1))
+
+
+def rows_at(problem: Problem, group: Group, layout: Layout, tables: Mapping[str, Table], numbers: Floats) -> AtRows:
+    """The rows of a group at any ``numbers`` (N,) of the unknowns."""
+    block = problem.blocks[group.kernel.owner]
+
+    def chosen(places: Indices | int) -> Values:
+        return np.asarray(numbers[places])
+
+    return AtRows(
+        count=group.rows,
+        group=group,
+        lines=slice(None),
+        layout=layout,
+        table=None if block.table is None else tables[block.table],
+        positions=group.positions,
+        tables=tables,
+        numbers=chosen,
+    )

@@ -13,14 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations.at_rows import AtRows
+from mbm.equations.at_rows import AtRows, rows_at
 from mbm.equations.binding import Group
-from mbm.equations.layout import Layout
-from mbm.equations.types import Indices
 from mbm.estimation.search.solution import RawRows, Solution
-from mbm.expression.evaluate import Values
 from mbm.expression.units import Unit
-from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.means import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, RootMean
 from mbm.report.types import Floats, Mask
@@ -90,25 +86,6 @@ def of_block(problem: Problem, block: Block) -> Mapping[str, RootMeans]:
 def rows_of(problem: Problem, solution: Solution, group: Group) -> AtRows:
     """The rows of a group at the estimates."""
     return rows_at(problem, group, solution.layout, solution.tables, solution.numbers)
-
-
-def rows_at(problem: Problem, group: Group, layout: Layout, tables: Mapping[str, Table], numbers: Floats) -> AtRows:
-    """The rows of a group at any ``numbers`` (N,) of the unknowns."""
-    block = problem.blocks[group.kernel.owner]
-
-    def chosen(places: Indices | int) -> Values:
-        return np.asarray(numbers[places])
-
-    return AtRows(
-        count=group.rows,
-        group=group,
-        lines=slice(None),
-        layout=layout,
-        table=None if block.table is None else tables[block.table],
-        positions=group.positions,
-        tables=tables,
-        numbers=chosen,
-    )
 
 
 @np.errstate(all="ignore")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 import mbm
 
@@ -126,3 +127,19 @@ def test_bounds_hold_for_other_minima():
     text = PLACE.format(unknowns="(x :init 1.5) (y :init 2 :in (0.5 10))", sigma=0.1, more="")
     result = mbm.loads(text).solve(data=ranges(UP, 1))
     assert not told(result)
+
+
+def test_a_board_behind_the_camera_is_no_other_solution():
+    """The mirror image of a plane through the camera's centre has the same image; nothing behind a camera is seen."""
+    generator = np.random.default_rng(4)
+    x, y = np.meshgrid(np.arange(7) * 0.025, np.arange(4) * 0.025)
+    places = np.column_stack([x.ravel(), y.ravel(), np.zeros(28)])
+    seen = Rotation.from_euler("xyz", [0.3, -0.2, 0.4]).apply(places) + np.array([-0.05, -0.06, 0.37])
+    points = 400 * seen[:, :2] / seen[:, 2:] + np.array([161, 119]) + 0.01 * generator.normal(size=(28, 2))
+    text = """(problem p (data d external) (camera cam :focal (400 400) :center (161 119)) (unknowns (T (pose 3)))
+      (observe d (= [u v] (project cam (transform T [x y 0]))) :sigma 0.01))"""
+    columns = {"x": places[:, 0], "y": places[:, 1], "u": points[:, 0], "v": points[:, 1]}
+    found = mbm.loads(text).solve(data={"d": columns})
+    assert found["T"].value[6] > 0
+    assert found.first.alternatives == ()
+    assert found.status == "ok"

@@ -6,6 +6,7 @@ import os
 import struct
 import zlib
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -123,6 +124,14 @@ def test_points_that_cannot_be_refined_are_left_out_and_said(board, tmp_path):
     assert solved.document()["inputs"][0]["rows"] == 27
 
 
+def test_a_board_without_a_point_that_can_be_measured_is_said_to_be_blurred(board, tmp_path):
+    """Its edges are wider than what is fitted about a corner."""
+    save(tmp_path / "a.png", np.asarray(cv2.GaussianBlur(cv2.resize(board, None, fx=8, fy=8), (0, 0), 20)))
+    found = fault(tmp_path)
+    assert found.code.name == "no-board"
+    assert "it is there, but too blurred for any of its points to be measured" in found.message
+
+
 def test_two_images_of_one_name(board, tmp_path):
     save(tmp_path / "a.png", board)
     save(tmp_path / "a.jpg", board)
@@ -147,7 +156,7 @@ def encoded(board, ending, tmp_path):
 BROKEN = {
     "text": (lambda whole: b"u,v\n1,2\n", "not-an-image"),
     "tiff": (lambda whole: b"II*\0" + bytes(100), "not-an-image"),
-    "empty": (lambda whole: b"", "empty-file"),
+    "empty": (lambda whole: b"", "damaged-image"),
     "magic": (lambda whole: whole(".png")[:8], "damaged-image"),
     "half-png": (lambda whole: whole(".png")[: len(whole(".png")) // 2], "damaged-image"),
     "no-end-png": (lambda whole: whole(".png")[:-12], "damaged-image"),
@@ -192,6 +201,24 @@ def test_a_broken_image_is_named(name, source, board, tmp_path, capfd):
     assert found.place.file.endswith("broken.png")
     assert [label.place for label in found.labels if isinstance(label.place, Span)]  # and the data clause
     assert capfd.readouterr() == ("", "")  # decoders are not heard
+
+
+@pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".pgm"])
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.05])
+def test_an_image_that_was_not_copied_whole_is_called_truncated(ending, share, board, tmp_path):
+    content = encoded(board, ending, tmp_path)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "half.png").write_bytes(content[: int(share * len(content))])
+    found = fault(tmp_path / "folder")
+    assert found.code.name == "damaged-image"
+    assert "the file is truncated, it ends in the middle" in found.message
+
+
+def test_an_empty_image_is_told_what_helps_with_images(tmp_path):
+    (tmp_path / "none.jpg").write_bytes(b"")
+    found = fault(tmp_path, '(chessboard "none.jpg" 7 4 25mm)')
+    assert "is damaged: the file is empty" in found.message
+    assert "Copy it anew from the camera" in found.code.mend
 
 
 def test_no_change_of_a_byte_ends_the_process(board, tmp_path):

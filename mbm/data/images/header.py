@@ -28,7 +28,7 @@ _BARE = frozenset({0x01, *range(0xD0, 0xDA)})
 """Markers of JPEG: of the frame's header, and those without a length."""
 
 _SCAN, _END = 0xDA, b"\xff\xd9"
-_CUT = "it ends in the middle"
+_CUT = "the file is truncated, it ends in the middle"
 
 
 class _DamagedError(Exception):
@@ -49,8 +49,10 @@ def size_of(content: bytes, path: str) -> Size:
                 width, height = read(content)
             except _DamagedError as error:
                 raise MbmError(faults.damaged_image(place, str(error))) from None
-            except (struct.error, IndexError, ValueError):
-                raise MbmError(faults.damaged_image(place, "its header is cut short or wrong")) from None
+            except (struct.error, IndexError):  # what is read next lies beyond the end
+                raise MbmError(faults.damaged_image(place, _CUT)) from None
+            except ValueError:
+                raise MbmError(faults.damaged_image(place, "its header is wrong")) from None
             if width < 1 or height < 1:
                 raise MbmError(faults.damaged_image(place, f"its size is {width} × {height} pixels"))
             return width, height
@@ -117,8 +119,11 @@ def _pnm(content: bytes) -> Size:
     numbers: list[int] = []
     position = 2
     while len(numbers) < 3:
+        if position >= len(content):
+            raise _DamagedError(_CUT)
         if content[position : position + 1] == b"#":
-            position = content.index(b"\n", position)
+            end = content.find(b"\n", position)
+            position = end if end >= 0 else len(content)
         elif content[position : position + 1].isspace():
             position += 1
         else:

@@ -13,6 +13,7 @@ import numpy as np
 from mbm.data.cells import frozen
 from mbm.data.columns import row_numbers
 from mbm.data.content import read_bytes
+from mbm.data.faults import EMPTY_FILE
 from mbm.data.images import faults
 from mbm.data.images.header import size_of
 from mbm.data.images.opencv import decoded
@@ -57,6 +58,9 @@ class Board:
     places: Floats
     find: Callable[[Grey], Found]
     more: Mapping[str, Floats] = field(default_factory=dict)
+
+
+BLURRED = "it is there, but too blurred for any of its points to be measured"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,11 +117,16 @@ class ImageFile:
 def image_file(path: Path, per_pixel: int = PER_PIXEL) -> ImageFile:
     """An image file; what it takes is worked out from its header, in bytes for a pixel.
 
-    Raises MbmError as ``read_bytes`` does, and not-an-image, damaged-image, too-much-memory.
+    Raises MbmError as ``read_bytes`` does, but damaged-image for an empty file, and not-an-image, too-much-memory.
     """
-    content, digest = read_bytes(path)
     shown = path.as_posix()
     place = DataPlace(file=shown)
+    try:
+        content, digest = read_bytes(path)
+    except MbmError as error:
+        if error.diagnostics[0].code is not EMPTY_FILE:
+            raise
+        raise MbmError(faults.damaged_image(place, "the file is empty")) from None
     width, height = size_of(content, shown)
     needed = per_pixel * width * height
     check_memory(needed, faults.pixels_of(shown, width, height), place)
@@ -189,6 +198,8 @@ def _seen(name: str, path: Path, board: Board, room: Room) -> _Seen:
         except faults.NoBoardError as error:
             reason = error.reason
     whole = found if found is not None and found.fitted.good.any() else None
+    if found is not None and whole is None:
+        reason = BLURRED
     return _Seen(name=name, path=path.as_posix(), sha256=file.sha256, pixels=file.pixels, found=whole, reason=reason)
 
 

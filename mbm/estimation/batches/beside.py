@@ -31,6 +31,7 @@ from mbm.estimation.search.beside import (
     looks_beside,
     minima_beside,
 )
+from mbm.estimation.search.facing import facing
 from mbm.estimation.search.twins import separation
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.estimate import assemble
@@ -133,7 +134,8 @@ def sample(
         if not columns.solved[0]:
             continue
         try:
-            equations, binder = assemble(problem, kernels, part.sets.selection(number).tables, {}, cache)
+            tables = part.sets.selection(number).tables
+            equations, binder = assemble(problem, kernels, tables, {}, cache)
         except MbmError:
             continue  # it says so where it is solved
         if several:
@@ -146,7 +148,9 @@ def sample(
             variance=variance,
             most=minimum.cost + WIDE * (PLAUSIBLE * variance + BOTH_ZERO),
         )
-        for each in minima_beside(equations, about, settings, problem, derived_agreement(problem, binder, kernels)):
+        agrees = derived_agreement(problem, binder, kernels)
+        beside = minima_beside(equations, about, settings, problem, agrees)
+        for each in facing(problem, tables, equations, minimum, beside):
             shifts = np.array(owners).reshape(-1, len(minimum.point)) + (each.minimum.point - minimum.point)
             apart = separation(equations, np.array(others).reshape(shifts.shape), shifts) * columns.scale[0]
             near = np.square(apart).sum(axis=1) <= SIMILAR**2 * variance

@@ -236,12 +236,14 @@ def _others(
         return (), ()
     # Loaded by problems that bend only, so that the others start at once.
     from mbm.estimation.search.beside import centre, minima_beside
+    from mbm.estimation.search.facing import facing
 
     about = centre(minimum, outcome.covariance.factor, outcome.fit, end.noise)
     others = end.others
     if alone:
         agrees = derived_agreement(run.problem, run.binder, run.kernels)
         others = (*others, *minima_beside(equations, about, run.settings, run.problem, agrees))
+    others = facing(run.problem, run.tables, equations, minimum, others)
     return others, rivals(run.problem, minimum, others, about.most)
 
 

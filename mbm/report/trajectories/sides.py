@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mbm.equations.at_rows import AtRows
+from mbm.equations.at_rows import AtRows, rows_at
 from mbm.equations.binding import Group
 from mbm.equations.layout import Layout
 from mbm.expression.algebra import number
@@ -19,7 +19,6 @@ from mbm.expression.nodes import Column, Expression, Leaf, RowChoice, leaves
 from mbm.expression.substitution import substituted
 from mbm.problem.tables import POSITION, Table
 from mbm.problem.types import Block, BlockRole, Equation, Problem
-from mbm.report.root_means import rows_at
 from mbm.report.trajectories import faults
 from mbm.report.trajectories.types import Floats, Indices, Path
 from mbm.rotations import exponential, matrix_of_quaternion, nearest, planar, unit

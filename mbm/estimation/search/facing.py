@@ -1,0 +1,40 @@
+"""Whether a minimum sees behind its cameras what another one sees before them: no observation can be meant so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.at_rows import rows_at
+from mbm.equations.types import Floats, Mask, Minimum
+from mbm.estimation.search.search import Alternative
+from mbm.problem.tables import Table
+from mbm.problem.types import Problem
+
+
+def facing(
+    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, others: Iterable[Alternative]
+) -> tuple[Alternative, ...]:
+    """The ``others`` that see no rows behind a camera but those that are behind it at the ``minimum``, too.
+
+    Of a plane in front of a camera its mirror image behind the camera has the same image.
+    """
+    every = tuple(others)
+    if not every:
+        return ()
+    own = _behind(problem, tables, equations, minimum.point)
+    return tuple(each for each in every if not (_behind(problem, tables, equations, each.minimum.point) & ~own).any())
+
+
+@np.errstate(all="ignore")
+def _behind(problem: Problem, tables: Mapping[str, Table], equations: Assembled, numbers: Floats) -> Mask:
+    """Which rows of all groups, one group after another, see a point behind a camera; False where nothing tells."""
+    found = []
+    for group in equations.groups:
+        block = problem.blocks[group.kernel.owner]
+        rows = rows_at(problem, group, equations.layout, tables, numbers)
+        behind = rows.behind(block.cases[group.kernel.case].equations)
+        found.append(np.zeros(group.rows, dtype=bool) if behind is None else behind)
+    return np.concatenate(found) if found else np.zeros(0, dtype=bool)
