@@ -14,10 +14,9 @@ from mbm.problem.types import Method, Problem
 from mbm.report.propagation.answer import Propagated
 from mbm.report.propagation.solve import PropagatedSolve, parts_of, scalars_of
 from mbm.simulation.trials import faults
-from mbm.simulation.trials.drawn import drawn, weighted
+from mbm.simulation.trials.drawn import drawn, weighted, with_shifts
 from mbm.simulation.trials.drawn_constants import with_drawn_constants
 from mbm.simulation.trials.run import Asked, sampled
-from mbm.simulation.trials.shifted import with_shifts
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
