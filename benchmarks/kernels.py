@@ -11,10 +11,9 @@ import mbm
 from benchmarks.machine import best, machine, show
 from benchmarks.scenes import RANGE, REPROJECTION, range_rows, reprojection_rows
 from mbm.kernels.backends import casadi_map, native, numpy_stream
-from mbm.kernels.native.engine import compiled
+from mbm.kernels.native.engine import compiled, vector_library
 from mbm.kernels.native.kernels import KernelCode
 from mbm.kernels.native.normal import Unit, normal_kernels, normal_rows
-from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import Kernel
 from mbm.machine import blocks_of_rows
 from mbm.machine.kinds import LANES

@@ -11,8 +11,7 @@ import numpy as np
 from mbm.expression.evaluate import Values
 from mbm.expression.nodes import External, Outlined
 from mbm.kernels.backends.numpy_stream import tabulated
-from mbm.kernels.differences import EXACT, ROUNDED, differences
-from mbm.kernels.python_functions import PythonFunctions
+from mbm.kernels.python_functions import EXACT, ROUNDED, PythonFunctions, differences
 from mbm.kernels.types import Floats, KernelSet, Tabulate
 from mbm.text.faults import missing_extra
 from mbm.text.types import Diagnostic, MbmError

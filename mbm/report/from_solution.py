@@ -21,7 +21,15 @@ from mbm.report.constraints import (
     violated_sentence,
 )
 from mbm.report.covariances import derived_covariance, estimates_covariance
-from mbm.report.derived_values import FREE, NO_NOISE, derived_value, nothing_known_of, stuck
+from mbm.report.derived_values import (
+    FREE,
+    NO_NOISE,
+    coordinate_spread,
+    derived_value,
+    entry_spread,
+    nothing_known_of,
+    stuck,
+)
 from mbm.report.freedom import common_directions, free_directions
 from mbm.report.inputs import StartsTally
 from mbm.report.later import guarded
@@ -32,7 +40,6 @@ from mbm.report.pictures import plot_data
 from mbm.report.quantities import Shown, repeated, shown
 from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries, row_data
 from mbm.report.root_means import of_solution
-from mbm.report.solution_spreads import coordinate_spread, entry_spread
 from mbm.report.spreads import Spread
 from mbm.report.types import (
     Alternative,

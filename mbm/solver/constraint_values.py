@@ -8,8 +8,7 @@ from mbm.machine.kinds import LANES
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel, distinct_arrays
 from mbm.solver.decisions import EPSILON, ROUNDING_ERRORS
 from mbm.solver.description import Block, Problem
-from mbm.solver.equations import gather, groups_of, portion
-from mbm.solver.fused import separate_rows
+from mbm.solver.equations import gather, groups_of, portion, separate_rows
 from mbm.solver.linear_algebra import filled
 from mbm.solver.trust_region import constraint_count
 from mbm.solver.workspace import Linearisation, Rows, Work

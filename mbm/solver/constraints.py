@@ -14,8 +14,7 @@ from mbm.machine.words import Integer, Real
 from mbm.solver.constraint_values import linearise, set_units
 from mbm.solver.decisions import EXACT, FIRST_WEIGHT, HEAVIER, LOOSE, MET, PUSHED, SHRINKS
 from mbm.solver.description import FLAT, INFEASIBLE, NOT_FINITE_AT_START, TOLERANCE, Problem
-from mbm.solver.equations import groups_of, weights_width
-from mbm.solver.fused import separate_rows
+from mbm.solver.equations import groups_of, separate_rows, weights_width
 from mbm.solver.kkt import polish
 from mbm.solver.linear_algebra import filled
 from mbm.solver.trust_region import begin, constraint_count

@@ -12,8 +12,18 @@ from math import inf, sqrt
 from mbm.machine.kinds import LANES
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, call_kernel, call_normal, distinct_arrays
 from mbm.solver.description import Block, DataBlock, DataSet, Problem
-from mbm.solver.equations import gather, groups_of, penalise_values, portion, root_values, weights_width, whiten_values
-from mbm.solver.fused import first_separate, fused_rows, separate_rows
+from mbm.solver.equations import (
+    first_separate,
+    fused_rows,
+    gather,
+    groups_of,
+    penalise_values,
+    portion,
+    root_values,
+    separate_rows,
+    weights_width,
+    whiten_values,
+)
 from mbm.solver.linear_algebra import append_rows, cholesky, dot, filled, inverted_upper, solve_transposed
 from mbm.solver.slopes import penalise_slopes, root_slopes, scatter, whiten_matrices
 from mbm.solver.workspace import Linearisation, Rows, Work

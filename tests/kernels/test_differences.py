@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mbm.kernels.differences import EXACT, ROUNDED, differences
+from mbm.kernels.python_functions import EXACT, ROUNDED, differences
 
 GOOD = 1e-9
 """Ten times what a step of the third root of ε leaves, for functions that vary on the scale of their argument."""

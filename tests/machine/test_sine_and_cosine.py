@@ -11,8 +11,7 @@ import pytest
 
 pytest.importorskip("llvmlite")
 
-from mbm.kernels.native.engine import compiled
-from mbm.kernels.native.processor import vector_library
+from mbm.kernels.native.engine import compiled, vector_library
 from mbm.machine.blocks_of_rows import module_of
 from mbm.machine.kinds import LANES
 from mbm.machine.program import Instruction, Operator, Program

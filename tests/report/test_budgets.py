@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.estimation.uncertainty.influence import RowInfluence
+from mbm.estimation.uncertainty.statistics import RowInfluence
 from mbm.report.answer import Solved
 from mbm.report.budgets.answer import answer_of
 from mbm.report.budgets.types import Budget, InputKind

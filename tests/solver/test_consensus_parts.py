@@ -15,7 +15,6 @@ from mbm.estimation.consensus.rules import KINDS, first_states
 from mbm.problem.kinds import ConsensusKind
 from mbm.solver.consensus_gnc import gnc_weight
 from mbm.solver.consensus_order import median, selected
-from mbm.solver.consensus_ranking import put_in_list
 from mbm.solver.consensus_records import CANDIDATES
 from mbm.solver.consensus_sample import (
     combinations_of,
@@ -25,6 +24,7 @@ from mbm.solver.consensus_sample import (
 )
 from mbm.solver.consensus_scores import inlier_count, least_median, outlier_count, truncated
 from mbm.solver.consensus_subset import solve_free
+from mbm.solver.consensus_trials import put_in_list
 
 NUMBERS = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40)
 

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.kernels.native.engine import Library, compiled, hindrance, kept
+from mbm.kernels.native.engine import Library, compiled, hindrance, kept, vector_library
 from mbm.kernels.native.kernels import EVALUATIONS, MANY, PLAIN, KernelCode, NativeKernels
-from mbm.kernels.native.processor import vector_library
 from mbm.kernels.native.sources import lowered, source_digest
 from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream, Tabulated
 from mbm.machine import blocks_of_rows

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mbm.kernels.native.engine import Library, kept
-from mbm.kernels.native.processor import vector_library
+from mbm.kernels.native.engine import Library, kept, vector_library
 from mbm.machine.merged import reduced
 from mbm.machine.program import Program
 from mbm.machine.straight_line import function

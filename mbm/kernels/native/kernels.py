@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import field
 from typing import TYPE_CHECKING
 
-from mbm.kernels.native.engine import Library, compiled
-from mbm.kernels.native.processor import vector_library
+from mbm.kernels.native.engine import Library, compiled, vector_library
 from mbm.kernels.types import Kernel
 from mbm.machine import blocks_of_rows
 from mbm.values import dataclass

@@ -19,9 +19,8 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from mbm.kernels.native.engine import Library, compiled
+from mbm.kernels.native.engine import Library, compiled, vector_library
 from mbm.kernels.native.kernels import level_for
-from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import Kernel
 from mbm.machine.blocks_of_rows import close_function, close_loop, load, open_loop, place
 from mbm.machine.kinds import LANES

@@ -1,6 +1,6 @@
 """A solve → the uncertainty budgets of its estimates and derived quantities (GUM H.1, table H.1; EA-4/02, 6.2).
 
-Contributions are those that the stated covariance is the sum of (`mbm.estimation.uncertainty.influence`); constants
+Contributions are those that the stated covariance is the sum of (`mbm.estimation.uncertainty.statistics`); constants
 with an uncertainty are considered as `mbm.report.considered` does it.
 """
 

@@ -14,10 +14,9 @@ from mbm.report.plots import MOST_PANELS
 from mbm.report.view import faults
 from mbm.report.view.answers import Viewed, view_of_result
 from mbm.report.view.beneath import beneath
-from mbm.report.view.contours import contour_photographs
 from mbm.report.view.images import ImageRows, image_rows
 from mbm.report.view.model_panels import draw_model
-from mbm.report.view.near_curves import curve_photographs
+from mbm.report.view.near_curves import contour_photographs, curve_photographs
 from mbm.report.view.overlay import draw_overlay, overlay_of
 from mbm.report.view.pages import Panel, page_bytes
 from mbm.report.view.photographs import Photograph, photographs, together

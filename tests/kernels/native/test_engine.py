@@ -178,7 +178,7 @@ def test_what_is_kept_is_loaded_without_llvmlite(tmp_path):
 import ctypes, sys
 from pathlib import Path
 from mbm.kernels.native.engine import compiled, hindrance
-from mbm.kernels.native.processor import vector_library
+from mbm.kernels.native.engine import vector_library
 from mbm.kernels.store import Store
 store = Store(directory=Path({str(store.directory)!r}))
 assert hindrance(store) is None

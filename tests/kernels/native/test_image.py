@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("llvmlite")
 
-from mbm.kernels.native import engine, image, processor
+from mbm.kernels.native import engine, image
 from mbm.kernels.native.image import DamagedImageError, Image, Loaded, UnsupportedObjectError, linked, read
 from mbm.machine.vectors import VECTORISED
 
@@ -121,7 +121,7 @@ def test_images_lie_where_they_are_not_written_to():
 
 
 def test_the_vector_library_is_what_the_processor_runs(monkeypatch, tmp_path):
-    found = processor.vector_library()
+    found = engine.vector_library()
     if not found.functions:
         pytest.skip("there is no vector library here")
     assert {"sin", "cos", "exp", "log", "pow"} <= found.functions <= {o.value for o in VECTORISED}
@@ -140,21 +140,21 @@ def test_the_vector_library_is_what_the_processor_runs(monkeypatch, tmp_path):
     told = tmp_path / "cpuinfo"
     for flags, width, functions, fused in (("sse4_1", 2, True, False), ("fma", 4, False, True), ("", 4, False, False)):
         told.write_text(f"processor : 0\nflags\t: fpu {flags}\n\nprocessor : 1\nflags : avx2 fma\n")
-        monkeypatch.setattr(processor, "_CPUINFO", told)
-        found = processor.vector_library()
+        monkeypatch.setattr(engine, "_CPUINFO", told)
+        found = engine.vector_library()
         assert (found.width, bool(found.functions), found.fused) == (width, functions, fused)
 
 
 def test_the_description_names_features(monkeypatch, tmp_path):
     told = tmp_path / "cpuinfo"
-    monkeypatch.setattr(processor, "_CPUINFO", told)
+    monkeypatch.setattr(engine, "_CPUINFO", told)
     # Where the kernel tells nothing LLVM does: what was made for one processor must not be found by another.
-    assert "+sse2" in processor.described()
-    assert not processor.vector_library().functions
+    assert "+sse2" in engine.described()
+    assert not engine.vector_library().functions
     told.write_text("processor : 0\nmodel name : A\nflags : avx2\n")
-    one = processor.described()
+    one = engine.described()
     told.write_text("processor : 0\nmodel name : A\nflags : avx2 fma\n")
-    assert processor.described() != one
+    assert engine.described() != one
     monkeypatch.setattr(image, "supported", lambda: False)
-    assert processor.described().count("\n") == 2
-    assert not processor.vector_library().functions
+    assert engine.described().count("\n") == 2
+    assert not engine.vector_library().functions

@@ -12,8 +12,7 @@ import pytest
 
 pytest.importorskip("llvmlite")
 
-from mbm.kernels.native.engine import compiled, kept
-from mbm.kernels.native.processor import vector_library
+from mbm.kernels.native.engine import compiled, kept, vector_library
 from mbm.machine import blocks_of_rows, straight_line
 from mbm.machine.kinds import LANES
 from mbm.machine.program import Instruction, Operator, Program

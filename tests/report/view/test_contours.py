@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbm.report.view.contours import contour_photographs
 from mbm.report.view.images import image_rows
+from mbm.report.view.near_curves import contour_photographs
 from mbm.report.view.photographs import photographs, together
 from tests.report.view.pictured import of_text
 
