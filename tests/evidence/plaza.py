@@ -77,15 +77,16 @@ def calibration_tables(data: dict[str, np.ndarray]) -> dict[str, dict[str, list[
 
 
 def window_tables(
-    data: dict[str, np.ndarray], gain: dict[float, float], offset: dict[float, float]
+    data: dict[str, np.ndarray], gain: dict[float, float], offset: dict[float, float], most: int | None = None
 ) -> tuple[dict[str, dict[str, list[object]]], np.ndarray]:
-    """Ranges by window, times from the window's middle; and the true places at the middles (windows, 2).
+    """Ranges by window, ``most`` of them, times from its middle; and the true places at the middles (windows, 2).
 
     Windows with fewer than 6 ranges or 3 nodes are left out: they have too little for a place and a velocity.
     """
     times, nodes, ranges = data["ranges"][:, 0], data["ranges"][:, 2], data["ranges"][:, 3]
     window = (times // WINDOW).astype(int)
     kept = [w for w in np.unique(window) if (window == w).sum() >= 6 and len(np.unique(nodes[window == w])) >= 3]
+    kept = kept[:most]
     rows = np.isin(window, kept)
     middle = (window + 0.5) * WINDOW
     table = {"window": window, "t": times - middle, "node": nodes.astype(int), "range": ranges}

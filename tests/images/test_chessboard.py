@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import cv2
 import numpy as np
 import pytest
@@ -124,11 +126,18 @@ def write_problem(folder, more=""):
     return path
 
 
-@pytest.fixture
-def photographs(tmp_path):
-    random = np.random.default_rng(4)
+@pytest.fixture(scope="module")
+def boards(tmp_path_factory):
+    """Photographs of eight poses, made once."""
+    folder, random = tmp_path_factory.mktemp("boards"), np.random.default_rng(4)
     for i, (turn, place) in enumerate(poses(8)):
-        save(tmp_path / f"board{i}.png", noisy(rendered(chessboard(COLUMNS, ROWS), turn, place), random, 4))
+        save(folder / f"board{i}.png", noisy(rendered(chessboard(COLUMNS, ROWS), turn, place), random, 4))
+    return folder
+
+
+@pytest.fixture
+def photographs(boards, tmp_path):
+    shutil.copytree(boards, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 

@@ -24,9 +24,9 @@ def told(solve):
 
 
 FALSE = [
-    *((kind, false) for kind in GRAPHS for false in (1, 100)),
-    *(("plane", false) for false in (5, 20)),
-    *(pytest.param("space", false, marks=pytest.mark.slow) for false in (5, 20)),
+    *(("plane", false) for false in (1, 5, 20, 100)),
+    ("space", 1),
+    *(pytest.param("space", false, marks=pytest.mark.slow) for false in (5, 20, 100)),
 ]
 
 
@@ -73,6 +73,6 @@ def test_without_the_worst_row_the_cost_falls_by_what_is_said():
 
 def test_rejected_rows_are_no_contradiction():
     text, made = GRAPHS["plane"]
-    data, _, _ = made(20)
+    data, _, _ = made(5)
     found = mbm.loads(text.format(robust="(gnc :quantile 99% :trust (= (- to from) 1))")).solve(data=data)
     assert (told(found.first), found.status) == ([], "ok")

@@ -110,8 +110,14 @@ def error(result, truth):
     return np.sqrt(np.square(found - truth).sum(axis=1).mean())
 
 
-@pytest.mark.parametrize("kind", GRAPHS)
-@pytest.mark.parametrize("false", [0, 5, 20, 100])
+FALSE = [
+    *(("plane", false) for false in (0, 5, 20, 100)),
+    *(("space", false) for false in (0, 20)),
+    *(pytest.param("space", false, marks=pytest.mark.slow) for false in (5, 100)),
+]
+
+
+@pytest.mark.parametrize(("kind", "false"), FALSE)
 @pytest.mark.parametrize("robust", [TRUSTING, "(gnc :quantile 99%)", "gnc"])
 def test_false_loops_are_left_out(kind, false, robust):
     text, made = GRAPHS[kind]

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 import mbm
 
-COUNT = 20
+COUNT = 12
 """Data sets: more than the eight from which on those of `for-each` and `window` are solved together."""
 
 FAN = [(x, y) for x in (2.0, 5.0, 8.0) for y in (-3.0, 3.0)]
@@ -50,7 +50,7 @@ def answered(path, columns, unknowns=ASTRAY, point="p", more="", sigma=0.05):
         solves = asked.solve(data={"d": joined}).solves
     elif path == "window of few":
         asked = mbm.loads(text(columns, unknowns, point, f"(window run :length 1 :step 1) {more}", sigma))
-        parts = [runs // 6 == part for part in range(-(-count // 6))]
+        parts = [runs // 4 == part for part in range(-(-count // 4))]
         solves = [s for p in parts for s in asked.solve(data={"d": {k: v[p] for k, v in joined.items()}}).solves]
     else:
         sets = [{"run": np.zeros(rows), **{k: v[i] for k, v in columns.items()}} for i in range(count)]
@@ -162,7 +162,7 @@ def test_a_height_that_is_known_stays_and_the_place_is_compared(path, unknowns, 
 @pytest.mark.parametrize("stated", ["(x :init 4 :in (0 7)) (y :init -2)", "(x :in (0 7)) (y)"])
 def test_a_bound_that_cuts_off_the_lower_fit_moves_the_closed_form_to_it(path, stated):
     """Data of places up to x = 8, where x is 7 at most."""
-    columns = beside_a_line(seed=2)
+    columns = beside_a_line(20, seed=2)
     wanted, places = least(columns, most=7.0)
     assert (places[:, 0] > 7 - 1e-6).sum() > 3
     # SciPy's interior steps approach the bound: what they leave, times the push there, is 1e-8 of costs of hundreds

@@ -63,7 +63,7 @@ def test_the_answer_is_the_lower_of_the_minima_on_both_sides(count):
 @pytest.mark.parametrize(("sigma", "prior"), [("0.05", ""), ("unknown", ""), ("0.05", " :sigma 3")])
 def test_many_solves_end_where_each_does_alone(sigma, prior):
     """Also where wrong ranges leave a fit that noise does not explain, and no answer of a closed form is lower."""
-    stations, ranges = drawn(300, wrong=0.15)
+    stations, ranges = drawn(150, wrong=0.15)
     many, alone = together(stations, ranges, sigma, prior), one_by_one(stations, ranges, sigma, prior)
     np.testing.assert_allclose(costs(many), costs(alone), rtol=1e-6, atol=1e-9)
     assert [s.iterations for s in many] == [s.iterations for s in alone]  # those from closed forms in vain included

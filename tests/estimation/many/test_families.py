@@ -59,7 +59,7 @@ def test_any_number_of_workers_gives_the_same_document(name, monkeypatch):
     text, data = PROBLEMS[name]
     compiled = mbm.loads(text).compile(data=data)
     documents = []
-    for workers in (1, 2, None):
+    for workers in (1, 3):
         document = compiled.solve(workers=workers).document()
         for solve in document["solves"]:
             solve.pop("seconds")

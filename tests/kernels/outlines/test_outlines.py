@@ -104,7 +104,7 @@ def test_torus_from_afar():
 @pytest.mark.parametrize(("angles", "holes"), [(ANGLES, 1), ((1.25, 0.0, 0.3), 1), ((1.5, 0.0, 0.4), 0)])
 def test_torus(angles, holes):
     """With a hole, with one that the torus half hides, and with none; the mesh of n² cells is off by some 5/n²."""
-    count = 120
+    count = 72
     s = 2 * np.pi * np.arange(count + 1) / count
     a, b = np.meshgrid(s, s, indexing="ij")
     ring = 0.4 + SIZE / 2 * np.cos(b)
