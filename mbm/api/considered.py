@@ -8,7 +8,7 @@ from dataclasses import replace
 from mbm.compiler import Inputs
 from mbm.problem.overrides import ConstantValue, Override
 from mbm.problem.types import Problem
-from mbm.report.considered import considered
+from mbm.report.considered import considered, moved_by
 from mbm.report.spreads import ConsideredConstant
 from mbm.report.types import Result
 from mbm.scales import SI
@@ -57,6 +57,7 @@ def _uncertain(constants: tuple[ConstantValue, ...]) -> Iterator[tuple[ConstantV
 
 def _moved(inputs: Inputs, constant: ConstantValue, place: int, side: float) -> Inputs:
     values = list(constant.values)
-    values[place] += side * constant.sigmas[place]
+    value, sigma = constant.values[place], constant.sigmas[place]
+    values[place] += side * moved_by(value, sigma) * sigma
     override = Override(name=constant.name, values=tuple(values), computed=True)
     return replace(inputs, overrides={**inputs.overrides, constant.name: override})

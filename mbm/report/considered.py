@@ -1,8 +1,9 @@
 """Constants with an uncertainty: considered, not adjusted (Bierman 1977, Factorization Methods, chapter 8).
 
-The estimates are those of the values. Solved again with a constant moved by its standard deviation u to both sides,
-half of the difference of the answers is S u, with S the derivative of everything that is reported; the covariances gain
-(S u)(S u)ᵀ, which holds what the constant does to estimates, to derived quantities, and to both together.
+The estimates are those of the values. Solved again with a constant moved by a share of its standard deviation u to both
+sides, half of the difference of the answers, divided by that share, is S u, with S the derivative of everything that is
+reported; the covariances gain (S u)(S u)ᵀ, which holds what the constant does to estimates, to derived quantities, and
+to both together.
 """
 
 from __future__ import annotations
@@ -19,15 +20,26 @@ from mbm.report.geometric import difference
 from mbm.report.spreads import ConsideredConstant, Ends, Floats, Spread
 from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Result, SolveReport
 
+MOVED = 0.01
+"""Share of its standard deviation by which a constant is moved: what is not linear in it shrinks ten thousandfold, what
+a search leaves of a deviation, 1e-8 or less, grows a hundredfold."""
+
+LEAST_MOVED = 1e-6
+"""Share of its value by which a constant is moved at least, but no more than a standard deviation, for the rounding."""
+
 Pair = tuple[SolveReport, SolveReport]
 """A solve with a constant below and above its value."""
+
+
+def moved_by(value: float, sigma: float) -> float:
+    """The share of its standard deviation by which a constant is moved to both sides."""
+    return float(min(max(MOVED, LEAST_MOVED * abs(value) / sigma), 1.0))
 
 
 def considered(result: Result, moved: Sequence[tuple[ConsideredConstant, Result, Result]]) -> Result:
     """The ``result`` with the uncertainties of constants in it.
 
-    ``moved`` has each number of a constant, and the results below and above, one standard deviation away, of the same
-    solves.
+    ``moved`` has each number of a constant, and the results of the same solves with it `moved_by` below and above.
     """
     if not moved:
         return result
@@ -41,12 +53,15 @@ def considered(result: Result, moved: Sequence[tuple[ConsideredConstant, Result,
 def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> SolveReport:
     lost = next((constant.name for constant, pair in moved if not all(each.status.trusted for each in pair)), None)
     if not solve.status.trusted or lost is not None:
-        reason = f"the solves with `{lost}` moved by its standard deviation did not converge"
+        reason = f"the solves with `{lost}` moved by a part of its standard deviation did not converge"
         return _without_sigmas(solve, reason) if solve.status.trusted else solve
     pairs = [pair for _, pair in moved]
+    shares = np.array([moved_by(constant.value, constant.sigma) for constant, _ in moved])
     dof = np.array([constant.dof for constant, _ in moved])
-    estimates = [_moves([(a.estimates[i], b.estimates[i]) for a, b in pairs]) for i in range(len(solve.estimates))]
-    derived = [_moves([(a.derived[i], b.derived[i]) for a, b in pairs]) for i in range(len(solve.derived))]
+    estimates = [
+        _moves([(a.estimates[i], b.estimates[i]) for a, b in pairs], shares) for i in range(len(solve.estimates))
+    ]
+    derived = [_moves([(a.derived[i], b.derived[i]) for a, b in pairs], shares) for i in range(len(solve.derived))]
     return replace(
         solve,
         estimates=tuple(
@@ -89,9 +104,10 @@ def _without_sigmas(solve: SolveReport, reason: str) -> SolveReport:
     )
 
 
-def _moves(pairs: Sequence[tuple[Estimate | DerivedValue, Estimate | DerivedValue]]) -> Floats:
-    """Half of the differences (constants, …) of an item, of the shape of its sigmas, SI."""
-    return np.stack([difference(a.quantity, np.asarray(a.value), np.asarray(b.value)) / 2 for a, b in pairs])
+def _moves(pairs: Sequence[tuple[Estimate | DerivedValue, Estimate | DerivedValue]], shares: Floats) -> Floats:
+    """What a standard deviation of each constant (constants, …) does to an item, of the shape of its sigmas, SI."""
+    both = (difference(a.quantity, np.asarray(a.value), np.asarray(b.value)) for a, b in pairs)
+    return np.stack([each / (2 * share) for each, share in zip(both, shares, strict=True)])
 
 
 def _sigma(item: Estimate | DerivedValue, moves: Floats) -> Floats | None:

@@ -156,3 +156,13 @@ def test_what_solves_once_refuses_them(tmp_path: Path) -> None:
     file.write_text(TEXT.format(g="10 :sigma 0.5", c="1", rows=ROWS, sigma="0.1"), encoding="utf-8")
     assert run(["compile", str(file), "--target", "python", "-o", str(tmp_path / "out")]) == 2
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("u", "i", "wanted", "relative"),
+    [("5V :sigma 0.5V", "2A :sigma 0.3A", np.hypot(0.1, 0.15), 1e-5), ("1e6V :sigma 1e-5V", "1A", 1e-11, 1e-3)],
+)
+def test_what_constants_add_is_the_derivative_times_their_deviation(u, i, wanted, relative):
+    """GUM 5.1.6: of a quotient the relative variances add, however large; small ones to what rounding leaves."""
+    found = mbm.loads(f"(problem p (constants (u {u}) (i {i})) (derive (r (/ u i))))").solve()["r"]
+    assert found.sigma / found.value == pytest.approx(wanted, rel=relative)
