@@ -143,3 +143,76 @@ def test_a_board_behind_the_camera_is_no_other_solution():
     assert found["T"].value[6] > 0
     assert found.first.alternatives == ()
     assert found.status == "ok"
+
+
+WITH = "(problem p (data d external) (unknowns (x :init 1.5) (y :init -2) {more}) (observe d {equation} {noise}) {end})"
+RANGE = "(= r (distance [x y] [s u]))"
+ROUND = "(constraints (= (+ (^ x 2) (^ y 2)) 6.25))"
+KINDS = {
+    "huber": WITH.format(more="", equation=RANGE, noise=":sigma 0.1 :loss (huber 1.5)", end=""),
+    "errors": WITH.format(more="", equation=RANGE, noise=":errors ((r 0.1) (s 0.02))", end=""),
+    "inequality": WITH.format(more="", equation=RANGE, noise=":sigma 0.1", end="(constraints (< x 5))"),
+    "equality": WITH.format(more="(z :init 1)", equation=RANGE, noise=":sigma 0.1", end="(constraints (= (* z x) 3))"),
+    "circle": WITH.format(more="", equation=RANGE, noise=":sigma 0.1", end=ROUND),
+}
+
+
+def _on_circle(data):
+    """χ² of the places (angle) on the circle of radius 2.5."""
+    d = data["d"]
+    angle = np.linspace(0.0, 2 * np.pi, 1_000_001)
+    square = sum(
+        np.square((np.hypot(2.5 * np.cos(angle) - s, 2.5 * np.sin(angle) - u) - r) / 0.1)
+        for s, u, r in zip(d["s"], d["u"], d["r"], strict=True)
+    )
+    lowest = (square < np.roll(square, 1)) & (square <= np.roll(square, -1))
+    return sorted(square[lowest])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_losses_corrections_and_constraints_have_other_minima_as_well(kind):
+    data = ranges(UP, 1)
+    result = mbm.loads(KINDS[kind]).solve(data=data)
+    (other,) = result.alternatives
+    assert told(result)
+    if kind == "circle":
+        # the grid is fine to 1e-5 of the curvature of χ²
+        assert [result.cost, other.cost] == pytest.approx(_on_circle(data)[:2], rel=1e-4)
+    elif kind != "errors":
+        # residuals stay within 1.5 standard deviations, where Huber's loss is the square
+        assert other.cost == pytest.approx(minimum(data, [1.5, 2.0])[1], rel=1e-6)
+    else:
+
+        def residuals(p):
+            where = data["d"]["s"] + p[2:]
+            return np.concatenate([(np.hypot(p[0] - where, p[1] - UP) - data["d"]["r"]) / 0.1, p[2:] / 0.02])
+
+        outside = least_squares(residuals, [1.5, 2.0, *np.zeros(5)], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        assert other.cost == pytest.approx(2 * outside.cost, rel=1e-6)
+
+
+def test_on_a_curved_constraint_of_linear_equations():
+    """x is measured, y hardly: both places of the circle fit."""
+    text = f"""(problem p (data d (table (r) (1.5) (1.45))) (unknowns (x :init 1.5) (y :init -2))
+      (observe d (= r x) :sigma 0.1) (observe e (= 0.05 y) :sigma 1.5) {ROUND})"""
+    result = mbm.loads(text).solve()
+    assert result["y"].value < 0.0 < next(e.value for e in result.alternatives[0].estimates if e.name == "y")
+    assert result.alternatives[0].cost < result.cost
+    assert told(result)
+
+
+def test_constraints_that_exclude_the_other_place():
+    text = WITH.format(more="", equation=RANGE, noise=":sigma 0.1", end="(constraints (< y 0))")
+    assert not mbm.loads(text).solve(data=ranges(UP, 1)).alternatives
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_they_are_told_of_many_solves_as_of_each(kind):
+    each = [ranges(UP * (1 if seed % 2 else 40), seed)["d"] for seed in range(4)]
+    columns = {name: np.concatenate([d[name] for d in each]) for name in ("s", "u", "r")}
+    many = mbm.loads(KINDS[kind].rstrip()[:-1] + " (for-each run))")
+    together = many.solve(data={"d": columns | {"run": np.repeat(np.arange(4), 5)}})
+    single = mbm.loads(KINDS[kind])
+    alone = [told(single.solve(data={"d": own})) for own in each]
+    assert [told(solve) for solve in together.solves] == alone
+    assert any(alone)

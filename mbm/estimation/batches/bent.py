@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.equations.surface import exact_constraints
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.factor import Factors
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.surface import Held
 from mbm.estimation.batches.types import Ends
 from mbm.estimation.trust.nonlinearity import LOOKED_AT, NORMAL_95, end_ratios
-from mbm.estimation.trust.surface import exact_constraints
 
 BACK, NEARLY = 3, 0.03
 """Steps back to a surface, and how far what they find may be from what more of them would."""

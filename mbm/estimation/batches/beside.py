@@ -58,11 +58,12 @@ SIMILAR = 5.0
 class Beside:
     """The other minima (P, N) of the sample, and the ones beside which they are (P, N).
 
-    ``several``: each solve weighs its rows by factors of its own.
+    ``several``: each solve weighs its rows by factors of its own. ``native`` (None: constraints, corrections of
+    measured columns) follows points down.
     """
 
     stack: Stack
-    native: NativeSystem
+    native: NativeSystem | None
     others: Floats
     owners: Floats
     estimated: bool
@@ -76,6 +77,8 @@ class Beside:
         numbers, points = which.start + asked, columns.points[asked]
         factors = columns.noise[asked] if self.several else None
         native = self.native
+        if native is None:
+            return replace(columns, clean=np.zeros_like(columns.clean))
         if factors is not None:
             native, numbers = weighted(self.stack, native, numbers, None, factors), np.arange(len(asked))
         cost = columns.robust_cost[asked]
@@ -122,7 +125,7 @@ def sample(
 ) -> Beside | None:
     """What to look for in all solves of a part; None where the sample has no other minima."""
     stack = part.bound
-    if stack.errors is not None or not looks_beside(part.first, settings, problem):
+    if not looks_beside(part.first, settings, problem):
         return None
     count = min(max(stack.solves // SHARE, FEWEST), MOST)
     unknown = [i for i, block in enumerate(problem.blocks) if block.unknown_factor]
@@ -157,9 +160,10 @@ def sample(
             if len(others) < TEMPLATES and not near.any():
                 others.append(each.minimum.point)
                 owners.append(minimum.point)
-    native = native_sets(stack, settings) if others else None
-    if native is None:
+    if not others:
         return None
+    dear = stack.errors is not None or bool(part.first.constraints)
+    native = None if dear else native_sets(stack, settings)
     return Beside(
         stack=stack,
         native=native,

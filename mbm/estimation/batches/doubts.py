@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations.surface import plainly_affine
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.derived import DerivedColumns
 from mbm.estimation.batches.factor import Factors, Spread, factors
@@ -27,7 +28,6 @@ from mbm.estimation.trust.nonlinearity import (
     too_much,
 )
 from mbm.estimation.trust.plausibility import CHECKED, STRAINED, innovations
-from mbm.estimation.trust.surface import plainly_affine
 from mbm.estimation.uncertainty.stationary import FAR, LEAST, STEP, vanishing
 from mbm.problem.types import BlockRole, Problem
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.spreads import Limited
+from mbm.equations.surface import exact_constraints
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
-from mbm.estimation.trust.surface import exact_constraints
 from mbm.values import dataclass
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.metric import column_norms
+from mbm.equations.surface import exact_constraints, on_surface
 from mbm.equations.types import Fit, Floats, Mask, Minimum, Noise
 from mbm.estimation.minimise.minimise import minima
 from mbm.estimation.search.agreement import Agreement
@@ -37,6 +38,10 @@ DISTANCES = 8.0 * 2.0 ** np.arange(13)
 
 RESIDUALS, LEAST = 60_000, 3
 """… fewer where these are more residuals in all than that, but so many at least."""
+
+FEW = 5
+"""Distances along a ray where each point takes a search: for corrections of measured columns, or back to the surface of
+constraints; there 8 to 2,000 standard deviations, since from farther away the search does not come back."""
 
 CURVED = 0.5
 """Share of the cost of a linear model below which a point may lie in another basin (`decisions.SAME_BASIN`)."""
@@ -65,15 +70,34 @@ MOST_UNKNOWNS = 20
 
 
 def looks_beside(equations: Assembled, settings: Settings, problem: Problem) -> bool:
-    """Whether other minima are looked for beside the one of a single start: plain equations of moderate size."""
+    """Whether other minima are looked for beside the one of a single start."""
     asked = settings.starts is not None or settings.robust is not None or not settings.iterative
-    plain = not (equations.lossy or equations.constraints or problem.sequence is not None)
-    known = equations.implicit is None and equations.structure is None and equations.rows is None
-    called = any(group.kernel.calls for group in equations.groups)
-    if equations.linear or asked or not plain or not known or called:
-        return False
-    small = equations.dimension <= MOST_UNKNOWNS and equations.count * equations.dimension <= LARGE
-    return small and min(equations.count, equations.dimension) > 0
+    there = min(equations.count, equations.dimension) > 0
+    return there and not asked and not straight(equations) and why_not(equations, problem) is None
+
+
+def straight(equations: Assembled) -> bool:
+    """Whether there is one minimum at most: equations are linear, and so is what constrains them."""
+    return equations.linear and bool(exact_constraints(equations).all())
+
+
+def why_not(equations: Assembled, problem: Problem) -> str | None:
+    """Why other minima are not looked for beside a single start; None where they are."""
+    if problem.sequence is not None:
+        return "the problem has states"
+    if equations.lossy and problem.estimates_noise:
+        return "unknown noise under a loss"
+    if equations.structure is not None:
+        return "rows share noise"
+    if equations.rows is not None:
+        return "rows are left out by consensus"
+    if any(group.kernel.calls for group in equations.groups):
+        return "functions in Python are called"
+    if equations.implicit is not None and equations.constraints:
+        return "there are constraints beside errors in columns"
+    if equations.dimension > MOST_UNKNOWNS or equations.count * equations.dimension > LARGE:
+        return f"more than {MOST_UNKNOWNS} unknowns, or too many rows for so many unknowns"
+    return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,16 +134,7 @@ def minima_beside(
     if not found_well or not looks_beside(equations, settings, problem):
         return ()
     trials = _promising(equations, about)
-    if not len(trials):
-        return ()
-    # Loaded where a point is followed only, so that other problems start at once.
-    from mbm.estimation.minimise.native.starts import ends_of_starts
-
-    ends = ends_of_starts(equations, trials, AT_FIRST, settings)
-    low = np.flatnonzero(ends.cost <= minimum.cost + NEARLY * (most - minimum.cost))
-    apart = separation(equations, minimum.point, ends.points[low]) * column_norms(minimum.jacobian)
-    points = ends.points[low[np.square(apart).sum(axis=1) > BACK * about.variance]]
-    points = points[~_chosen(equations, minimum, points, ROUGHLY)] if len(points) else points
+    points = trials if equations.constraints or not len(trials) else _followed(equations, about, settings, trials)
     found = [
         Basin(minimum=each, starts=np.array([1 + number]))
         for number, each in enumerate(minima(equations, points, settings, problem.span))
@@ -140,6 +155,19 @@ def minima_beside(
         )
         for each in others
     )
+
+
+def _followed(equations: Assembled, about: Centre, settings: Settings, trials: Floats) -> Floats:
+    """Where points (T, N) lead to in some steps, as far as it is elsewhere, and may cost little enough."""
+    # Loaded where a point is followed only, so that other problems start at once.
+    from mbm.estimation.minimise.native.starts import ends_of_starts
+
+    minimum = about.minimum
+    ends = ends_of_starts(equations, trials, AT_FIRST, settings)
+    low = np.flatnonzero(ends.cost <= minimum.cost + NEARLY * (about.most - minimum.cost))
+    apart = separation(equations, minimum.point, ends.points[low]) * column_norms(minimum.jacobian)
+    points = ends.points[low[np.square(apart).sum(axis=1) > BACK * about.variance]]
+    return np.asarray(points[~_chosen(equations, minimum, points, ROUGHLY)]) if len(points) else points
 
 
 def _chosen(equations: Assembled, minimum: Minimum, points: Floats, share: float) -> Mask:
@@ -164,8 +192,9 @@ def _promising(equations: Assembled, about: Centre) -> Floats:
         return np.empty((0, len(minimum.point)))
     distances = _distances(equations, rays)
     steps = (rays[:, None, :] * distances[:, :, None]).reshape(-1, rays.shape[1])
-    points = _within(equations, equations.retract(np.tile(minimum.point, (len(steps), 1)), steps), minimum.point)
-    grown = costs(equations, points).reshape(distances.shape) - minimum.cost
+    surface = on_surface(equations, minimum) or equations
+    points = _within(equations, surface.retract(np.tile(minimum.point, (len(steps), 1)), steps), minimum.point)
+    grown = _plain_costs(equations, points).reshape(distances.shape) - _plain_costs(equations, minimum.point[None])
     with np.errstate(invalid="ignore"):
         share = grown / (about.variance * np.square(distances))
         falls = np.concatenate([np.zeros((len(rays), 1), dtype=bool), grown[:, 1:] < grown[:, :-1]], axis=1)
@@ -185,6 +214,15 @@ def _promising(equations: Assembled, about: Centre) -> Floats:
     return points[np.array(chosen[:FOLLOWED], dtype=np.int64)]
 
 
+def _plain_costs(equations: Assembled, points: Floats) -> Floats:
+    """Σ r² at points (T, N) without losses, which are level far away; infinite where an equation has no value."""
+    if not equations.lossy:
+        return costs(equations, points)
+    with np.errstate(all="ignore"):
+        found = np.square(equations.plain_residuals_at(points)).sum(axis=1)
+    return np.where(np.isfinite(found), found, np.inf)
+
+
 def _rays(factor: Floats) -> Floats:
     """Steps (p, n) of one standard deviation in some directions, each with its opposite."""
     lengths = np.linalg.norm(factor, axis=1)
@@ -201,8 +239,10 @@ def _distances(equations: Assembled, rays: Floats) -> Floats:
     angles = equations.layout.angle[equations.free]
     turning = angles if equations.turning is None else angles | equations.turning
     fastest = np.abs(rays[:, turning]).max(axis=1, initial=0.0)
-    count = max(RESIDUALS // (len(rays) * equations.count), LEAST)
+    count = FEW if equations.implicit is not None else max(RESIDUALS // (len(rays) * equations.count), LEAST)
     shares = DISTANCES[:: -(-len(DISTANCES) // count)] / DISTANCES[-1]
+    if equations.constraints:
+        shares = DISTANCES[::2][:FEW] / DISTANCES[-1]
     with np.errstate(divide="ignore"):
         farthest: Floats = np.minimum(DISTANCES[-1], np.pi / fastest)
     return np.asarray(farthest[:, None] * shares)

@@ -232,7 +232,7 @@ def _others(
 ) -> tuple[tuple[Alternative, ...], tuple[Diagnostic, ...]]:
     """The other minima, looked for beside the one where a start was ``alone``, and what is to be said of them."""
     equations = end.equations
-    if not end.others and (equations.linear or not alone):
+    if not end.others and ((equations.linear and not equations.constraints) or not alone):
         return (), ()
     # Loaded by problems that bend only, so that the others start at once.
     from mbm.estimation.search.beside import centre, minima_beside

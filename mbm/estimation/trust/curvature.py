@@ -9,6 +9,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, affine
+from mbm.equations.surface import OnSurface, on_surface
 from mbm.equations.types import Covariance, Floats, Indices, Minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.derived_profile import DerivedProfile
@@ -24,7 +25,6 @@ from mbm.estimation.trust.nonlinearity import (
     surroundings,
 )
 from mbm.estimation.trust.profile import END_ACCURACY, Surface
-from mbm.estimation.trust.surface import OnSurface, on_surface
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.values import dataclass
 

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.surface import plainly_affine
 from mbm.equations.types import Covariance, Floats, Minimum
-from mbm.estimation.trust.surface import plainly_affine
 from mbm.values import dataclass
 
 

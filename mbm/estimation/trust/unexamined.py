@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from mbm.equations.binding import affine
+from mbm.equations.surface import on_surface, plainly_affine
 from mbm.equations.types import Minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.curvature import MOST_DERIVED, Curvature
 from mbm.estimation.trust.nonlinearity import MOST_COORDINATES, too_much
-from mbm.estimation.trust.surface import on_surface, plainly_affine
 from mbm.estimation.uncertainty.derived import Propagation
 
 CURVATURE = "curvature"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbm.estimation.trust.surface import OnSurface
+from mbm.equations.surface import OnSurface
 
 
 def circle_values(points: np.ndarray) -> np.ndarray:
