@@ -242,3 +242,12 @@ def test_nothing_is_imported_from_where_the_problem_lies(name: str, tmp_path: Pa
 def test_an_odd_environment_is_no_fault(environment: dict[str, str], status: int, folder: Path) -> None:
     found = called(folder, *SOLVE, "whole.mbm", env=environment)
     assert (found.returncode, found.stderr) == (status, "")
+
+
+def test_streams_in_the_place_of_closed_ones_have_their_directions():
+    code = """import sys; from mbm.cli.output import open_closed_streams; open_closed_streams()
+print(sys.stdin.fileno(), sys.stdin.readable(), sys.stdout.fileno(), sys.stdout.writable(), file=sys.stderr)"""
+    done = subprocess.run(
+        ["sh", "-c", 'exec "$0" -c "$1" <&- >&-', sys.executable, code], capture_output=True, text=True, check=True
+    )
+    assert done.stderr.split() == ["0", "True", "1", "True"]

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.emit.corrections import with_true_values
+from mbm.problem.types import BlockRole
 from tests.emit.agreeing import AGREEING
 from tests.emit.making import emitted, flags, make, of_text, run, written
 from tests.emit.shapes import CORRECTED, SHAPES
@@ -248,3 +250,28 @@ def test_c_is_clean_with_optimisation_too(compiler, name, tmp_path):
     folder = written(of_text(SHAPES[name], "c"), tmp_path)
     made = run("make", "all", "test", f"CC={compiler}", "CFLAGS=-O2", folder=folder)
     assert made.returncode == 0, made.stdout + made.stderr
+
+
+def test_consensus_of_ranges_to_a_known_height_is_refused():
+    """Their closed form takes the root of the height's square: no map of the data."""
+    angles = np.linspace(0.0, 5.0, 8)
+    x, y, h = 3.0 * np.cos(angles), 3.0 * np.sin(angles), 1.0 + 0.1 * angles
+    rows = np.column_stack([x, y, h, np.sqrt((x - 1.0) ** 2 + (y - 0.5) ** 2 + h**2)])
+    table = " ".join("({})".format(" ".join(map(repr, row))) for row in rows.tolist())
+    text = f"""(problem high (data d (table (x y h r) {table})) (unknowns (p (vector 2) :init [1 1]))
+      (observe d (= r (norm [(- (p 1) x) (- (p 2) y) h])) :sigma 0.01) (solve :robust lmeds))"""
+    assert mbm.loads(text).solve()["p"].value == pytest.approx([1.0, 0.5], abs=1e-6)
+    with pytest.raises(mbm.MbmError) as caught:
+        of_text(text, "c")
+    (found,) = caught.value.diagnostics
+    assert found.code.name == "not-emitted"
+    assert "this consensus" in found.message
+    assert "mbm solve" in found.hint
+
+
+@pytest.mark.parametrize(("name", "families", "constraints"), [("errors", 1, 0), ("rim", 2, 1)])
+def test_a_measured_side_needs_no_true_values_of_its_own(name, families, constraints):
+    """y = a + b x has the noise of y; where no side is a measured value alone, the equation is a constraint."""
+    problem = with_true_values(mbm.loads(SHAPES[name]).compile().elaborated).problem
+    assert sum(unknown.family is not None for unknown in problem.unknowns) == families
+    assert sum(block.role is BlockRole.CONSTRAINT for block in problem.blocks) == constraints

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from mbm.emit.foreign import Foreign
+from mbm.emit.python.kernels import DIALECT
+from mbm.emit.statements import statements
+from mbm.machine.program import Instruction, Operator, Program
 from tests.emit.making import of_text
 from tests.emit.shapes import SHAPES
 
@@ -30,3 +34,11 @@ def test_the_header_says_how_many_numbers_a_start_takes():
     assert "begins: a number for each member; NULL" in files("family")["family.h"]
     assert "begins: a number; NULL" in files("plain")["plain.h"]
     assert "begins: 4 numbers; NULL" in files("rotation")["rotation.h"]
+
+
+def test_inputs_that_no_output_needs_are_not_declared():
+    squares = Program(
+        values=3, inputs=(0, 1, -1), constants=(), instructions=(Instruction(2, Operator.MUL, (0, 0)),), outputs=(2,)
+    )
+    made = statements(squares, [Foreign("a"), Foreign("b"), Foreign("c")], DIALECT)
+    assert made.inputs == (("a", 0),)

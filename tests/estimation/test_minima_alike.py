@@ -10,6 +10,7 @@ import pytest
 import mbm
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.search.basins import EQUAL, FINE, Basin, equal_costs, merged
+from mbm.estimation.search.twins import Twin, twin_of
 from mbm.estimation.settings import settings_of
 from mbm.estimation.solve.estimate import assemble
 from mbm.report.types import SolveReport
@@ -98,3 +99,33 @@ def test_a_rival_fits_within_three_standard_deviations(slope, warned):
     (other,) = solve.alternatives
     assert other.cost == pytest.approx(4 * slope**2, rel=1e-6)
     assert ("another-solution" in [d.code.name for d in solve.diagnostics]) == warned
+
+
+TURNS = """(problem turns (unknowns {unknowns}) {observations})"""
+
+
+def twin(relation: str, first: list[float], second: list[float]) -> Twin | None:
+    """How the one point follows from the other, where equations hold the angles a1 … aₙ by a ``relation``."""
+    names = [f"a{k}" for k in range(len(first))]
+    compiled = mbm.loads(
+        TURNS.format(
+            unknowns=" ".join(f"({name} angle :init 0.3rad)" for name in names),
+            observations=" ".join(f"(observe (= 0.3 ({relation} {name})) :sigma 1)" for name in names),
+        )
+    ).compile()
+    equations, _ = compiled._assembled()
+    return twin_of(equations, np.array(first), np.array(second))
+
+
+def test_a_point_is_no_twin_of_itself():
+    assert twin("sin", [0.1, 0.2], [0.1, 0.2]) is None
+
+
+@pytest.mark.parametrize("count", [1, 5])
+@pytest.mark.parametrize(("relation", "partner"), [("sin", -1.0), ("tan", 1.0)])
+def test_any_number_of_angles_have_supplements_and_half_turns(relation, partner, count):
+    """sin(π − a) = sin a, tan(π + a) = tan a."""
+    first = [0.1 + 0.2 * k for k in range(count)]
+    second = [np.pi + partner * each for each in first]
+    expected = Twin.TURNED if relation == "tan" else Twin.MIRRORED
+    assert twin(relation, first, second) is expected

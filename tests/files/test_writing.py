@@ -363,3 +363,17 @@ def test_what_was_read_is_named_in_the_message(tmp_path: Path) -> None:
     (tmp_path / "p").touch()
     said = refused("would-overwrite", tmp_path / "p", reads=reads_of(tmp_path / "p", role=THE_PROBLEM))
     assert said == f"`{tmp_path / 'p'}` is the problem itself: it would be lost; nothing was written there"
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_file_that_standard_output_or_error_goes_to_is_no_target(number: int, tmp_path: Path) -> None:
+    before = os.dup(number)
+    try:
+        with (tmp_path / "said").open("wb") as stream:
+            os.dup2(stream.fileno(), number)
+        with pytest.raises(MbmError, match="would-overwrite"):
+            checked_target(tmp_path / "said")
+    finally:
+        os.dup2(before, number)
+        os.close(before)
+    assert checked_target(tmp_path / "said").is_ordinary

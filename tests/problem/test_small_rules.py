@@ -167,3 +167,10 @@ def test_a_member_is_picked_by_one_key():
 def test_keys_that_are_whole_numbers_are_suggested_as_they_are_written():
     found = refused(QUALIFIED.format("(unknowns (x :per d.g))", "(x g)", "(derive (z (x 11)))")).diagnostics
     assert [each.hint for each in found] == ["did you mean `1`?"]
+
+
+def test_a_clash_of_constants_shows_where_their_numbers_are_written():
+    text = "(problem p (constants (a 1m) (b 2s)) (unknowns (x)) (observe (= x (+ a b)) :sigma 1))"
+    (found,) = refused(text).diagnostics
+    assert found.code.name == "unit-clash"
+    assert [text[each.place.start : each.place.end] for each in found.labels] == ["1m", "2s"]

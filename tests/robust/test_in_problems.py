@@ -260,3 +260,22 @@ def test_outliers_do_not_count_for_the_root_mean_square(loss, solve, sigma, coun
         deviation = 0.1 if sigma == "0.1" else found.noise["t"]
         wanted = np.sqrt(np.mean((each[counts] - found.estimates[0].value) ** 2)) / deviation
         assert summary.rms == pytest.approx(wanted, rel=1e-9)
+
+
+def test_a_row_that_is_left_out_stands_as_far_off_as_its_corrected_columns_leave_it():
+    """Distances from a line in units of their noise: (y - a - b x) / √(σy² + b² σx²), whether or not a row counts."""
+    generator = np.random.default_rng(0)
+    true = np.arange(12.0)
+    y = 1 + 2 * true + 0.1 * generator.normal(size=12)
+    y[4] += 9.0
+    x = true + 0.2 * generator.normal(size=12)
+    found = mbm.loads("""(problem line (data d external) (unknowns (a :init 0) (b :init 1.5))
+      (observe d (= y (+ a (* b x))) :sigma 0.1 :errors ((x 0.2))) (solve :robust lmeds))""").solve(
+        data={"d": {"x": x, "y": y}}
+    )
+    a, b = found["a"].value, found["b"].value
+    rows = list(found.rows())
+    assert [row.row for row in rows if row.outlier] == [5]
+    far = np.abs(y - a - b * x) / np.hypot(0.1, 0.2 * b)
+    # corrections are found to 1e-8 of a standard deviation
+    np.testing.assert_allclose(np.abs([row.residual for row in rows]), far, rtol=0, atol=1e-6)

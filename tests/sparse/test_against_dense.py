@@ -232,3 +232,11 @@ def test_limited_steps_are_powells():
         np.testing.assert_allclose(found, expected, rtol=0, atol=2e-4 * far)
         whole = d * limited(Method.GAUSS_NEWTON, Whole, place, step, squares, radius)
         np.testing.assert_allclose(whole, d * step * min(radius / far, 1.0), rtol=1e-12)
+
+
+def test_what_does_not_depend_on_the_unknowns_is_known_exactly(blockwise):
+    """A gradient of zero lies along no free direction: σ is 0, not unknown."""
+    clauses = VARIANTS["fixed"] | {"more": "(derive (nothing (* 0 (sin ((q 5) 1)))) (still (- ((q 5) 1) ((q 5) 1))))"}
+    for found in (solved(**clauses), blockwise(**clauses)):
+        assert found["nothing"].value == found["still"].value == 0.0
+        assert found["nothing"].sigma == found["still"].sigma == 0.0

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+import mbm
 from mbm.estimation.starts.closed_forms.numerics.bearings import plane_poses_from_bearings, poses_from_bearings
 from mbm.estimation.starts.closed_forms.numerics.rays import meeting_points
 from mbm.estimation.starts.closed_forms.numerics.three_points import poses_from_three
+from mbm.estimation.starts.closed_forms.pose_from_points import is_central
 from tests.estimation.closed_forms.numerics_cases import ROTATIONS, Floats, bearings, cloud
 
 EXACT = 1e-8
@@ -90,3 +95,33 @@ def test_rays_meet_where_they_were_sent_from() -> None:
 def test_points_at_one_place_or_on_one_ray_have_no_pose(points: np.ndarray) -> None:
     found, shifts = poses_from_bearings(points, np.tile([0.0, 0.0, 1.0], (5, 1)))
     assert (found.shape, shifts.shape) == ((0, 3, 3), (0, 3))
+
+
+@pytest.mark.parametrize(
+    ("seen", "central"),
+    [
+        (lambda x, y, z: [[1 / z, 0 * z, -x / z**2], [0 * z, 1 / z, -y / z**2]], True),  # x/z, y/z
+        (lambda x, y, z: [[1 / z, 0 * z, -x / z**2], [x, y, z]], False),  # x/z, (x² + y² + z²)/2
+        (lambda x, y, z: [[0 * x, 0 * x, 0 * x], [0 * x, 0 * x, 0 * x]], False),  # nothing
+    ],
+)
+def test_rows_of_a_camera_do_not_notice_how_far_away_a_point_is(seen, central):
+    slopes = lambda place: np.moveaxis(np.array(seen(*place.T)), 2, 0)  # noqa: E731
+    assert is_central(SimpleNamespace(points=np.ones((5, 3)), slopes=slopes)) is central
+
+
+BACKWARDS = """(problem back (data d external) (unknowns (P (pose 3)))
+  (observe d (= [u v] (let ((c (transform P [x y z]))) [(/ (* -800 (c 1)) (c 3)) (/ (* -800 (c 2)) (c 3))]))
+    :sigma 0.5))"""
+
+
+def test_a_camera_that_looks_along_its_negative_axis_needs_no_start():
+    """As those of bundle adjustment in the large: the other way round it would see the points mirrored."""
+    points = np.random.default_rng(3).uniform(-1.0, 1.0, (8, 3))
+    turn, shift = Rotation.from_rotvec([0.3, -0.4, 0.2]), np.array([0.1, -0.2, -6.0])
+    x, y, z = (turn.apply(points) + shift).T
+    columns = {**dict(zip("xyz", points.T, strict=True)), "u": -800 * x / z, "v": -800 * y / z}
+    found = mbm.loads(BACKWARDS).solve(data={"d": columns})
+    assert found.cost == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(found["P"].value[4:], shift, atol=1e-6)
+    np.testing.assert_allclose(found["P"].value[:4], turn.as_quat(scalar_first=True), atol=1e-7)

@@ -194,3 +194,15 @@ def test_what_was_made_before_an_interruption_is_said():
     keys = [order.index(solve.key["epoch"]) for solve in result.solves]
     assert keys == sorted(keys)
     assert len(solve_columns(result.solves).keys) == len(keys)
+
+
+def test_a_positive_member_with_a_start_that_is_not_is_the_fault_of_its_solve():
+    text, data = PROBLEMS["own starts"]
+    guess = list(data["stations"]["guess"])
+    guess[data["stations"]["station"].index("5-1")] = -1.0
+    begun = {**data, "stations": {**data["stations"], "guess": guess}}
+    solves = mbm.loads(text.replace("(o :per", "(o positive :per")).solve(data=begun).solves
+    assert {solve.key["day"]: str(solve.status) for solve in solves if str(solve.status) != "converged"} == {
+        5: "not-converged"
+    }
+    assert [d.code.name for d in solves[5].diagnostics] == ["bad-bounds"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -69,3 +71,23 @@ def _stations(generator, *, flat):
         spread=tuple(spread[::-1].tolist()),
         flat=bool(np.abs((stations - centre) @ axes[-1]).max() <= FLAT * np.abs(stations - centre).max()),
     )
+
+
+def test_what_costs_no_more_lies_within_the_radius_that_the_bounds_give():
+    """The radius X solves the inequality that it comes from: with T = 2 far + X, differences of squared distances are
+    off by √cost · T, along the stations by √cost · T / spread, and the mean of their squares by 2 √cost · T / whole.
+    """
+    generator = np.random.default_rng(7)
+    for _ in range(20):
+        known = replace(_stations(generator, flat=False), flat=False)
+        far = 1.0 + generator.uniform()
+        root = known.spread[0] * generator.uniform(0.05, 0.9)
+        radius = known._radius(1.0, root, far)
+        assert radius * known.spread[0] >= root * (2 * far + radius) * (1 - 1e-12)
+        flat = replace(known, flat=True, spread=(0.0, known.spread[1], *known.spread[2:]))
+        root = min(flat.spread[1], flat.whole) * generator.uniform(1e-4, 1e-2)
+        near, aside = (flat._radius(height, root, far) for height in (1.0, np.inf))
+        across = np.sqrt(near**2 - aside**2)  # what the mean of the squares leaves at the height 1, at 0 its root
+        total = aside * flat.spread[1] / root
+        # Above the plane h² may be off by the square of ``across`` at a height of 1, and h by its root.
+        assert total >= (2 * far + aside + np.sqrt(across)) * (1 - 1e-12)
