@@ -10,6 +10,11 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, affine
 from mbm.equations.types import Floats, Mask
 
+SINGULAR, PASSES = 1e-13, 2
+"""Eigenvalue of the normal equations, beside the largest, below which a combination is not determined; how often they
+are solved: the second time makes up for the digits that they cost (corrected seminormal equations, Björck 1987).
+"""
+
 
 def affine_coordinates(equations: Assembled, missing: Mask) -> Mask:
     """The coordinates (M,) among ``missing`` in which all equations together are affine; taken in as they come."""
@@ -63,3 +68,41 @@ def linear_solver(equations: Assembled, numbers: Floats, coordinates: Mask) -> C
         return partial.placed(start, solution)
 
     return solved
+
+
+def projected(equations: Assembled, points: Floats, coordinates: Mask, steps: Floats) -> tuple[Floats, Floats]:
+    """Points (T, N) with the least squares solutions for ``coordinates`` (M,), and Σ r² without losses (T,) there.
+
+    The columns are differences over ``steps`` (M,), exact but for rounding. Where an equation has no value, the cost is
+    infinite.
+    """
+    layout = equations.layout
+    places = np.flatnonzero(coordinates)
+    start = points.copy()
+    start[:, layout.number[places]] = 0.0
+    with np.errstate(all="ignore"):
+        residuals = equations.plain_residuals_at(start)
+        columns = np.empty((*residuals.shape, len(places)))
+        for column, place in enumerate(places):
+            moved = start.copy()
+            moved[:, layout.number[place]] = steps[place]
+            columns[:, :, column] = equations.plain_residuals_at(moved) - residuals
+        usable = np.isfinite(residuals).all(axis=1) & np.isfinite(columns).all(axis=(1, 2))
+        costs = np.full(len(points), np.inf)
+        length = np.linalg.norm(columns[usable], axis=1)
+        length[~(length > 0)] = 1.0
+        columns[usable] /= length[:, None]
+        turned = np.swapaxes(columns[usable], 1, 2)
+        inverse = np.linalg.pinv(turned @ columns[usable], rcond=SINGULAR, hermitian=True)
+        left, solution = residuals[usable], np.zeros_like(length)
+        for _ in range(PASSES):
+            step = (inverse @ (turned @ -left[:, :, None]))[:, :, 0]
+            solution, left = solution + step, left + (columns[usable] @ step[:, :, None])[:, :, 0]
+        solution *= steps[places] / length
+        lower = np.where(layout.positive[places], np.maximum(layout.lower[places], 0.0), layout.lower[places])
+        inside = np.clip(solution, lower, layout.upper[places])
+        inside = np.where(layout.positive[places] & ~(inside > 0), np.abs(steps[places]), inside)
+        start[np.ix_(usable, layout.number[places])] = inside
+        left += (columns[usable] @ ((inside - solution) * length / steps[places])[:, :, None])[:, :, 0]
+        costs[usable] = np.square(left).sum(axis=1)
+    return start, np.where(np.isfinite(costs), costs, np.inf)

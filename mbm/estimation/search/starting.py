@@ -18,6 +18,7 @@ from mbm.equations.layout import Layout
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.search.startless import refuse_guessing
 from mbm.estimation.settings import Settings
+from mbm.estimation.starts.projection import projected_points
 from mbm.estimation.starts.random_starts import costs, random_points
 from mbm.expression.nodes import Outlined
 from mbm.problem import faults as problem_faults
@@ -33,6 +34,9 @@ SAMPLES = 128
 
 KEPT = 24
 """How many of them, those that fit best, are started from."""
+
+PROJECTED = 64
+"""How many are started from where they were improved by variable projection: three peaks of 250 readings want them."""
 
 LARGE, FEW_KEPT = 20_000, 3
 """Numbers in the Jacobian, or in the normal equations, from which so few are kept: each start takes long.
@@ -226,19 +230,22 @@ def _random(
 ) -> tuple[Beginning, ...]:
     """The best fitting of random points; where ``linear`` unknowns depend on the others, they are solved for."""
     refuse_guessing(equations, base, settings)
-    points = random_points(equations, base, missing, SAMPLES, settings.seed)
-    if bool(linear.any()):
-        with np.errstate(all="ignore"):
-            points = np.stack([solved_linearly(equations, point, linear) for point in points])
-    found = costs(equations, points)
     corrected = any(group.kernel.corrections is not None for group in equations.groups)
     numbers = max(equations.count, equations.dimension) * equations.dimension
     kept = 1 if numbers > HUGE else FEW_KEPT if numbers > LARGE or corrected else KEPT
-    order = [i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]
-    if not order:
+    most = PROJECTED if kept == KEPT else kept
+    points = projected_points(equations, base, missing, linear, settings.seed, most)
+    if points is None:
+        points = random_points(equations, base, missing, SAMPLES, settings.seed)
+        if bool(linear.any()):
+            with np.errstate(all="ignore"):
+                points = np.stack([solved_linearly(equations, point, linear) for point in points])
+        found = costs(equations, points)
+        points = points[[i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]]
+    if not len(points):
         _refuse(equations.layout, missing)
     origin = "; ".join((*used, "random points"))
-    return tuple(Beginning(point=points[i], origin=origin) for i in order)
+    return tuple(Beginning(point=point, origin=origin) for point in points)
 
 
 def _sorted(equations: Assembled, found: list[Beginning]) -> tuple[Beginning, ...]:

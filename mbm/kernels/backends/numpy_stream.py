@@ -42,7 +42,7 @@ _OWN: Mapping[Operator, Callable[..., Floats]] = {
 }
 """What NumPy has no function for, or a slower one, or one that gives no numbers."""
 
-_FUNCTIONS: Mapping[Operator, Callable[..., Floats]] = {
+FUNCTIONS: Mapping[Operator, Callable[..., Floats]] = {
     each: _OWN[each] if each in _OWN else function_of(each) for each in Operator
 }
 
@@ -63,7 +63,7 @@ def steps_of(program: Program) -> tuple[Step, ...]:
         if value not in kept:
             dying[position].append(value)
     return tuple(
-        (_FUNCTIONS[each.operator], each.arguments[0], (*each.arguments, -1)[1], each.target, tuple(dead))
+        (FUNCTIONS[each.operator], each.arguments[0], (*each.arguments, -1)[1], each.target, tuple(dead))
         for each, dead in zip(program.instructions, dying, strict=True)
     )
 
