@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from tests.emit.making import make, of_text, run, written
 
-COUNT = 25
+COUNT = 12
 SIGMA = 0.1
 AT = {
     "line": np.array([[0, 0], [5, 0.3], [10, 0], [14, -0.2]]),

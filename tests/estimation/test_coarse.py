@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.estimation.trust.coarse import coarse
 
 CODE = "coarse-readings"
 
@@ -83,3 +84,13 @@ def test_several_noises_in_many_solves() -> None:
     run = np.repeat(np.arange(10.0), 16)
     assert doubted(text.format(more="(for-each run)"), run=run, i=i, y=y) == apart
     assert any(apart)
+
+
+def test_solves_without_rows_or_deviations_stay_silent_beside_others():
+    """Also NumPy, whose warning of a median of nothing would reach the user."""
+    readings = np.array([[1.0, 2.0, 2.0, 3.0, 1.0], [np.nan] * 5, [1.0, 2.0, 2.0, 3.0, 1.0]])
+    deviations = np.array([[0.01] * 5, [0.01] * 5, [np.nan] * 5])
+    basis = np.full((3, 5, 1), 5**-0.5)
+    found = coarse(readings, np.zeros((3, 5)), deviations, basis)
+    assert found.shape == (3,)
+    assert not found[1:].any()

@@ -73,7 +73,9 @@ def coarse(readings: Floats, raw: Floats, deviations: Floats, basis: Floats, sha
     """
     there = np.isfinite(readings)
     step = steps(readings)
-    scatter = np.nanmedian(np.where(there, deviations, np.nan), axis=-1) if there.any() else np.full(step.shape, np.nan)
+    known, scatter = np.where(there, deviations, np.nan), np.full(step.shape, np.nan)
+    some = np.isfinite(known).any(axis=-1)
+    scatter[some] = np.nanmedian(known[some], axis=-1)
     wave = np.exp(2j * np.pi * (readings + raw) / step[..., None]) / deviations
     along = np.einsum("...mk,...m->...k", basis, np.where(there, wave, 0.0))
     shift = step / np.pi * np.sqrt(np.square(np.abs(along)).sum(axis=-1))

@@ -19,7 +19,7 @@ def text(unknowns, equation, rest="", each="(for-each k)", more=""):
     return HEAD.format(unknowns=unknowns, equation=equation, rest=rest, each=each, more=more)
 
 
-def lines(groups=30, rows=12, seed=21, spread=1.0):
+def lines(groups=18, rows=12, seed=21, spread=1.0):
     """Points about lines whose slope changes from group to group, in any order, some with fewer; others beside.
 
     ``spread`` times the errors that are stated: 0.1 in x, 0.2 in y; in z 0.1.
@@ -43,7 +43,7 @@ def lines(groups=30, rows=12, seed=21, spread=1.0):
     return {"d": {name: column[mixed] for name, column in columns.items()}}
 
 
-def circles(groups=30, rows=14, seed=22, gross=0.0, noise=0.02):
+def circles(groups=18, rows=14, seed=22, gross=0.0, noise=0.02):
     """Points about circles of radius 2 that move, ``gross`` of them half a metre off, with deviations ``s``, ``e``."""
     generator = np.random.default_rng(seed)
     group = np.repeat(np.arange(groups), rows)
@@ -136,7 +136,7 @@ PROBLEMS = {
     ),
     "a prior and a bound": (
         text("(m :init 0.5 :in [0 1.1]) (c :init 0)", f"{LINE} {BOTH}", "(constraints (normal c 0.2 0.1))"),
-        lines(),
+        lines(30),  # of fewer most are pushed against the bound
     ),
     "an equation beside": (text(SLOPE, f"{LINE} {BOTH}", "(constraints (= (+ c (* 2 m)) 2))"), lines()),
     "an inequality": (text(SLOPE, f"{LINE} {BOTH}", "(constraints (<= m 0.9))"), lines()),
