@@ -32,7 +32,7 @@ from mbm.language.values import (
     describe,
     size_of,
 )
-from mbm.text.suggest import closest, infix, suggestion
+from mbm.text.suggest import closest, infix, listed, suggestion
 from mbm.text.types import (
     Bracket,
     Code,
@@ -240,7 +240,9 @@ class FormEvaluator:
         functions = [*self.vocabulary.functions, *self.vocabulary.special_forms]
         # a value is mostly one of the file's own names; what is called, as often one of the language
         near = closest(name, [*functions, *scope.names()] if is_head else scope.names())
-        return faults.unknown_name(symbol.span, name, near or closest(name, functions), is_head=is_head)
+        columns = None if is_head else scope.columns()
+        known = None if columns is None else f"the columns of `{columns[0]}` are {listed(columns[1])}"
+        return faults.unknown_name(symbol.span, name, near or closest(name, functions), known, is_head=is_head)
 
 
 _SIZED = (Array, ListValue, Sequence)

@@ -143,10 +143,12 @@ def infix(span: Span, name: str, operator: str, operands: tuple[str, ...]) -> Di
     )  # fmt: skip
 
 
-def unknown_name(span: Span, name: str, near: str | None, *, is_head: bool = False) -> Diagnostic:
-    """A name nobody knows, with the nearest one that is known."""
+def unknown_name(
+    span: Span, name: str, near: str | None, known: str | None = None, *, is_head: bool = False
+) -> Diagnostic:
+    """A name nobody knows, with the nearest one that is known, else what is ``known`` there."""
     what = "a function, a model or a variable here" if is_head else "a variable or a function here"
-    return Diagnostic(code=UNKNOWN_NAME, message=f"`{name}` is not {what}", place=span, hint=did_you_mean(near, None))
+    return Diagnostic(code=UNKNOWN_NAME, message=f"`{name}` is not {what}", place=span, hint=did_you_mean(near, known))
 
 
 def not_available_yet(span: Span | None, what: str, topic: str) -> Diagnostic:

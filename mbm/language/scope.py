@@ -21,6 +21,9 @@ class EmptyScope:
         """No names."""
         return iter(())
 
+    def columns(self) -> None:
+        """No row is at hand."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalScope:
@@ -46,3 +49,10 @@ class LocalScope:
             yield from scope.variables
             scope = scope.parent
         yield from scope.names()
+
+    def columns(self) -> tuple[str, tuple[str, ...]] | None:
+        """Those of the scope around."""
+        scope: Scope = self
+        while isinstance(scope, LocalScope):
+            scope = scope.parent
+        return scope.columns()

@@ -49,6 +49,9 @@ class GlobalScope:
         """The constants' names."""
         return iter(self._constants)
 
+    def columns(self) -> None:
+        """No row is at hand."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadFile:

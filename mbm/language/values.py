@@ -190,11 +190,12 @@ class Scope(Protocol):
 
     def lookup(self, name: str, span: Span) -> Value | None:
         """The value of a variable, or None if there is none of this name. ``span`` is where it is used."""
-        ...
 
     def names(self) -> Iterator[str]:
         """All names visible, for suggestions."""
-        ...
+
+    def columns(self) -> tuple[str, tuple[str, ...]] | None:
+        """The table whose row is at hand, with its columns; None without one."""
 
 
 class Evaluator(Protocol):

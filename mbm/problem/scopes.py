@@ -194,6 +194,9 @@ class ProblemScope:
         yield from self.derived_over
         yield from self._parent.names()
 
+    def columns(self) -> None:
+        """No row is at hand."""
+
 
 class RowScope:
     """The columns of one row of a table over the problem's names.
@@ -263,6 +266,10 @@ class RowScope:
         yield from self.table.columns
         yield from self.table.groups
         yield from self._problem.names()
+
+    def columns(self) -> tuple[str, tuple[str, ...]]:
+        """Those of the table."""
+        return self.table.name, tuple(self.table.columns)
 
     def _cell(self, name: str, span: Span) -> Value | None:
         """The cell of a column, or the vector or matrix that a group of columns holds; ``TABLE.x`` is ``x`` too."""
@@ -337,6 +344,10 @@ class MemberScope:
         """The columns, then the problem's names."""
         yield from self._table.columns
         yield from self._problem.names()
+
+    def columns(self) -> tuple[str, tuple[str, ...]]:
+        """Those of the member's table."""
+        return self._table.name, tuple(self._table.columns)
 
 
 def _exact(value: CellKey) -> int | float:

@@ -50,6 +50,12 @@ def did_you_mean(near: str | None, otherwise: Otherwise) -> str | Otherwise:
     return f"did you mean `{near}`?" if near else otherwise
 
 
+def listed(names: tuple[str, ...]) -> str:
+    """The first names, for a hint."""
+    shown = [f"`{n}`" for n in names[:8]]
+    return ", ".join(shown) + (" …" if len(names) > 8 else "")
+
+
 def suggestion(name: str, candidates: Iterable[str], otherwise: Otherwise) -> str | Otherwise:
     """`did_you_mean` of the candidate that is `closest` to ``name``."""
     return did_you_mean(closest(name, candidates), otherwise)

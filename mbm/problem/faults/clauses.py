@@ -8,7 +8,7 @@ from mbm.language.limits import more_work
 from mbm.problem.tables import Member
 from mbm.solver.description import RULES
 from mbm.solver.losses import LOSSES
-from mbm.text.suggest import did_you_mean, suggestion
+from mbm.text.suggest import did_you_mean, listed, suggestion
 from mbm.text.types import Code, Diagnostic, Label, Place, Source, Span
 
 NO_PROBLEM = Code(
@@ -132,7 +132,7 @@ CONTRADICTION = Code(
 def unknown_backend(name: str, known: tuple[str, ...]) -> Diagnostic:
     """A backend that is not there."""
     return Diagnostic(
-        code=UNKNOWN_BACKEND, message=f"there is no backend `{name}`", hint=f"the backends are {_listed(known)}"
+        code=UNKNOWN_BACKEND, message=f"there is no backend `{name}`", hint=f"the backends are {listed(known)}"
     )
 
 
@@ -156,7 +156,7 @@ def no_problem(source: Source) -> Diagnostic:
 def several_problems(names: tuple[str, ...]) -> Diagnostic:
     """A choice is wanted."""
     return Diagnostic(
-        code=SEVERAL_PROBLEMS, message=f"the file holds {len(names)} problems: {_listed(names)}",
+        code=SEVERAL_PROBLEMS, message=f"the file holds {len(names)} problems: {listed(names)}",
         hint=f"choose one with `--problem {names[0]}`",
     )  # fmt: skip
 
@@ -166,7 +166,7 @@ def unknown_problem(name: str, names: tuple[str, ...]) -> Diagnostic:
     return Diagnostic(
         code=UNKNOWN_PROBLEM,
         message=f"there is no problem `{name}` in this file",
-        hint=suggestion(name, names, f"the file holds {_listed(names)}" if names else None),
+        hint=suggestion(name, names, f"the file holds {listed(names)}" if names else None),
     )
 
 
@@ -176,7 +176,7 @@ def unknown_clause(span: Span, head: str, near: str | None, known: tuple[str, ..
         code=UNKNOWN_CLAUSE,
         message=f"`{head}` is no clause of a problem",
         place=span,
-        hint=did_you_mean(near, f"the clauses are {_listed(known)}"),
+        hint=did_you_mean(near, f"the clauses are {listed(known)}"),
     )
 
 
@@ -186,7 +186,7 @@ def unknown_table(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
         code=UNKNOWN_TABLE,
         message=f"`{name}` is no table of this problem",
         place=span,
-        hint=suggestion(name, known, f"the tables are {_listed(known)}" if known else "add a `data` clause"),
+        hint=suggestion(name, known, f"the tables are {listed(known)}" if known else "add a `data` clause"),
     )
 
 
@@ -204,7 +204,7 @@ def unknown_column(span: Span, name: str, table: str, known: tuple[str, ...]) ->
         code=UNKNOWN_COLUMN,
         message=f"`{name}` is no column of {table if ' ' in table else f'`{table}`'}",
         place=span,
-        hint=suggestion(name, known, f"its columns are {_listed(known)}"),
+        hint=suggestion(name, known, f"its columns are {listed(known)}"),
     )
 
 
@@ -220,7 +220,7 @@ def unknown_source(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
 
 def unknown_type(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
     """A type nobody knows."""
-    hint = suggestion(name, known, f"the types are {_listed(known)}")
+    hint = suggestion(name, known, f"the types are {listed(known)}")
     if parse_unit(name) is not None:
         hint = f"`{name}` is a unit: write `:unit {name}`"
     return Diagnostic(code=UNKNOWN_TYPE, message=f"`{name}` is no type of unknown", place=span, hint=hint)
@@ -232,7 +232,7 @@ def unknown_method(span: Span | None, name: str, known: tuple[str, ...]) -> Diag
         code=UNKNOWN_METHOD,
         message=f"`{name}` is no solver",
         place=span,
-        hint=suggestion(name, known, f"the solvers are {_listed(known)}"),
+        hint=suggestion(name, known, f"the solvers are {listed(known)}"),
     )
 
 
@@ -242,7 +242,7 @@ def unknown_override(name: str, known: tuple[str, ...], span: Span | None = None
         code=UNKNOWN_OVERRIDE,
         message=f"the problem has no constant or unknown `{name}` to set",
         place=span,
-        hint=suggestion(name, known, f"values can be given for {_listed(known)}" if known else None),
+        hint=suggestion(name, known, f"values can be given for {listed(known)}" if known else None),
     )
 
 
@@ -357,14 +357,9 @@ def condition_as_equation(span: Span) -> Diagnostic:
 def two_tables(span: Span, model: str, tables: tuple[str, ...]) -> Diagnostic:
     """A model whose arguments come from rows of different tables."""
     return Diagnostic(
-        code=UNEQUAL_BRANCHES, message=f"the arguments of `{model}` come from rows of {_listed(tables)}", place=span,
+        code=UNEQUAL_BRANCHES, message=f"the arguments of `{model}` come from rows of {listed(tables)}", place=span,
         hint="its constraints can hold for each row of one table only; write them into the problem's `constraints`",
     )  # fmt: skip
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    shown = [f"`{n}`" for n in names[:8]]
-    return ", ".join(shown) + (" …" if len(names) > 8 else "")
 
 
 def unknown_loss(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
@@ -373,7 +368,7 @@ def unknown_loss(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
         code=UNKNOWN_LOSS,
         message=f"`{name}` is no loss",
         place=span,
-        hint=suggestion(name, known, f"the losses are {_listed(known)}"),
+        hint=suggestion(name, known, f"the losses are {listed(known)}"),
     )
 
 
@@ -383,7 +378,7 @@ def unknown_consensus(span: Span, name: str, known: tuple[str, ...]) -> Diagnost
         code=UNKNOWN_CONSENSUS,
         message=f"`{name}` is no consensus estimator",
         place=span,
-        hint=suggestion(name, known, f"they are {_listed(known)}"),
+        hint=suggestion(name, known, f"they are {listed(known)}"),
     )
 
 

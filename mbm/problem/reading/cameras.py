@@ -131,6 +131,10 @@ class _ModelWords:
         yield from _MODELS
         yield from self._scope.names()
 
+    def columns(self) -> tuple[str, tuple[str, ...]] | None:
+        """Those of the other scope."""
+        return self._scope.columns()
+
 
 def _choice(form: Form | None, known: tuple[str, ...], option: str) -> str | None:
     if form is None:
