@@ -18,7 +18,8 @@ AUTOCORRELATED_RESIDUALS = Code(
     "Residuals of rows that follow one another are alike (or opposed) more than independent noise lets expect: the "
     "noise is correlated, or the model lacks something that varies slowly. Standard deviations suppose independent "
     "rows; where neighbours are alike they are too small, often by half (a warning). In rows without any order, "
-    "correlation by chance is said of one solve in twenty.",
+    "correlation by chance is said of one solve in twenty. Of odometry between neighbours of a family, of transitions "
+    "of states and of rows with `previous` the message names the clause, by chance in one of a hundred solves.",
     "Plot the residuals by row. Add what the model lacks (a drift, a curve, a common offset), or state how the noise "
     "is correlated (`:correlation`, `:common`); rows sorted by the measured value have to be put into another order.",
 )
@@ -78,6 +79,35 @@ def autocorrelated_residuals(span: Span, found: float, expected: float, spread: 
         + ("the standard deviations are too small" if found > expected else "the standard deviations mislead"),
         place=span,
         hint=AUTOCORRELATED_RESIDUALS.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def correlated_chain(
+    span: Span, name: str, sums: tuple[float, float, float], decay: float, *, carried: bool
+) -> Diagnostic:
+    """The rows of the clause ``name`` follow one another, and their errors are alike.
+
+    ``sums`` is a sum of products of residuals with those before, weighted by ``decay``, and its mean and standard
+    deviation with independent noise. ``carried``: they are the transitions of a state.
+    """
+    found, expected, spread = sums
+    reach = "neighbouring steps" if decay == 0.0 else f"steps up to some {round(1.0 / (1.0 - decay))} apart"
+    where = "the transition" if carried else f"`{name}`"
+    mend = (
+        "declare what drifts as a state of its own, `(bias :init 0 :sigma …)` with `(random-walk bias :sigma …)`, and "
+        "add it in FORM; or state a larger `:sigma` of the transition, with filters too"
+        if carried
+        else "declare what drifts as unknown and add it to the model (one `bias`, or one for each stretch, "
+        "`(bias :per TABLE)`), or state a larger `:sigma`: over n steps errors that are alike add up to n σ, not √n σ"
+    )
+    return Diagnostic(
+        code=AUTOCORRELATED_RESIDUALS,
+        message=f"errors of {where} are alike at {reach}: their residuals' weighted products sum to {found:.3g} of "
+        f"their squares, with independent noise to {expected:.3g} ± {spread:.2g}; the standard deviations are too "
+        "small",
+        place=span,
+        hint=mend,
         severity=Severity.WARNING,
     )
 

@@ -58,7 +58,7 @@ def doubts(
         found += _nonlinear(equations, bent.ends)
         found += _nonlinear_derived(propagation, bent.derived)
     found += _noise(problem, equations, outcome)
-    found += autocorrelation(problem, equations, minimum, outcome.covariance)
+    found += _correlated(problem, equations, minimum, outcome.covariance)
     found += coarse_readings(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if outcome.freedoms.poor:
         found.append(trust_faults.small_sample(problem.span))
@@ -67,6 +67,21 @@ def doubts(
 
         found += leverage(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     return (*found, *_strained(problem, equations, minimum, outcome.covariance))
+
+
+def _correlated(
+    problem: Problem, equations: Assembled, minimum: Minimum, estimated: Covariance
+) -> tuple[Diagnostic, ...]:
+    """Errors that are alike along the rows: of relative rows first, as these name their clause."""
+    families = any(entry.members > 1 for entry in equations.layout.entries)
+    if families or any(block.earlier for block in problem.blocks):
+        # Loaded by problems with families, states and `previous` only, so that the others start at once.
+        from mbm.estimation.trust.chains import correlated_chains
+
+        found = correlated_chains(problem, equations, minimum)
+        if found:
+            return found
+    return autocorrelation(problem, equations, minimum, estimated)
 
 
 def _noise(problem: Problem, equations: Assembled, outcome: Statistics) -> Iterator[Diagnostic]:

@@ -1,0 +1,169 @@
+"""Whether errors of relative rows are correlated: transitions of states, and motions between neighbours of a family.
+
+Odometry that drifts is wrong in the same way for many steps. Its fitted residuals are correlated in any case, as few
+other rows check it: what independent noise makes of them is drawn, u − J (JᵀJ)⁻¹ Jᵀ u for normal u, and the sums
+Σ eᵢ eⱼ aⁱ⁻ʲ / Σ eᵢ² over rows i > j are compared with those of the draws (a Monte Carlo test, Barnard 1963, exact in
+its level).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import Group
+from mbm.equations.layout import Entry
+from mbm.equations.types import Floats, Indices, Minimum
+from mbm.estimation.starts.closed_forms.trees import behind_one_another
+from mbm.estimation.trust import faults
+from mbm.problem.types import BlockRole, Problem
+from mbm.text.types import Diagnostic
+from mbm.values import dataclass
+
+DECAYS = (0.0, 0.8, 0.97)
+"""Neighbours alone, and some five and thirty rows before."""
+
+LEVEL = 0.01
+"""Share of solves with independent noise of which it is said by chance."""
+
+DRAWS, FEW_DRAWS, LARGE = 399, 29, 3_000
+"""Draws; so few of more residuals than that, whose sums are nearly normal: Student's t stands in for the ranks."""
+
+LEAST_ROWS, MOST_ROWS = 20, 100_000
+"""Rows of a chain from which the test can tell anything, and residuals above which nobody asks."""
+
+CHECKED = 1e-4
+"""Mean square of what independent noise leaves of a residual below which no other row checks it."""
+
+RIDGE = 1e-12
+"""What the normal equations of free directions are held by, as a share of their diagonal."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Chain:
+    """The residuals of one clause in the order of its rows: their places (rows, outputs) in m."""
+
+    owner: int
+    places: Indices
+
+
+@np.errstate(all="ignore")
+def correlated_chains(problem: Problem, equations: Assembled, minimum: Minimum) -> tuple[Diagnostic, ...]:
+    """A warning that names the clause whose errors are most alike along its rows, if independent noise is not so."""
+    forced = minimum.constraints is not None and bool(minimum.constraints.forcing.any())
+    odd = equations.rows is not None or equations.likely or equations.lossy or equations.structure is not None
+    if forced or odd or equations.implicit is not None or not LEAST_ROWS <= equations.count <= MOST_ROWS:
+        return ()
+    chains = [each for each in _chains(problem, equations) if len(each.places) >= LEAST_ROWS]
+    if not chains or len(minimum.residuals) != equations.count:
+        return ()
+    draws = _draws(minimum)
+    if draws is None:
+        return ()
+    worst: tuple[float, Chain, float, Floats] | None = None
+    highest, compared = np.full(draws.shape[1], -np.inf), 0
+    for each in chains:
+        own, drawn = minimum.residuals[each.places], draws[each.places]
+        checked = np.square(drawn).mean(axis=(0, 2)) > CHECKED
+        for decay in DECAYS:
+            found, chance = sums(own[:, checked, None], decay)[:, 0], sums(drawn[:, checked], decay)
+            mean, spread = chance.mean(axis=1), chance.std(axis=1, ddof=1)
+            highest = np.maximum(highest, ((chance - mean[:, None]) / spread[:, None]).max(axis=0, initial=-np.inf))
+            away = (found - mean) / spread
+            compared += len(away)
+            k = int(np.argmax(away)) if len(away) else 0
+            if len(away) and (worst is None or away[k] > worst[0]):
+                worst = float(away[k]), each, decay, np.array([found[k], mean[k], spread[k]])
+    if worst is None or not _beyond(worst[0], highest, compared):
+        return ()
+    _, chain, decay, (found_one, expected, spread_one) = worst
+    block = problem.blocks[chain.owner]
+    carried = block.role is BlockRole.TRANSITION
+    return (faults.correlated_chain(block.span, block.name, (found_one, expected, spread_one), decay, carried=carried),)
+
+
+def _beyond(away: float, highest: Floats, compared: int) -> bool:
+    """Whether the largest of the ``compared`` standardised sums is beyond those of the draws (draws,)."""
+    if len(highest) == DRAWS:
+        return 1 + int((highest >= away).sum()) <= LEVEL * (1 + DRAWS)
+    from scipy.special import stdtr
+
+    scale = np.sqrt(1.0 + 1.0 / len(highest))
+    return bool(stdtr(len(highest) - 1, -away / scale) * compared < LEVEL)
+
+
+def sums(residuals: Floats, decay: float) -> Floats:
+    """Σ eᵢ eⱼ aⁱ⁻ʲ⁻¹ / Σ eᵢ² over rows i > j, of residuals (rows, …); shape (…)."""
+    # Loaded where rows follow one another only, so that other problems start at once.
+    from scipy.signal import lfilter
+
+    before = lfilter([0.0, 1.0], [1.0, -decay], residuals, axis=0)
+    return np.asarray((residuals * before).sum(axis=0) / np.square(residuals).sum(axis=0))
+
+
+def _draws(minimum: Minimum) -> Floats | None:
+    """What independent noise leaves as residuals (m, draws), each draw a column; None if nothing can be solved."""
+    from scipy.sparse import csr_array, diags_array
+    from scipy.sparse.linalg import splu
+
+    free = np.flatnonzero(minimum.at_bound == 0)
+    if not len(free):
+        return None
+    columns = minimum.jacobian[:, free]
+    J = csr_array(columns).tocsc()
+    count = J.shape[0]
+    noise = np.random.default_rng(0).normal(size=(count, DRAWS if count <= LARGE else FEW_DRAWS))
+    normal = J.T @ J
+    diagonal = normal.diagonal()
+    held = (normal + diags_array(np.where(diagonal > 0.0, RIDGE * diagonal, 1.0))).tocsc()
+    try:
+        found = noise - J @ splu(held).solve(J.T @ noise)
+    except RuntimeError:  # what no ridge holds
+        return None
+    return found if bool(np.isfinite(found).all()) else None
+
+
+def _chains(problem: Problem, equations: Assembled) -> Iterator[Chain]:
+    """The clauses whose rows follow one another."""
+    series: dict[tuple[int, int], list[tuple[Floats, Indices]]] = {}
+    for group in equations.groups:
+        if not group.rows or not group.kernel.outputs:
+            continue
+        order = _order(problem, equations, group)
+        kept = np.flatnonzero(np.isfinite(order))
+        outputs = group.kernel.outputs
+        places = group.first + kept[:, None] * outputs + np.arange(outputs)
+        series.setdefault((group.kernel.owner, outputs), []).append((order[kept], places))
+    for (owner, _), parts in series.items():
+        order, places = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+        yield Chain(owner=owner, places=places[np.argsort(order, kind="stable")])
+
+
+def _order(problem: Problem, equations: Assembled, group: Group) -> Floats:
+    """Where each row (rows,) stands in its chain; NaN where it is a link of none."""
+    block = problem.blocks[group.kernel.owner]
+    if block.role not in (BlockRole.TRANSITION, BlockRole.OBSERVATION):
+        return np.full(group.rows, np.nan)
+    for entry in equations.layout.entries:
+        ends = _ends(group, entry)
+        if ends is not None:
+            first, second = ends
+            neighbours = behind_one_another(entry, first, second)
+            return np.where(neighbours, np.minimum(first, second), np.nan)
+    if block.earlier and group.positions is not None:
+        return np.asarray(group.positions, dtype=np.float64)
+    return np.full(group.rows, np.nan)
+
+
+def _ends(group: Group, entry: Entry) -> tuple[Indices, Indices] | None:
+    """The two members (rows,) of a family that each row knows of; None if it does not know of two."""
+    places: dict[object, int] = {}
+    for j, slot in enumerate(group.kernel.variables):
+        if slot.unknown == entry.unknown.name:
+            places.setdefault(slot.member, j)
+    if entry.members < LEAST_ROWS or len(places) != 2:
+        return None
+    one, other = ((group.index[:, j] - entry.offset) // entry.unknown.size for j in places.values())
+    return one, other

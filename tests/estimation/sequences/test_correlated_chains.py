@@ -1,0 +1,93 @@
+"""Errors of odometry that are alike: told of transitions and of rows between neighbours; drawn by NumPy alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbm
+from mbm.estimation.trust.chains import sums
+
+WALK = """(problem walk (data fixes external) (data odo external)
+  (states :over k (x :init 0 :sigma 10))
+  (dynamics (= (next x) (+ x odo.d) :sigma 0.1))
+  (observe fixes (= y x) :sigma {sigma}))"""
+FAMILY = """(problem walk (data places external :key k) (data fixes external) (data odo external)
+  (unknowns (x :per places :init 0))
+  (observe odo (= d (- (x to) (x from))) :sigma 0.1)
+  (observe fixes (= y (x k)) :sigma {sigma}))"""
+
+
+def walk(seed, drift, count=80, every=4, sigma=0.3):
+    """Steps of a walk, wrong by 0.1 each, and by a drift of as many standard deviations; tables of both problems."""
+    g = np.random.default_rng(seed)
+    moved = g.normal(size=count - 1)
+    k = np.arange(0, count, every)
+    y = np.concatenate([[0.0], np.cumsum(moved)])[k] + sigma * g.normal(size=len(k))
+    d = moved + 0.1 * g.normal(size=count - 1) + 0.1 * drift
+    number = np.arange(count)
+    states = {"fixes": {"k": k, "y": y}, "odo": {"k": number[1:], "d": d}}
+    family = {
+        "places": {"k": number},
+        "fixes": {"k": k, "y": y},
+        "odo": {"from": number[:-1], "to": number[1:], "d": d},
+    }
+    return {WALK: states, FAMILY: family}
+
+
+def told(text, data, sigma=0.3):
+    """The warnings of correlation."""
+    solve = mbm.loads(text.format(sigma=sigma)).solve(data=data).first
+    return [each for each in solve.diagnostics if each.code.name == "autocorrelated-residuals"]
+
+
+@pytest.mark.parametrize("decay", [0.0, 0.8])
+def test_sums_are_those_of_their_definition(decay):
+    e = np.random.default_rng(0).normal(size=(30, 2))
+    weights = np.array([[decay ** (i - j - 1) if i > j else 0.0 for j in range(30)] for i in range(30)])
+    expected = np.einsum("ik,ij,jk->k", e, weights, e) / np.square(e).sum(axis=0)
+    assert sums(e, decay) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(("text", "name", "mend"), [(WALK, "the transition", "random-walk"), (FAMILY, "`odo`", ":per")])
+def test_a_drift_is_told_with_the_clause_and_what_to_write(text, name, mend):
+    (warning,) = told(text, walk(1, drift=2.0)[text])
+    assert f"errors of {name} are alike" in warning.message
+    assert mend in warning.hint
+
+
+@pytest.mark.parametrize("text", [WALK, FAMILY])
+def test_what_it_says_to_write_mends_it(text):
+    old, new = (
+        ("(+ x odo.d)", "(+ x odo.d b)") if text is WALK else ("(- (x to) (x from))", "(+ b (- (x to) (x from)))")
+    )
+    mended = text.replace(old, new)
+    if text is WALK:
+        mended = mended.replace(":sigma 10))", ":sigma 10)) (unknowns (b :init 0))")
+    else:
+        mended = mended.replace(":init 0))", ":init 0) (b :init 0))")
+    assert not told(mended, walk(1, drift=2.0)[text])
+
+
+@pytest.mark.parametrize("text", [WALK, FAMILY])
+@pytest.mark.parametrize("seed", range(3))
+def test_independent_errors_are_not(text, seed):
+    assert not told(text, walk(seed, drift=0.0)[text])
+
+
+@pytest.mark.parametrize(("drift", "expected"), [(0.0, False), (2.0, True)])
+def test_of_long_chains_as_well(drift, expected):
+    """So many places that the sparse solver takes them."""
+    assert bool(told(FAMILY, walk(2, drift, count=1200)[FAMILY])) == expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("count", "every"), [(30, 3), (60, 4)])
+def test_by_chance_in_one_of_a_hundred(count, every):
+    """Of 1,000 runs 1 % and its four standard deviations."""
+    compiled = mbm.loads(WALK.format(sigma=1)).compile()
+    found = 0
+    for seed in range(1000):
+        solve = compiled.solve(data=walk(seed, 0.0, count, every, 1.0)[WALK]).first
+        found += any(each.code.name == "autocorrelated-residuals" for each in solve.diagnostics)
+    assert found <= 10 + 4 * np.sqrt(1000 * 0.01 * 0.99)
