@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from benchmarks.coverage.judging import Kind
-from benchmarks.coverage.kinds import constrained, curved, geometric, linear, noises, robust
+from benchmarks.coverage.kinds import constrained, curved, geometric, laboratory, linear, noises, robust
 
 KINDS: Mapping[str, Kind] = {
     **linear.KINDS,
@@ -14,4 +14,5 @@ KINDS: Mapping[str, Kind] = {
     **geometric.KINDS,
     **constrained.KINDS,
     **robust.KINDS,
+    **laboratory.KINDS,
 }

@@ -31,7 +31,7 @@ def _on_circle(sigma: float) -> Kind:
         f"(= [u v] [x y]) :sigma {sigma}",
         "(constraints (= (+ (^ x 2) (^ y 2)) 1))",
     )
-    return Kind(text, make)
+    return Kind(text, make, most=1_000_000 if sigma < 0.2 else 200)
 
 
 def _hyperbola(sigma: float) -> Kind:
