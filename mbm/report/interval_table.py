@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, islice
 from math import isfinite, isinf
 
@@ -12,13 +12,16 @@ from mbm.problem.naming import key_text
 from mbm.report.columns import aligned, left, right
 from mbm.report.digits import measured, plain
 from mbm.report.elements import Scalar, scalars, unit_text
-from mbm.report.intervals import IntervalKind, intervals
+from mbm.report.intervals import IntervalKind, intervals, may_be_cut
 from mbm.report.types import DerivedValue, Estimate, SolveReport
 from mbm.text.shown import Paint, Style
 from mbm.values import dataclass
 
 MOST_LINES = 60
 """Lines that are shown unless all are asked for."""
+
+MOST_CUT = 4
+"""Intervals that limits cut, told one by one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,11 +55,23 @@ def interval_lines(solves: Sequence[SolveReport], paint: Paint, full: bool) -> I
         yield paint("  … and more (-v shows all; --estimates and --json have them too)", Style.QUIET)
 
 
-def lines_of(solve: SolveReport) -> Iterator[IntervalLine]:
-    """The intervals of a solve, but of what was fixed or has none."""
+def cut_sentences(solve: SolveReport) -> Iterator[str]:
+    """The intervals of a solve that a hard limit cuts, in words."""
+    every: tuple[Estimate | DerivedValue, ...] = (*solve.estimates, *solve.derived)
+    near = [item for item in every if may_be_cut(item, solve.coverage)]
+    cut = [line for line in lines_of(solve, near) if line.kind == IntervalKind.LIMITED]
+    for line in cut[:MOST_CUT]:
+        interval = f"{line.low} … {line.high} {line.unit}".rstrip()
+        yield f"a hard limit cuts the {plain(100 * solve.coverage, 6)} % interval of `{line.name}`: {interval}"
+    if len(cut) > MOST_CUT:
+        yield f"… and of {len(cut) - MOST_CUT:,} more numbers (`--intervals`)"
+
+
+def lines_of(solve: SolveReport, items: Iterable[Estimate | DerivedValue] | None = None) -> Iterator[IntervalLine]:
+    """The intervals of a solve, or of some of its items, but of what was fixed or has none."""
     key = ", ".join(f"{name} = {key_text(value)}" for name, value in solve.key.items())
-    items: tuple[Estimate | DerivedValue, ...] = (*solve.estimates, *solve.derived)
-    for item in items:
+    every: tuple[Estimate | DerivedValue, ...] = (*solve.estimates, *solve.derived)
+    for item in every if items is None else items:
         found = intervals(item, solve.coverage)
         parts = (found.dof, found.k, found.low, found.high, found.names())
         columns = (np.ravel(part).tolist() for part in parts)

@@ -123,6 +123,19 @@ def _limited(item: Estimate | DerivedValue, found: Intervals, values: Floats, si
         found.kind[at] = KINDS.index(IntervalKind.LIMITED)
 
 
+@np.errstate(all="ignore")
+def may_be_cut(item: Estimate | DerivedValue, level: float) -> bool:
+    """Whether a hard limit is within twice the linear interval of some number, or holds it."""
+    spread = item.spread
+    if spread is None or spread.lower is None or spread.upper is None:
+        return False
+    values = shown_values(item)
+    reach = 2.0 * coverage_factors(level, spread.dof) * spread.inflation * shown_sigma(item)
+    lower, upper = (in_unit(item.quantity, np.asarray(each)) for each in (spread.lower, spread.upper))
+    held = False if spread.step is None else bool((~np.isnan(spread.step)).any())
+    return held or bool(((values - reach < lower) | (values + reach > upper)).any())
+
+
 def interval_document(found: Intervals) -> dict[str, Any]:
     """What documents say of intervals: of several numbers, one `dof`, `k` or `interval_kind` that all of them have."""
     return {

@@ -9,6 +9,7 @@ from math import pi
 from mbm.report.columns import aligned, fitting, left, wrapped
 from mbm.report.digits import Measured, enclosed, measured, plain
 from mbm.report.elements import Scalar, number_text, scalars, unit_text
+from mbm.report.interval_table import cut_sentences, interval_lines
 from mbm.report.noise import noise_sentences
 from mbm.report.sentences import (
     constraint_sentences,
@@ -52,8 +53,6 @@ def table(result: Result, *, width: int = 80, color: bool = False, full: bool = 
 
         lines = [_heading(result, None, paint), "", *many_solves(result.solves, width, paint, full)]
     if intervals:
-        from mbm.report.interval_table import interval_lines
-
         lines += ["", *interval_lines(result.solves, paint, full)]
     return joined((line.rstrip() for line in lines), color=color).rstrip("\n") + "\n"
 
@@ -97,7 +96,7 @@ def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, ful
     remarks = chain(observability_sentences(solve.observability), constraint_sentences(solve), prior_sentences(solve))
     for sentence in remarks:
         yield from (paint(line, Style.WARNING) for line in wrapped(sentence, width))
-    for sentence in search_sentences(solve):
+    for sentence in chain(cut_sentences(solve), search_sentences(solve)):
         yield from wrapped(sentence, width)
     for what, why in solve.not_examined.items():
         yield from wrapped(f"not examined: {what} ({why})", width)

@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
+import mbm
 from mbm.report.table import table
 from mbm.report.types import (
     Estimate,
@@ -161,3 +163,26 @@ def test_angles_in_degrees_are_not_said_twice(tag_result: Result, tag: SolveRepo
     )
     text = table(replace(tag_result, solves=(replace(tag, estimates=(angle,)),)))
     assert "  psi        30.00   ± 0.10    deg\n" in text
+
+
+def _read(text: str) -> str:
+    return str(mbm.loads(text).solve())
+
+
+def test_intervals_that_a_hard_limit_cuts_are_told() -> None:
+    """0.2 ± 0.21 above 0: the shortest interval of the cut normal distribution begins at the limit."""
+    text = "(problem p (data d (table (y) (0.1) (0.3))) (unknowns (x :init 1 {limit})) (observe d (= y x) :sigma 0.3))"
+    sigma = 0.3 / np.sqrt(2.0)
+    high = 0.2 + sigma * norm.ppf(1 - 0.05 * norm.sf(-0.2 / sigma))
+    assert f"a hard limit cuts the 95 % interval of `x`: 0.00 … {high:.2f}" in _read(text.format(limit=":in (0 5)"))
+    assert "hard limit" not in _read(text.format(limit=":in (-3 5)"))
+    assert "hard limit" not in _read(text.format(limit=""))
+
+
+def test_many_cut_intervals_are_counted() -> None:
+    text = (
+        "(problem p (data d (table (i y) {rows})) (unknowns (x (vector 6) :in (0 5))) (observe d (= y (x i)) :sigma 1))"
+    )
+    said = _read(text.format(rows=" ".join(f"({i} 0.5)" for i in range(1, 7))))
+    assert said.count("a hard limit cuts") == 4
+    assert "… and of 2 more numbers (`--intervals`)" in said

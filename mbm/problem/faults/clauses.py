@@ -382,12 +382,19 @@ def unknown_consensus(span: Span, name: str, known: tuple[str, ...]) -> Diagnost
     )
 
 
-def contradiction(span: Span, left: float, right: float, sign: str, place: Place | None) -> Diagnostic:
-    """A constraint between known numbers that is false; ``place`` is the row of data that makes it so."""
+def contradiction(
+    span: Span, left: float, right: float, sign: str, place: Place | None, uncertain: tuple[str, ...] = ()
+) -> Diagnostic:
+    """A constraint between known numbers that is false; ``place`` is the row of data that makes it so.
+
+    Of the ``uncertain`` constants in it the values count.
+    """
+    named = ", ".join(f"`{name}`" for name in uncertain)
+    mend = f"; a constant is not adjusted: make {named} an unknown with a prior, `(NAME :init VALUE :sigma SIGMA)`"
     return Diagnostic(
         code=CONTRADICTION,
         message=f"this constraint never holds: {left:g} {sign} {right:g} is false",
         place=span,
         labels=(Label(place, "for this row"),) if place is not None else (),
-        hint="correct the numbers, or remove it",
+        hint=f"correct the numbers, or remove it{mend if uncertain else ''}",
     )

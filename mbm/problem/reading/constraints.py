@@ -202,7 +202,7 @@ def _constraint(
     for static, chain in found:
         positions = rows_of(static, table) if table is not None else None
         work.reads.everything |= any(pair.known for pair in chain)
-        refuse_contradictions(kind, chain, table, positions, work.tables, span)
+        refuse_contradictions(kind, chain, table, positions, work.tables, span, work.uncertain)
         components = tuple(pair.component for pair in chain if not pair.known)
         if work.scope.steps is not None and kind is not ConstraintKind.EQUAL:
             components = tuple(side for component in components for side in both_sides(component))

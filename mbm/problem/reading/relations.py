@@ -10,14 +10,14 @@ dimensions as the points have coordinates; its derivative there takes none. So w
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from mbm.expression.algebra import add, constant_value, divide, negate, number, subtract, wrap
 from mbm.expression.evaluate import evaluate
-from mbm.expression.nodes import Apply, Component, Expression, Number, Operation, externals, leaves
+from mbm.expression.nodes import Apply, Component, Constant, Expression, Number, Operation, externals, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, scalar, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
@@ -163,8 +163,9 @@ def refuse_contradictions(
     positions: Positions | None,
     tables: Mapping[str, Table],
     span: Span,
+    uncertain: Container[str] = (),
 ) -> None:
-    """Decide the pairs that hold no unknown, for the rows at ``positions``.
+    """Decide the pairs that hold no unknown, for the rows at ``positions``; ``uncertain`` constants by their values.
 
     Raises:
         MbmError: one does not hold (`contradiction`), or has no value (`not-finite-cell`, `undefined-value`), or a
@@ -193,7 +194,9 @@ def refuse_contradictions(
         if table is not None and positions is not None and len(value) == len(positions):
             place = table.place(int(positions[row]), None)
         sign = SIGNS[kind.value]
-        raise MbmError(faults.contradiction(span, float(left[row]), float(right[row]), sign, place))
+        known = [leaf for leaf in leaves((pair.component,)) if isinstance(leaf, Constant) and leaf.name in uncertain]
+        names = tuple(dict.fromkeys(leaf.name for leaf in known))
+        raise MbmError(faults.contradiction(span, float(left[row]), float(right[row]), sign, place, names))
 
 
 def vanishing(node: Expression) -> tuple[Expression, ...]:
