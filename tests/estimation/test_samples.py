@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.estimation.native.interpreted import InterpretedCode
 from mbm.estimation.trust.lags import lag_scores
 
 X = np.linspace(0.0, 1.0, 30)
@@ -36,21 +37,38 @@ def share(found: list[dict[str, Any]], code: str) -> float:
 
 
 def test_the_moments_of_the_lag_are_those_of_whole_matrices() -> None:
-    """E and Var of eᵀBe / eᵀe for e = Mu from traces of n × n matrices, where M is a projector: exact."""
+    """E and Var of eᵀBe / eᵀSe for e = Mu from traces of n × n matrices, where M is a projector and S picks the rows
+    that follow or are followed: exact where these are all, the first order of a ratio elsewhere. Two data sets at once.
+    """
     rng = np.random.default_rng(2)
-    count = 12
-    basis = np.linalg.qr(rng.normal(size=(count, 3)))[0]
-    residuals = rng.normal(size=count)
-    residuals -= basis @ (basis.T @ residuals)
-    following = np.append(np.arange(1, count), -1)
-    found, mean, spread = lag_scores(residuals, basis, following)
-    projector = np.eye(count) - basis @ basis.T
-    neighbours = (np.eye(count, k=1) + np.eye(count, k=-1)) / 2
-    product, free = projector @ neighbours, count - 3
-    assert found == pytest.approx(residuals[1:] @ residuals[:-1] / (residuals @ residuals))
-    assert mean == pytest.approx(np.trace(product) / free)
-    square = (2 * np.trace(product @ product) + np.trace(product) ** 2) / (free * (free + 2))
-    assert spread == pytest.approx(np.sqrt(square - mean**2))
+    count = 14
+    following = np.stack([np.append(np.arange(1, count), -1), np.append(np.arange(1, count), -1)])
+    following[1, 3:5] = -1  # nothing follows the fourth row, and the fifth stands alone
+    basis = np.linalg.qr(rng.normal(size=(2, count, 3)))[0]
+    residuals = rng.normal(size=(2, count))
+    residuals -= np.einsum("tmk,tnk,tn->tm", basis, basis, residuals)
+    found, mean, spread = lag_scores(InterpretedCode("solver"), residuals, basis, following)
+    for t in range(2):
+        first = np.flatnonzero(following[t] >= 0)
+        neighbours = np.zeros((count, count))
+        neighbours[first, following[t, first]] = neighbours[following[t, first], first] = 0.5
+        there = np.diag((neighbours.sum(axis=0) > 0).astype(float))
+        assert there.trace() == count - t
+        e, projector = residuals[t], np.eye(count) - basis[t] @ basis[t].T
+        assert found[t] == pytest.approx(e @ neighbours @ e / (e @ there @ e))
+        product, inner = projector @ neighbours, projector @ there
+        free = inner.trace()
+        assert mean[t] == pytest.approx(product.trace() / free)
+        square = 2 * (product @ product).trace() + product.trace() ** 2
+        square /= free**2 + 2 * (inner @ inner).trace()
+        assert spread[t] == pytest.approx(np.sqrt(square - (product.trace() / free) ** 2))
+
+
+def test_too_few_rows_tell_no_lag() -> None:
+    basis = np.full((8, 1), 8**-0.5)
+    following = np.append(np.arange(1, 8), -1)
+    told = lag_scores(InterpretedCode("solver"), np.arange(8.0), basis, following)
+    assert np.isnan(told[2])  # seven degrees of freedom
 
 
 @pytest.mark.parametrize("sigma", ["0.1", "unknown"])

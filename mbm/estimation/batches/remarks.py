@@ -9,6 +9,7 @@ from mbm.estimation.batches.losses import rooted_residuals
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Remarks
+from mbm.estimation.minimise.native.tails import solver_code
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.lags import correlated, in_order, lag_scores
 from mbm.estimation.trust.plausibility import improbable, improbable_noise
@@ -48,7 +49,9 @@ def remarks(
         add(place, improbable_noise(problem.span, float(sigma0[place]), float(tail[place])))
     following = _following(problem, stack, which, portion)
     if following is not None:
-        lag, expected, spread = lag_scores(rooted_residuals(portion, residuals), basis, following)
+        lag, expected, spread = lag_scores(
+            solver_code(stack.equations), rooted_residuals(portion, residuals), basis, following
+        )
         for place in np.flatnonzero(correlated(lag, expected, spread)).tolist():
             numbers = (float(each[place]) for each in (lag, expected, spread))
             add(place, faults.autocorrelated_residuals(problem.span, *numbers))

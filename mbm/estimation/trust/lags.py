@@ -11,6 +11,8 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Covariance, Floats, Indices, Minimum
+from mbm.estimation.minimise.native.tails import solver_code
+from mbm.estimation.native.code import AnyCode
 from mbm.estimation.trust import faults
 from mbm.problem.types import BlockRole, Problem
 from mbm.text.types import Diagnostic
@@ -19,10 +21,6 @@ ALIKE, OPPOSED = 1.70, 2.58
 """Standard deviations from the mean beyond which successive residuals are taken to be correlated: positively, which
 makes standard deviations too small, by chance in 4.5 % of all solves; negatively, in 0.5 %."""
 
-LEAST_FREEDOM, CHECKED_HALF = 7.5, 0.499
-"""Degrees of freedom of the rows looked at from which the test can tell anything, all of them and for each row; next to
-whole numbers, which roundings may fall short of."""
-
 
 def in_order(problem: Problem, owner: int) -> bool:
     """Whether the rows of a block stand in an order."""
@@ -30,43 +28,20 @@ def in_order(problem: Problem, owner: int) -> bool:
     return block.role is BlockRole.OBSERVATION and block.table is not None and problem.sequence is None
 
 
-@np.errstate(all="ignore")
-def lag_scores(residuals: Floats, basis: Floats, following: Indices) -> tuple[Floats, Floats, Floats]:
+def lag_scores(code: AnyCode, residuals: Floats, basis: Floats, following: Indices) -> tuple[Floats, Floats, Floats]:
     """r, its mean and its standard deviation (…,); the latter NaN where too few rows follow one another.
 
     ``residuals`` (…, m); ``basis`` (…, m, k) orthonormal, the directions in which they follow the estimates;
-    ``following`` (…, m) is the place of the residual after each, -1 for none.
+    ``following`` (…, m) is the place of the residual after each, -1 for none. ``code`` is the solver's.
     """
-    count = residuals.shape[-1]
-    has = following >= 0
-    first = np.flatnonzero(has)
-    second = first - first % count + following.ravel()[first]  # of the same data set
-    series = has.copy()
-    series.ravel()[second] = True
-    own = basis if bool(series.all()) else np.where(series[..., None], basis, 0.0)
-    lines = own.reshape(residuals.size, own.shape[-1])
-    averaged = np.zeros_like(lines)
-    averaged[first] = lines[second]
-    averaged[second] += lines[first]
-    averaged = averaged.reshape(own.shape) / 2.0
-    turned = np.swapaxes(own, -1, -2)
-    crossed, squared = np.matmul(turned, averaged), np.matmul(turned, own)
-    inside = np.einsum("...ii->...", squared)
-    mean = -np.einsum("...ii->...", crossed)
-    length = series.sum(axis=-1)
-    free = length - inside
-    trace = has.sum(axis=-1) / 2.0 - 2.0 * np.square(averaged).sum(axis=(-2, -1)) + _double(crossed)
-    whole = length - 2.0 * inside + _double(squared)
-    expected = mean / free
-    spread = np.sqrt((2.0 * trace + np.square(mean)) / (np.square(free) + 2.0 * whole) - np.square(expected))
-    products = np.zeros(residuals.shape)
-    products.ravel()[first] = residuals.ravel()[first] * residuals.ravel()[second]
-    found = products.sum(axis=-1) / np.where(series, np.square(residuals), 0.0).sum(axis=-1)
-    return (
-        found,
-        expected,
-        np.where((free >= LEAST_FREEDOM) & (free >= CHECKED_HALF * length), spread, np.nan),
-    )
+    m, k = basis.shape[-2:]
+    shape = residuals.shape[:-1]
+    count = residuals.size // m
+    scores, scratch = np.empty((*shape, 3)), np.empty(2 * k * (m + k) + m)
+    code.expect(float(count * m * k * (2 * k + 4)))
+    find = code.routine("lag_scores", int, int, int, *[object] * 5)
+    find(count, m, k, *map(np.ascontiguousarray, (residuals, basis, following)), scratch, scores)
+    return scores[..., 0], scores[..., 1], np.where(scores[..., 2] > 0.0, scores[..., 2], np.nan)
 
 
 def correlated(found: Floats, expected: Floats, spread: Floats, share: float = 0.0) -> np.ndarray:
@@ -96,12 +71,7 @@ def autocorrelation(
     if not bool((following >= 0).any()) or not bool(np.isfinite(image).all()) or minimum.cost == 0.0:
         return ()
     basis = np.linalg.qr(image)[0]
-    found, expected, spread = lag_scores(minimum.residuals, basis, following)
+    found, expected, spread = lag_scores(solver_code(equations), minimum.residuals, basis, following)
     if not correlated(found, expected, spread):
         return ()
     return (faults.autocorrelated_residuals(problem.span, float(found), float(expected), float(spread)),)
-
-
-def _double(matrix: Floats) -> Floats:
-    """The trace of the square of matrices (…, k, k)."""
-    return np.asarray(np.einsum("...ij,...ji->...", matrix, matrix))
