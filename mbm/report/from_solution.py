@@ -11,6 +11,7 @@ from mbm.equations.types import Reason
 from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.search import Alternative as OtherMinimum
 from mbm.estimation.search.solution import Failure, Hypothesis, Skipped, Solution
+from mbm.estimation.sequences.faults import BEYOND_BOUNDS
 from mbm.problem.naming import member_name
 from mbm.problem.types import Problem, UnknownKind
 from mbm.report import faults
@@ -159,7 +160,7 @@ def _status(
     reason = solution.minimum.reason
     if reason is Reason.INFEASIBLE:
         return SolveStatus.INFEASIBLE, conflict_sentence(problem, solution, names) or reason.sentence
-    broken = violated_sentence(constraints)
+    broken = violated_sentence(constraints) or _outside(solution)
     if not reason.converged:
         return SolveStatus.NOT_CONVERGED, reason.sentence if broken is None else f"{reason.sentence}; {broken}"
     if broken is not None:
@@ -167,6 +168,11 @@ def _status(
     if not solution.observability.observable:
         return SolveStatus.UNOBSERVABLE, SolveStatus.UNOBSERVABLE.sentence
     return SolveStatus.CONVERGED, reason.sentence
+
+
+def _outside(solution: Solution) -> str | None:
+    """Which bounds, that a filter took no notice of, do not hold: they count as the same limit in a constraint does."""
+    return next((each.message for each in solution.diagnostics if each.code == BEYOND_BOUNDS), None)
 
 
 def _estimates(solution: Solution, how: Shown, unknown: str | None) -> tuple[Estimate, ...]:

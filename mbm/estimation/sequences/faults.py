@@ -19,8 +19,8 @@ OVERCONFIDENT_FILTER = Code(
 )
 BEYOND_BOUNDS = Code(
     "beyond-bounds",
-    "A filter that does not cut its distribution takes no notice of `:in` and `positive`, and an estimate lies outside "
-    "(a warning).",
+    "A filter that does not cut its distribution takes no notice of `:in` and `positive`; an estimate lies outside. "
+    "The solve is `infeasible`, as with the same limit in a constraint.",
     "Use `:constraints truncate`, by which bounds and inequalities cut, or `batch` or `(smoother)`, which meet them.",
 )
 

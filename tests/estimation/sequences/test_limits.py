@@ -54,12 +54,20 @@ def test_a_fixed_lag_takes_none_and_says_so(written):
         solved("(smoother :lag 2)", *WRITTEN[written])
 
 
+@pytest.mark.parametrize("written", WRITTEN)
+def test_a_filter_says_the_same_of_a_bound_and_of_a_constraint_that_do_not_hold(written):
+    found = solved("ekf", *WRITTEN[written])
+    assert found.status == "attention"
+    assert found.first.status == "infeasible"
+
+
 def test_a_filter_tells_what_is_outside_its_bounds():
     found = solved("ekf", ":in (-5 2)")
     above = int((found["x"].value > 2).sum())
     assert above > 0
     (warning,) = (d for d in found.diagnostics if d.code.name == "beyond-bounds")
     assert f"at {above} step" in warning.message
+    assert found.first.message == warning.message
     cut = solved("ekf :constraints truncate", ":in (-5 2)")
     assert (cut["x"].value <= 2).all()
     assert not [d for d in cut.diagnostics if d.code.name == "beyond-bounds"]
