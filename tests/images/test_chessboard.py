@@ -105,11 +105,11 @@ def test_boards_that_look_alike_upside_down_are_numbered_by_the_rule(columns, ro
 
 
 def test_a_large_photograph_is_searched_small_and_measured_large(tmp_path):
-    large = CAMERA * [[6.0], [6.0], [1.0]]
+    large = CAMERA * [[4.5], [4.5], [1.0]]  # longer than `SEARCHED`
     points = corners(COLUMNS, ROWS)
     turn = Rotation.from_euler("xyz", [0.3, -0.2, 0.4])
     place = middle_of(points, turn, 0.4)
-    image = rendered(chessboard(COLUMNS, ROWS), turn, place, camera=large, shape=(1440, 1920), samples=2)
+    image = rendered(chessboard(COLUMNS, ROWS), turn, place, camera=large, shape=(1080, 1440), samples=2)
     save(tmp_path / "board.png", noisy(image, np.random.default_rng(3), 2))
     away = numbers(read(tmp_path / "board.png"), "u", "v") - projected(points, turn, place, large)
     assert np.abs(away).max() < 0.05

@@ -101,7 +101,7 @@ def test_the_table_is_readable(walk, capsys):
     text = TEXT.replace(
         "(data gps (table (t x y a) (0 0.1 1 0.1) (1 1.2 2 0.2) (2 1.9 2 0.2) (4 4.1 4 0.3)))", "(data gps external)"
     )
-    t = np.arange(1000.0)
+    t = np.arange(300.0)
     long = mbm.loads(text).solve(data={"gps": {"t": t, "x": 0 * t, "y": 0 * t, "a": 0 * t}})
     assert len(str(long).splitlines()) < 200
 

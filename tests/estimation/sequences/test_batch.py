@@ -222,10 +222,10 @@ def test_constraints_hold_at_every_step():
 def test_the_noise_of_transitions_may_be_unknown():
     """``:sigma unknown``: the factor that the residuals of the transitions themselves give."""
     rng = np.random.default_rng(3)
-    p = np.cumsum(rng.normal(0, 2.0, 300))
+    p = np.cumsum(rng.normal(0, 2.0, 200))
     text = """(problem walk (data gps external) (states :over t (p :init 0 :sigma 10))
       (dynamics (= (next p) p :sigma unknown)) (observe gps (= x p) :sigma 0.1))"""
-    result = mbm.loads(text).solve(data={"gps": {"t": np.arange(300.0), "x": p + rng.normal(0, 0.1, 300)}})
+    result = mbm.loads(text).solve(data={"gps": {"t": np.arange(200.0), "x": p + rng.normal(0, 0.1, 200)}})
     scatter = np.diff(result["p"].value).std()
     assert scatter == pytest.approx(2.0, rel=0.15)
 
