@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbm
+from mbm.estimation.search import aligning
 
 DRIVE = """
 (problem drive
@@ -93,3 +94,22 @@ def test_a_flight_is_laid_on_its_fixes():
     result = mbm.loads(FLIGHT).solve(data=data)
     assert result.first.status.trusted
     assert np.linalg.norm(result["T"].value[:, 4:] - places, axis=1).max() < 1.5
+
+
+def test_numbers_beside_which_no_pose_stands_are_not_solved_for_with_each_motion(monkeypatch):
+    """A thousand of them took minutes: they have nothing to do with where the way lies."""
+    asked = []
+
+    class Asked(aligning.Tree):
+        def __init__(self, part, entry, numbers, linear):
+            asked.append((int(linear.sum()), len(part.groups)))
+            super().__init__(part, entry, numbers, linear)
+
+    monkeypatch.setattr(aligning, "Tree", Asked)
+    mbm.loads("""(problem walk
+      (data gps (table (t x a) (0 0.1 0.1) (1 1.2 0.2) (2 1.9 0.2) (3 3.1 0.3)))
+      (states :over t (p :init 0 :sigma 10) (T (pose 2) :init (pose2 0 0 0) :sigma 1))
+      (dynamics (random-walk p :sigma 1) (random-walk T :sigma 0.1))
+      (observe gps (= x p) :sigma 0.3)
+      (observe turned gps (= a (heading T)) :sigma 1))""").solve()
+    assert [linear for linear, _ in asked] == [0]

@@ -28,6 +28,9 @@ from mbm.problem.types import UnknownKind
 ENOUGH_UNITS = 600
 """Equations in rows that the motion is judged by."""
 
+MOST_OTHERS = 100
+"""Coordinates beside the poses that are solved for with each motion."""
+
 LEAST_FELT = 3
 """Poses that more than one motion may suit: two are brought where they should be in one way."""
 
@@ -64,7 +67,8 @@ def aligned(equations: Assembled, numbers: Floats, settings: Settings) -> tuple[
 def laid_elsewhere(equations: Assembled, point: Floats, settings: Settings) -> tuple[Floats, ...]:
     """All numbers (N,) with the family of poses moved as one to where it fits nearly as well as at a point (N,).
 
-    None where no motions between members are measured, or fewer than three of them are felt by other equations.
+    None where no motions between members are measured, fewer than three of them are felt by other equations, or more
+    than `MOST_OTHERS` coordinates stand in these beside them: they are solved for with each motion that is tried.
     """
     families = [
         e
@@ -76,13 +80,18 @@ def laid_elsewhere(equations: Assembled, point: Floats, settings: Settings) -> t
         return ()
     graph = [group for group in equations.groups if group.rows and relates(group, entry)]
     apart = [group for group in equations.groups if group.rows and not relates(group, entry)]
-    if not graph or not apart:
+    own, of_others = (np.zeros(len(equations.layout.number), dtype=bool) for _ in range(2))
+    own[entry.coordinates] = True
+    beside = [group for group in apart if own[group.columns].any()]
+    if not graph or not beside:
         return ()
-    of_others = np.zeros(len(equations.layout.number), dtype=bool)
-    of_others[np.concatenate([np.unique(group.columns) for group in apart])] = True
+    of_others[np.concatenate([np.unique(group.columns) for group in beside])] = True
     of_others[np.concatenate([np.unique(group.columns) for group in graph])] = False
     of_others[entry.coordinates] = False
     of_others &= np.isin(np.arange(len(of_others)), equations.free)
+    if of_others.sum() > MOST_OTHERS:
+        return ()
+    apart = [group for group in apart if (own | of_others)[group.columns].any()]
     part = excerpt(equations, np.flatnonzero(of_others), _some_units(apart, settings.seed))
     tree = Tree(part, entry, point, affine_coordinates(part, of_others))
     return tree.elsewhere(settings) if tree.felt >= LEAST_FELT else ()
