@@ -129,3 +129,21 @@ def test_any_number_of_angles_have_supplements_and_half_turns(relation, partner,
     second = [np.pi + partner * each for each in first]
     expected = Twin.TURNED if relation == "tan" else Twin.MIRRORED
     assert twin(relation, first, second) is expected
+
+
+@pytest.mark.parametrize(
+    ("equation", "others"),
+    [
+        ("(= 3 (distance [x y] [0.5 0.2]))", 0),  # one circle
+        ("(= 4 (^ (+ x y) 2))", 1),  # two lines
+        ("(= 4 (^ (distance [x y] [0.5 0.2]) 2))", 0),
+        ("(= 1 (^ (- (distance [x y] [0.5 0.2]) 2) 2))", 1),  # two circles about one middle
+    ],
+)
+def test_valleys_that_no_way_connects_are_different_solutions(equation, others):
+    """Along each of them no residual changes; from one to the other it does."""
+    text = f"""(problem p (data t (table (k) (1) (2))) (unknowns (x :in (-5 5)) (y :in (-5 5)))
+      (observe t {equation} :sigma 0.1) (solve :starts (random 12)))"""
+    solve = mbm.loads(text).solve().first
+    assert solve.status == "unobservable"
+    assert len(solve.alternatives) == others

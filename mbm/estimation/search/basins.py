@@ -9,12 +9,13 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.binding import INPUTS_AT_A_TIME, Group
-from mbm.equations.metric import minimum_norms, turning
+from mbm.equations.metric import minimum_norms
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.estimation.minimise.native.starts import StartEnds
 from mbm.estimation.search.agreement import Agreement
 from mbm.estimation.search.twins import Twin, separation, twin_of
-from mbm.solver.decisions import DIFFERENCE, ROUNDED_ROTATION
+from mbm.estimation.search.valleys import connected, flat
+from mbm.solver.decisions import DIFFERENCE
 from mbm.values import dataclass
 
 COARSE = 1e-4
@@ -157,7 +158,10 @@ def _units(equations: Assembled, minimum: Minimum, spread: float) -> Floats:
 
 
 def same_minimum(equations: Assembled, one: Minimum, other: Minimum) -> bool:
-    """Whether it is one minimum, found twice; or they are points of one valley along which no residual changes."""
+    """Whether it is one minimum, found twice; or they are points of one valley along which no residual changes.
+
+    A cup upside down may look the same, and so it does however it is turned about its axis: these are two valleys.
+    """
     if not equal_costs(one.cost, other.cost):
         return False
     apart = separation(equations, one.point, other.point[None])[0]
@@ -167,25 +171,11 @@ def same_minimum(equations: Assembled, one: Minimum, other: Minimum) -> bool:
     within = apart * length <= FINE * spread + EQUAL * size * length
     if within.all():
         return True
-    if one.residuals.shape != other.residuals.shape or not _flat(equations, one):
+    if one.residuals.shape != other.residuals.shape or not flat(equations, one, EQUAL * FINE):
         return False
-    return bool((np.abs(one.residuals - other.residuals) <= FINE * spread).all())
-
-
-def _flat(equations: Assembled, minimum: Minimum) -> bool:
-    """The equations do not determine all unknowns at the minimum; with many unknowns nobody asks."""
-    if minimum.blocks is not None:
+    if not (np.abs(one.residuals - other.residuals) <= FINE * spread).all():
         return False
-    free = minimum.at_bound == 0
-    columns = minimum.jacobian[:, free]
-    length = np.linalg.norm(columns, axis=0)
-    curved = turning(equations)
-    least = (
-        0.0 if curved is None else np.where(curved[free], ROUNDED_ROTATION * length[curved[free]].max(initial=0.0), 0.0)
-    )
-    if not (length > least).all():
-        return True
-    return bool(np.linalg.matrix_rank(columns / length, tol=EQUAL * FINE) < free.sum())
+    return connected(equations, one, other.point)
 
 
 def _twin_among(equations: Assembled, kept: Sequence[Basin], basin: Basin) -> tuple[int, Twin] | None:
