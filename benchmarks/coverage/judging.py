@@ -118,7 +118,7 @@ def judged(kind: Kind, runs: int, seed: int = 1) -> Judged:
             if known[:, place].any():
                 label = name if found.shape[1] == 1 else f"{name}[{place + 1}]"
                 covered[label] = float(held[known[:, place], place].mean())
-    doubts = [_doubts(solve, tuple(truth)) for solve in solves]
+    doubts = [_doubts(solve) for solve in solves]
     return Judged(
         runs=runs,
         covered=covered,
@@ -151,9 +151,9 @@ def _pairs(interval: Any) -> list[tuple[float, float]]:
     return [pair for each in interval for pair in _pairs(each)]
 
 
-def _doubts(solve: dict[str, Any], names: tuple[str, ...]) -> tuple[set[str], set[str]]:
+def _doubts(solve: dict[str, Any]) -> tuple[set[str], set[str]]:
     """What speaks against the intervals of a solve, and what these mind already."""
-    kinds = str([(solve["estimates"] | solve["derived"])[name].get("interval_kind") for name in names])
+    kinds = str([each.get("interval_kind") for each in (solve["estimates"] | solve["derived"]).values()])
     found = {each["code"] for each in solve["diagnostics"]} & DOUBTS
     soft = {code for code in found if code in SAID and SAID[code] in kinds}
     hard = found - soft
