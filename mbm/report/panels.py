@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from mbm.report.digits import enclosed
+from mbm.report.digits import enclosed, plain
 from mbm.report.elements import Scalar, element_names, plain_key, scalars, solve_scalars, unit_text
 from mbm.report.plot_data import Curve, PlotData
+from mbm.report.regions import Region, region
 from mbm.report.row_data import ResidualRow
 from mbm.report.types import DerivedValue, Estimate, Floats, Kind, Result, SolveReport
 from mbm.text.shown import cut
+from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,6 +36,9 @@ LONGEST_MARK = 24
 """Characters of a key below a mark of an axis; the frame shrinks to nothing above longer ones."""
 
 _MOST_OVER_KEY = 6
+
+MOST_PAIRED = 3
+"""Numbers of a solve whose pairs are drawn."""
 
 Panel: TypeAlias = "Callable[[Axes], None]"
 
@@ -61,6 +66,42 @@ def estimate_panels(result: Result) -> Iterator[Panel]:
         ):
             for pair in combinations(range(size), 2):
                 yield partial(_draw_ellipses, solved, estimate.quantity.name, pair)
+
+
+def region_panels(result: Result) -> Iterator[Panel]:
+    """The joint region of each pair of the numbers of one solve, if there are few."""
+    solves = [solve for solve in result.solves if solve.estimates]
+    if len(solves) != 1:
+        return
+    numbers = [
+        estimate.quantity.name
+        for estimate in solves[0].estimates
+        if estimate.bounds is None
+        and not estimate.quantity.shape
+        and estimate.keys is None
+        and not np.any(estimate.fixed)
+    ]
+    for pair in combinations(numbers, 2) if len(numbers) <= MOST_PAIRED else ():
+        try:
+            found = region(solves[0], pair, None)
+        except MbmError:  # there is none, which is told where it is asked for
+            continue
+        yield partial(_draw_region, found)
+
+
+def _draw_region(found: Region, axes: Axes) -> None:
+    """Where two numbers lie together, with their estimates; open where the region has no end."""
+    around = np.vstack([found.boundary, found.boundary[:1]])
+    around[~np.isfinite(around).all(axis=1)] = np.nan
+    if np.isfinite(around).all():
+        axes.fill(around[:, 0], around[:, 1], facecolor=BLUE, alpha=0.25)
+    axes.plot(around[:, 0], around[:, 1], color=BLUE, linewidth=1.0)
+    axes.plot(*found.centre, "+", color=BLUE, markersize=7)
+    labels = [f"{name} ({unit})" if unit else name for name, unit in zip(found.names, found.units, strict=True)]
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])
+    axes.set_title(f"{found.names[0]} and {found.names[1]}: {plain(100 * found.level, 6)} % region", fontsize=10)
+    finish(axes, legend=False)
 
 
 def residual_panels(result: Result) -> Iterator[Panel]:

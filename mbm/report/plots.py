@@ -112,6 +112,7 @@ def _panels(result: Result) -> Iterator[Panel]:
             yield from map_panels.map_panels(found)
     yield from panels.data_panels(result)
     yield from panels.estimate_panels(result)
+    yield from panels.region_panels(result)
     yield from panels.residual_panels(result)
 
 

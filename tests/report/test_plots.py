@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from scipy.stats import f
 
 import mbm
 from mbm.report.plot_data import PlotData
@@ -159,3 +160,29 @@ def test_without_measurements_the_picture_has_the_budgets() -> None:
     labels = [[label.get_text() for label in axes.get_yticklabels()] for axes in figure.axes]
     assert labels == [["a", "b", "combined"]] * 2
     assert [patch.get_width() for patch in figure.axes[0].patches] == pytest.approx([3.0, 4.0, 5.0])
+
+
+def test_pairs_of_few_numbers_have_their_joint_region() -> None:
+    """Four readings on a line with unknown noise: the outline is where (x − x̂)ᵀ C⁻¹ (x − x̂) = 2 F(0.95; 2, 2)."""
+    x, y = np.arange(4.0), np.array([1.0, 3.1, 4.9, 7.0])
+    rows = " ".join(f"({a} {b})" for a, b in zip(x, y, strict=True))
+    text = (
+        f"(problem p (data d (table (x y) {rows})) (unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma unknown))"
+    )
+    axes = next(each for each in draw(mbm.loads(text).solve().result).axes if "region" in each.get_title())
+    assert axes.get_title() == "a and b: 95 % region"
+    outline = max((line.get_xydata() for line in axes.lines), key=len)
+    (slope, intercept), covariance = np.polyfit(x, y, 1, cov=True)
+    away = outline - [intercept, slope]
+    inverse = np.linalg.inv(covariance[::-1, ::-1])
+    assert np.einsum("ki,ij,kj->k", away, inverse, away) == pytest.approx(2 * f.ppf(0.95, 2, 2), rel=1e-6)
+
+
+def test_no_region_is_drawn_of_many_numbers_nor_where_there_is_none() -> None:
+    four = """(problem p (data d (table (i y) (1 1) (2 2) (3 3) (4 4))) (unknowns (a) (b) (c) (e))
+      (observe d (= y {}) :sigma 1))"""
+    model = "(if (= i 1) a (if (= i 2) b (if (= i 3) c e)))"
+    cut = """(problem p (data d (table (i y) (1 0.1) (2 2))) (unknowns (a :in (0 5)) (b))
+      (observe d (= y (if (= i 1) a b)) :sigma 1))"""
+    for text in (four.format(model), cut):
+        assert not any("region" in axes.get_title() for axes in draw(mbm.loads(text).solve().result).axes)
