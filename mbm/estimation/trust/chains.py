@@ -96,10 +96,11 @@ def _beyond(away: float, highest: Floats, compared: int) -> bool:
 
 def sums(residuals: Floats, decay: float) -> Floats:
     """Σ eᵢ eⱼ aⁱ⁻ʲ⁻¹ / Σ eᵢ² over rows i > j, of residuals (rows, …); shape (…)."""
-    # Loaded where rows follow one another only, so that other problems start at once.
-    from scipy.signal import lfilter
-
-    before = lfilter([0.0, 1.0], [1.0, -decay], residuals, axis=0)
+    before = np.zeros_like(residuals)
+    before[1:] = residuals[:-1]
+    if decay > 0.0:
+        for k in range(1, len(before)):
+            before[k] += decay * before[k - 1]
     return np.asarray((residuals * before).sum(axis=0) / np.square(residuals).sum(axis=0))
 
 
