@@ -14,7 +14,7 @@ MOST = 6
 MOST_SEEN = 16
 """Solids in different places whose outlines are looked at."""
 
-ALIKE = 4
+ALIKE = 5
 """Starts with what is in the best place, but for turns of the shape about its own axes of symmetry."""
 
 SAME = 0.02
@@ -63,9 +63,13 @@ def _alike(hulls: Hulls, point: Floats, begun: Floats) -> Floats:
     points = np.concatenate([point[None], points[np.sqrt(costs) < SAME * hulls.size]])
     places = hulls.places(points)
     places[..., 2] *= hulls.stretch(places[:1])
-    found = [0]
-    for number in range(1, len(points)):
-        apart = np.abs(places[found] - places[number]).max(axis=(1, 2)) >= SAME * hulls.size
-        if apart.all() and len(found) < ALIKE:
-            found.append(number)
+    # a round body is turned anyhow about its axis: the farthest ones come first, which are also upside down
+    found, nearest = [0], np.full(len(points), np.inf)
+    while len(found) < ALIKE:
+        apart = np.abs(places - places[found[-1]]).max(axis=(1, 2))
+        nearest = np.minimum(nearest, apart)
+        farthest = int(np.argmax(nearest))
+        if nearest[farthest] < SAME * hulls.size:
+            break
+        found.append(farthest)
     return points[found[1:]]
