@@ -47,6 +47,9 @@ FEWEST, MOST, SHARE = 2, 16, 500
 WIDE = 100.0
 """Times as much as what the data do not exclude, a minimum of the sample may cost: elsewhere it may cost less."""
 
+NOT_SO_WIDE = 2.0
+"""The same where each solve has to be looked at by itself."""
+
 TEMPLATES = 3
 """Other minima of the sample that are looked for in all solves."""
 
@@ -128,6 +131,8 @@ def sample(
     if not looks_beside(part.first, settings, problem):
         return None
     count = min(max(stack.solves // SHARE, FEWEST), MOST)
+    dear = stack.errors is not None or bool(part.first.constraints)
+    wide = NOT_SO_WIDE if dear else WIDE
     unknown = [i for i, block in enumerate(problem.blocks) if block.unknown_factor]
     several = bool(unknown) and len(problem.blocks) > 1
     others: list[Floats] = []
@@ -149,7 +154,7 @@ def sample(
             minimum=minimum,
             factor=columns.factor[0],
             variance=variance,
-            most=minimum.cost + WIDE * (PLAUSIBLE * variance + BOTH_ZERO),
+            most=minimum.cost + wide * (PLAUSIBLE * variance + BOTH_ZERO),
         )
         agrees = derived_agreement(problem, binder, kernels)
         beside = minima_beside(equations, about, settings, problem, agrees)
@@ -162,7 +167,6 @@ def sample(
                 owners.append(minimum.point)
     if not others:
         return None
-    dear = stack.errors is not None or bool(part.first.constraints)
     native = None if dear else native_sets(stack, settings)
     return Beside(
         stack=stack,

@@ -46,8 +46,8 @@ constraints; there 8 to 2,000 standard deviations, since from farther away the s
 CURVED = 0.5
 """Share of the cost of a linear model below which a point may lie in another basin (`decisions.SAME_BASIN`)."""
 
-FOLLOWED = 6
-"""Points that are followed down."""
+FOLLOWED, FEW_FOLLOWED = 6, 2
+"""Points that are followed down, and with corrections of measured columns, which take a search at each step."""
 
 AT_FIRST = 12
 """Steps of a descent at first …"""
@@ -211,15 +211,18 @@ def _promising(equations: Assembled, about: Centre) -> Floats:
         *(distances.shape[1] * k + lowest[k] for k in order),
         *(distances.shape[1] * k + flattest[k] for k in further),
     ]
-    return points[np.array(chosen[:FOLLOWED], dtype=np.int64)]
+    count = FOLLOWED if equations.implicit is None else FEW_FOLLOWED
+    return points[np.array(chosen[:count], dtype=np.int64)]
 
 
 def _plain_costs(equations: Assembled, points: Floats) -> Floats:
     """Σ r² at points (T, N) without losses, which are level far away; infinite where an equation has no value."""
-    if not equations.lossy:
+    if not equations.lossy and equations.implicit is None:
         return costs(equations, points)
     with np.errstate(all="ignore"):
-        found = np.square(equations.plain_residuals_at(points)).sum(axis=1)
+        plain = equations.implicit is None
+        found = equations.plain_residuals_at(points) if plain else equations.residuals_at(points)
+        found = np.square(found).sum(axis=1)
     return np.where(np.isfinite(found), found, np.inf)
 
 
