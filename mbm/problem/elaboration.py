@@ -259,8 +259,11 @@ class Workspace:
         )
 
     def _condition_items(self, form: Form, scope: Scope, count: int) -> tuple[Value, ...]:
-        """One condition for all components, or a vector (or list) of them: ``[false true false]``."""
+        """One condition for all components, or a vector (or list) of them: ``[false true false]``, arrays by rows."""
         if isinstance(form, Sequence) and form.items:
+            rows = [each for each in form.items if isinstance(each, Sequence) and each.bracket is Bracket.SQUARE]
+            if form.bracket is Bracket.SQUARE and len(rows) == len(form.items):
+                return tuple(self.evaluator.wanted(item, scope) for row in rows for item in row.items)
             first = form.items[0]
             literal = isinstance(first, Symbol) and first.name in ("true", "false")
             if form.bracket is Bracket.SQUARE or literal:

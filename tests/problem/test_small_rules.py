@@ -174,3 +174,9 @@ def test_a_clash_of_constants_shows_where_their_numbers_are_written():
     (found,) = refused(text).diagnostics
     assert found.code.name == "unit-clash"
     assert [text[each.place.start : each.place.end] for each in found.labels] == ["1m", "2s"]
+
+
+def test_elements_of_an_array_are_fixed_row_by_row():
+    text = """(problem p (unknowns (m (array 2 2) :fixed [[true false] [false true]] :init [[1 2] [3 4]]))
+      (observe (= [5 6] (m 1)) (= [7 8] (m 2)) :sigma 1))"""
+    assert mbm.loads(text).solve()["m"].value.tolist() == [[1, 6], [7, 4]]
