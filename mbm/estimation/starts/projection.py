@@ -37,7 +37,7 @@ NEAR = 0.5
 """Distance within which the lower of two points stands for both, in mean distances of the points."""
 
 
-ALIKE = 1e-9
+EQUALLY_GOOD = 1e-9
 """Costs whose difference is rounding, as a share of them."""
 
 
@@ -101,7 +101,7 @@ class _Profile:
             turned = points.copy()
             turned[:, place] = np.abs(turned[:, place])
             turned, after = self.at(turned)
-            better = (points[:, place] < 0) & (after <= found + ALIKE * np.abs(found))
+            better = (points[:, place] < 0) & (after <= found + EQUALLY_GOOD * np.abs(found))
             points, found = np.where(better[:, None], turned, points), np.where(better, after, found)
         return points, found
 
