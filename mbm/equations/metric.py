@@ -90,6 +90,14 @@ def column_norms(jacobian: Floats) -> Floats:
     return norms
 
 
+def cost_at(equations: Equations, point: Floats) -> float:
+    """The sum of squares at a point; infinite where it has no finite value."""
+    with np.errstate(all="ignore"):
+        residuals = equations.residuals(point)
+        cost = float(residuals @ residuals)
+    return cost if np.isfinite(cost) else inf
+
+
 def first_bad(values: Floats) -> int | None:
     """Row (from 0) of the first value that is not finite; None: all are."""
     good = np.isfinite(values)

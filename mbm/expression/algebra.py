@@ -122,6 +122,23 @@ def dot(a: tuple[Expression, ...], b: tuple[Expression, ...], span: Span | None 
     return total(tuple(multiply(x, y, span) for x, y in zip(a, b, strict=True)), span)
 
 
+def differences(
+    a: tuple[Expression, ...], b: tuple[Expression, ...], span: Span | None = None
+) -> tuple[Expression, ...]:
+    """aᵢ − bᵢ for tuples of one length."""
+    return tuple(subtract(x, y, span) for x, y in zip(a, b, strict=True))
+
+
+def minor(a: tuple[Expression, ...], b: tuple[Expression, ...], i: int, j: int, span: Span | None = None) -> Expression:
+    """aᵢ bⱼ − aⱼ bᵢ."""
+    return subtract(multiply(a[i], b[j], span), multiply(a[j], b[i], span), span)
+
+
+def cross(a: tuple[Expression, ...], b: tuple[Expression, ...], span: Span | None = None) -> tuple[Expression, ...]:
+    """a × b for tuples of three."""
+    return tuple(minor(a, b, i, j, span) for i, j in ((1, 2), (2, 0), (0, 1)))
+
+
 def _simplify(operation: Operation, arguments: tuple[Expression, ...]) -> Expression | None:
     if operation is Operation.ADD:
         if _is_zero(arguments[0]):

@@ -12,7 +12,7 @@ from fractions import Fraction
 from functools import partial, reduce
 from itertools import pairwise
 
-from mbm.expression.algebra import ONE, ZERO, add, apply, divide, dot, multiply, negate, subtract
+from mbm.expression.algebra import ONE, ZERO, add, apply, differences, divide, dot, multiply, negate, subtract
 from mbm.expression.derivative import derivatives
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
@@ -159,7 +159,7 @@ def _within(curve: CurveValue, at: Expression, low: Expression, high: Expression
 
 def _on_chord(chord: Chord, p: Point, span: Span) -> _Candidate:
     """The nearest place of a chord."""
-    way, r = _difference(chord.end, chord.start, span), _difference(p, chord.start, span)
+    way, r = differences(chord.end, chord.start, span), differences(p, chord.start, span)
     length = dot(way, way, span)
     share: Expression = ZERO
     if not isinstance(length, Number) or length.value != 0:
@@ -214,7 +214,7 @@ def _refined(curve: CurveValue, start: _Candidate, p: Point, steps: int, span: S
     point = curve.formula(_within(curve, start.at, start.low, start.high, span))
     slope = derivatives(point, curve.parameter)
     bend = derivatives(slope, curve.parameter)
-    way = _difference(point, p, span)
+    way = differences(point, p, span)
     rise = dot(way, slope, span)
     curvature = add(dot(slope, slope, span), dot(way, bend, span), span)
     descent = Formula.of((rise, curvature), curve.parameter)
@@ -230,10 +230,6 @@ def _refined(curve: CurveValue, start: _Candidate, p: Point, steps: int, span: S
     return _Candidate(squared=dot(rest, rest, span), at=at, low=start.low, high=start.high)
 
 
-def _difference(a: Point, b: Point, span: Span) -> Point:
-    return tuple(subtract(x, y, span) for x, y in zip(a, b, strict=True))
-
-
 def distance(curve: CurveValue, p: Point, span: Span) -> Expression:
     """The distance of ``p`` from a curve: of the plane or an image positive left of its direction, else not negative.
 
@@ -245,7 +241,7 @@ def distance(curve: CurveValue, p: Point, span: Span) -> Expression:
 
     """
     foot = foot_of(curve, p, span)
-    r = _difference(p, foot.point, span)
+    r = differences(p, foot.point, span)
     squared = dot(r, r, span)
     apart = less(multiply(_ROUNDED, dot(p, p, span), span), squared, span)
     length = apply(Operation.SQRT, chosen(apart, squared, Number(1), span), span=span)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from mbm.expression.algebra import ZERO, add, divide, multiply, negate, subtract, total
+from mbm.expression.algebra import ZERO, add, differences, divide, multiply, negate, subtract, total
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Expression, Number, Parameter
 from mbm.language.curves import Piece, Point
@@ -21,7 +21,7 @@ _TWO, _THREE, _SIX = (Number(n, NONE) for n in (2, 3, 6))
 
 def chords(points: tuple[Point, ...], span: Span) -> tuple[Expression, ...]:
     """The lengths of the straight lines from point to point."""
-    return tuple(norm_of(_difference(b, a, span), span) for a, b in pairwise(points))
+    return tuple(norm_of(differences(b, a, span), span) for a, b in pairwise(points))
 
 
 def knots(lengths: tuple[Expression, ...], span: Span) -> tuple[Expression, ...]:
@@ -39,7 +39,7 @@ def straight_pieces(points: tuple[Point, ...], parameter: Parameter, span: Span)
     found = []
     for i, length in enumerate(lengths):
         share = divide(subtract(parameter, places[i], span), length, span)
-        way = _difference(points[i + 1], points[i], span)
+        way = differences(points[i + 1], points[i], span)
         point = tuple(add(a, multiply(share, d, span), span) for a, d in zip(points[i], way, strict=True))
         found.append(Piece(first=places[i], last=places[i + 1], point=point))
     return tuple(found)
@@ -82,9 +82,9 @@ def _cubic(
 
 def _loads(points: tuple[Point, ...], lengths: tuple[Expression, ...], i: int, span: Span) -> Point:
     """Six times the change of slope at the end of chord ``i`` − 1, where chord ``i`` begins."""
-    before = [divide(e, lengths[i - 1], span) for e in _difference(points[i], points[i - 1], span)]
+    before = [divide(e, lengths[i - 1], span) for e in differences(points[i], points[i - 1], span)]
     j = i % len(lengths)
-    after = [divide(e, lengths[j], span) for e in _difference(points[j + 1], points[j], span)]
+    after = [divide(e, lengths[j], span) for e in differences(points[j + 1], points[j], span)]
     return tuple(multiply(_SIX, subtract(b, a, span), span) for a, b in zip(before, after, strict=True))
 
 
@@ -134,7 +134,3 @@ def _tridiagonal(
             right[i] = [subtract(b, multiply(beside[i], a, span), span) for b, a in pairs]
         right[i] = [divide(b, pivots[i], span) for b in right[i]]
     return [tuple(row) for row in right]
-
-
-def _difference(a: Point, b: Point, span: Span) -> Point:
-    return tuple(subtract(x, y, span) for x, y in zip(a, b, strict=True))

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from itertools import pairwise
 
-from mbm.expression.algebra import ONE, ZERO, add, apply, divide, dot, multiply, negate, subtract
+from mbm.expression.algebra import ONE, ZERO, add, apply, cross, divide, dot, multiply, negate, subtract
 from mbm.expression.derivative import derivatives
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Expression, Number, Operation, Parameter, nearest
@@ -137,7 +137,7 @@ def _corner(ways: list[Point], i: int, closed: bool, span: Span) -> Point | None
 
 
 def _section(at: Point, way: Point, left: Point, normal: Point | None, span: Span) -> Placing:
-    up = _cross(way, left, span)
+    up = cross(way, left, span)
     if normal is None:
         return lambda p: _sum(at, (p[0], left), (p[1], up), span)
     steep = dot(way, normal, span)
@@ -199,11 +199,6 @@ def _transported(left: Point, before: Point, way: Point, span: Span) -> Point:
 def _unit(way: Point, span: Span) -> Point:
     length = norm_of(way, span)
     return tuple(e if _is_level((e,)) else divide(e, length, span) for e in way)
-
-
-def _cross(a: Point, b: Point, span: Span) -> Point:
-    pairs = ((1, 2), (2, 0), (0, 1))
-    return tuple(subtract(multiply(a[i], b[j], span), multiply(a[j], b[i], span), span) for i, j in pairs)
 
 
 def _sum(at: Point, first: tuple[Expression, Point], second: tuple[Expression, Point], span: Span) -> Point:

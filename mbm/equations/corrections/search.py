@@ -12,6 +12,7 @@ import numpy as np
 
 from mbm.equations.corrections.steps import step
 from mbm.equations.corrections.types import Conditions
+from mbm.equations.metric import cost_at
 from mbm.equations.types import Correctable, Equations, Floats, Mask
 from mbm.values import dataclass
 
@@ -218,15 +219,8 @@ Minimise = Callable[[Equations, Floats], Floats]
 def approached(equations: Correctable, start: Floats, rough: Minimise) -> Floats:
     """The start (N,), or where ``rough`` leads from it with exact columns if that fits better."""
     compared = equations.roughly_corrected()
-    cost = _cost(compared, start)
+    cost = cost_at(compared, start)
     if cost <= FAR**2 * compared.count:
         return start
     other = rough(equations.uncorrected(), start)
-    return other if _cost(compared, other) < cost else start
-
-
-@np.errstate(all="ignore")
-def _cost(equations: Equations, point: Floats) -> float:
-    residuals = equations.residuals(point)
-    cost = float(residuals @ residuals)
-    return cost if np.isfinite(cost) else np.inf
+    return other if cost_at(compared, other) < cost else start

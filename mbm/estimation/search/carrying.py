@@ -6,6 +6,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.layout import Layout
+from mbm.equations.metric import cost_at
 from mbm.equations.types import Floats
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.search.starting import Beginning, beginnings, with_idle_ones
@@ -41,7 +42,7 @@ def carried_beginnings(equations: Assembled, settings: Settings, last: Solution 
         if not usable:
             raise
         return (start,)
-    if not usable or not _cost(equations, point) < _cost(equations, own[0].point):
+    if not usable or not cost_at(equations, point) < cost_at(equations, own[0].point):
         return own
     return (start, *own) if len(own) > 1 else (start,)
 
@@ -77,10 +78,4 @@ def _is_expected(equations: Assembled, settings: Settings, last: Solution, point
     freedom = equations.count - equations.dimension
     if not trusted or last.noise or settings.robust is not None or freedom <= 0:
         return False
-    return _cost(equations, point) <= freedom + DEVIATIONS * float(np.sqrt(2 * freedom))
-
-
-def _cost(equations: Assembled, point: Floats) -> float:
-    with np.errstate(all="ignore"):
-        cost = float(np.square(equations.residuals(point)).sum())
-    return cost if np.isfinite(cost) else np.inf
+    return cost_at(equations, point) <= freedom + DEVIATIONS * float(np.sqrt(2 * freedom))

@@ -11,6 +11,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import Group
 from mbm.equations.excerpt import excerpt
+from mbm.equations.metric import cost_at
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
@@ -40,19 +41,13 @@ def begun_step_by_step(
     known = any(entry.unknown.name in starts for entry in states)
     if known or equations.linear or not states or np.isnan(layout.start).any() or equations.implicit is not None:
         return equations
-    cost = _cost(equations, layout.start)
+    cost = cost_at(equations, layout.start)
     if cost <= POOR * equations.count:
         return equations
     point = _grown(equations, binder, kernels, settings)
-    if point is None or not _cost(equations, point) < cost:
+    if point is None or not cost_at(equations, point) < cost:
         return equations
     return replace(equations, layout=replace(layout, start=point), numbers=point)
-
-
-def _cost(equations: Assembled, point: Floats) -> float:
-    residuals = equations.residuals(point)
-    cost = float(residuals @ residuals)
-    return cost if np.isfinite(cost) else np.inf
 
 
 def _grown(equations: Assembled, binder: Binder, kernels: KernelSet, settings: Settings) -> Floats | None:

@@ -9,7 +9,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mbm.expression.algebra import ONE, ZERO, add, apply, divide, dot, multiply, negate, subtract, wrap
+from mbm.expression.algebra import (
+    ONE,
+    ZERO,
+    apply,
+    cross,
+    differences,
+    divide,
+    dot,
+    multiply,
+    negate,
+    subtract,
+    wrap,
+)
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
 from mbm.language.coerce import scalar, vector
@@ -22,7 +34,7 @@ from mbm.text.types import MbmError, Span
 
 def line_through(p: tuple[Expression, ...], q: tuple[Expression, ...], span: Span) -> ImageLineValue:
     """The image line through two points, with its direction in [−π/2, π/2)."""
-    dx, dy = (subtract(b, a, span) for a, b in zip(p, q, strict=True))
+    dx, dy = differences(q, p, span)
     zero = multiply(ZERO, dx, span) if isinstance(dx, Number) else subtract(dx, dx, span)
     upright = Apply(Operation.AND, (_same(dx, zero, span), Apply(Operation.LESS, (zero, dy), span=span)), span=span)
     back = Apply(Operation.OR, (Apply(Operation.LESS, (dx, zero), span=span), upright), span=span)
@@ -141,15 +153,15 @@ def _point_line_distance(call: Call) -> Value:
         return _vertex_on_line(call)
     p = vector(call.arguments[0], call.forms[0].span, 3).elements
     a, b = _points(call, 2, "a line")
-    along, way = _minus(b, a, call.span), _minus(p, a, call.span)
-    return divide(norm_of(_cross(way, along, call.span), call.span), norm_of(along, call.span), call.span)
+    along, way = differences(b, a, call.span), differences(p, a, call.span)
+    return divide(norm_of(cross(way, along, call.span), call.span), norm_of(along, call.span), call.span)
 
 
 def _point_plane_distance(call: Call) -> Value:
     p = vector(call.arguments[0], call.forms[0].span, 3).elements
     a, b, c = _points(call, 3, "a plane")
-    normal = _cross(_minus(b, a, call.span), _minus(c, a, call.span), call.span)
-    return divide(dot(_minus(p, a, call.span), normal, call.span), norm_of(normal, call.span), call.span)
+    normal = cross(differences(b, a, call.span), differences(c, a, call.span), call.span)
+    return divide(dot(differences(p, a, call.span), normal, call.span), norm_of(normal, call.span), call.span)
 
 
 def _points(call: Call, count: int, wanted: str) -> list[tuple[Expression, ...]]:
@@ -158,15 +170,6 @@ def _points(call: Call, count: int, wanted: str) -> list[tuple[Expression, ...]]
     if ends is None or (len(ends) != 2) != (count == 3) or len(ends) < count:
         raise MbmError(faults.wrong_kind(call.forms[1].span, wanted, describe(thing)))
     return [end.elements for end in ends[:count]]
-
-
-def _minus(a: tuple[Expression, ...], b: tuple[Expression, ...], span: Span) -> tuple[Expression, ...]:
-    return tuple(subtract(x, y, span) for x, y in zip(a, b, strict=True))
-
-
-def _cross(a: tuple[Expression, ...], b: tuple[Expression, ...], span: Span) -> tuple[Expression, ...]:
-    pairs = ((1, 2), (2, 0), (0, 1))
-    return tuple(add(multiply(a[i], b[j], span), negate(multiply(a[j], b[i], span), span), span) for i, j in pairs)
 
 
 FUNCTIONS: tuple[Builtin, ...] = (

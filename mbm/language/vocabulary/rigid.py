@@ -7,7 +7,21 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, divide, dot, multiply, negate, number, subtract, wrap
+from mbm.expression.algebra import (
+    ONE,
+    TWO,
+    ZERO,
+    add,
+    apply,
+    differences,
+    divide,
+    dot,
+    multiply,
+    negate,
+    number,
+    subtract,
+    wrap,
+)
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
@@ -224,7 +238,7 @@ def geometric_difference(measured: Value, model: Value, span: Span) -> tuple[Exp
     turned = logarithm(compose_rotations(back, second.rotation, span), span)
     if isinstance(measured, RotationValue):
         return turned
-    moved = tuple(subtract(a, b, span) for a, b in zip(second.translation, first.translation, strict=True))
+    moved = differences(second.translation, first.translation, span)
     moved = rotate_vector(back, moved, span)
     if first.scale is None or second.scale is None:
         return (*turned, *moved)

@@ -7,7 +7,21 @@ Convention: a rotation matrix R maps coordinates of the rotated frame to those o
 from __future__ import annotations
 
 from mbm.expression import algebra
-from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, constant_value, divide, dot, multiply, negate, subtract
+from mbm.expression.algebra import (
+    ONE,
+    TWO,
+    ZERO,
+    add,
+    apply,
+    constant_value,
+    cross,
+    differences,
+    divide,
+    dot,
+    multiply,
+    negate,
+    subtract,
+)
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation, nearest
 from mbm.language import faults
@@ -159,17 +173,12 @@ def _look_at(call: Call) -> Value:
     up: tuple[Expression, ...] = (ZERO, ZERO, ONE)
     if len(call.arguments) == 3:
         up = vector(call.arguments[2], call.forms[2].span, 3).elements
-    forward = unit_vector(tuple(subtract(t, e, span) for t, e in zip(target.elements, eye.elements, strict=True)), span)
-    left = unit_vector(_cross(up, forward, span), span)
-    top = _cross(forward, left, span)
+    forward = unit_vector(differences(target.elements, eye.elements, span), span)
+    left = unit_vector(cross(up, forward, span), span)
+    top = cross(forward, left, span)
     columns = (forward, left, top)
     elements = tuple(columns[j][i] for i in range(3) for j in range(3))
     return PoseValue(RotationValue(Array((3, 3), elements)), eye.elements)
-
-
-def _cross(a: tuple[Expression, ...], b: tuple[Expression, ...], span: Span) -> tuple[Expression, ...]:
-    pairs = ((1, 2), (2, 0), (0, 1))
-    return tuple(subtract(multiply(a[i], b[j], span), multiply(a[j], b[i], span), span) for i, j in pairs)
 
 
 def _pose2(call: Call) -> Value:

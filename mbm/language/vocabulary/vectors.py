@@ -47,17 +47,11 @@ def _dot(call: Call) -> Value:
 
 def _cross(call: Call) -> Value:
     a, b = pair_of_vectors(call)
-    x, y = a.elements, b.elements
-
-    def minor(i: int, j: int) -> Expression:
-        left, right = algebra.multiply(x[i], y[j], call.span), algebra.multiply(x[j], y[i], call.span)
-        return algebra.subtract(left, right, call.span)
-
     if a.shape == (2,):
-        return minor(0, 1)
+        return algebra.minor(a.elements, b.elements, 0, 1, call.span)
     if a.shape != (3,):
         raise MbmError(faults.length_clash(call.span, describe(a), "the cross product (length 3, or 2)"))
-    return Array((3,), (minor(1, 2), minor(2, 0), minor(0, 1)))
+    return Array((3,), algebra.cross(a.elements, b.elements, call.span))
 
 
 def _norm(call: Call) -> Value:

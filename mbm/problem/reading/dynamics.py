@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from mbm.expression.algebra import add, apply, multiply, number, subtract
+from mbm.expression.algebra import add, apply, differences, multiply, number, subtract
 from mbm.expression.nodes import Column, ColumnMember, Expression, Number, Operation, RowChoice, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, vector
@@ -367,7 +367,7 @@ def _constant_velocity(
     steps = tuple(multiply(dt, each, span) for each in velocity)
     if declaration.dimension:
         ahead = geometric_difference(before, reached, span) or ()
-        away = tuple(subtract(a, b, span) for a, b in zip(steps, ahead, strict=True))
+        away = differences(steps, ahead, span)
     else:
         moved = tuple(add(a, b, span) for a, b in zip(_numbers(before), steps, strict=True))
         away = tuple(difference(a, b, span) for a, b in zip(moved, _numbers(reached), strict=True))
