@@ -220,14 +220,16 @@ class CompiledProblem:
             MbmError: ``x`` has another shape, or the data do not go with the problem.
 
         """
-        equations, start = self._assembled(data)
-        return equations.residuals(equations.retract(start, coordinates(x, equations.dimension)))
+        with self.cache.lock:
+            equations, start = self._assembled(data)
+            return equations.residuals(equations.retract(start, coordinates(x, equations.dimension)))
 
     def jacobian(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
         """D residuals / d x, shape (m, n); tables and errors as for ``residuals``."""
-        equations, start = self._assembled(data)
-        step = coordinates(x, equations.dimension)
-        return equations.jacobian(equations.retract(start, step)) @ equations.chart_slopes(start, step)
+        with self.cache.lock:
+            equations, at = self._assembled(data)
+            step = coordinates(x, equations.dimension)
+            return equations.jacobian(equations.retract(at, step)) @ equations.chart_slopes(at, step)
 
     def log_density(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
         """The logarithm of the posterior density at tangent coordinates ``x`` (n,) or (K, n): () or (K,), for samplers.
@@ -241,16 +243,16 @@ class CompiledProblem:
 
         """
         from mbm.api.density import at_coordinates
-        from mbm.simulation.density import log_density
 
-        return at_coordinates(log_density, self.elaborated.problem, self._assembled(data), x)
+        with self.cache.lock:
+            return at_coordinates(self.elaborated.problem, self._assembled(data), x)
 
     def log_density_gradient(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
         """The derivative of ``log_density`` by ``x``, in its shape; 0 where there is no density. Raises alike."""
         from mbm.api.density import at_coordinates
-        from mbm.simulation.density import log_density_gradient
 
-        return at_coordinates(log_density_gradient, self.elaborated.problem, self._assembled(data), x)
+        with self.cache.lock:
+            return at_coordinates(self.elaborated.problem, self._assembled(data), x, gradient=True)
 
     @property
     def elaborated(self) -> Elaborated:
@@ -324,11 +326,8 @@ class CompiledProblem:
         wanted = [d for d in declarations if d.name in data or (d.source == EXTERNAL and d.name not in given)]
         if data.keys() <= {d.name for d in wanted} and not any(d.members for d in declarations):
             inputs = replace(self.inputs, tables=dict(data), paths={})
-        else:
-            inputs, wanted = (
-                self._with(data),
-                declarations,
-            )  # unions take other tables; of a name that no table has, loading says so
+        else:  # unions take other tables; of a name that no table has, loading says so
+            inputs, wanted = self._with(data), declarations
         with noting(self.origin.reading.journal):
             read = compiler.loaded(wanted, self.origin.reading.base, inputs, self.origin.registry)
         return {d.name: read[d.name] if d.name in read else before.raw[d.name] for d in declarations}
@@ -338,11 +337,10 @@ class CompiledProblem:
         from mbm.estimation.settings import settings_of
         from mbm.estimation.solve.estimate import assemble
 
-        data = by_name("data", data)
-        now = self._for(data) if data else self._latest()
+        now = self._for(data) if by_name("data", data) else self._latest()
         found = now.elaborated
         starts = {k: np.asarray(v, dtype=np.float64) for k, v in found.starts.items()}
-        equations, _ = assemble(found.problem, now.kernels, found.tables, starts, now.cache)
+        equations = assemble(found.problem, now.kernels, found.tables, starts, now.cache)[0]
         return equations, beginnings(equations, settings_of(found.problem.request))[0].point
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from mbm.api.arguments import steps_of
@@ -17,17 +16,20 @@ if TYPE_CHECKING:
 
     from mbm.equations.types import Floats
 
-    Density = Callable[[Problem, Assembled, Floats, Floats], Floats]
 
-
-def at_coordinates(density: Density, problem: Problem, assembled: tuple[Assembled, Floats], x: ArrayLike) -> Floats:
-    """What a ``density`` says (…) at tangent coordinates (n,) or (K, n) about a start, of ``assembled`` equations.
+def at_coordinates(
+    problem: Problem, assembled: tuple[Assembled, Floats], x: ArrayLike, *, gradient: bool = False
+) -> Floats:
+    """The log density (…), or its ``gradient``, at tangent coordinates (n,) or (K, n) about a start of the equations.
 
     Raises:
         MbmError: ``x`` has another shape; `no-density`.
 
     """
+    from mbm.simulation.density import log_density, log_density_gradient
+
     equations, start = assembled
+    density = log_density_gradient if gradient else log_density
     refuse_density(problem, equations)
     steps = steps_of(x, equations.dimension)
     found = density(problem, equations, start, steps.reshape(-1, equations.dimension))

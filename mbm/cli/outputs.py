@@ -68,11 +68,15 @@ def check_outputs(outputs: Iterable[Output], reads: Iterable[Read]) -> None:
     outputs = tuple(outputs)
     if not outputs:
         return
+    from mbm.files.faults import not_writable
     from mbm.files.targets import refuse_twice
     from mbm.files.writing import checked_target
 
     reads, targets, wrong = tuple(reads), [], list[Diagnostic]()
     for output in outputs:
+        if output.path == STANDARD_OUTPUT:
+            wrong.append(not_writable(output.path, "only `--json -` goes to standard output"))
+            continue
         try:
             targets.append(checked_target(output.path, reads=reads, allowed=output.allowed))
         except MbmError as error:

@@ -66,9 +66,9 @@ def region(solve: SolveReport, names: tuple[str, str], level: float | None) -> R
     """The joint region of two scalars of a solve; None: with the coverage of the solve.
 
     Raises:
-        KeyError: no number is called so.
+        KeyError: no quantity is called so.
         ValueError: the level is not between 0 and 1.
-        MbmError: `no-region`.
+        MbmError: `no-region`, also for the name of a quantity that has several numbers.
 
     """
     level = solve.coverage if level is None else float(level)
@@ -76,6 +76,11 @@ def region(solve: SolveReport, names: tuple[str, str], level: float | None) -> R
         message = f"the level of a region is between 0 and 1, not {level}"
         raise ValueError(message)
     items: tuple[Estimate | DerivedValue, ...] = (*solve.estimates, *solve.derived)
+    for item in items:
+        parts = element_names(item.quantity, item.keys)
+        if item.quantity.name in names and item.quantity.name not in parts:
+            why = f"`{item.quantity.name}` has {len(parts)} numbers: name one of them, such as `{parts[0]}`"
+            raise MbmError(faults.no_region(*names, why))
     found = [_scalar(items, name) for name in names]
     for (item, _), name in zip(found, names, strict=True):
         if item.quantity.kind in GEOMETRIC:

@@ -332,3 +332,11 @@ def test_a_full_disk_leaves_earlier_results_and_sources(folder: Path, mbm: Run) 
         assert status == 2, call
         assert content(folder) == before
     assert {path.name for path in folder.iterdir()} == {name.split("/")[0] for name in before}
+
+
+@pytest.mark.parametrize("option", ["--csv", "--residuals"])
+def test_no_file_is_called_a_hyphen(folder: Path, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    before = content(folder)
+    assert run(["solve", "p.mbm", option, "-", *QUICK]) == 2
+    assert "only `--json -` goes to standard output" in capsys.readouterr().err
+    assert content(folder) == before

@@ -147,3 +147,10 @@ def test_bent_regions_hold_the_truth_as_often_as_they_say():
         result = mbm.loads(OXYGEN.format(more="")).solve(data=oxygen(seed))
         held += bool(result.region("a", "k").holds([214.0, 0.55]))
     assert abs(held / runs - 0.95) < 0.033
+
+
+def test_several_numbers_have_no_region():
+    text = "(problem p (data d (table (x y) (1 1) (2 2.1) (3 2.9))) (unknowns (v (vector 2)) (a :init 0 :sigma 1)) "
+    result = mbm.loads(text + "(observe d (= y (+ (v 1) (* x (v 2)))) :sigma 0.1))").solve()
+    with pytest.raises(mbm.MbmError, match=r"`v` has 2 numbers: name one of them, such as `v\[1\]`"):
+        result.region("a", "v")
