@@ -83,6 +83,28 @@ def test_between_exact_mirror_images_the_stated_start_chooses():
         assert not told(result)
 
 
+TURNED = "(observe d (- (- (* y (cos a)) (* x (sin a))) r) :sigma 0.02"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "(unknowns (p :init 0) (q :init 1) (r :init 0.5)) (constraints (= (hypot p q) 1))"
+        "(observe d (- (+ (* y q) (* x p)) r) :sigma 0.02)",
+        f"(unknowns (a :init 0.2) (r :init 0.5)) {TURNED} :loss (tukey))",
+        f"(unknowns (a :init 0.2) (r :init 0.5)) {TURNED})",
+    ],
+)
+def test_a_line_whose_normal_is_turned_round_is_the_same_line(line):
+    """Its distances have the other sign, all of them: the start that is stated has chosen the side."""
+    random = np.random.default_rng(8)
+    x = np.linspace(-4.0, 4.0, 20)
+    data = {"x": x, "y": 0.77 + 0.4 * x + 0.02 * random.normal(size=20)}
+    result = mbm.loads(f"(problem p (data d external) {line})").solve(data={"d": data})
+    assert result["r"].value == pytest.approx(0.77 / np.hypot(1.0, 0.4), abs=0.02)
+    assert not told(result)
+
+
 def test_a_better_minimum_is_told_and_the_answer_stays_that_of_the_start():
     """y = t² − 0.3 t³ has the value 0.5 at three t; a prior-like second reading makes the far one better by little."""
     text = """(problem p (data d (table (v) (0.5))) (unknowns (t :init 0.8))

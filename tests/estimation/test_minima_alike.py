@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 import mbm
 from mbm.estimation.minimise.minimise import minimise
@@ -147,3 +148,16 @@ def test_valleys_that_no_way_connects_are_different_solutions(equation, others):
     solve = mbm.loads(text).solve().first
     assert solve.status == "unobservable"
     assert len(solve.alternatives) == others
+
+
+def test_a_walk_that_leaves_where_the_equation_is_defined_ends():
+    """Richards' growth curve ends flat from some starts, where walks reach powers that overflow."""
+    x = np.arange(0.0, 22.0, 2.0)
+    y = 700.0 / (1.0 + np.exp(5.4 - 0.63 * x)) ** (1 / 1.44) + 5.0 * np.random.default_rng(3).normal(size=len(x))
+    text = """(problem p (data d external) (unknowns (a) (b) (c) (d))
+      (observe d (= y (/ a (^ (+ 1 (exp (- b (* c x)))) (/ 1 d)))) :sigma 5))"""
+    solve = mbm.loads(text).solve(data={"d": {"x": x, "y": y}}).first
+    least = least_squares(
+        lambda p: (p[0] / (1.0 + np.exp(p[1] - p[2] * x)) ** (1 / p[3]) - y) / 5.0, [700, 5.4, 0.63, 1.44], method="lm"
+    )
+    assert solve.cost == pytest.approx(2.0 * least.cost, rel=1e-7)

@@ -171,8 +171,11 @@ def _followed(equations: Assembled, about: Centre, settings: Settings, trials: F
 
 
 def _chosen(equations: Assembled, minimum: Minimum, points: Floats, share: float) -> Mask:
-    """Which points (T, N) are equal to the minimum in all residuals, so that a start that is stated has chosen it."""
-    apart = np.abs(equations.residuals_at(points) - minimum.residuals).max(axis=1, initial=0.0)
+    """Which points (T, N) are equal to the minimum in all residuals, so that a start that is stated has chosen it.
+
+    Up to their signs: a line with its normal turned round has the opposite distances.
+    """
+    apart = np.abs(np.abs(equations.residuals_at(points)) - np.abs(minimum.residuals)).max(axis=1, initial=0.0)
     layout = equations.layout
     stated = np.isfinite(layout.start) & ~layout.guessed
     decided = (stated & (points != minimum.point)).any(axis=1)

@@ -63,7 +63,7 @@ def connected(equations: Assembled, minimum: Minimum, target: Floats) -> bool:
     """Whether a walk from a flat minimum along its valley may lead to ``target`` (N,), of the same residuals.
 
     Each step goes as far towards the target as the valley does. No, where it leads no nearer, as from where it is
-    farthest: there it is pushed on once.
+    farthest: there it is pushed on once. A walk that leaves where the equations are defined tells nothing: it may.
     """
     free, point, jacobian = minimum.at_bound == 0, minimum.point, minimum.jacobian
     if minimum.blocks is not None or not 0 < free.sum() <= WALKED or equations.rows is not None:
@@ -72,11 +72,11 @@ def connected(equations: Assembled, minimum: Minimum, target: Floats) -> bool:
     near, pushed = ARRIVED * np.sqrt(max(1.0, minimum.cost)), False
     share, before = 1.0, np.inf
     for _ in range(STEPS):
-        left = _towards(equations, point, target) / size
-        directions = _free_directions(equations, jacobian * size, free)
-        along = directions @ (directions.T @ left)
-        if not np.isfinite(along).all() or np.linalg.norm(jacobian @ (left * size)) <= near:
+        left, slopes = _towards(equations, point, target) / size, jacobian * size
+        if not np.isfinite(slopes).all() or not np.linalg.norm(slopes @ left) > near:
             return True
+        directions = _free_directions(equations, slopes, free)
+        along = directions @ (directions.T @ left)
         away = float(np.linalg.norm(left))
         share, before = share if away < before else DAMPED * share, away
         if np.linalg.norm(along) <= STUCK * away:
@@ -85,7 +85,10 @@ def connected(equations: Assembled, minimum: Minimum, target: Floats) -> bool:
             pushed, along, before = True, LONGEST * directions[:, 0] / share, np.inf
         step = along * min(share, LONGEST / float(np.linalg.norm(along)))
         point = equations.retract(point, step * size)
-        back, *_ = np.linalg.lstsq(equations.jacobian(point) * size, equations.residuals(point) - minimum.residuals)
+        slopes, apart = equations.jacobian(point) * size, equations.residuals(point) - minimum.residuals
+        if not np.isfinite(slopes).all() or not np.isfinite(apart).all():
+            return True
+        back, *_ = np.linalg.lstsq(slopes, apart)
         point = equations.retract(point, -np.where(free, back, 0.0) * size)
         jacobian = equations.jacobian(point)
     return True
