@@ -173,10 +173,13 @@ def _vanishing(node: sympy.Basic, varies: Mapping[sympy.Basic, bool]) -> _Limit 
 
 
 def _factors(node: sympy.Basic) -> Iterator[sympy.Basic]:
-    """The factors of a product of products."""
-    stack = [node]
+    """The factors of a product of products, each product that stands in several places once."""
+    stack, seen = [node], set[int]()
     while stack:
         each = stack.pop()
+        if id(each) in seen:
+            continue
+        seen.add(id(each))
         if isinstance(each, sympy.Mul):
             stack.extend(reversed(each.args))
         else:

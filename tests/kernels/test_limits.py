@@ -134,3 +134,10 @@ def test_derived_numbers_without_unknowns_have_it():
     np.testing.assert_allclose(
         [result["z"].value, result["z"].sigma], [result["e"].value, result["e"].sigma], rtol=1e-9
     )
+
+
+def test_products_of_products_are_looked_at_once():
+    """a^(2^60), each square once: as a tree it has 10^18 factors, and finding them would not end."""
+    squares = " ".join(f"(x{k + 1} (* x{k} x{k}))" for k in range(60))
+    text = f"(problem p (unknowns (a :init 1)) (observe (= 1 (let* ((x0 a) {squares}) x60)) :sigma 1))"
+    assert mbm.loads(text).solve()["a"].value == pytest.approx(1.0, abs=1e-15)
