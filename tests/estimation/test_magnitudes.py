@@ -70,6 +70,21 @@ def test_half_a_turn_from_row_to_row(monkeypatch, form, name):
     assert found["f"][name] == pytest.approx(1 / 200 if name == "most" else 200, rel=1e-9)
 
 
+def test_uneven_rows_tell_turns_over_their_least_step(monkeypatch):
+    x = np.array([0.0, 1.0, 2.0, 2.0 + 1e-12, 2.25, 5.0, 9.0])
+    data = {"x": x, "y": np.sin(7 * x)}
+    found = sizes_of(monkeypatch, "(a) (b) (w)", "(+ (* a (sin (* w x))) (* b (cos (* w x))))", data)
+    # The least step is 1/4; 1e-12 is rounding.
+    assert found["w"]["most"] == pytest.approx(4 * np.pi, rel=1e-9)
+
+
+def test_long_tables_tell_turns_from_row_to_row(monkeypatch):
+    x = np.arange(1001.0)
+    form = "(+ (* a (sin (* w x))) (* b (cos (* w x))))"
+    found = sizes_of(monkeypatch, "(a) (b) (w)", form, {"x": x, "y": np.sin(2.5 * x)})
+    assert found["w"]["most"] == pytest.approx(np.pi, rel=1e-9)
+
+
 def test_rows_without_a_size_are_left_out(monkeypatch):
     data = {"x": np.append(0.0, X), "y": np.append(0.0, np.exp(-X / 300))}
     found = sizes_of(monkeypatch, "(a) (k)", "(* a (exp (- (* k x))))", data)

@@ -7,6 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import mbm
+from mbm.estimation.settings import Settings
+from mbm.estimation.starts import projection
 from tests.estimation.nist import digits
 from tests.estimation.nist_typed import TYPED
 from tests.evidence.nist_problems import FORMULAS, LOGARITHMIC
@@ -267,6 +269,49 @@ def test_a_frequency_is_sought_below_half_a_turn_from_row_to_row():
     x, y = readings("sine", 5)
     result = mbm.loads(text_of("sine")).solve(data={"d": {"x": x, "y": y}})
     assert abs(float(result["f"].value)) == pytest.approx(2.3, abs=0.01)
+
+
+@pytest.mark.parametrize("form", ["(* w x)", "(/ x w)"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_fast_frequency_of_uneven_rows(form, seed):
+    """40 rad per unit of 80 rows in 10: half a turn over the mean step is 25."""
+    random = np.random.default_rng(seed)
+    x = random.uniform(0, 10, 80)
+    y = 0.4 + 1.5 * np.sin(40 * x) + 0.6 * np.cos(40 * x) + 0.05 * random.normal(size=80)
+    observed = f"(observe d (= y (+ c (* a (sin {form})) (* b (cos {form})))) :sigma 0.05)"
+    problem = mbm.loads(f'(problem p (data d (csv "d.csv")) (unknowns (a) (b) (w) (c)) {observed})')
+    w = float(problem.solve(data={"d": {"x": x, "y": y}})["w"].value)
+    # Six times the deviation of a frequency: sqrt(24 / 80) sigma / amplitude / 10 = 0.0017.
+    assert abs(1 / w if form == "(/ x w)" else w) == pytest.approx(40, abs=0.01)
+
+
+def test_wide_models_are_scanned_within_bounds(monkeypatch):
+    """Normal equations of 38 linear unknowns cost more than residuals do: one point, 24 values; none once stopped."""
+    points = []
+    original = projection.projected
+
+    def counted(equations, tried, *rest):
+        points.append(len(tried))
+        return original(equations, tried, *rest)
+
+    monkeypatch.setattr(projection, "projected", counted)
+    rows = np.arange(38 * 10)
+    x, k = np.tile(np.linspace(0, 3000, 10), 38), rows // 10
+    y = 1000 * np.exp(-x / np.geomspace(150, 1000, 38)[k])
+    text = (
+        '(problem p (data d (csv "d.csv")) (unknowns (n :per d.k) (t :per d.k))'
+        " (observe d (= y (* (n k) (exp (- (/ x (t k)))))) :sigma 5))"
+    )
+    problem, data = mbm.loads(text), {"d": {"k": k, "x": x, "y": y}}
+    assert problem.solve(data=data).status == "ok"
+    # 380 rows, 39 columns, each as long as 2.95 residuals: 686 points fit into 30 million,
+    # fewer than 24 for each unknown.
+    assert points.count(24) == 38
+    assert 96 not in points
+    points.clear()
+    monkeypatch.setattr(Settings, "stopped", lambda self: True)
+    problem.solve(data=data)
+    assert 24 not in points
 
 
 @pytest.mark.parametrize("y", [np.zeros(31), np.full(31, 5.0)])

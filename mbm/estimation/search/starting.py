@@ -234,7 +234,7 @@ def _random(
     numbers = max(equations.count, equations.dimension) * equations.dimension
     kept = 1 if numbers > HUGE else FEW_KEPT if numbers > LARGE or corrected else KEPT
     most = PROJECTED if kept == KEPT else kept
-    points = projected_points(equations, base, missing, linear, settings.seed, most)
+    points = projected_points(equations, base, missing, linear, settings.seed, most, settings.stopped)
     if points is None:
         points = random_points(equations, base, missing, SAMPLES, settings.seed)
         if bool(linear.any()):

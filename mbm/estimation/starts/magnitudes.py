@@ -25,7 +25,10 @@ MOST = 100
 """Unknown numbers up to which their sizes are looked for."""
 
 ROWS = 400
-"""Rows of a group that are looked at, evenly spread."""
+"""Rows of a group that are looked at: of more, evenly spread pairs of neighbours."""
+
+ROUNDED_STEP = 1e-9
+"""Distance of two values beside their whole range that may be rounding."""
 
 NARROWEST = 1.0
 """Powers of ten that a range has at least."""
@@ -51,7 +54,6 @@ BENDING = frozenset(
 )
 """Functions that bend where their argument is about 1."""
 
-
 TURNING = frozenset({Operator.SIN, Operator.COS, Operator.TAN})
 
 
@@ -59,7 +61,9 @@ TURNING = frozenset({Operator.SIN, Operator.COS, Operator.TAN})
 class Magnitudes:
     """Per coordinate (M,): powers of ten between which its size lies, and values among which it lies; NaN: not told.
 
-    Absolute values that data can tell lie between ``least`` and ``most``: half a turn of an angle from row to row.
+    Absolute values that data can tell lie between ``least`` and ``most``: half a turn of an angle over the least step.
+    ``turn`` makes half a turn over all rows, where an angle is as many times ``turn`` as its number is large, or, with
+    ``inverse``, as its reciprocal is; NaN where no angle tells.
     """
 
     low: Floats
@@ -68,6 +72,16 @@ class Magnitudes:
     last: Floats
     least: Floats
     most: Floats
+    turn: Floats
+    inverse: Mask
+
+    def frequencies(self, k: int, count: int) -> Floats:
+        """Absolute values (at most ``count``,) of coordinate ``k``, each half a turn over all rows from the last."""
+        if np.isnan(self.turn[k]):
+            return np.zeros(0)
+        highest = 1.0 / self.least[k] if self.inverse[k] else self.most[k]
+        values = self.turn[k] * np.arange(1, int(min(highest / self.turn[k] + ROUNDED_STEP, count)) + 1)
+        return np.asarray(1.0 / values if self.inverse[k] else values)
 
     @property
     def middle(self) -> Floats:
@@ -99,7 +113,8 @@ def magnitudes(equations: Assembled, base: Floats, missing: Mask) -> Magnitudes:
     wanted = np.flatnonzero(missing & (layout.number >= 0))
     low, high, first, last = (np.full(len(layout.number), np.nan) for _ in range(4))
     least, most = np.zeros(len(layout.number)), np.full(len(layout.number), np.inf)
-    found = Magnitudes(low=low, high=high, first=first, last=last, least=least, most=most)
+    turn, inverse = np.full(len(layout.number), np.nan), np.zeros(len(layout.number), dtype=bool)
+    found = Magnitudes(low=low, high=high, first=first, last=last, least=least, most=most, turn=turn, inverse=inverse)
     if not 0 < len(wanted) <= MOST:
         return found
     place = np.full(len(layout.start), -1, dtype=np.int64)
@@ -113,11 +128,12 @@ def magnitudes(equations: Assembled, base: Floats, missing: Mask) -> Magnitudes:
                 for k, values in sizes.among():
                     first[wanted[k]] = np.fmin(first[wanted[k]], np.nanmin(values, initial=np.inf))
                     last[wanted[k]] = np.fmax(last[wanted[k]], np.nanmax(values, initial=-np.inf))
-                for k, limit, power in sizes.limits():
+                for k, limit, each, power in sizes.limits():
                     if power > 0:
                         most[wanted[k]] = min(most[wanted[k]], limit)
                     else:
                         least[wanted[k]] = max(least[wanted[k]], 1.0 / limit)
+                    turn[wanted[k]], inverse[wanted[k]] = np.fmin(turn[wanted[k]], each), power < 0
     if products:
         low[wanted], high[wanted] = _solved(products, len(wanted))
     first[~np.isfinite(first)], last[~np.isfinite(last)] = np.nan, np.nan
@@ -143,7 +159,10 @@ class _Sizes:
     """What a group of equations says: products of sizes that make 1, and values among which variables lie."""
 
     def __init__(self, group: Group, base: Floats, place: Indices) -> None:
-        chosen = np.unique(np.linspace(0, group.rows - 1, min(group.rows, ROWS)).astype(np.int64))
+        chosen = np.arange(group.rows)
+        if group.rows > ROWS:
+            first = np.linspace(0, group.rows - 2, ROWS // 2).astype(np.int64)
+            chosen = np.unique(np.concatenate([first, first + 1]))
         self._index = place[np.asarray(group.index)[chosen]]
         self._shared = group.shared
         self._products: list[tuple[Floats, Floats]] = []
@@ -179,13 +198,17 @@ class _Sizes:
             for k in np.unique(self._index[:, slot]):
                 yield int(k), values[finite & (self._index[:, slot] == k)]
 
-    def limits(self) -> Iterator[tuple[int, float, float]]:
-        """An unknown, and what its power of ±1 is where an angle makes half a turn between neighbouring rows."""
+    def limits(self) -> Iterator[tuple[int, float, float, float]]:
+        """An unknown, what makes half a turn of an angle over the least step and over all rows, and its power of ±1.
+
+        Uneven rows tell faster turns apart than their mean step does (Eyer and Bartholdi 1999).
+        """
         for slot, factor, power in self._turns:
             for k in np.unique(self._index[:, slot]):
                 steps = np.diff(np.unique(factor[self._index[:, slot] == k]))
+                steps = steps[steps > ROUNDED_STEP * steps.sum()]
                 if steps.size:
-                    yield int(k), float(np.pi / np.median(steps)), power
+                    yield int(k), float(np.pi / steps.min()), float(np.pi / steps.sum()), power
 
     def _number(self, value: Floats) -> _Size:
         """A known number; a 0 has no size, as that of another part of a rotation has none."""

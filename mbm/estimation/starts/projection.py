@@ -7,7 +7,7 @@ unknown after the other then takes the best of many values, which finds the next
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -25,30 +25,45 @@ WITHOUT_LINEAR, WITH_LINEAR = 8, 40
 of a sum, such as the decays of different samples, are found one after the other."""
 
 NUMBERS = 10_000_000
-"""Residuals that are computed at the random points at most, those of all columns together."""
+"""Residuals that are computed at the random points at most, and together; those of all columns."""
 
-VALUES, FEWEST_VALUES = 512, 96
-"""Values that all nonlinear unknowns take, and those that each takes at least."""
+VALUES, FEWEST_VALUES, COARSE_VALUES = 512, 96, 24
+"""Values that all nonlinear unknowns take, those that each takes at least, and where even one point takes long."""
+
+FREQUENCIES = 8192
+"""Frequencies that are tried at most."""
 
 SCANNED_NUMBERS = 30_000_000
-"""Residuals that are computed at these values at most: a second or so."""
+"""Residuals that are computed at these values at most, or what takes as long: a second or so."""
+
+SOLVED = 20
+"""Products in the normal equations of the linear unknowns that take as long as one residual."""
 
 NEAR = 0.5
 """Distance within which the lower of two points stands for both, in mean distances of the points."""
-
 
 EQUALLY_GOOD = 1e-9
 """Costs whose difference is rounding, as a share of them."""
 
 
 def projected_points(
-    equations: Assembled, base: Floats, missing: Mask, linear: Mask, seed: int, kept: int
+    equations: Assembled,
+    base: Floats,
+    missing: Mask,
+    linear: Mask,
+    seed: int,
+    kept: int,
+    stopped: Callable[[], bool],
 ) -> Floats | None:
-    """Points (some, N) to start from, the best first; None where there are too many unknowns or rows for it."""
+    """Points (some, N) to start from, the best first; None where there are too many unknowns or rows for it.
+
+    Those found so far once ``stopped()``.
+    """
     layout = equations.layout
     bent = np.flatnonzero(missing & ~linear)
     width = len(bent)
-    each = max(equations.whole, 1) * (int(linear.sum()) + 1)
+    columns = int(linear.sum()) + 1
+    each = max(equations.whole, 1) * columns
     count = min(FEW * 2 ** min(width, 8), MOST, NUMBERS // each)
     most = WITH_LINEAR if linear.any() else WITHOUT_LINEAR
     if not 0 < width <= most or bool((layout.number[missing] < 0).any()) or count < FEW:
@@ -59,14 +74,28 @@ def projected_points(
     order = np.argsort(found, kind="stable")[: int(np.isfinite(found).sum())]
     chosen = order[_apart(points[order][:, layout.number[bent]], kept)]
     points, found = points[chosen], found[chosen]
-    if width > 1:
-        values = max(VALUES // width, FEWEST_VALUES)
-        grid = (np.arange(values) + 0.5)[:, None] / values
-        tried = [numbers_at(equations, base, bent[k : k + 1], grid, sizes)[:, 0] for k in range(width)]
-        for k in range(min(len(points), max(SCANNED_NUMBERS // (values * width * each), 1))):
-            points[k], found[k] = profile.scanned(points[k], found[k], layout.number[bent], tried)
+    affordable = SCANNED_NUMBERS // (each + each * columns // SOLVED)
+    tried = _tried(equations, base, bent, sizes, affordable)
+    for k in range(min(len(points), max(affordable // max(sum(map(len, tried)), 1), 1) if width > 1 else 1)):
+        if stopped():
+            break
+        points[k], found[k] = profile.scanned(points[k], found[k], layout.number[bent], tried, stopped)
     points, found = profile.unsigned(points, found, layout.number[bent])
     return points[np.argsort(found, kind="stable")]
+
+
+def _tried(equations: Assembled, base: Floats, bent: Indices, sizes: Magnitudes, affordable: int) -> list[Floats]:
+    """The values that each of the nonlinear coordinates takes, of its size and frequencies; a single one only these."""
+    width = len(bent)
+    values = max(VALUES // width, min(FEWEST_VALUES, max(affordable // width, COARSE_VALUES))) if width > 1 else 0
+    grid = (np.arange(values) + 0.5)[:, None] / max(values, 1)
+    layout, tried = equations.layout, []
+    for k in bent:
+        among = numbers_at(equations, base, np.array([k]), grid, sizes)[:, 0]
+        turns = sizes.frequencies(int(k), min(FREQUENCIES, affordable // width))
+        inside = (turns >= layout.lower[k]) & (turns <= layout.upper[k])
+        tried.append(np.concatenate([among, turns[inside]]))
+    return tried
 
 
 class _Profile:
@@ -81,12 +110,19 @@ class _Profile:
         """The points (T, N) with the linear unknowns solved for, and their costs (T,)."""
         if not self._linear.any():
             return points, costs(self._equations, points)
-        found, plain = projected(self._equations, points, self._linear, self._steps)
+        step = max(NUMBERS // (max(self._equations.whole, 1) * (int(self._linear.sum()) + 1)), 1)
+        blocks = [points[i : i + step] for i in range(0, max(len(points), 1), step)]
+        parts = [projected(self._equations, block, self._linear, self._steps) for block in blocks]
+        found, plain = (np.concatenate(each) for each in zip(*parts, strict=True))
         return found, costs(self._equations, found) if self._equations.lossy else plain
 
-    def scanned(self, point: Floats, cost: float, places: Indices, values: Sequence[Floats]) -> tuple[Floats, float]:
+    def scanned(
+        self, point: Floats, cost: float, places: Indices, values: Sequence[Floats], stopped: Callable[[], bool]
+    ) -> tuple[Floats, float]:
         """A point (N,) no worse: each number at ``places`` takes the best of its ``values``, the others staying."""
         for place, each in zip(places, values, strict=True):
+            if not len(each) or stopped():
+                continue
             tried = np.tile(point, (len(each), 1))
             tried[:, place] = each
             tried, found = self.at(tried)
@@ -98,11 +134,13 @@ class _Profile:
     def unsigned(self, points: Floats, found: Floats, places: Indices) -> tuple[Floats, Floats]:
         """The points (T, N) with positive numbers at ``places`` where their sign makes no difference: widths."""
         for place in places:
-            turned = points.copy()
-            turned[:, place] = np.abs(turned[:, place])
-            turned, after = self.at(turned)
-            better = (points[:, place] < 0) & (after <= found + EQUALLY_GOOD * np.abs(found))
-            points, found = np.where(better[:, None], turned, points), np.where(better, after, found)
+            negative = np.flatnonzero(points[:, place] < 0)
+            if negative.size:
+                turned = points[negative]
+                turned[:, place] *= -1.0
+                turned, after = self.at(turned)
+                better = after <= found[negative] + EQUALLY_GOOD * np.abs(found[negative])
+                points[negative[better]], found[negative[better]] = turned[better], after[better]
         return points, found
 
 
