@@ -2,8 +2,8 @@
 
 Odometry that drifts is wrong in the same way for many steps. Its fitted residuals are correlated in any case, as few
 other rows check it: what independent noise makes of them is drawn, u − J (JᵀJ)⁻¹ Jᵀ u for normal u, and the sums
-Σ eᵢ eⱼ aⁱ⁻ʲ / Σ eᵢ² over rows i > j are compared with those of the draws (a Monte Carlo test, Barnard 1963, exact in
-its level).
+Σ eᵢ eⱼ aⁱ⁻ʲ / Σ eᵢ² over rows i > j are compared with those of the draws (a Monte Carlo test, Barnard 1963; its level
+is nearly exact).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
 DECAYS = (0.0, 0.8, 0.97)
-"""Neighbours alone, and some five and thirty rows before."""
+"""Neighbours alone, and about 5 and about 33 rows before."""
 
 LEVEL = 0.01
 """Share of solves with independent noise of which it is said by chance."""

@@ -95,7 +95,7 @@ def autocorrelated_residuals(span: Span, found: float, expected: float, spread: 
 def correlated_chain(
     span: Span, name: str, sums: tuple[float, float, float], decay: float, *, carried: bool
 ) -> Diagnostic:
-    """The rows of the clause ``name`` follow one another, and their errors are alike.
+    """The rows of the clause ``name`` follow one another, and their errors are positively correlated.
 
     ``sums`` is a sum of products of residuals with those before, weighted by ``decay``, and its mean and standard
     deviation with independent noise. ``carried``: they are the transitions of a state.
@@ -112,9 +112,9 @@ def correlated_chain(
     )
     return Diagnostic(
         code=AUTOCORRELATED_RESIDUALS,
-        message=f"errors of {where} are alike at {reach}: their residuals' weighted products sum to {found:.3g} of "
-        f"their squares, with independent noise to {expected:.3g} ± {spread:.2g}; the standard deviations are too "
-        "small",
+        message=f"errors of {where} are positively correlated at {reach}: their residuals' weighted "
+        f"products sum to {found:.3g} of their squares, with independent noise to {expected:.3g} ± {spread:.2g}; the "
+        "standard deviations are too small",
         place=span,
         hint=mend,
         severity=Severity.WARNING,

@@ -52,7 +52,7 @@ def test_sums_are_those_of_their_definition(decay):
 @pytest.mark.parametrize(("text", "name", "mend"), [(WALK, "the transition", "random-walk"), (FAMILY, "`odo`", ":per")])
 def test_a_drift_is_told_with_the_clause_and_what_to_write(text, name, mend):
     (warning,) = told(text, walk(1, drift=2.0)[text])
-    assert f"errors of {name} are alike" in warning.message
+    assert f"errors of {name} are positively correlated" in warning.message
     assert mend in warning.hint
 
 
