@@ -148,11 +148,11 @@ def outputs_at(
         MbmError: plot-format.
 
     """
-    every = {"json_path": encoded, **contents}
+    every = dict(contents) if given["json_path"] == STANDARD_OUTPUT else {"json_path": encoded, **contents}
     if draw is not None and given["plot_path"] is not None:
         every["plot_path"] = _picture(given["plot_path"], draw)
     asked = ((given[name], content) for name, content in every.items())
-    return tuple(Output(path=path, content=content) for path, content in asked if path not in (None, STANDARD_OUTPUT))
+    return tuple(Output(path=path, content=content) for path, content in asked if path is not None)
 
 
 def encoded(answer: BudgetAnswer | TrajectoryAnswer | Propagated | Design) -> bytes:

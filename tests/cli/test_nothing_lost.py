@@ -334,9 +334,21 @@ def test_a_full_disk_leaves_earlier_results_and_sources(folder: Path, mbm: Run) 
     assert {path.name for path in folder.iterdir()} == {name.split("/")[0] for name in before}
 
 
-@pytest.mark.parametrize("option", ["--csv", "--residuals"])
-def test_no_file_is_called_a_hyphen(folder: Path, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        *(("solve", each) for each in ("--csv", "--estimates", "--residuals")),
+        *(("budget", each) for each in ("--csv", "--latex")),
+        ("design", "--csv"),
+        ("trajectory", "--csv"),
+    ],
+)
+def test_only_the_document_goes_to_standard_output(
+    folder: Path, command: str, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     before = content(folder)
-    assert run(["solve", "p.mbm", option, "-", *QUICK]) == 2
-    assert "only `--json -` goes to standard output" in capsys.readouterr().err
+    assert run([command, "p.mbm", option, "-"]) == 2
+    said = capsys.readouterr()
+    assert "only `--json -` goes to standard output" in said.err
+    assert not said.out
     assert content(folder) == before

@@ -50,6 +50,36 @@ def test_scales_that_data_tell_are_not_doubted(noise):
         assert not told(noise, np.round(y, 1))
 
 
+def test_large_numbers_beside_the_readings():
+    """Timestamps of 1.7e9 s say nothing of how large readings of 3 to 5 are."""
+    x = 1.7e9 + X
+    y = 3.0 + 0.1 * X + 0.003 * np.random.default_rng(2).normal(size=20)
+    text = """(problem p (data d external) (unknowns (a) (b) (s positive))
+      (observe d (= y (+ a (* b (- x 1.7e9)))) :sigma s :distribution (student 4)))"""
+    solve = mbm.loads(text).solve(data={"d": {"x": x, "y": y}}).first
+    assert not [each for each in solve.diagnostics if each.code.name == CODE]
+
+
+@pytest.mark.parametrize(
+    ("noise", "scales"), [("(exp l)", "(l :init 0)"), ("(* s (exp (* q x)))", "(s positive) (q :init 0)")]
+)
+def test_logarithms_and_slopes_near_zero(noise, scales):
+    """What is zero in an exponent is no noise of zero."""
+    for seed in range(3):
+        y = 3.0 + 2.0 * X + np.random.default_rng(seed).normal(size=20)
+        assert not told(f":sigma {noise} :distribution (student 4)", y, scales)
+
+
+def test_stated_noise_beside_a_scale_of_zero():
+    """The other estimates follow the stated part, and are not those of an arbitrary scale."""
+    messages = told(":sigma (hypot 0.1 s) :distribution (student 4)", 3.0 + 2.0 * X)
+    assert all("arbitrary" not in each for each in messages)
+
+
+def test_the_mend():
+    assert not told(":sigma 0.1 :resolution 1", np.array([3.0, 5.0, 8.0, 10.0, 12.0, 15.0]), "")
+
+
 def test_residuals_from_several_threads():
     """Kernels have one place for their inputs: readers of one compiled problem wait for one another."""
     data = {"d": {"x": X, "y": 3.0 + 2.0 * X}}

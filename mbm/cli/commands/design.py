@@ -12,11 +12,12 @@ from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import initial_values, solve_options
 from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say, write_bytes
-from mbm.cli.outputs import encoded
-from mbm.cli.statuses import ATTENTION, OK
-from mbm.files.writing import checked_target, write_whole
+from mbm.cli.outputs import check_outputs, encoded, outputs_at, write_outputs
+from mbm.cli.statuses import ATTENTION, OK, WRONG
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from mbm.report.designs.answer import Design
 
 
@@ -48,40 +49,31 @@ def command(**given: Any) -> int:
     Exit status: 0; 1 if something that is estimated, or the quantity asked for, is not determined.
     """
     screen = terminal()
-    every = (given["json_path"], given["csv_path"], given["plot_path"])
-    outputs = [path for path in every if path not in (None, STANDARD_OUTPUT)]
-    for path in outputs:
-        checked_target(path, reads=problem_at(given["file"]))
-    ending = _ending(given["plot_path"])
+    outputs = outputs_at(given, {"csv_path": _rows}, _drawn)
+    check_outputs(outputs, problem_at(given["file"]))
     design = _design(given)
     print_diagnostics(() if screen.quiet else design.notes, color=screen.color_errors)
-    if given["json_path"] not in (None, STANDARD_OUTPUT):
-        write_whole(given["json_path"], encoded(design), reads=reads_so_far())
-    if given["csv_path"] is not None:
-        from mbm.report.designs.answer import design_rows
-
-        write_whole(given["csv_path"], design_rows(design).encode("utf-8", "backslashreplace"), reads=reads_so_far())
-    if ending is not None:
-        from mbm.report.designs.plots import draw
-        from mbm.report.plots import figure_bytes
-
-        write_whole(given["plot_path"], figure_bytes(draw(design), ending), reads=reads_so_far())
+    wrong = write_outputs(outputs, design, reads_so_far())
     if given["json_path"] == STANDARD_OUTPUT:
         write_bytes(encoded(design))
     else:
         from mbm.report.designs.answer import text
 
         say(text(design, color=screen.color, full=screen.verbose), end="")
-    return OK if design.observable else ATTENTION
+    print_diagnostics(wrong, color=screen.color_errors)
+    return WRONG if wrong else OK if design.observable else ATTENTION
 
 
-def _ending(path: str | None) -> str | None:
-    """The format of the picture, known before anything is solved."""
-    if path is None:
-        return None
-    from mbm.report.plots import format_of
+def _rows(design: Design) -> bytes:
+    from mbm.report.designs.answer import design_rows
 
-    return format_of(path)
+    return design_rows(design).encode("utf-8", "backslashreplace")
+
+
+def _drawn(design: Design) -> Figure:
+    from mbm.report.designs.plots import draw
+
+    return draw(design)
 
 
 def _design(given: dict[str, Any]) -> Design:

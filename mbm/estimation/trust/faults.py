@@ -50,12 +50,11 @@ COARSE_READINGS = Code(
 )
 VANISHING_SCALE = Code(
     "vanishing-scale",
-    "A standard deviation that is estimated by an unknown in `:sigma` has gone to nothing: the readings fit exactly, "
+    "A standard deviation that is estimated by an unknown in `:sigma` is estimated as zero: the readings fit exactly, "
     "so that the likelihood grows or stays as it is while the scale falls to zero; or another part of the noise "
     "explains the scatter alone. The standard deviation of such a scale means nothing, and if no other noise is left, "
     "neither do those of the other estimates (a warning).",
-    "State the noise (`:sigma FORM`), give the scale a prior (`:prior (lognormal MEDIAN FACTOR)`), or leave the part "
-    "of the noise out that is zero.",
+    "State the noise without the scale (`:sigma FORM`), or leave the part of the noise out that is zero.",
 )
 MOST_LISTED = 6
 """Rows that the message lists."""
@@ -164,12 +163,12 @@ def coarse_readings(span: Span, name: str, scatter: float) -> Diagnostic:
 def vanishing_scale(span: Span, name: str, scales: Sequence[str], *, exact: bool) -> Diagnostic:
     """Scales of the clause ``name`` that are nothing; ``exact``: because its readings fit exactly."""
     listed = ", ".join(f"`{each}`" for each in scales)
-    are = "have" if len(scales) > 1 else "has"
+    are = "are" if len(scales) > 1 else "is"
     why = (
-        f"the readings of `{name}` fit exactly, and {listed} {are} no smallest likely value: all standard deviations "
-        "are those of an arbitrary scale"
+        f"the readings of `{name}` fit exactly, so that the likelihood of {listed} has no maximum: all standard "
+        "deviations are those of an arbitrary scale"
         if exact
-        else f"{listed} in the noise of `{name}` {are} gone to nothing; the standard deviation that is stated of "
+        else f"{listed} in the noise of `{name}` {are} estimated as zero; the standard deviation that is stated of "
         f"{'them' if len(scales) > 1 else 'it'} means nothing"
     )
     return Diagnostic(

@@ -63,7 +63,7 @@ def doubts(
     if equations.likely:  # loaded by problems with likelihoods only
         from mbm.estimation.trust.vanishing import vanishing_scales
 
-        found += vanishing_scales(problem, equations, minimum, outcome.covariance)
+        found += vanishing_scales(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if outcome.freedoms.poor:
         found.append(trust_faults.small_sample(problem.span))
     if equations.lossy:  # loaded by problems with losses only, so that the others start at once
