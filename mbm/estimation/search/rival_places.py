@@ -16,13 +16,17 @@ from mbm.estimation.search.aligning import ORIGIN, laid_elsewhere
 from mbm.estimation.search.basins import same_minimum
 from mbm.estimation.search.beside import BOTH_ZERO, PLAUSIBLE
 from mbm.estimation.search.search import Alternative, Found
+from mbm.estimation.search.starting import GIVEN
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Problem
 from mbm.solver.decisions import takes_over
 
 
 def with_rival_places(equations: Assembled, found: Found, settings: Settings, problem: Problem) -> Found:
-    """``found`` with the minima that other places lead to; the best of all is the answer."""
+    """``found`` with the minima that other places lead to; the best of all is the answer unless a start is stated.
+
+    The answer from a stated start is where it leads, as in generated solvers.
+    """
     asked = settings.starts is not None or settings.robust is not None or not settings.iterative
     plain = equations.implicit is None and not equations.lossy
     if asked or not plain or equations.linear or not found.minimum.reason.converged:
@@ -44,8 +48,11 @@ def with_rival_places(equations: Assembled, found: Found, settings: Settings, pr
 
 
 def _joined(equations: Assembled, found: Found, other: Minimum, origin: str) -> Found:
-    """The lower of the two is the minimum; the other is one of the alternatives unless the data exclude it."""
-    lower = takes_over(found.minimum.cost, other.cost, rounding_at(equations, found.minimum))
+    """The lower of the two is the minimum, or that from a stated start; the other is one of the alternatives unless the
+    data exclude it.
+    """
+    stated = found.origin == GIVEN
+    lower = not stated and takes_over(found.minimum.cost, other.cost, rounding_at(equations, found.minimum))
     best, rest = (other, found.minimum) if lower else (found.minimum, other)
     variance = max(1.0, best.cost / max(equations.count - equations.dimension, 1))
     near = rest.cost <= best.cost + PLAUSIBLE * variance + BOTH_ZERO
