@@ -16,8 +16,6 @@ from mbm.cli.outputs import check_outputs, encoded, outputs_at, write_outputs
 from mbm.cli.statuses import ATTENTION, OK, WRONG
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from mbm.report.designs.answer import Design
 
 
@@ -70,7 +68,7 @@ def _rows(design: Design) -> bytes:
     return design_rows(design).encode("utf-8", "backslashreplace")
 
 
-def _drawn(design: Design) -> Figure:
+def _drawn(design: Design) -> Any:
     from mbm.report.designs.plots import draw
 
     return draw(design)
