@@ -285,6 +285,26 @@ def test_a_fast_frequency_of_uneven_rows(form, seed):
     assert abs(1 / w if form == "(/ x w)" else w) == pytest.approx(40, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("x", "f", "form"),
+    [
+        (np.linspace(0, 1, 400), 80.3, "(* 2 pi f x)"),
+        (1000 + np.linspace(0, 1, 200), 7.3, "(* 2 pi f x)"),
+        (np.linspace(2000, 2020, 241), 0.37, "(* 2 pi f x)"),
+        (2450000.5 + np.arange(300.0), 1 / 27.4, "(/ (* 2 pi x) f)"),
+    ],
+)
+def test_many_turns_and_those_far_from_zero(x, f, form):
+    """The phase of what is far from 0 follows the frequency so steeply that only the narrowed one leads to the fit."""
+    y = 0.1 + np.sin(2 * np.pi * f * (x - x[0]) + 0.4) + 0.1 * np.random.default_rng(0).normal(size=x.size)
+    observed = f"(observe d (= y (+ c (* a (sin {form})) (* b (cos {form})))) :sigma unknown)"
+    problem = mbm.loads(f'(problem p (data d (csv "d.csv")) (unknowns (a) (b) (f) (c)) {observed})')
+    found = abs(float(problem.solve(data={"d": {"x": x, "y": y}})["f"].value))
+    # Five times the deviation of a frequency, sqrt(6 / rows) sigma / amplitude / span / pi.
+    near = 5 * np.sqrt(6 / x.size) * 0.1 / np.ptp(x) / np.pi
+    assert (1 / found if form.startswith("(/") else found) == pytest.approx(f, abs=near)
+
+
 def test_wide_models_are_scanned_within_bounds(monkeypatch):
     """Normal equations of 38 linear unknowns cost more than residuals do: one point, 24 values; none once stopped."""
     points = []

@@ -83,6 +83,10 @@ class Magnitudes:
         values = self.turn[k] * np.arange(1, int(min(highest / self.turn[k] + ROUNDED_STEP, count)) + 1)
         return np.asarray(1.0 / values if self.inverse[k] else values)
 
+    def apart(self, k: int, value: float) -> float:
+        """How far from ``value`` the next of the `frequencies` of coordinate ``k`` is; NaN where no angle tells."""
+        return float(self.turn[k] * value**2 if self.inverse[k] else self.turn[k])
+
     @property
     def middle(self) -> Floats:
         """The sizes (M,); 1 where nothing tells."""

@@ -33,6 +33,10 @@ VALUES, FEWEST_VALUES, COARSE_VALUES = 512, 96, 24
 FREQUENCIES = 8192
 """Frequencies that are tried at most."""
 
+CLOSER, SHARES = 6, np.linspace(-1.0, 1.0, 17)
+"""How often frequencies are narrowed down, and shares of the distance to the next that are tried: far from 0, the phase
+of an oscillation follows its frequency so steeply that steps in both together find no minimum."""
+
 SCANNED_NUMBERS = 30_000_000
 """Residuals that are computed at these values at most, or what takes as long: a second or so."""
 
@@ -80,6 +84,10 @@ def projected_points(
         if stopped():
             break
         points[k], found[k] = profile.scanned(points[k], found[k], layout.number[bent], tried, stopped)
+    if len(points):
+        k = int(np.argmin(found))
+        for place in bent[~np.isnan(sizes.turn[bent])]:
+            points[k], found[k] = profile.closer(points[k], found[k], int(place), sizes, stopped)
     points, found = profile.unsigned(points, found, layout.number[bent])
     return points[np.argsort(found, kind="stable")]
 
@@ -129,6 +137,20 @@ class _Profile:
             best = int(np.argmin(found))
             if found[best] < cost:
                 point, cost = tried[best], float(found[best])
+        return point, cost
+
+    def closer(
+        self, point: Floats, cost: float, coordinate: int, sizes: Magnitudes, stopped: Callable[[], bool]
+    ) -> tuple[Floats, float]:
+        """A point (N,) no worse: a frequency or period at the least cost between those next to it."""
+        layout = self._equations.layout
+        place = layout.number[coordinate]
+        apart = sizes.apart(coordinate, float(point[place]))
+        for k in range(CLOSER):
+            tried = point[place] + apart * (SHARES[-1] - SHARES[-3]) ** k * SHARES
+            inside = (tried >= layout.lower[coordinate]) & (tried <= layout.upper[coordinate])
+            inside &= (tried > 0) | ~layout.positive[coordinate]
+            point, cost = self.scanned(point, cost, np.array([place]), [tried[inside]], stopped)
         return point, cost
 
     def unsigned(self, points: Floats, found: Floats, places: Indices) -> tuple[Floats, Floats]:
