@@ -43,11 +43,11 @@ def with_rival_places(equations: Assembled, found: Found, settings: Settings, pr
         if not other.reason.converged or not other.feasible or any(same_minimum(equations, k, other) for k in known):
             continue
         known.append(other)
-        found = _joined(equations, found, other, ORIGIN)
+        found = _joined(equations, found, other)
     return found
 
 
-def _joined(equations: Assembled, found: Found, other: Minimum, origin: str) -> Found:
+def _joined(equations: Assembled, found: Found, other: Minimum) -> Found:
     """The lower of the two is the minimum, or that from a stated start; the other is one of the alternatives unless the
     data exclude it.
     """
@@ -60,6 +60,6 @@ def _joined(equations: Assembled, found: Found, other: Minimum, origin: str) -> 
     return replace(
         found,
         minimum=best,
-        origin=origin if lower else found.origin,
+        origin=ORIGIN if lower else found.origin,
         alternatives=tuple(sorted(every, key=lambda a: a.minimum.cost)),
     )

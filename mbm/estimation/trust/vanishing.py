@@ -49,7 +49,7 @@ def vanishing_scales(
         scales = np.flatnonzero(mentioned((group,), count) & ~mentioned((group.written,), count))
         scales = scales[np.isin(scales, equations.free) & (layout.number[scales] >= 0)]
         values = np.abs(minimum.point[layout.number[scales]])
-        positive = equations.layout.positive[scales]
+        positive = layout.positive[scales]
         untold = scales[positive & (sigma[scales] > UNTOLD * values)]
         raw = np.abs(group.written.values(minimum.point)).max(initial=0.0)
         exact = bool(raw <= EXACT * _size(problem, tables, group)) and _falls(
