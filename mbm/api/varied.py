@@ -9,7 +9,8 @@ import numpy as np
 from mbm.api import faults
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
-from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, leaves
+from mbm.expression.rows import RowChoice
 from mbm.problem.previous import column_before
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, Problem, RowValues

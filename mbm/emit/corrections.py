@@ -21,9 +21,9 @@ from mbm.expression.nodes import (
     Expression,
     Number,
     Operation,
-    RowChoice,
     postorder,
 )
+from mbm.expression.rows import RowChoice
 from mbm.expression.units import parse_unit
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import ConstraintKind, Relation

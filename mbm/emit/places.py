@@ -18,7 +18,8 @@ from mbm.emit.types import (
     LiteralKey,
     RowPlace,
 )
-from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, Member, RowChoice
+from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, Member
+from mbm.expression.rows import Row, RowChoice
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import ROW, CellKey
 from mbm.problem.types import Family, Join, Static
@@ -177,9 +178,9 @@ class _LeafPlaces:
         return self.places.column(leaf, self.table)
 
 
-def _choice(row: RowChoice) -> Choice:
+def _choice(row: Row) -> Choice:
     """Outside of a table of its own a column is that of the last row, unless the first is asked for."""
-    return {RowChoice.EACH: Choice.HERE, RowChoice.FIRST: Choice.FIRST}.get(row, Choice.LAST)
+    return Choice.HERE if row is RowChoice.EACH else Choice.FIRST if row is RowChoice.FIRST else Choice.LAST
 
 
 def _named(name: str, cell: ColumnValue | LiteralKey) -> Foreign:

@@ -17,7 +17,8 @@ from mbm.equations.sampling import Sampled, sampled_inputs, samplings
 from mbm.equations.types import Indices, Mask
 from mbm.equations.whitening import Whitener, whitener
 from mbm.expression.nodes import Column as ColumnNode
-from mbm.expression.nodes import ColumnMember, Component, Member, RowChoice, leaves
+from mbm.expression.nodes import ColumnMember, Component, Member, leaves
+from mbm.expression.rows import RowChoice
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.aggregates import is_aggregate
 from mbm.problem.checks import used_rows

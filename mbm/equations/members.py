@@ -9,7 +9,8 @@ import numpy as np
 
 from mbm.equations.layout import Entry
 from mbm.equations.types import Indices
-from mbm.expression.nodes import ColumnMember, LiteralMember, Member, RowChoice
+from mbm.expression.nodes import ColumnMember, LiteralMember, Member
+from mbm.expression.rows import RowChoice, chosen_place
 from mbm.problem import faults as problem_faults
 from mbm.problem.rows import Positions
 from mbm.problem.tables import ROW, CellKey, Table
@@ -57,6 +58,5 @@ def member_cells(
     if member.row is RowChoice.EACH:
         message = f"a key of `{member.table}.{member.column}` is wanted where there is no row"
         raise TypeError(message)
-    other = tables[member.table]
-    keys = other.keys(member.column)
-    return [keys[0 if member.row is RowChoice.FIRST else -1]]
+    keys = tables[member.table].keys(member.column)
+    return [keys[chosen_place(member.row, len(keys))]]

@@ -9,7 +9,8 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.expression.evaluate import Values, evaluate
-from mbm.expression.nodes import Component, Constant, Leaf, Number, RowChoice, Sampling, leaves
+from mbm.expression.nodes import Component, Constant, Leaf, Number, Sampling, leaves
+from mbm.expression.rows import Row
 from mbm.kernels.types import Kernel
 from mbm.problem.rows import Positions, column_numbers, lookup
 from mbm.problem.tables import Table
@@ -35,7 +36,7 @@ class Sampled:
     times: Floats = field(repr=False)
     inputs: tuple[int, ...]
     nodes: tuple[Floats, ...] = field(repr=False)
-    sides: tuple[RowChoice, ...]
+    sides: tuple[Row, ...]
     places: Mapping[int, Indices] = field(repr=False)
     data: Mapping[int, Values] = field(repr=False)
     coordinates: Indices = field(repr=False)

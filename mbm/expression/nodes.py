@@ -14,6 +14,7 @@ from fractions import Fraction
 from typing import Self, TypeAlias
 
 from mbm.expression.dimension import Dimension
+from mbm.expression.rows import Row, RowChoice
 from mbm.machine.program import Operator
 from mbm.text.types import Form, Span
 from mbm.values import dataclass
@@ -126,22 +127,6 @@ CONDITIONS = frozenset(
 """Operations whose value is true or false."""
 
 
-class RowChoice(StrEnum):
-    """Which row of its table a column is read from: the one at hand, one that a key names, or those around a time.
-
-    At the ends of a table the row two before (or after) a time is the third one from that end.
-    """
-
-    EACH = "each"
-    FIRST = "first"
-    LAST = "last"
-    KEYED = "keyed"
-    BEFORE = "before"
-    AFTER = "after"
-    TWO_BEFORE = "two before"
-    TWO_AFTER = "two after"
-
-
 def nearest(value: int | Fraction | float) -> float:
     """The double nearest to an exact number; infinite beyond the largest, as IEEE 754 has it."""
     try:
@@ -182,11 +167,11 @@ class LiteralMember:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColumnMember:
-    """The member of a family whose key stands in a column of the row at hand (or of the first or last row)."""
+    """The member of a family whose key stands in a column of the row at hand (or of one chosen)."""
 
     table: str
     column: str
-    row: RowChoice = RowChoice.EACH
+    row: Row = RowChoice.EACH
 
 
 Member: TypeAlias = LiteralMember | ColumnMember
@@ -204,21 +189,21 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """A number from a table: from the row at hand, from the first or last row of ``table``, or from one by its key.
+    """A number from a table: from the row at hand, from one chosen of ``table``, or from one by its key.
 
     ``member`` names the key where ``row`` is KEYED, ``sampling`` the time where it is one of those around it.
     """
 
     table: str
     name: str
-    row: RowChoice = RowChoice.EACH
+    row: Row = RowChoice.EACH
     span: Span | None = field(default=None, repr=False)
     angle: bool = False
     member: Member | None = None
     sampling: Sampling | None = None
 
     @property
-    def identity(self) -> tuple[str, str, RowChoice, Member | Sampling | None]:
+    def identity(self) -> tuple[str, str, Row, Member | Sampling | None]:
         """What makes two references the same number."""
         return (self.table, self.name, self.row, self.member if self.sampling is None else self.sampling)
 

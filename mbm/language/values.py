@@ -16,9 +16,9 @@ from mbm.expression.nodes import (
     Number,
     Opaque,
     Parameter,
-    RowChoice,
 )
 from mbm.expression.projection import NEAR, Projection
+from mbm.expression.rows import Row, RowChoice
 from mbm.text.types import Code, Diagnostic, Form, Keyword, Numeral, Place, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
@@ -118,12 +118,12 @@ class TextColumn:
 
     table: str
     name: str
-    row: RowChoice = RowChoice.EACH
+    row: Row = RowChoice.EACH
     sample: str | None = None
     sample_place: Place | None = None
 
     @property
-    def identity(self) -> tuple[str, str, RowChoice]:
+    def identity(self) -> tuple[str, str, Row]:
         """What makes two references the same column."""
         return (self.table, self.name, self.row)
 

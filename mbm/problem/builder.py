@@ -23,7 +23,7 @@ from mbm.problem.joining import filtered, grid_tables, joined
 from mbm.problem.naming import TakenNames
 from mbm.problem.overrides import Overrides
 from mbm.problem.pairing import paired
-from mbm.problem.reading.aggregates import OVER_ROWS, Gatherer, Writer
+from mbm.problem.reading.aggregates import OVER_ROWS, Gatherer
 from mbm.problem.reading.cameras import read_camera
 from mbm.problem.reading.constants import constant_values, read_constants
 from mbm.problem.reading.constraints import model_constraints, read_constraints
@@ -42,6 +42,7 @@ from mbm.problem.reading.states import Declared, declare_states, first_states
 from mbm.problem.reading.unions import check_members, check_units
 from mbm.problem.reading.unknowns import given_start, read_unknown
 from mbm.problem.reading.windows import read_window
+from mbm.problem.reading.written_aggregates import Writer
 from mbm.problem.sampling import refuse_corrected
 from mbm.problem.scopes import ProblemScope
 from mbm.problem.sequence.dimensions import open_rates
@@ -362,7 +363,7 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames) -
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
             work.extent.add(blocks[-1])
-    work.scope.gather = Writer(work, not any(_all(clauses, head) for head in ("for-each", "window")))
+    work.scope.gather = Writer(work, _names_of(clauses, "for-each"), _all(clauses, "window"))
     for clause in _all(clauses, "constraints"):
         work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))

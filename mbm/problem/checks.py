@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, leaves
+from mbm.expression.rows import Row, RowChoice, chosen_place
 from mbm.problem import faults
 from mbm.problem.previous import column_before, has_before
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of
@@ -147,7 +148,7 @@ def _finite(
 
 
 def _rows(
-    leaf: Leaf, row: RowChoice, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
+    leaf: Leaf, row: Row, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
 ) -> tuple[Table, Positions]:
     name = leaf.table if isinstance(leaf, Column) else ""
     if isinstance(leaf, Column) and row is RowChoice.KEYED:
@@ -157,9 +158,11 @@ def _rows(
     if row is RowChoice.EACH and table is not None and positions is not None:
         return table, positions
     owner = tables[name]
-    if len(owner) == 0:
+    if len(owner) == 0 or row is RowChoice.COUNT:
         return owner, np.empty(0, dtype=np.int64)
-    return owner, np.array([0 if row is RowChoice.FIRST else len(owner) - 1])
+    if isinstance(row, int):  # in each part of the table, another one
+        return owner, np.arange(len(owner))
+    return owner, np.array([chosen_place(row, len(owner))])
 
 
 def _members(

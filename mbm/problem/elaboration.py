@@ -10,7 +10,8 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from mbm.expression.nodes import Apply, Component, Expression, Number, RowChoice, externals, leaves
+from mbm.expression.nodes import Apply, Component, Expression, Number, externals, leaves
+from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, scalar, vector
 from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, StaticColumnNeeded, Value, describe

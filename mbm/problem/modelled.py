@@ -16,10 +16,10 @@ from mbm.expression.nodes import (
     Expression,
     Leaf,
     Member,
-    RowChoice,
     externals,
     leaves,
 )
+from mbm.expression.rows import RowChoice
 from mbm.problem.types import BlockRole, Derived, Equation, Problem
 from mbm.values import dataclass
 

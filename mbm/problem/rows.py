@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.expression.evaluate import Lookup, Values, evaluate
-from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, RowChoice, Sampling, leaves
+from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, Sampling, leaves
+from mbm.expression.rows import RowChoice, chosen_place
 from mbm.problem import faults
 from mbm.problem.previous import has_before, looks_back
 from mbm.problem.tables import ROW, CellKey, Numbers, Table
@@ -117,15 +118,24 @@ def _member_cells(
             keys = list(table.keys(member.column))
         return keys if positions is None else [keys[i] for i in positions]
     other = tables[member.table].keys(member.column)
-    return [other[0 if member.row is RowChoice.FIRST else -1]]
+    return [other[chosen_place(member.row, len(other))]]
 
 
 def chosen_number(leaf: Column, tables: Mapping[str, Table]) -> float:
-    """The number of the first or last row; NaN for a table without rows."""
+    """The number of a row that is chosen, or how many there are; NaN for the first or last where there are none.
+
+    Raises:
+        MbmError: there are none, and one of several is wanted.
+
+    """
+    if leaf.row is RowChoice.COUNT:
+        return float(len(tables[leaf.table]))
     numbers = column_numbers(tables[leaf.table], leaf.name)
+    if len(numbers) == 0 and isinstance(leaf.row, int):
+        raise MbmError(faults.aggregate_of_nothing(leaf.span, leaf.table))
     if len(numbers) == 0:
         return float("nan")
-    return float(numbers[0 if leaf.row is RowChoice.FIRST else -1])
+    return float(numbers[chosen_place(leaf.row, len(numbers))])
 
 
 def row_values(values: RowValues, tables: Mapping[str, Table]) -> Numbers:
@@ -172,7 +182,7 @@ def _gap(values: RowValues, tables: Mapping[str, Table], row: int) -> Diagnostic
         for leaf in leaves(case.values):
             if isinstance(leaf, Column):
                 value = lookup(table, None, tables)(leaf)
-                position = 0 if leaf.row is RowChoice.FIRST else -1
+                position = chosen_place(leaf.row, len(tables[leaf.table]))
                 if isinstance(value, np.ndarray):
                     position = row
                     value = value[row]

@@ -14,11 +14,11 @@ from mbm.expression.nodes import (
     ColumnMember,
     Component,
     Expression,
-    RowChoice,
     Sampling,
     externals,
     leaves,
 )
+from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, list_items, scalar
 from mbm.language.values import (

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import field
 
-from mbm.expression.nodes import Column, ColumnMember, Member, Number, RowChoice, Sampling
+from mbm.expression.nodes import Column, ColumnMember, Member, Number, Sampling
+from mbm.expression.rows import Row, RowChoice
 from mbm.language import faults
 from mbm.language.coerce import scalar
 from mbm.language.scope import LocalScope
@@ -57,7 +58,7 @@ class Here:
     interval: Column | None = None
 
 
-def _here(steps: Steps | None, table: Table | None, row: RowChoice) -> Here:
+def _here(steps: Steps | None, table: Table | None, row: Row) -> Here:
     """Where forms are that stand in the ``row`` of ``table``; in transitions states are those of the step before."""
     if table is None:
         return Here()
@@ -118,7 +119,7 @@ class ProblemScope:
         return value
 
     @contextmanager
-    def standing(self, table: Table | None, row: RowChoice = RowChoice.EACH) -> Iterator[None]:
+    def standing(self, table: Table | None, row: Row = RowChoice.EACH) -> Iterator[None]:
         """Forms inside are evaluated for rows of ``table``: states are those of the rows' steps."""
         with self.at(_here(self.steps, table, row)):
             yield
@@ -211,7 +212,7 @@ class RowScope:
         problem: ProblemScope,
         table: Table,
         static: Mapping[str, CellKey],
-        row: RowChoice = RowChoice.EACH,
+        row: Row = RowChoice.EACH,
         around: Scope | None = None,
         sampling: Sampling | None = None,
     ) -> None:

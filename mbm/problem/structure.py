@@ -11,7 +11,8 @@ from dataclasses import field
 
 import numpy as np
 
-from mbm.expression.nodes import Column, ColumnMember, Component, External, LiteralMember, RowChoice, externals, leaves
+from mbm.expression.nodes import Column, ColumnMember, Component, External, LiteralMember, externals, leaves
+from mbm.expression.rows import RowChoice, chosen_place
 from mbm.problem import faults
 from mbm.problem.checks import used_rows
 from mbm.problem.kinds import Relation
@@ -116,8 +117,8 @@ def _scalar(component: Component, columns: Mapping[ColumnMember, Sequence[CellKe
     if isinstance(member, LiteralMember):
         key = member.key
     elif isinstance(member, ColumnMember):
-        place = position if member.row is RowChoice.EACH else 0 if member.row is RowChoice.FIRST else -1
-        key = columns[member][place]
+        cells = columns[member]
+        key = cells[position if member.row is RowChoice.EACH else chosen_place(member.row, len(cells))]
     return component.unknown, key, component.index
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.expression.nodes import RowChoice, Sampling
+from mbm.expression.nodes import Sampling
+from mbm.expression.rows import Row, RowChoice
 from mbm.problem import faults
 from mbm.problem.tables import Numbers, Table
 from mbm.text.types import MbmError, Span
@@ -42,7 +43,7 @@ def time_nodes(sampling: Sampling, table: Table) -> tuple[Numbers, np.ndarray]:
     return ordered, order
 
 
-def places_around(times: Numbers, at: Numbers) -> dict[RowChoice, np.ndarray]:
+def places_around(times: Numbers, at: Numbers) -> dict[Row, np.ndarray]:
     """The places among ascending ``times`` (n,) of the rows around times ``at`` (m,).
 
     Beyond the ends they are those of the last interval. Three points make a parabola in any order, so that the third

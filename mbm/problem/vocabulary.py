@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from mbm.expression.nodes import RowChoice
+from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
 from mbm.language.values import Builtin, Call, Evaluator, FunctionTable, Macro, Scope, SpecialForm, Value
 from mbm.problem import faults

@@ -10,7 +10,8 @@ import numpy as np
 from mbm.equations.layout import Layout
 from mbm.estimation.search.solution import Solution
 from mbm.expression.evaluate import Values, evaluate
-from mbm.expression.nodes import Column, Component, Expression, Leaf, RowChoice, externals, leaves
+from mbm.expression.nodes import Column, Component, Expression, Leaf, externals, leaves
+from mbm.expression.rows import RowChoice
 from mbm.expression.units import parse_unit
 from mbm.problem.modelled import columns_of, observations_of
 from mbm.problem.rows import column_numbers, lookup

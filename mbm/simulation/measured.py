@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, RowChoice, leaves
+from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, leaves
+from mbm.expression.rows import RowChoice
 from mbm.problem.tables import ROW
 from mbm.problem.types import Block, BlockRole, Equation, Problem
 from mbm.simulation import faults

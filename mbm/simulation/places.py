@@ -9,7 +9,8 @@ import numpy as np
 from mbm.equations.layout import Entry, Layout
 from mbm.equations.types import Floats, Indices
 from mbm.expression.evaluate import Lookup, Values
-from mbm.expression.nodes import Column, ColumnMember, Component, Leaf, LiteralMember, RowChoice
+from mbm.expression.nodes import Column, ColumnMember, Component, Leaf, LiteralMember
+from mbm.expression.rows import RowChoice, chosen_place
 from mbm.problem import faults as problem_faults
 from mbm.problem.rows import Positions, lookup, sampled_column
 from mbm.problem.tables import ROW, CellKey, Table
@@ -81,7 +82,7 @@ class Rows:
     def _cells(self, member: ColumnMember) -> list[CellKey]:
         if member.row is not RowChoice.EACH:
             keys = self.tables[member.table].keys(member.column)
-            return [keys[0 if member.row is RowChoice.FIRST else -1]]
+            return [keys[chosen_place(member.row, len(keys))]]
         if self.table is None or self.positions is None:
             raise TypeError(member)
         if member.column == ROW and ROW not in self.table.columns:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TypeAlias
 
-from mbm.expression.nodes import Column, ColumnMember, Component, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Component, leaves
+from mbm.expression.rows import RowChoice
 from mbm.problem.previous import column_before
 from mbm.problem.types import Block, Problem
 from mbm.simulation import faults

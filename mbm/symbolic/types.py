@@ -6,7 +6,8 @@ from dataclasses import field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from mbm.expression.nodes import Member, RowChoice, Sampling
+from mbm.expression.nodes import Member, Sampling
+from mbm.expression.rows import Row
 from mbm.problem.manifold import Piece
 from mbm.text.types import Span
 from mbm.values import dataclass
@@ -33,7 +34,7 @@ class ColumnInput:
 
     table: str
     name: str
-    row: RowChoice
+    row: Row
     member: Member | None = None
     sampling: Sampling | None = None
 

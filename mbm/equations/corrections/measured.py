@@ -9,7 +9,8 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import whitener
-from mbm.expression.nodes import Column, RowChoice, leaves
+from mbm.expression.nodes import Column, leaves
+from mbm.expression.rows import RowChoice, chosen_place
 from mbm.problem import faults
 from mbm.problem.checks import used_rows
 from mbm.problem.rows import row_values, rows_of
@@ -151,7 +152,7 @@ def measured(problem: Problem, tables: Mapping[str, Table], rows: Mapping[int, U
             table = tables[column.table]
             positions = each.positions
             if column.row is not RowChoice.EACH:
-                positions = np.full(len(positions), 0 if column.row is RowChoice.FIRST else len(table) - 1)
+                positions = np.full(len(positions), chosen_place(column.row, len(table)))
             sigma = None
             if error.sigma is not None:
                 known = (each.owner, error.name)

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from mbm.equations.layouts import columns_of, stated
 from mbm.equations.sampling import samplings
 from mbm.estimation.settings import Settings
-from mbm.expression.nodes import Column, Component, Expression, LiteralMember, Member, RowChoice, leaves
+from mbm.expression.nodes import Column, Component, Expression, LiteralMember, Member, leaves
+from mbm.expression.rows import Row, RowChoice
 from mbm.kernels.types import KernelSet
 from mbm.problem.factors import shares_factors
 from mbm.problem.types import Problem, UncertainColumn, Unknown
@@ -76,7 +77,7 @@ def _picks(member: Member | None, owner: str | None, split: frozenset[str], *, o
     return not own and member.table not in split
 
 
-def _local(table: str, row: RowChoice, owner: str | None, split: frozenset[str]) -> bool:
+def _local(table: str, row: Row, owner: str | None, split: frozenset[str]) -> bool:
     """Whether a column is that of the row at hand, or of a table that no solve has a part of only."""
     return table not in split or (row is RowChoice.EACH and table == owner)
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from mbm.estimation.sequences.run import Begun
 from mbm.estimation.sequences.step_rows import FIRST, whens
-from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, leaves
+from mbm.expression.rows import RowChoice
 from mbm.problem.previous import column_before
 from mbm.problem.tables import ROW
 from mbm.problem.types import Block, RowValues

@@ -15,7 +15,8 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Covariance, Floats, Mask, Minimum
 from mbm.estimation.trust import faults
-from mbm.expression.nodes import Column, RowChoice
+from mbm.expression.nodes import Column
+from mbm.expression.rows import RowChoice
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.text.types import Diagnostic

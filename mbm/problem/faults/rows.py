@@ -7,7 +7,7 @@ from mbm.text.types import Code, Diagnostic, Span
 AGGREGATE_MISPLACED = Code(
     "aggregate-misplaced",
     "An aggregate over the rows of a table (`mean rms median min max quantile count`) stands where none can be made.",
-    "Write it in `derive`; in `constraints` the problem is a single solve, and medians and quantiles have no formula.",
+    "Write it in `derive` or `constraints`, over a table that has rows.",
 )
 
 
@@ -20,29 +20,10 @@ def aggregate_misplaced(span: Span, kind: str) -> Diagnostic:
     )  # fmt: skip
 
 
-def aggregate_of_parts(span: Span, kind: str) -> Diagnostic:
-    """An aggregate in a constraint of a problem that is several solves."""
-    return Diagnostic(
-        code=AGGREGATE_MISPLACED,
-        message=f"`{kind}` in a constraint is written out row by row, and with `for-each` or `window` each solve has "
-        "rows of its own",
-        place=span, hint="solve the parts one by one, or derive the aggregate",
-    )  # fmt: skip
-
-
-def aggregate_in_constraint(span: Span, kind: str) -> Diagnostic:
-    """A median or quantile in a constraint."""
-    return Diagnostic(
-        code=AGGREGATE_MISPLACED,
-        message=f"`{kind}` has no formula that a constraint could hold: which rows count changes with the estimates",
-        place=span, hint="constrain the `mean`, `rms`, `min` or `max`, or derive it",
-    )  # fmt: skip
-
-
-def aggregate_of_nothing(span: Span, kind: str, table: str) -> Diagnostic:
+def aggregate_of_nothing(span: Span | None, table: str) -> Diagnostic:
     """An aggregate in a constraint over a table without rows."""
     return Diagnostic(
-        code=AGGREGATE_MISPLACED, message=f"`{kind}` of no rows has no value: `{table}` has none", place=span,
+        code=AGGREGATE_MISPLACED, message=f"an aggregate of no rows has no value: `{table}` has none", place=span,
         hint="look at the data and at `:where`",
     )  # fmt: skip
 

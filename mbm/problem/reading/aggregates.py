@@ -1,30 +1,26 @@
 """``(mean TABLE FORM)``, ``rms median min max quantile count``: aggregates over the rows of a table.
 
 In derived quantities an aggregate is an input that is computed from all rows before; its derivatives follow from those
-of FORM. In constraints it is written out row by row, since solvers see each constraint as a formula of its own.
+of FORM. In constraints it is written out row by row (`written_aggregates`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import field
-from functools import reduce
 from types import MappingProxyType
 from typing import TypeAlias
 
-from mbm.expression import algebra
 from mbm.expression.algebra import number
 from mbm.expression.nodes import (
     Apply,
     Column,
     Component,
     Expression,
-    LiteralMember,
-    Number,
     Operation,
-    RowChoice,
     leaves,
 )
+from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, scalar, static_number
 from mbm.language.scope import LocalScope
@@ -33,7 +29,7 @@ from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
 from mbm.problem.elaboration import Workspace
 from mbm.problem.kinds import AggregateKind
-from mbm.problem.scopes import Here, ProblemScope, RowScope
+from mbm.problem.scopes import ProblemScope
 from mbm.problem.tables import Table
 from mbm.problem.types import Static
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
@@ -68,7 +64,7 @@ OVER_ROWS: Mapping[str, LateForm] = MappingProxyType({kind.value: _over_rows(kin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Asked:
+class Asked:
     """An aggregate as it is written."""
 
     kind: AggregateKind
@@ -78,7 +74,8 @@ class _Asked:
     span: Span
 
 
-def _asked(work: Workspace, kind: AggregateKind, form: Sequence, scope: Scope) -> _Asked:
+def asked_for(work: Workspace, kind: AggregateKind, form: Sequence, scope: Scope) -> Asked:
+    """The aggregate that ``form`` says."""
     arguments = form.items[2:]
     wanted = {AggregateKind.QUANTILE: (2,), AggregateKind.COUNT: (0, 1)}.get(kind, (1,))
     if len(arguments) not in wanted:
@@ -91,10 +88,10 @@ def _asked(work: Workspace, kind: AggregateKind, form: Sequence, scope: Scope) -
             message = "a quantile lies between 0 and 1"
             raise MbmError(language_faults.bad_form(arguments[0].span, message, usage(kind)))
     last = arguments[-1] if arguments else None
-    return _Asked(kind=kind, table=work.table(form.items[1]), level=level, form=last, span=form.span)
+    return Asked(kind=kind, table=work.table(form.items[1]), level=level, form=last, span=form.span)
 
 
-def _elements(work: Workspace, asked: _Asked, scope: Scope) -> Elements:
+def elements_of(work: Workspace, asked: Asked, scope: Scope) -> Elements:
     """What FORM is in a row: numbers, for a count 1 where the condition holds, else 0."""
     if asked.form is None:
         return None, (number(1),)
@@ -113,7 +110,8 @@ def _elements(work: Workspace, asked: _Asked, scope: Scope) -> Elements:
     return None, (scalar(value, span),)
 
 
-def _assembled(shape: tuple[int, ...] | None, elements: tuple[Expression, ...]) -> Value:
+def assembled(shape: tuple[int, ...] | None, elements: tuple[Expression, ...]) -> Value:
+    """The value that elements make."""
     return elements[0] if shape is None else Array(shape, elements)
 
 
@@ -126,11 +124,11 @@ class Gatherer:
 
     def __call__(self, kind: AggregateKind, form: Sequence, scope: Scope) -> Value:
         """The value of an aggregate: the numbers that stand for it."""
-        work, asked = self.work, _asked(self.work, kind, form, scope)
+        work, asked = self.work, asked_for(self.work, kind, form, scope)
         outer = _of_the_row(scope)
 
         def rows(inner: Scope) -> Elements:
-            found = _elements(work, asked, inner)
+            found = elements_of(work, asked, inner)
             if any(id(leaf) in outer for leaf in leaves(found[1])):
                 message = "a value of the row at hand cannot stand inside an aggregate, which has rows of its own"
                 raise MbmError(language_faults.bad_form(form.span, message, usage(kind)))
@@ -143,9 +141,9 @@ class Gatherer:
         shape = next(iter(shapes), None)
         size = len(cases[0][1][1]) if cases else 1
         made = [self._aggregate(asked, [(static, each[i]) for static, (_, each) in cases]) for i in range(size)]
-        return _assembled(shape, tuple(Component(a.name, (), None, a.angle, form.span) for a in made))
+        return assembled(shape, tuple(Component(a.name, (), None, a.angle, form.span) for a in made))
 
-    def _aggregate(self, asked: _Asked, cases: list[tuple[Static, Expression]]) -> Aggregate:
+    def _aggregate(self, asked: Asked, cases: list[tuple[Static, Expression]]) -> Aggregate:
         name = plain = f"{asked.kind.value}({asked.table.name})"
         taken, count = {each.name for each in self.found}, 2
         while name in taken:
@@ -172,77 +170,3 @@ def _of_the_row(scope: Scope) -> set[int]:
             found.update(id(leaf) for leaf in leaves(nodes) if isinstance(leaf, Column) and leaf.row is RowChoice.EACH)
         scope = scope.parent
     return found
-
-
-@dataclass(slots=True)
-class Writer:
-    """Writes aggregates out, row by row; ``single``: the problem is one solve, so that its rows are known."""
-
-    work: Workspace
-    single: bool
-
-    def __call__(self, kind: AggregateKind, form: Sequence, scope: Scope) -> Value:
-        """The formula of an aggregate in the columns' values."""
-        work, asked = self.work, _asked(self.work, kind, form, scope)
-        if not self.single:
-            raise MbmError(faults.aggregate_of_parts(form.span, kind.value))
-        combine = _FORMULAS.get(kind)
-        if combine is None:
-            raise MbmError(faults.aggregate_in_constraint(form.span, kind.value))
-        table, count = asked.table, len(asked.table)
-        if not count and kind is not AggregateKind.COUNT:
-            raise MbmError(faults.aggregate_of_nothing(form.span, kind.value, table.name))
-        most, _ = work.evaluator.budget.limits.written_out()
-        if count > most:
-            raise MbmError(faults.too_many_operations(form.span, most))
-        work.reads.everything = True  # the cells decide what the formula is
-        work.written_out.append(form.span)
-        rows = [self._of_row(asked, _cells(table, i), scope) for i in range(count)]
-        shape = rows[0][0] if rows else None
-        if any(isinstance(leaf, Column) and leaf.row is RowChoice.EACH for _, each in rows for leaf in leaves(each)):
-            message = "`previous` cannot stand in an aggregate that a constraint writes out"
-            raise MbmError(language_faults.bad_form(form.span, message, usage(kind)))
-        if any(each[0] != shape for each in rows):
-            raise MbmError(faults.unequal_branches(form.span))
-        columns = zip(*(elements for _, elements in rows), strict=True) if rows else [()]
-        return _assembled(shape, tuple(combine(tuple(each), form.span) for each in columns))
-
-    def _of_row(self, asked: _Asked, cells: dict[str, str | float], scope: Scope) -> Elements:
-        """What FORM is in the row with these cells, where states are those of the row's step."""
-        world, table = self.work.scope, asked.table
-        known = world.steps is not None and world.steps.column in cells
-        member = LiteralMember(key=cells[world.steps.column]) if world.steps is not None and known else None
-        with world.at(Here(table=table.name, member=member)):
-            return _elements(self.work, asked, RowScope(world, table, cells, RowChoice.EACH, scope))
-
-
-def _cells(table: Table, position: int) -> dict[str, str | float]:
-    return {"row": float(table.rows[position]), **{name: c.cell(position) for name, c in table.columns.items()}}
-
-
-def _mean(values: tuple[Expression, ...], span: Span) -> Expression:
-    return algebra.divide(algebra.total(values, span), number(len(values)), span)
-
-
-def _rms(values: tuple[Expression, ...], span: Span) -> Expression:
-    return algebra.apply(Operation.SQRT, _mean(tuple(algebra.multiply(v, v, span) for v in values), span), span=span)
-
-
-def _count(values: tuple[Expression, ...], span: Span) -> Expression:
-    return algebra.total(values, span) if values else Number(0, None, span)
-
-
-def _extreme(operation: Operation) -> Callable[[tuple[Expression, ...], Span], Expression]:
-    return lambda values, span: reduce(lambda a, b: algebra.apply(operation, a, b, span=span), values)
-
-
-_FORMULAS: Mapping[AggregateKind, Callable[[tuple[Expression, ...], Span], Expression]] = MappingProxyType(
-    {
-        AggregateKind.MEAN: _mean,
-        AggregateKind.RMS: _rms,
-        AggregateKind.MINIMUM: _extreme(Operation.MINIMUM),
-        AggregateKind.MAXIMUM: _extreme(Operation.MAXIMUM),
-        AggregateKind.COUNT: _count,
-    }
-)
-"""Aggregates that are a formula; medians and quantiles would be one for each order of the rows."""

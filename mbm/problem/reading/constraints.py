@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import TypeVar
 
 from mbm.expression.algebra import number
-from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, leaves
+from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, integer
 from mbm.language.scope import LocalScope

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from math import prod
 
-from mbm.expression.nodes import Column, ColumnMember, Component, LiteralMember, Member, RowChoice
+from mbm.expression.nodes import Column, ColumnMember, Component, LiteralMember, Member
+from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer
 from mbm.language.values import Array, FamilyValue, PoseValue, TextColumn, Value

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from mbm.expression.algebra import add, apply, differences, multiply, number, subtract
-from mbm.expression.nodes import Column, ColumnMember, Expression, Number, Operation, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Expression, Number, Operation, leaves
+from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, vector
 from mbm.language.values import Array, Scope, Value

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from mbm.expression.algebra import apply, wrap
-from mbm.expression.nodes import Apply, Column, Component, Expression, Operation, RowChoice, externals, leaves
+from mbm.expression.nodes import Apply, Column, Component, Expression, Operation, externals, leaves
 from mbm.expression.projection import Projection
+from mbm.expression.rows import RowChoice
 from mbm.expression.units import PLAIN, TAKE_PREFIXES, Unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, conditional, difference, is_form, scalar, vector

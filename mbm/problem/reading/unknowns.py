@@ -7,7 +7,8 @@ from math import isfinite, prod
 
 import numpy as np
 
-from mbm.expression.nodes import Apply, Column, Constant, Expression, Number, Operation, RowChoice, leaves, nearest
+from mbm.expression.nodes import Apply, Column, Constant, Expression, Number, Operation, leaves, nearest
+from mbm.expression.rows import RowChoice
 from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, static_number, vector

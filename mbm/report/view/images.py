@@ -9,7 +9,8 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.members import member_cells
 from mbm.estimation.search.solution import Solution
-from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, leaves
+from mbm.expression.rows import RowChoice
 from mbm.problem.naming import plain_number
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem

@@ -15,7 +15,8 @@ import numpy as np
 
 from mbm.estimation.search.solution import Solution
 from mbm.expression.evaluate import Lookup
-from mbm.expression.nodes import Column, Component, RowChoice, leaves
+from mbm.expression.nodes import Column, Component, leaves
+from mbm.expression.rows import RowChoice
 from mbm.language.values import Transform
 from mbm.problem.types import Problem, UnknownKind
 from mbm.report.quantities import quantity_of

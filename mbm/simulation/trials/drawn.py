@@ -26,7 +26,8 @@ from mbm.estimation.search.solution import Solution
 from mbm.estimation.search.starting import with_idle_ones
 from mbm.estimation.solve.estimate import assemble
 from mbm.expression.algebra import add
-from mbm.expression.nodes import Apply, Column, Expression, Operation, RowChoice
+from mbm.expression.nodes import Apply, Column, Expression, Operation
+from mbm.expression.rows import RowChoice
 from mbm.kernels.types import KernelSet
 from mbm.problem.laws import NORMAL_LAW, STUDENT, Law
 from mbm.problem.overrides import ConstantValue

@@ -1,0 +1,189 @@
+"""Aggregates in constraints: written out row by row, since solvers see each constraint as a formula of its own.
+
+Where ``for-each`` or ``window`` divides the table, the formula is that of the most rows that a solve can have: it reads
+each row by its place and knows how many there are. Rows behind the last are those of the last, and count for nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial, reduce
+from types import MappingProxyType
+
+import numpy as np
+
+from mbm.expression import algebra
+from mbm.expression.algebra import number
+from mbm.expression.nodes import Apply, Column, Expression, LiteralMember, Number, Operation, leaves
+from mbm.expression.rows import RowChoice
+from mbm.language import faults as language_faults
+from mbm.language.values import Scope, Value
+from mbm.problem import faults
+from mbm.problem.elaboration import Workspace
+from mbm.problem.kinds import AggregateKind
+from mbm.problem.reading.aggregates import Asked, Elements, asked_for, assembled, elements_of, usage
+from mbm.problem.reading.windows import read_window
+from mbm.problem.requests import Window
+from mbm.problem.scopes import Here, RowScope
+from mbm.problem.tables import ROW, Table
+from mbm.text.types import MbmError, Sequence, Span
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Rows:
+    """The value of FORM in each row, and how many rows there are; None: as many as values."""
+
+    values: tuple[Expression, ...]
+    rows: Expression | None
+    span: Span
+
+    @property
+    def count(self) -> Expression:
+        """How many rows count."""
+        return number(len(self.values)) if self.rows is None else self.rows
+
+    def otherwise(self, other: Expression) -> tuple[Expression, ...]:
+        """The values, and ``other`` in place of those that do not count."""
+        return tuple(value if i == 0 else self._if_counting(i, value, other) for i, value in enumerate(self.values))
+
+    def _if_counting(self, place: int, value: Expression, other: Expression) -> Expression:
+        if self.rows is None:
+            return value
+        counts = Apply(Operation.LESS, (number(place), self.rows), span=self.span)
+        return algebra.apply(Operation.IF, counts, value, other, span=self.span)
+
+
+@dataclass(slots=True)
+class Writer:
+    """Writes aggregates out; the columns of ``for_each`` and the clauses ``windows`` say which tables are divided."""
+
+    work: Workspace
+    for_each: tuple[str, ...]
+    windows: list[Sequence]
+
+    def __call__(self, kind: AggregateKind, form: Sequence, scope: Scope) -> Value:
+        """The formula of an aggregate."""
+        work, asked = self.work, asked_for(self.work, kind, form, scope)
+        table = asked.table
+        window = read_window(work, self.windows, self.for_each)
+        columns = self.for_each if window is None else (*self.for_each, window.column)
+        divided = any(column in table.columns for column in columns)
+        count = self._most_rows(table, window) if divided else len(table)
+        if not count and kind is not AggregateKind.COUNT:
+            raise MbmError(faults.aggregate_of_nothing(form.span, table.name))
+        most, _ = work.evaluator.budget.limits.written_out()
+        if count > most:
+            raise MbmError(faults.too_many_operations(form.span, most))
+        work.reads.everything = True  # the cells decide what the formula is
+        work.written_out.append(form.span)
+        rows = [self._in_row(asked, i, scope, divided=divided) for i in range(count)]
+        shape = rows[0][0] if rows else None
+        if any(isinstance(leaf, Column) and leaf.row is RowChoice.EACH for _, each in rows for leaf in leaves(each)):
+            message = "`previous` cannot stand in an aggregate that a constraint writes out"
+            raise MbmError(language_faults.bad_form(form.span, message, usage(kind)))
+        if any(each[0] != shape for each in rows):
+            raise MbmError(faults.unequal_branches(form.span))
+        combine = partial(_quantile, level=asked.level) if kind in _ORDERED else _FORMULAS[kind]
+        known = Column(table.name, ROW, RowChoice.COUNT, form.span) if divided else None
+        parts = zip(*(elements for _, elements in rows), strict=True) if rows else [()]
+        return assembled(shape, tuple(combine(_Rows(values=each, rows=known, span=form.span)) for each in parts))
+
+    def _most_rows(self, table: Table, window: Window | None) -> int:
+        """The most rows of a table that one solve can have; a window may have as many as end at one of its rows."""
+        parts: dict[tuple[object, ...], list[int]] = {}
+        cells = [table.keys(column) for column in self.for_each if column in table.columns]
+        for place in range(len(table)):
+            parts.setdefault(tuple(each[place] for each in cells), []).append(place)
+        if window is None or window.column not in table.columns:
+            return max(map(len, parts.values()), default=0)
+        most = 0
+        for places in parts.values():
+            times = np.sort(table.numbers(window.column)[places])
+            first = np.searchsorted(times, times - window.length, side="left")
+            most = max(most, int(np.max(np.searchsorted(times, times, side="right") - first)))
+        return most
+
+    def _in_row(self, asked: Asked, place: int, scope: Scope, *, divided: bool) -> Elements:
+        """What FORM is in one row, with its cells unless the table is ``divided``; states are those of its step."""
+        world, table = self.work.scope, asked.table
+        if divided:
+            with world.standing(table, place):
+                return elements_of(self.work, asked, RowScope(world, table, {}, place, scope))
+        cells = {ROW: float(table.rows[place]), **{name: c.cell(place) for name, c in table.columns.items()}}
+        known = world.steps is not None and world.steps.column in cells
+        member = LiteralMember(key=cells[world.steps.column]) if world.steps is not None and known else None
+        with world.at(Here(table=table.name, member=member)):
+            return elements_of(self.work, asked, RowScope(world, table, cells, RowChoice.EACH, scope))
+
+
+def _sum(rows: _Rows) -> Expression:
+    return algebra.total(rows.otherwise(number(0)), rows.span) if rows.values else Number(0, None, rows.span)
+
+
+def _mean(rows: _Rows) -> Expression:
+    return algebra.divide(_sum(rows), rows.count, rows.span)
+
+
+def _rms(rows: _Rows) -> Expression:
+    squares = tuple(algebra.multiply(value, value, rows.span) for value in rows.values)
+    mean = _mean(_Rows(values=squares, rows=rows.rows, span=rows.span))
+    return algebra.apply(Operation.SQRT, mean, span=rows.span)
+
+
+def _extreme(operation: Operation) -> Callable[[_Rows], Expression]:
+    """The least or greatest of all: those behind the last row are the last one's."""
+    return lambda rows: reduce(lambda a, b: algebra.apply(operation, a, b, span=rows.span), rows.values)
+
+
+def _quantile(rows: _Rows, level: float) -> Expression:
+    """Linear between the values in their order: of value k the part 1 − |h − k|, where h = level·(rows − 1)."""
+    span = rows.span
+    ordered = list(rows.otherwise(_FORMULAS[AggregateKind.MAXIMUM](rows)))
+    for lower, upper in exchanges(len(ordered)):
+        pair = ordered[lower], ordered[upper]
+        ordered[lower] = algebra.apply(Operation.MINIMUM, *pair, span=span)
+        ordered[upper] = algebra.apply(Operation.MAXIMUM, *pair, span=span)
+    if rows.rows is None:
+        place = level * (len(ordered) - 1)
+        shares: list[Expression] = [number(max(0.0, 1 - abs(place - k))) for k in range(len(ordered))]
+    else:
+        at = algebra.multiply(number(level), algebra.subtract(rows.count, number(1), span), span)
+        distances = [
+            algebra.apply(Operation.ABS, algebra.subtract(at, number(k)), span=span) for k in range(len(ordered))
+        ]
+        nearness = [algebra.subtract(number(1), each, span) for each in distances]
+        shares = [algebra.apply(Operation.MAXIMUM, number(0), each, span=span) for each in nearness]
+    return algebra.dot(tuple(shares), tuple(ordered), span)
+
+
+def exchanges(count: int) -> Iterator[tuple[int, int]]:
+    """Pairs of places that sort any ``count`` values where the lesser of each goes to the first: Batcher's merge sort.
+
+    Source: Knuth, The Art of Computer Programming 3, section 5.2.2, algorithm M.
+    """
+    width = 1
+    while width < count:
+        apart = width
+        while apart:
+            for start in range(apart % width, count - apart, 2 * apart):
+                for lower in range(start, min(start + apart, count - apart)):
+                    if lower // (2 * width) == (lower + apart) // (2 * width):
+                        yield lower, lower + apart
+            apart //= 2
+        width *= 2
+
+
+_ORDERED = frozenset({AggregateKind.MEDIAN, AggregateKind.QUANTILE})
+"""Aggregates of the values in their order."""
+
+_FORMULAS: Mapping[AggregateKind, Callable[[_Rows], Expression]] = MappingProxyType(
+    {
+        AggregateKind.MEAN: _mean,
+        AggregateKind.RMS: _rms,
+        AggregateKind.MINIMUM: _extreme(Operation.MINIMUM),
+        AggregateKind.MAXIMUM: _extreme(Operation.MAXIMUM),
+        AggregateKind.COUNT: _sum,
+    }
+)
+"""All other aggregates."""
