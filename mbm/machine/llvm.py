@@ -1,13 +1,10 @@
-"""The tree as LLVM IR, through llvmlite."""
+"""The tree as text of LLVM IR."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
-from llvmlite import ir
-
-from mbm.machine.kinds import Held, Kind, Record, Records, Type
+from mbm.machine.kinds import Held, Kind, Record, Type
 from mbm.machine.tree import (
     EXTERNAL,
     Assign,
@@ -38,320 +35,362 @@ from mbm.machine.tree import (
     View,
     While,
 )
+from mbm.machine.vector_text import Text, scalar
 from mbm.machine.vectors import INTRINSICS
 
-REAL, INTEGER = ir.DoubleType(), ir.IntType(64)
-_INTRINSICS = {operator.value: f"llvm.{name}" for operator, name in INTRINSICS.items()}
+REAL, INTEGER, POINTER, BIT = "double", "i64", "ptr", "i1"
+_INTRINSICS = {operator.value: f"llvm.{name}.f64" for operator, name in INTRINSICS.items()}
 """What LLVM does itself; the others are functions of the C library."""
 
+_MARKS = {name: f"!{number}" for number, name in enumerate(("real", "integer", "pointer"), start=4)}
+"""Loads and stores of what does not overlap: reals, integers and pointers."""
 
-def type_of(kind: Kind | None) -> ir.Type:
-    """The type in LLVM. References to records are those to their first slot: each has eight bytes."""
+_TREE = {
+    "!0": '!0 = !{!"mbm"}',
+    **{f"!{number}": f'!{number} = !{{!"{name}", !0, i64 0}}' for number, name in enumerate(_MARKS, start=1)},
+    **{mark: f"{mark} = !{{!{number}, !{number}, i64 0}}" for number, mark in enumerate(_MARKS.values(), start=1)},
+}
+"""Says that of them (type-based alias analysis)."""
+
+_OF_REALS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
+_OF_INTEGERS = {"+": "add", "-": "sub", "*": "mul", "//": "sdiv", "%": "srem"}
+_COMPARED_REALS = {"<": "olt", "<=": "ole", ">": "ogt", ">=": "oge", "==": "oeq", "!=": "une"}
+_COMPARED_INTEGERS = {"<": "slt", "<=": "sle", ">": "sgt", ">=": "sge", "==": "eq", "!=": "ne"}
+
+
+def type_of(kind: Kind | None) -> str:
+    """The type in LLVM; references to records are pointers to their first slot."""
     if kind is None:
-        return ir.VoidType()
-    if isinstance(kind, Record | Records):
-        return INTEGER.as_pointer()
-    if kind.is_pointer:
-        return type_of(kind.element).as_pointer()
-    return REAL if kind is Type.REAL else INTEGER
+        return "void"
+    return REAL if kind is Type.REAL else INTEGER if kind is Type.INTEGER else POINTER
 
 
-def lower_into(target: ir.Module, module: Module, flags: tuple[str, ...] = ()) -> None:
-    """Define the functions of ``module`` in ``target``; functions that ``target`` has already may be called.
+def text(module: Module, flags: tuple[str, ...] = ()) -> str:
+    """A module by itself; ``flags`` as `write` takes them."""
+    target = Text(None)
+    write(target, module, flags)
+    return target.module()
+
+
+def write(target: Text, module: Module, flags: tuple[str, ...] = ()) -> None:
+    """Append the functions of ``module``.
 
     ``flags`` say what LLVM may do to sums, differences and products of reals: ``contract`` lets it fuse them,
-    ``reassoc`` sum in another order.
+    ``reassoc`` sum in another order. What only returns a value stands in place of calls, where anything is optimised.
     """
+    target.declared |= _TREE
     for function in module.functions:
         if function.external:
-            _define_external(target, function)
+            _external(target, function)
         else:
             _Lowering(target, function, flags).run()
 
 
-def _declared(target: ir.Module, function: Function) -> Any:
-    """A function without its body."""
-    signature = ir.FunctionType(type_of(function.returns), [type_of(p.type) for p in function.parameters])
-    made = ir.Function(target, signature, function.name)
-    if not function.public:
-        made.linkage = "internal"
-    if function.distinct:
-        for parameter, given in zip(function.parameters, made.args, strict=True):
-            if parameter.type.is_pointer:
-                given.add_attribute("noalias")
-    return made
+def _head(function: Function) -> str:
+    """A definition up to its body."""
+    linkage = "" if function.public else "internal "
+    parameters = (
+        f"{type_of(p.type)}{' noalias' if function.distinct and p.type.is_pointer else ''} %.{p.name}"
+        for p in function.parameters
+    )
+    short = len(function.body) == 1 and isinstance(function.body[0], Return)
+    after = " alwaysinline" if short else ""
+    return f"define {linkage}{type_of(function.returns)} @{function.name}({', '.join(parameters)}){after} {{"
 
 
-def _define_external(target: ir.Module, function: Function) -> None:
+def _external(target: Text, function: Function) -> None:
     """A call of what begins at the address: the external functions there are do nothing else."""
     if function not in EXTERNAL:
         raise ValueError(function.name)
-    made = _declared(target, function)
-    builder = ir.IRBuilder(made.append_basic_block("entry"))
-    address, *others = made.args
-    signature = ir.FunctionType(ir.VoidType(), [a.type for a in others])
-    builder.call(builder.inttoptr(address, signature.as_pointer()), others)
-    builder.ret_void()
+    address, *others = function.parameters
+    given = ", ".join(f"{type_of(p.type)} %.{p.name}" for p in others)
+    place = f"%.{address.name}"
+    target.lines += [_head(function), f"  %place = inttoptr i64 {place} to ptr", f"  call void %place({given})"]
+    target.lines += ["  ret void", "}"]
 
 
 class _Lowering:
-    """One function; local to one call."""
+    """One function; local to one call. Values are written as operands: names or numbers."""
 
-    def __init__(self, target: ir.Module, function: Function, flags: tuple[str, ...]) -> None:
-        self._target = target
-        self._flags = flags
+    def __init__(self, target: Text, function: Function, flags: tuple[str, ...]) -> None:
+        self._text = target
+        self._flags = "".join(f"{flag} " for flag in flags)
         self._source = function
-        self._function = _declared(target, function)
-        self._builder = ir.IRBuilder(self._function.append_basic_block("entry"))
-        self._places: dict[str, Any] = {}
-        self._marks: dict[str, Any] = {}
-        self._loops: list[tuple[ir.Block, ir.Block]] = []
+        self._fixed: frozenset[str] = frozenset()
+        self._room: list[str] = []
+        self._labels = 0
+        self._ended = False
+        self._loops: list[tuple[str, str]] = []
 
     def run(self) -> None:
-        builder = self._builder
-        for parameter, value in zip(self._source.parameters, self._function.args, strict=True):
-            self._places[parameter.name] = builder.alloca(value.type, name=parameter.name)
-            builder.store(value, self._places[parameter.name])
-        for local in self._source.locals:
-            self._places[local.name] = builder.alloca(type_of(local.type), name=local.name)
-        self._statements(self._source.body)
-        if not builder.block.is_terminated:
-            if self._source.returns is None:
-                builder.ret_void()
-            else:
-                builder.unreachable()
+        source, lines = self._source, self._text.lines
+        lines += [_head(source), "entry:"]
+        start = len(lines)
+        assigned = _assigned(source.body)
+        self._fixed = frozenset(p.name for p in source.parameters) - assigned
+        for parameter in source.parameters:
+            if parameter.name in assigned:
+                kind = type_of(parameter.type)
+                self._room.append(f"  %v.{parameter.name} = alloca {kind}")
+                lines.append(f"  store {kind} %.{parameter.name}, ptr %v.{parameter.name}")
+        self._room += [f"  %v.{local.name} = alloca {type_of(local.type)}" for local in source.locals]
+        self._statements(source.body)
+        if not self._ended:
+            lines.append("  ret void" if source.returns is None else "  unreachable")
+        lines.append("}")
+        lines[start:start] = self._room
+
+    def _label(self) -> str:
+        self._labels += 1
+        return f"b{self._labels}"
+
+    def _begin(self, label: str) -> None:
+        self._text.lines.append(f"{label}:")
+        self._ended = False
+
+    def _go(self, label: str) -> None:
+        """On to a block, unless the one at hand has ended."""
+        if not self._ended:
+            self._end(f"br label %{label}")
+
+    def _end(self, instruction: str) -> None:
+        self._text.do(instruction)
+        self._ended = True
+
+    def _scratch(self, kind: str) -> str:
+        """A place in the entry, where it is made once."""
+        name = f"%s.{len(self._room)}"
+        self._room.append(f"  {name} = alloca {kind}")
+        return name
 
     def _statements(self, body: tuple[Statement, ...]) -> None:
         for statement in body:
-            if self._builder.block.is_terminated:
+            if self._ended:
                 return
             self._statement(statement)
 
     def _statement(self, node: Statement) -> None:
-        builder = self._builder
         match node:
-            case Assign():
-                stored = builder.store(self._value(node.value), self._place(node.target))
-                if not isinstance(node.target, Name):
-                    self._marked(stored, node.target)
+            case Assign(target=target):
+                value = self._value(node.value)
+                stored = f"store {type_of(target.type)} {value}, ptr {self._place(target)}"
+                self._text.do(stored if isinstance(target, Name) else f"{stored}, !tbaa {_mark(target.type)}")
+            case If():
+                self._if(node)
             case For():
                 self._for(node)
             case While():
                 self._loop(lambda: self._test(node.condition), lambda: self._statements(node.body), lambda: None)
-            case If():
-                self._if(node)
-            case Break():
-                builder.branch(self._loops[-1][1])
-            case Continue():
-                builder.branch(self._loops[-1][0])
             case Return(value=None):
-                builder.ret_void()
+                self._end("ret void")
             case Return(value=value) if value is not None:
-                builder.ret(self._value(value))
+                self._end(f"ret {type_of(value.type)} {self._value(value)}")
             case Perform():
                 self._value(node.call)
+            case Break():
+                self._go(self._loops[-1][1])
+            case Continue():
+                self._go(self._loops[-1][0])
             case Comment():
                 pass
 
     def _for(self, node: For) -> None:
-        builder = self._builder
-        place = self._places[node.variable.name]
+        """The loop's variable may be assigned in the body: what counts has a place of its own."""
+        place = f"%v.{node.variable.name}"
         start, stop = self._value(node.start), self._value(node.stop)
-        counter = self._counter()
-        builder.store(start, counter)
+        counter = self._scratch(INTEGER)
+        self._text.do(f"store i64 {start}, ptr {counter}")
+        load = f"load i64, ptr {counter}"
 
-        def test() -> Any:
-            return builder.icmp_signed("<", builder.load(counter), stop)
+        def test() -> str:
+            return self._text.new(f"icmp slt i64 {self._text.new(load)}, {stop}")
 
         def body() -> None:
-            builder.store(builder.load(counter), place)
+            self._text.do(f"store i64 {self._text.new(load)}, ptr {place}")
             self._statements(node.body)
 
         def step() -> None:
-            builder.store(builder.add(builder.load(counter), INTEGER(1)), counter)
+            onward = self._text.new(f"add i64 {self._text.new(load)}, 1")
+            self._text.do(f"store i64 {onward}, ptr {counter}")
 
         self._loop(test, body, step)
 
-    def _counter(self) -> Any:
-        """A place of its own: the loop's variable may be assigned in the body. Made in the entry, once."""
-        with self._builder.goto_entry_block():
-            return self._builder.alloca(INTEGER)
-
-    def _loop(self, test: Callable[[], Any], body: Callable[[], None], step: Callable[[], None]) -> None:
-        builder = self._builder
-        head, inner, onward, after = (self._function.append_basic_block() for _ in range(4))
-        builder.branch(head)
-        builder.position_at_end(head)
-        builder.cbranch(test(), inner, after)
-        builder.position_at_end(inner)
+    def _loop(self, test: Callable[[], str], body: Callable[[], None], step: Callable[[], None]) -> None:
+        head, inner, onward, after = (self._label() for _ in range(4))
+        self._go(head)
+        self._begin(head)
+        self._end(f"br i1 {test()}, label %{inner}, label %{after}")
+        self._begin(inner)
         self._loops.append((onward, after))
         body()
         self._loops.pop()
-        if not builder.block.is_terminated:
-            builder.branch(onward)
-        builder.position_at_end(onward)
+        self._go(onward)
+        self._begin(onward)
         step()
-        builder.branch(head)
-        builder.position_at_end(after)
+        self._go(head)
+        self._begin(after)
 
     def _if(self, node: If) -> None:
-        builder = self._builder
-        then, other, after = (self._function.append_basic_block() for _ in range(3))
-        builder.cbranch(self._test(node.condition), then, other)
+        then, other, after = (self._label() for _ in range(3))
+        last = other if node.otherwise else after
+        self._end(f"br i1 {self._test(node.condition)}, label %{then}, label %{last}")
+        reached = not node.otherwise
         for block, body in ((then, node.then), (other, node.otherwise)):
-            builder.position_at_end(block)
-            self._statements(body)
-            if not builder.block.is_terminated:
-                builder.branch(after)
-        builder.position_at_end(after)
+            if body or block == then:
+                self._begin(block)
+                self._statements(body)
+                reached = reached or not self._ended
+                self._go(after)
+        if reached:
+            self._begin(after)
 
-    def _place(self, node: Name | Element | Field) -> Any:
-        builder = self._builder
+    def _place(self, node: Name | Element | Field) -> str:
         if isinstance(node, Name):
-            return self._places[node.name]
+            return f"%v.{node.name}"
         if isinstance(node, Field):
-            slot = builder.gep(self._value(node.record), [INTEGER(node.member.slot)])
-            return builder.bitcast(slot, type_of(node.type).as_pointer())
-        return builder.gep(self._value(node.array), [self._value(node.index)])
+            return self._from(self._value(node.record), node.member.slot)
+        array = self._value(node.array)
+        if node.index == Literal(0):
+            return array
+        kind = f"[{node.type.slots} x i64]" if isinstance(node.type, Record) else type_of(node.type)
+        return self._text.new(f"getelementptr {kind}, ptr {array}, i64 {self._value(node.index)}")
 
-    def _field(self, node: Field) -> Any:
+    def _from(self, begin: str, slot: int) -> str:
+        """The place of a slot."""
+        return self._text.new(f"getelementptr i64, ptr {begin}, i64 {slot}") if slot else begin
+
+    def _loaded(self, place: str, kind: Kind | None) -> str:
+        return self._text.new(f"load {type_of(kind)}, ptr {place}, !tbaa {_mark(kind)}")
+
+    def _field(self, node: Field) -> str:
         """What a field holds, or where the array or record is that it stands for."""
-        builder, member = self._builder, node.member
+        member = node.member
         if member.held in (Held.VALUE, Held.SIZED):
-            return self._marked(builder.load(self._place(node)), node)
-        start = INTEGER(member.slot)
+            return self._loaded(self._place(node), node.type)
+        if member.held is not Held.TABLE:
+            return self._place(node)
         owner = self._value(node.record)
-        if member.held is Held.TABLE:
-            start = self._marked(builder.load(builder.gep(owner, [start])), Literal(0))
-        return builder.bitcast(builder.gep(owner, [start]), type_of(member.type))
+        start = self._loaded(self._from(owner, member.slot), Type.INTEGER)
+        return self._text.new(f"getelementptr i64, ptr {owner}, i64 {start}")
 
-    def _marked(self, access: Any, node: Expression) -> Any:
-        """A load or store of what has the type of ``node``: reals, integers and pointers do not overlap one another."""
-        names = {Type.REAL: "real", Type.INTEGER: "integer"}
-        name = names.get(node.type, "pointer") if isinstance(node.type, Type) else "pointer"
-        if name not in self._marks:
-            root = self._target.add_metadata(["mbm"])
-            kind = self._target.add_metadata([name, root, INTEGER(0)])
-            self._marks[name] = self._target.add_metadata([kind, kind, INTEGER(0)])
-        access.set_metadata("tbaa", self._marks[name])
-        return access
-
-    def _test(self, node: Expression) -> Any:
+    def _test(self, node: Expression) -> str:
         """A condition as one bit."""
-        builder = self._builder
         if isinstance(node, Compare):
             left, right = self._value(node.left), self._value(node.right)
             if node.left.type is Type.REAL:
-                unordered = node.operator == "!="
-                compare = builder.fcmp_unordered if unordered else builder.fcmp_ordered
-                return compare(node.operator, left, right)
-            return builder.icmp_signed(node.operator, left, right)
+                return self._text.new(f"fcmp {_COMPARED_REALS[node.operator]} double {left}, {right}")
+            return self._text.new(f"icmp {_COMPARED_INTEGERS[node.operator]} i64 {left}, {right}")
         if isinstance(node, Logical):
             return self._logical(node)
-        return builder.icmp_signed("!=", self._value(node), INTEGER(0))
+        return self._text.new(f"icmp ne i64 {self._value(node)}, 0")
 
-    def _logical(self, node: Logical) -> Any:
-        builder = self._builder
+    def _logical(self, node: Logical) -> str:
+        write = self._text
         if node.operator == "not":
-            return builder.not_(self._test(node.arguments[0]))
-        bit = ir.IntType(1)
-        with builder.goto_entry_block():
-            place = builder.alloca(bit)
-        after = self._function.append_basic_block()
+            return write.new(f"xor i1 {self._test(node.arguments[0])}, true")
+        place = self._scratch(BIT)
+        after = self._label()
         for argument in node.arguments[:-1]:
             found = self._test(argument)
-            builder.store(found, place)
-            onward = self._function.append_basic_block()
-            if node.operator == "and":
-                builder.cbranch(found, onward, after)
-            else:
-                builder.cbranch(found, after, onward)
-            builder.position_at_end(onward)
-        builder.store(self._test(node.arguments[-1]), place)
-        builder.branch(after)
-        builder.position_at_end(after)
-        return builder.load(place)
+            write.do(f"store i1 {found}, ptr {place}")
+            onward = self._label()
+            ends = (onward, after) if node.operator == "and" else (after, onward)
+            self._end(f"br i1 {found}, label %{ends[0]}, label %{ends[1]}")
+            self._begin(onward)
+        write.do(f"store i1 {self._test(node.arguments[-1])}, ptr {place}")
+        self._go(after)
+        self._begin(after)
+        return write.new(f"load i1, ptr {place}")
 
-    def _value(self, node: Expression) -> Any:
-        builder = self._builder
+    def _value(self, node: Expression) -> str:
         match node:
-            case Literal():
-                return REAL(node.value) if isinstance(node.value, float) else INTEGER(node.value)
-            case Name():
-                return builder.load(self._places[node.name])
-            case Element(type=Record(slots=slots)):
-                index = builder.mul(self._value(node.index), INTEGER(slots))
-                return builder.gep(self._value(node.array), [index])
-            case Element():
-                return self._marked(builder.load(self._place(node)), node)
+            case Name(name=name):
+                if name in self._fixed:
+                    return f"%.{name}"
+                return self._text.new(f"load {type_of(node.type)}, ptr %v.{name}")
+            case Literal(value=value):
+                return scalar(value) if isinstance(value, float) else str(int(value))
             case Field():
                 return self._field(node)
-            case View():
-                return builder.bitcast(self._value(node.array), type_of(node.type))
-            case Offset():
-                return builder.gep(self._value(node.array), [self._value(node.index)])
+            case Element(type=Record()):
+                return self._place(node)
+            case Element():
+                return self._loaded(self._place(node), node.type)
             case Binary():
                 return self._binary(node)
-            case Negate():
-                inner = self._value(node.argument)
-                return builder.fneg(inner) if node.type is Type.REAL else builder.neg(inner)
+            case Call():
+                return self._call(node)
+            case Offset():
+                kind = type_of(node.type.element) if isinstance(node.type, Type) else INTEGER
+                array, index = self._value(node.array), self._value(node.index)
+                return self._text.new(f"getelementptr {kind}, ptr {array}, i64 {index}")
+            case View():
+                return self._value(node.array)
+            case Negate(argument=argument):
+                inner = self._value(argument)
+                return self._text.new(f"fneg double {inner}" if node.type is Type.REAL else f"sub i64 0, {inner}")
             case Compare() | Logical():
-                return builder.zext(self._test(node), INTEGER)
+                return self._text.new(f"zext i1 {self._test(node)} to i64")
             case Choose():
                 return self._choose(node)
             case Convert():
-                return builder.sitofp(self._value(node.argument), REAL)
+                return self._text.new(f"sitofp i64 {self._value(node.argument)} to double")
             case Primitive():
                 return self._primitive(node)
-            case Call():
-                return builder.call(self._target.get_global(node.function), [self._value(a) for a in node.arguments])
 
-    def _choose(self, node: Choose) -> Any:
-        builder = self._builder
-        with builder.goto_entry_block():
-            place = builder.alloca(type_of(node.type))
-        then, other, after = (self._function.append_basic_block() for _ in range(3))
-        builder.cbranch(self._test(node.condition), then, other)
+    def _call(self, node: Call) -> str:
+        given = ", ".join([f"{type_of(a.type)} {self._value(a)}" for a in node.arguments])
+        call = f"call {type_of(node.type)} @{node.function}({given})"
+        if node.type is not None:
+            return self._text.new(call)
+        self._text.do(call)
+        return ""
+
+    def _choose(self, node: Choose) -> str:
+        kind = type_of(node.type)
+        place = self._scratch(kind)
+        then, other, after = (self._label() for _ in range(3))
+        self._end(f"br i1 {self._test(node.condition)}, label %{then}, label %{other}")
         for block, value in ((then, node.then), (other, node.otherwise)):
-            builder.position_at_end(block)
-            builder.store(self._value(value), place)
-            builder.branch(after)
-        builder.position_at_end(after)
-        return builder.load(place)
+            self._begin(block)
+            self._text.do(f"store {kind} {self._value(value)}, ptr {place}")
+            self._go(after)
+        self._begin(after)
+        return self._text.new(f"load {kind}, ptr {place}")
 
-    def _binary(self, node: Binary) -> Any:
+    def _binary(self, node: Binary) -> str:
         left, right = self._value(node.left), self._value(node.right)
-        real = node.type is Type.REAL
-        names = {
-            "+": "fadd" if real else "add",
-            "-": "fsub" if real else "sub",
-            "*": "fmul" if real else "mul",
-            "/": "fdiv",
-            "//": "sdiv",
-            "%": "srem",
-        }
-        operation = getattr(self._builder, names[node.operator])
-        return operation(left, right, flags=self._flags) if real else operation(left, right)
+        if node.type is Type.REAL:
+            return self._text.new(f"{_OF_REALS[node.operator]} {self._flags}double {left}, {right}")
+        return self._text.new(f"{_OF_INTEGERS[node.operator]} i64 {left}, {right}")
 
-    def _primitive(self, node: Primitive) -> Any:
-        builder = self._builder
-        arguments = [self._value(a) for a in node.arguments]
-        if node.function == "isfinite":
-            difference = builder.fsub(arguments[0], arguments[0])
-            return builder.zext(builder.fcmp_ordered("==", difference, REAL(0.0)), INTEGER)
-        if node.function in ("max", "min"):
-            sign = ">" if node.function == "max" else "<"
-            return builder.select(builder.fcmp_ordered(sign, *arguments), *arguments)
-        if node.function in _INTRINSICS:
-            signature = ir.FunctionType(REAL, [REAL] * len(arguments))
-            declared = self._target.declare_intrinsic(_INTRINSICS[node.function], [REAL], signature)
-            return builder.call(declared, arguments)
-        return builder.call(library_function(self._target, node.function, len(arguments)), arguments)
+    def _primitive(self, node: Primitive) -> str:
+        name, arguments = node.function, [self._value(a) for a in node.arguments]
+        if name == "isfinite":
+            difference = self._text.new(f"fsub double {arguments[0]}, {arguments[0]}")
+            return self._text.new(f"zext i1 {self._text.new(f'fcmp oeq double {difference}, 0.0')} to i64")
+        if name in ("max", "min"):
+            a, b = arguments
+            first = self._text.new(f"fcmp {'ogt' if name == 'max' else 'olt'} double {a}, {b}")
+            return self._text.new(f"select i1 {first}, double {a}, double {b}")
+        return self._text.call(_INTRINSICS.get(name, name), REAL, arguments)
 
 
-def library_function(target: ir.Module, name: str, arguments: int) -> Any:
-    """A function of reals from the C library, declared once."""
-    known = target.globals.get(name)
-    if known is not None:
-        return known
-    return ir.Function(target, ir.FunctionType(REAL, [REAL] * arguments), name)
+def _mark(kind: Kind | None) -> str:
+    return _MARKS["real" if kind is Type.REAL else "integer" if kind is Type.INTEGER else "pointer"]
+
+
+def _assigned(body: tuple[Statement, ...]) -> frozenset[str]:
+    """The names that statements give a value."""
+    found: set[str] = set()
+    for node in body:
+        match node:
+            case Assign(target=Name(name=name)):
+                found.add(name)
+            case For():
+                found |= {node.variable.name, *_assigned(node.body)}
+            case While():
+                found |= _assigned(node.body)
+            case If():
+                found |= _assigned(node.then) | _assigned(node.otherwise)
+    return frozenset(found)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.types import Floats
-from mbm.kernels.native.sources import lowered, source_digest
+from mbm.kernels.native.sources import source_digest
 from mbm.kernels.types import MachineCode
 from mbm.machine.records import blank, put
 from mbm.machine.tree import Module
@@ -172,6 +172,7 @@ class Making:
     def _library(self, name: str, module: Callable[[], Module], *, loops: bool) -> _MachineCode | Interpreted:
         """From the backend's store, or compiled and put there."""
         from mbm.kernels.native.engine import hindrance, kept
+        from mbm.machine import llvm
 
         store: Store | None = getattr(self.backend, "store", None)
         if not isinstance(self.backend, MachineCode) and hindrance(store) is not None:
@@ -181,4 +182,4 @@ class Making:
             return Interpreted(code_of(module()))
         name = f"{name} {source_digest('sparse/blocks')}"
         level = FAST if self.numbers >= WORTH else LIGHT
-        return _MachineCode(kept(name, lambda: lowered(module(), FLAGS), store, level, loops=loops))
+        return _MachineCode(kept(name, lambda: llvm.text(module(), FLAGS), store, level, loops=loops))

@@ -207,15 +207,12 @@ def test_printed_python():
 @pytest.mark.parametrize("flags", [(), ("contract",)])
 def test_machine_code(flags):
     pytest.importorskip("llvmlite")
-    from llvmlite import ir
-
     from mbm.kernels.native.engine import compiled
-    from mbm.machine.llvm import lower_into
+    from mbm.machine import llvm
 
-    target = ir.Module("records")
-    lower_into(target, MODULE, flags)
+    written = llvm.text(MODULE, flags)
     for level in (0, 2):
-        state, out = by_address(compiled(str(target), None, level).address)
+        state, out = by_address(compiled(written, None, level).address)
         np.testing.assert_allclose(out, as_it_stands()[1], rtol=0 if not flags else 1e-15)
         assert state == as_it_stands()[0]
 

@@ -139,7 +139,27 @@ def comparisons(n: Integer, x: ConstantReals, out: Reals) -> None:
             out[i * n + k] = found
 
 
-MODULE = module_of("sample", [cholesky, walk, functions, brackets, comparisons])
+def entry(t1: Real, b1: Real, place: Integer, x: Reals) -> Real:
+    """Parameters that change, names that a target may use itself, and branches none of which goes on."""
+    t2 = t1 + b1
+    for entry in range(place):
+        for b2 in range(entry, place):
+            t2 = t2 + t1 * float(b2 - entry)
+            x[0] += float(b2)
+        t1 = t1 - 0.5
+    place = place - 1
+    if t1 < b1:
+        if place > 2:
+            return t2 - b1
+        else:  # noqa: RET505 - a branch none of whose ends goes on
+            return t2 + float(place)
+    if t1 == b1:
+        t2 = -t2
+        return t2 if place > 0 else b1
+    return t1
+
+
+MODULE = module_of("sample", [cholesky, walk, functions, brackets, comparisons, entry])
 X = np.array([1.0, -2.0, 0.1, 0.1, -3.0, 7.0, -1.0, -4.0, -4.0, 2.5, 99.0, 3.0])
 
 
@@ -163,16 +183,12 @@ def by_c(tmp_path_factory):
 def by_llvm():
     """What llvmlite makes of the lowered tree."""
     binding = pytest.importorskip("llvmlite.binding")
-    from llvmlite import ir
+    from mbm.machine import llvm
 
-    from mbm.machine.llvm import lower_into
-
-    target = ir.Module("sample")
-    target.triple = binding.get_default_triple()
-    lower_into(target, MODULE)
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
-    parsed = binding.parse_assembly(str(target))
+    parsed = binding.parse_assembly(llvm.text(MODULE))
+    parsed.triple = binding.get_default_triple()
     parsed.verify()
     machine = binding.Target.from_default_triple().create_target_machine(opt=2)
     engine = binding.create_mcjit_compiler(parsed, machine)
@@ -243,6 +259,23 @@ def test_comparisons_with_what_is_no_number(target, request):
 
 
 @TARGETS
+@pytest.mark.parametrize("begin", [0.25, 3.5, 5.0, 9.0, -0.0])
+@pytest.mark.parametrize("place", [0, 3, 6])
+def test_names_and_branches_of_all_kinds(target, begin, place, request):
+    library, found, wanted = request.getfixturevalue(target), np.zeros(1), np.zeros(1)
+    if isinstance(library, dict):
+        value = library["entry"](begin, 3.5, place, found)
+    else:
+        where = library.entry if target == "by_c" else library.get_function_address("entry")
+        kinds = (ctypes.c_double, ctypes.c_double, ctypes.c_int64, ctypes.c_void_p)
+        function = ctypes.CFUNCTYPE(ctypes.c_double, *kinds)
+        address = ctypes.cast(where, ctypes.c_void_p).value if target == "by_c" else where
+        value = function(address)(begin, 3.5, place, found.ctypes.data)
+    assert value == entry(begin, 3.5, place, wanted)
+    assert found[0] == wanted[0]
+
+
+@TARGETS
 def test_brackets_stay(target, request):
     found, wanted = np.zeros(9), np.zeros(9)
     called(request.getfixturevalue(target), "brackets", None, 23, 11, np.array([7.0, 0.3, 0.11]), found)
@@ -308,13 +341,9 @@ def test_kernels_are_called_by_address():
     assert out[0] == 7.0
     engine = pytest.importorskip("mbm.kernels.native.engine")
     pytest.importorskip("llvmlite")
-    from llvmlite import ir
+    from mbm.machine import llvm
 
-    from mbm.machine.llvm import lower_into
-
-    target = ir.Module("kernels")
-    lower_into(target, module)
-    library = engine.compiled(str(target), None)
+    library = engine.compiled(llvm.text(module), None)
     out[:] = 0
     function = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)(library.address("with_kernel"))
     x = np.full(1, 3.0)

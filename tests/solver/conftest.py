@@ -78,14 +78,11 @@ def everything():
 @pytest.fixture(scope="session")
 def by_llvm():
     pytest.importorskip("llvmlite")
-    from llvmlite import ir
-
     from mbm.kernels.native.engine import compiled
-    from mbm.machine.llvm import lower_into
+    from mbm.machine import llvm
 
-    module, target = everything(), ir.Module("solver")
-    lower_into(target, module)
-    library = compiled(str(target), None, 1)
+    module = everything()
+    library = compiled(llvm.text(module), None, 1)
     return Compiled(module, library.address), library
 
 

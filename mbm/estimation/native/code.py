@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.binding import EvaluationCache
-from mbm.kernels.native.sources import lowered, source_digest
+from mbm.kernels.native.sources import source_digest
 from mbm.kernels.types import Backend, Kernel, MachineCode, Stream
 from mbm.machine.kinds import LANES
 from mbm.machine.records import address, blank
@@ -112,23 +112,26 @@ AnyCode: TypeAlias = "SolverCode | InterpretedCode"
 
 def _text() -> str:
     """The IR of the solver."""
+    from mbm.machine import llvm
     from mbm.solver.modules import solver_module
 
-    return lowered(solver_module(LANES))
+    return llvm.text(solver_module(LANES))
 
 
 def _consensus_text() -> str:
     """The IR of consensus."""
+    from mbm.machine import llvm
     from mbm.solver.modules import consensus_module
 
-    return lowered(consensus_module(LANES))
+    return llvm.text(consensus_module(LANES))
 
 
 def _filters_text() -> str:
     """The IR of filters and smoothers."""
+    from mbm.machine import llvm
     from mbm.solver.modules import filters_module
 
-    return lowered(filters_module(LANES))
+    return llvm.text(filters_module(LANES))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbm.kernels.native.engine import Library, compiled, hindrance, kept, vector_library
 from mbm.kernels.native.kernels import EVALUATIONS, MANY, PLAIN, KernelCode, NativeKernels
-from mbm.kernels.native.sources import lowered, source_digest
+from mbm.kernels.native.sources import source_digest
 from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream, Tabulated
 from mbm.machine import blocks_of_rows
 from mbm.machine.kinds import LANES
@@ -32,9 +32,10 @@ _SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64, *
 
 def _tables_text() -> str:
     """The IR of what evaluates kernels over tables."""
+    from mbm.machine import llvm
     from mbm.solver.modules import tables_module
 
-    return lowered(tables_module(LANES))
+    return llvm.text(tables_module(LANES))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -15,7 +15,6 @@ Each lane has sums of its own, which are added up at the end: the result depends
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -214,10 +213,6 @@ class _Row:
         text.do(f"store {VECTOR} {total}, ptr {where}, align 32")
 
 
-_DECLARATION = re.compile(r'^declare .*@"?([\w.]+)"?\(.*$', re.MULTILINE)
-_HEADER = re.compile(r"^(;|target ).*$", re.MULTILINE)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NormalKernels:
     """Addresses of ``void f(const double *inputs, const double *weights, const double *losses, double *sums, int64)``.
@@ -265,15 +260,8 @@ def normal_kernels(
 
 def _add_losses(text: Text) -> None:
     """The functions of losses, from the text that the solver has of them."""
-    from llvmlite import ir
-
     from mbm.machine.from_python import module_of
-    from mbm.machine.llvm import lower_into
+    from mbm.machine.llvm import write
     from mbm.solver.losses import root_factor, root_slope
 
-    module = ir.Module("losses")
-    lower_into(module, module_of("losses", (root_factor, root_slope), public=False))
-    written = str(module)
-    for found in _DECLARATION.finditer(written):
-        text.declared.setdefault(found[1], found[0])
-    text.lines.append(_HEADER.sub("", _DECLARATION.sub("", written)))
+    write(text, module_of("losses", (root_factor, root_slope), public=False))
