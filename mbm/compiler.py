@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from mbm.report.simulated import Simulator
     from mbm.report.types import Result
     from mbm.report.view.answers import Viewed
-    from mbm.report.view.tracing import Seen
+    from mbm.report.view.seeings import Seen
     from mbm.symbolic.types import SymbolicModel
     from mbm.text.types import Diagnostic, Source
 

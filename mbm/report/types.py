@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from mbm.estimation.search.solution import Solution
     from mbm.problem.types import Problem
     from mbm.report.options import PropagationSettings
-    from mbm.report.view.tracing import Seen
+    from mbm.report.view.seeings import Seen
 
 Floats: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]

@@ -14,7 +14,7 @@ from mbm.problem.types import Problem
 from mbm.report.from_solution import solve_report
 from mbm.report.types import Result, SolveReport
 from mbm.report.view import faults
-from mbm.report.view.tracing import Seen
+from mbm.report.view.seeings import Seen
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 

@@ -15,7 +15,7 @@ from mbm.problem.naming import plain_number
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.report.types import Floats, Mask
-from mbm.report.view.tracing import Seeing, Sight
+from mbm.report.view.seeings import Seeing, Sight
 from mbm.report.view.values import answer_lookup, values_of
 from mbm.values import dataclass
 

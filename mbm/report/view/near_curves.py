@@ -21,7 +21,7 @@ from mbm.problem.types import Problem
 from mbm.report.types import Floats, Mask
 from mbm.report.view.model_panels import Line
 from mbm.report.view.photographs import Photograph, path_of
-from mbm.report.view.tracing import ContourSeeing, CurveSeeing, Seen
+from mbm.report.view.seeings import ContourSeeing, CurveSeeing, LineSeeing, Seen
 from mbm.report.view.values import answer_lookup, values_of
 
 ASIDE = 1e-4
@@ -113,26 +113,36 @@ def pictured(
     solution: Solution,
     table: Table | None,
     group: Group,
-    seeing: ContourSeeing | CurveSeeing,
+    seeing: ContourSeeing | CurveSeeing | LineSeeing,
     measured: Floats,
     feet: Floats,
     lines: Sequence[tuple[Mask, Line]],
+    measured_lines: Floats | None = None,
 ) -> Iterator[Photograph]:
-    """One image for each name: points (n, 2), the nearest ones of what they were measured on, and its lines."""
-    places = np.arange(group.first, group.first + group.count).reshape(group.rows, -1)[:, seeing.output]
-    used = np.ones(group.rows, bool) if solution.weights is None else solution.weights[places] > 0.0
-    outlier = np.zeros(group.rows, bool) if solution.outliers is None else solution.outliers[places]
+    """One image for each name: points (n, 2), or (n, k, 2) with k of each row, the nearest ones of what they were
+    measured on, its lines, and those (n, 2, 2) that were measured, one of each row.
+    """
+    outputs = 2 if isinstance(seeing, LineSeeing) else 1
+    places = np.arange(group.first, group.first + group.count).reshape(group.rows, -1)[:, seeing.output :][:, :outputs]
+    used, outlier = np.ones(places.shape, bool), np.zeros(places.shape, bool)
+    if solution.weights is not None:
+        used = solution.weights[places] > 0.0
+    if solution.outliers is not None:
+        outlier = solution.outliers[places]
     names = names_of(table, group)
     for name in dict.fromkeys(names.tolist()):
         mask = names == name
+        points = measured[mask].reshape(-1, 2)
+        each = len(points) // int(mask.sum())
         yield Photograph(
             name=name,
-            measured=measured[mask],
-            predicted=feet[mask],
-            covariance=np.full((int(mask.sum()), 2, 2), np.nan),
-            used=np.asarray(used[mask]),
-            outlier=np.asarray(outlier[mask]),
+            measured=points,
+            predicted=feet[mask].reshape(-1, 2),
+            covariance=np.full((len(points), 2, 2), np.nan),
+            used=np.repeat(used[mask].all(axis=1), each),
+            outlier=np.repeat(outlier[mask].any(axis=1), each),
             lines=tuple(line for own_rows, line in lines if (own_rows & mask).any()),
+            measured_lines=() if measured_lines is None else tuple(measured_lines[mask]),
             labels=("X", "Y") if seeing.upward else ("u", "v"),
             down=not seeing.upward,
             left=seeing.upward,

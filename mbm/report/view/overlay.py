@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +10,6 @@ from mbm.report.panels import BLUE, CHI_95_2D, GREEN, GREY, RED
 from mbm.report.rounding import round_step
 from mbm.report.types import Floats
 from mbm.report.view.beneath import Beneath
-from mbm.report.view.model_panels import Line
 from mbm.report.view.photographs import Photograph
 from mbm.values import dataclass
 
@@ -95,23 +93,27 @@ def draw_overlay(found: Overlay, axes: Axes, image: Beneath | None = None) -> No
     if image is not None:
         extent = (-0.5, image.width - 0.5, image.height - 0.5, -0.5)
         axes.imshow(image.pixels, cmap="gray", extent=extent, interpolation="nearest", zorder=0, alpha=0.7)
-    _draw_body(photograph.lines, axes)
+    _draw_lines(photograph, axes)
     _draw_points(found, axes)
     _draw_spread(found, axes)
     _frame(found, axes, image)
     axes.set_title(photograph.name or "the image", fontsize=11)
 
 
-def _draw_body(lines: Sequence[Line], axes: Axes) -> None:
+def _draw_lines(photograph: Photograph, axes: Axes) -> None:
     from matplotlib.collections import LineCollection
 
     for hidden, colour, width, style in ((True, "#9fcfbd", 0.7, (0, (3.0, 2.0))), (False, GREEN, 1.1, "solid")):
-        chosen = [line.points for line in lines if line.hidden == hidden]
+        chosen = [line.points for line in photograph.lines if line.hidden == hidden]
         if chosen:
             label = None if hidden else "model at the estimates"
             axes.add_collection(
                 LineCollection(chosen, colors=colour, linewidths=width, linestyles=[style], label=label, zorder=1)
             )
+    if photograph.measured_lines:
+        axes.add_collection(
+            LineCollection(photograph.measured_lines, colors=BLUE, linewidths=0.6, label="measured lines", zorder=2)
+        )
 
 
 def _draw_points(found: Overlay, axes: Axes) -> None:
@@ -176,7 +178,15 @@ def _frame(found: Overlay, axes: Axes, image: Beneath | None) -> None:
     else:
         tips = found.tips[np.isfinite(found.tips).all(axis=1)]
         most = np.quantile(tips, [0.02, 0.98], axis=0) if len(tips) > MANY else tips  # a few may lead out of it
-        points = np.vstack([found.tails, most, photograph.predicted, *(line.points for line in photograph.lines)])
+        points = np.vstack(
+            [
+                found.tails,
+                most,
+                photograph.predicted,
+                *(line.points for line in photograph.lines),
+                *photograph.measured_lines,
+            ]
+        )
         points = points[np.isfinite(points).all(axis=1)]
         lo, hi = points.min(axis=0), points.max(axis=0)
         room = 0.08 * float((hi - lo).max() or 1.0)

@@ -16,8 +16,8 @@ from mbm.report.view.hidden import Faces
 from mbm.report.view.images import ImageRows, right_up_forward
 from mbm.report.view.model_panels import Line
 from mbm.report.view.rays import placed_by_rays
+from mbm.report.view.seeings import Sight
 from mbm.report.view.solids import solid_of
-from mbm.report.view.tracing import Sight
 from mbm.report.view.types import Solid
 from mbm.report.view.values import answer_lookup, values_of
 from mbm.report.view.viewpoint import outlines
@@ -32,6 +32,7 @@ NEAREST = 1e-3
 class Photograph:
     """Image points (n, 2) measured and predicted, covariances (n, 2, 2) of the predictions, and lines of bodies.
 
+    ``measured_lines`` hold two points (2, 2) each.
     ``labels`` are the columns that hold the two coordinates, ``down`` tells whether the second grows downward and
     ``left`` whether the first grows to the left. ``file`` is the name of the photograph's file, if the data name one;
     ``path`` that of the photograph itself, if the data were read from it.
@@ -49,6 +50,7 @@ class Photograph:
     left: bool
     file: str | None = None
     path: Path | None = None
+    measured_lines: tuple[Floats, ...] = ()
 
 
 def photographs(rows: Sequence[ImageRows], solution: Solution, library: frozenset[str]) -> tuple[Photograph, ...]:
@@ -82,6 +84,7 @@ def _united(a: Photograph, b: Photograph) -> Photograph:
         used=np.concatenate([a.used, b.used]),
         outlier=np.concatenate([a.outlier, b.outlier]),
         lines=(*a.lines, *b.lines),
+        measured_lines=(*a.measured_lines, *b.measured_lines),
         path=a.path or b.path,
     )
 

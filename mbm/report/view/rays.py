@@ -18,7 +18,7 @@ from mbm.expression.nodes import Column, ColumnMember, Component, leaves
 from mbm.problem.types import BlockRole, Equation, Problem, UnknownKind
 from mbm.report.types import Floats, Mask
 from mbm.report.view.images import ImageRows, points_seen
-from mbm.report.view.tracing import Seeing, Sight
+from mbm.report.view.seeings import Seeing, Sight
 from mbm.report.view.values import answer_lookup, stepped, values_of
 from mbm.values import dataclass
 

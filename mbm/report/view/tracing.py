@@ -14,107 +14,31 @@ from types import MappingProxyType
 from mbm.expression.nodes import Apply, Expression, Operation, Outlined, Parameter
 from mbm.language.coerce import vector
 from mbm.language.curves import CurveValue
-from mbm.language.values import Array, Builtin, Call, Callable_, CameraValue, Value, Vocabulary
+from mbm.language.values import (
+    Array,
+    Builtin,
+    Call,
+    Callable_,
+    CameraValue,
+    ImageLineValue,
+    Placeable,
+    Value,
+    Vocabulary,
+)
+from mbm.language.vocabulary.cameras import project_point
 from mbm.problem.types import BlockRole, Problem
+from mbm.report.view.seeings import ContourSeeing, CurveSeeing, Ends, LineSeeing, Seeing, Seen, Sight
 from mbm.shapes.silhouettes import Silhouette
 from mbm.shapes.types import Shape
 from mbm.shapes.vocabulary import FeatureFunction
 from mbm.text.types import Form, MbmError
-from mbm.values import dataclass
 
 MOVING = ("trans", "rotate", "scale", "transform")
 SEEING = ("project", "perse", "vertex-on-image")
 MEASURING, NEARING = "contour-distance", "curve-distance"
+THROUGH, LINING = "line-through", ("line-on-image", "image-line")
 
 Feature = Callable[[Call, Shape, tuple[Form, ...]], Value]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sight:
-    """A point (3) in the frame of its camera, and its ``image`` (2).
-
-    ``lens`` is the image of any point: of that whose coordinates are the parameters ``ray``. ``camera`` is None for the
-    paper's projection; ``body`` is the shape that the point is a feature of, in the frame of the camera.
-    ``family``: no camera is known, the image is made by functions of the user, of the points of this family; ``point``
-    is then in the frame of those, and ``lens`` the image itself.
-    """
-
-    image: tuple[Expression, ...]
-    point: tuple[Expression, ...]
-    camera: CameraValue | None
-    body: Shape | None
-    ray: tuple[Parameter, ...]
-    lens: tuple[Expression, ...]
-    family: str | None = None
-
-    @property
-    def axes(self) -> str:
-        """``opencv`` or ``paper``."""
-        if self.camera is not None:
-            return self.camera.axes
-        return "paper" if self.family is None else "opencv"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Seeing:
-    """An equation that compares a measured image point with ``sight``.
-
-    ``block`` and ``case`` are its numbers in the problem, ``output`` that of its first component among those of the
-    case; ``sign``: its value is ``sign`` times (model − measured).
-    """
-
-    block: int
-    case: int
-    output: int
-    sign: float
-    sight: Sight
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ContourSeeing:
-    """An equation that is about the ``distance`` of an image point from the outline of a body.
-
-    ``block``, ``case`` and ``output`` are as in `Seeing`. The arguments of the distance are numbers of the outline and,
-    last, the point. ``upward``: the second coordinate of the image grows upwards.
-    """
-
-    block: int
-    case: int
-    output: int
-    distance: Apply
-    outlined: Outlined
-    upward: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CurveSeeing:
-    """An equation that is about the distance of an image ``point`` (2) from the image of a ``curve``.
-
-    ``distance`` is that of any point: of that whose coordinates are the parameters ``place``. The others are as in
-    `ContourSeeing`.
-    """
-
-    block: int
-    case: int
-    output: int
-    point: tuple[Expression, ...]
-    curve: CurveValue
-    distance: Expression
-    place: tuple[Parameter, ...]
-    upward: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Seen:
-    """The equations of a problem that compare images, and those about distances from outlines and curves in images.
-
-    ``library``: models of the package that no definition hides.
-    """
-
-    seeings: tuple[Seeing, ...]
-    contours: tuple[ContourSeeing, ...]
-    curves: tuple[CurveSeeing, ...]
-    library: frozenset[str]
 
 
 class Trace:
@@ -124,6 +48,7 @@ class Trace:
         self.sights: list[Sight] = []
         self._distances: list[tuple[Apply, Outlined, bool]] = []
         self._images: dict[int, tuple[CurveValue, bool]] = {}
+        self._lines: dict[int, tuple[ImageLineValue, Ends | None, bool]] = {}
         self._nearest: list[tuple[Value, partial[CurveSeeing]]] = []
         self._shapes: dict[int, tuple[Array, Shape]] = {}
 
@@ -139,6 +64,10 @@ class Trace:
                 functions[name] = replace(function, function=self._measuring(function.function))
             elif isinstance(function, Builtin) and name == NEARING:
                 functions[name] = replace(function, function=self._nearing(function.function))
+            elif isinstance(function, Builtin) and name in LINING:
+                functions[name] = replace(function, function=self._lining(function.function, _images_of_ends))
+            elif isinstance(function, Builtin) and name == THROUGH:
+                functions[name] = replace(function, function=self._lining(function.function, _points_of))
             elif isinstance(function, Builtin) and name == "feature":
                 functions[name] = replace(function, function=self._picking(function.function))
             elif isinstance(function, FeatureFunction):
@@ -149,6 +78,7 @@ class Trace:
         """All that was noted of ``problem``, as elaborated with the traced words; ``implied`` if no images are."""
         return Seen(
             seeings=tuple(self.seeings(problem)) or tuple(implied),
+            lines=tuple(self.lines(problem)),
             contours=tuple(self.contours(problem)),
             curves=tuple(self.curves(problem)),
             library=library,
@@ -161,6 +91,22 @@ class Trace:
             found = _compared(components, of_image)
             if found is not None:
                 yield Seeing(block=block, case=case, output=output, sign=found[1], sight=found[0])
+
+    def lines(self, problem: Problem) -> Iterator[LineSeeing]:
+        """Those that compare image lines, of which one is through known points."""
+        for block, case, output, components in _equations(problem):
+            pair = [self._lines[id(rho)] for rho in _offsets(components) if id(rho) in self._lines]
+            for (_, ends, upward), (measured, *_) in (pair, pair[::-1]) if len(pair) == 2 else ():
+                if ends is not None:
+                    yield LineSeeing(
+                        block=block,
+                        case=case,
+                        output=output,
+                        measured=(measured.alpha, measured.rho),
+                        ends=ends,
+                        upward=upward,
+                    )
+                    break
 
     def contours(self, problem: Problem) -> Iterator[ContourSeeing]:
         """Those that are about the distance from an outline."""
@@ -243,10 +189,26 @@ class Trace:
             image = function(call)
             if isinstance(image, Array) and image.shape == (2,):
                 self._see(call, function, image)
+            elif isinstance(image, ImageLineValue):
+                self._lines[id(image.rho)] = image, _images_of_ends(call), _upward(call)
             elif isinstance(image, CurveValue):
-                camera = call.arguments[0]
-                self._images[id(image)] = image, not isinstance(camera, CameraValue) or camera.axes == "paper"
+                self._images[id(image)] = image, _upward(call)
             return image
+
+        return traced
+
+    def _lining(
+        self, function: Callable[[Call], Value], ends: Callable[[Call], Ends | None]
+    ) -> Callable[[Call], Value]:
+        def traced(call: Call) -> Value:
+            found = function(call)
+            if isinstance(found, ImageLineValue):
+                self._lines[id(found.rho)] = (
+                    found,
+                    ends(call),
+                    isinstance(call.arguments[0], CameraValue) and _upward(call),
+                )
+            return found
 
         return traced
 
@@ -270,6 +232,41 @@ class Trace:
                     lens=lens.elements,
                 )
             )
+
+
+def _upward(call: Call) -> bool:
+    """Whether the second coordinate grows upwards in the image of what is projected."""
+    camera = call.arguments[0]
+    return not isinstance(camera, CameraValue) or camera.axes == "paper"
+
+
+def _images_of_ends(call: Call) -> Ends | None:
+    """The images of the ends of a line that is projected; None where none is."""
+    camera, line = call.arguments[0], call.arguments[-1]
+    ends = line.ends() if isinstance(line, Placeable) else None
+    if ends is None or len(ends) != 2:
+        return None
+    first, second = (
+        project_point(call, camera if isinstance(camera, CameraValue) else None, end.elements).elements for end in ends
+    )
+    return first, second
+
+
+def _points_of(call: Call) -> Ends:
+    """The two image points that a line is laid through."""
+    first, second = (vector(p, form.span, 2).elements for p, form in zip(call.arguments, call.forms, strict=True))
+    return first, second
+
+
+def _offsets(components: tuple[Expression, ...]) -> tuple[Expression, ...]:
+    """ρ of the model and of the measured line where two components may be the difference of lines, as in
+    `line_difference`: the model's, with its sign turned where directions are opposite, less the measured one.
+    """
+    difference = components[-1]
+    if len(components) != 2 or not isinstance(difference, Apply) or difference.operation is not Operation.SUBTRACT:
+        return ()
+    model, measured = difference.arguments
+    return (model.arguments[2], measured) if isinstance(model, Apply) and model.operation is Operation.IF else ()
 
 
 def _equations(problem: Problem) -> Iterator[tuple[int, int, int, tuple[Expression, ...]]]:

@@ -14,6 +14,7 @@ from mbm.report.plots import MOST_PANELS
 from mbm.report.view import faults
 from mbm.report.view.answers import Viewed, view_of_result
 from mbm.report.view.beneath import beneath
+from mbm.report.view.image_lines import line_photographs
 from mbm.report.view.images import ImageRows, image_rows
 from mbm.report.view.model_panels import draw_model
 from mbm.report.view.near_curves import contour_photographs, curve_photographs
@@ -79,6 +80,7 @@ def problem_panels(viewed: Viewed, wishes: Wishes) -> Panels:
     rows = tuple(image_rows(viewed.problem, viewed.solution, viewed.seen.seeings))
     scene = scene_of(viewed.problem, rows, viewed.solution, viewed.seen.library) if rows else None
     lines = (
+        *line_photographs(viewed.problem, viewed.solution, viewed.seen),
         *contour_photographs(viewed.problem, viewed.solution, viewed.seen),
         *curve_photographs(viewed.problem, viewed.solution, viewed.seen),
     )
