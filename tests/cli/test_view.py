@@ -203,7 +203,9 @@ def photographed(tmp_path: Path) -> Path:
 
 def test_photographs_lie_beneath(photographed: Path, mbm: Run) -> None:
     file, out = photographed / "p.mbm", photographed / "out.svg"
-    assert mbm("view", file, "--image", photographed / "photos", "-o", out).status == 0
+    outcome = mbm("view", file, "--image", photographed / "photos", "-o", out)
+    assert outcome.status == 0
+    assert "nothing lies beneath 1 of 2 images" in outcome.err
     assert texts(out).count("<image ") == 1  # b.png is not there
     one = photographed / "photos/a.png"
     assert mbm("view", file, "--image", one, "--photo", "b.png", "-o", out).status == 0
@@ -213,7 +215,7 @@ def test_photographs_lie_beneath(photographed: Path, mbm: Run) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"", "cannot be read"),
+        (b"", "cannot be read: it is no image of a known kind"),
         (b"\x89PNG\r\n\x1a\n", "cannot be read"),
         (png(20_000, 20_000, idat=b""), "exceeds limit"),
     ],

@@ -49,11 +49,17 @@ def beneath(where: Path | None, photograph: Photograph) -> Beneath | None:
         return None if photograph.path is None else read_photograph(photograph.path)
     if not where.is_dir():
         return read_photograph(where)
+    path = path_in(where, photograph)
+    return None if path is None else read_photograph(path)
+
+
+def path_in(folder: Path, photograph: Photograph) -> Path | None:
+    """The file of a photograph in a folder; None if there is none of its name."""
     name = photograph.file or photograph.name
     if not name or Path(name).name != name:
         return None
-    path = where / name
-    return read_photograph(path) if path.exists() else None
+    path = folder / name
+    return path if path.exists() else None
 
 
 def read_photograph(path: Path) -> Beneath:
@@ -64,7 +70,7 @@ def read_photograph(path: Path) -> Beneath:
             too-much-memory; and as `mbm.files.reading.read_bytes` does.
 
     """
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     place = DataPlace(file=str(path))
     content = read_bytes(path, place, largest=LARGEST_FILE)
@@ -79,5 +85,7 @@ def read_photograph(path: Path) -> Beneath:
                 reduced = image.convert("L" if grey else "RGB")
                 reduced.thumbnail((SHOWN, SHOWN))
                 return Beneath(pixels=np.asarray(reduced), width=width, height=height)
+    except UnidentifiedImageError:  # it would tell the object in memory
+        raise MbmError(faults.bad_photograph(str(path), "cannot be read: it is no image of a known kind")) from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise MbmError(faults.bad_photograph(str(path), f"cannot be read: {error}")) from None

@@ -19,7 +19,7 @@ from mbm.report.view.photographs import Photograph
 from mbm.report.view.seeings import LineSeeing, Seen
 from mbm.report.view.values import answer_lookup, values_of
 
-BEYOND = 0.2
+PROLONGED = 0.2
 """Of an edge's length: how far its measured line is drawn beyond either end, to be told from the edge."""
 
 
@@ -40,7 +40,7 @@ def _photographs(problem: Problem, solution: Solution, seeing: LineSeeing, group
     normals = np.stack([-np.sin(alpha), np.cos(alpha)], axis=1)
     away = np.einsum("nki,ni->nk", ends, normals) - rho[:, None]
     feet = ends - away[..., None] * normals[:, None]
-    beyond = BEYOND * (feet[:, 1] - feet[:, 0])
+    beyond = PROLONGED * (feet[:, 1] - feet[:, 0])
     drawn = np.stack([feet[:, 0] - beyond, feet[:, 1] + beyond], axis=1)
     own = np.eye(group.rows, dtype=bool)
     edges: list[tuple[Mask, Line]] = [

@@ -13,7 +13,7 @@ from mbm.report.maps import maps_of
 from mbm.report.plots import MOST_PANELS
 from mbm.report.view import faults
 from mbm.report.view.answers import Viewed, view_of_result
-from mbm.report.view.beneath import beneath
+from mbm.report.view.beneath import beneath, path_in
 from mbm.report.view.image_lines import line_photographs
 from mbm.report.view.images import ImageRows, image_rows
 from mbm.report.view.model_panels import draw_model
@@ -26,6 +26,7 @@ from mbm.report.view.solids import solid_of
 from mbm.report.view.types import Solid
 from mbm.report.view.values import answer_lookup
 from mbm.report.view.viewpoint import View
+from mbm.text.faults import shown
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
@@ -134,6 +135,11 @@ def _overlays(found: Sequence[Photograph], wishes: Wishes, room: int, notes: lis
         raise MbmError(faults.which_photo(names))
     if len(chosen) > room:
         notes.append(f"{room} of {len(chosen):,} photographs are drawn; `--photo` chooses others")
+    if wishes.image is not None and wishes.image.is_dir():
+        blank = sum(path_in(wishes.image, photograph) is None for photograph in chosen[:room])
+        if blank:
+            where = f"the folder `{shown(wishes.image.as_posix())}` has no file of the name"
+            notes.append(f"nothing lies beneath {blank:,} of {len(chosen[:room]):,} images: {where}")
     for photograph in chosen[:room]:
         yield partial(_draw_photograph, photograph, wishes.image)
 
