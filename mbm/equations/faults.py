@@ -102,6 +102,7 @@ ANOTHER_SOLUTION = Code(
     "Measure something that tells the two apart, or exclude one with `:in` or a constraint; if it fits better, start "
     "there, or with `--starts 20`.",
 )
+EXACTLY = "no residuals are left in either"
 MOST_NAMED = 6
 """Numbers of one unknown, or rows of a table, that a message lists."""
 
@@ -283,17 +284,23 @@ def prior_against_data(span: Span, name: str, innovation: float) -> Diagnostic:
     )
 
 
-def another_solution(place: Place | None, count: int, cost: float, best: float, *, mirrored: bool) -> Diagnostic:
-    """Of ``count`` other minima that fit about as well as that reported, or better, the first costs ``cost``."""
+def another_solution(
+    place: Place | None, count: int, costs: tuple[float, ...], name: str, *, mirrored: bool
+) -> Diagnostic:
+    """There are ``count`` other minima that fit about as well as that reported, or better.
+
+    ``costs`` are those of the first of them and of the one reported, 0 for a rounding; ``name`` is what they are.
+    """
+    cost, best = costs
     others = "another solution fits" if count == 1 else f"{count} other solutions fit"
     what = " (the mirror image)" if mirrored and count == 1 else ""
     lower = cost < (1.0 - LOWER) * best
     well = "as well" if not lower else "better" if count == 1 else "as well or better"
+    owner = "its" if count == 1 else "of the first, the"
+    how = f"{owner} {name} is {cost:.6g}, that of the solution reported {best:.6g}" if any(costs) else EXACTLY
     return Diagnostic(
         code=ANOTHER_SOLUTION,
-        message=f"{others} {well}{what}: its cost is {cost:.6g}, that of the solution reported {best:.6g}"
-        if count == 1
-        else f"{others} {well}: the first costs {cost:.6g}, the solution reported {best:.6g}",
+        message=f"{others} {well}{what}: {how}",
         place=place,
         hint=ANOTHER_SOLUTION.mend,
         severity=Severity.WARNING,

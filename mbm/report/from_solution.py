@@ -259,6 +259,7 @@ def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alterna
     there = replace(solution, numbers=other.minimum.point, minimum=other.minimum)
     return Alternative(
         cost=other.cost,
+        robust_cost=None if solution.robust_cost is None else other.minimum.cost,
         starts=other.starts,
         estimates=_estimates(there, how, _NOT_THE_BEST),
         remark=_MIRRORED if other.mirrored else None,

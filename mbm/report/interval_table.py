@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, islice
-from math import isfinite, isinf
+from math import inf, isfinite, isinf
 
 import numpy as np
 
 from mbm.problem.naming import key_text
 from mbm.report.columns import aligned, left, right
 from mbm.report.digits import measured, plain
-from mbm.report.elements import Scalar, scalars, unit_text
+from mbm.report.elements import scalars, unit_text
 from mbm.report.intervals import IntervalKind, intervals, may_be_cut
 from mbm.report.types import DerivedValue, Estimate, SolveReport
 from mbm.text.shown import Paint, Style
@@ -20,13 +20,16 @@ from mbm.values import dataclass
 MOST_LINES = 60
 """Lines that are shown unless all are asked for."""
 
+ENDS_APART = 4.0
+"""Standard deviations between the ends of a 95 % interval; they give the digits where none is known."""
+
 MOST_CUT = 4
 """Intervals that limits cut, told one by one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntervalLine:
-    """The interval of a scalar as text: its ends with the digits of the standard deviation."""
+    """The interval of a scalar as text: its ends with the digits of the standard deviation or of its length."""
 
     name: str
     low: str
@@ -78,10 +81,11 @@ def lines_of(solve: SolveReport, items: Iterable[Estimate | DerivedValue] | None
         for scalar, dof, k, low, high, kind in zip(scalars(item), *columns, strict=True):
             if kind is None or scalar.fixed:
                 continue
+            spread = scalar.sigma if isfinite(scalar.sigma) else (high - low) / ENDS_APART
             yield IntervalLine(
                 name=f"{key}: {scalar.name}" if key else scalar.name,
-                low=_end(low, scalar),
-                high=_end(high, scalar),
+                low=_end(low, spread),
+                high=_end(high, spread),
                 unit=unit_text(scalar.quantity),
                 k=f"{k:.2f}" if isfinite(k) else "–",
                 dof="∞" if isinf(dof) else f"{dof:.1f}".removesuffix(".0") if isfinite(dof) else "–",
@@ -89,8 +93,8 @@ def lines_of(solve: SolveReport, items: Iterable[Estimate | DerivedValue] | None
             )
 
 
-def _end(value: float, scalar: Scalar) -> str:
-    """An end with the digits of the standard deviation."""
+def _end(value: float, spread: float) -> str:
+    """An end with the digits that a standard deviation of ``spread`` allows."""
     if not isfinite(value):
         return "∞" if value > 0 else "-∞"
-    return measured(value, scalar.sigma, exact=False).alone if scalar.sigma > 0 else plain(value, 6)
+    return measured(value, spread, exact=False).alone if 0.0 < spread < inf else plain(value, 6)

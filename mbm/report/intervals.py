@@ -118,8 +118,10 @@ def _limited(item: Estimate | DerivedValue, found: Intervals, values: Floats, si
     for place in np.argwhere((scale > 0.0) & (held | near) & (lower < upper)):
         at = tuple(place)
         down, up = ((limit[at] - centre[at]) / scale[at] for limit in (lower, upper))
-        ends = shortest(float(down), float(up), level, float(spread.dof[at]))
-        found.low[at], found.high[at] = (centre[at] + end * scale[at] for end in ends)
+        low, high = shortest(float(down), float(up), level, float(spread.dof[at]))
+        # Up to a limit, the end is the limit itself, not what is left of it by a step there and back.
+        found.low[at] = lower[at] if low == down else centre[at] + low * scale[at]
+        found.high[at] = upper[at] if high == up else centre[at] + high * scale[at]
         found.kind[at] = KINDS.index(IntervalKind.LIMITED)
 
 

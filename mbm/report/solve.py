@@ -43,13 +43,14 @@ if TYPE_CHECKING:
 class Minimum:
     """Another minimum, hypothesis of a filter or separate piece: its ``estimates`` in the units of the report.
 
-    ``cost`` as a solve has it (None: bounds have none), ``starts`` that led to it, ``weight`` of a hypothesis among
-    all, a ``remark`` in words.
+    ``cost`` and ``robust_cost`` as a solve has them (None: bounds have none), ``starts`` that led to it, ``weight`` of
+    a hypothesis among all, a ``remark`` in words.
     """
 
     estimates: tuple[Named, ...]
     derived: tuple[Named, ...] = ()
     cost: float | None = None
+    robust_cost: float | None = None
     starts: int | None = None
     weight: float | None = None
     remark: str | None = None
@@ -386,6 +387,7 @@ def _minimum(found: Alternative, coverage: float) -> Minimum:
     return Minimum(
         estimates=tuple(named(item, coverage) for item in found.estimates),
         cost=found.cost,
+        robust_cost=found.robust_cost,
         starts=found.starts,
         weight=found.weight,
         remark=found.remark,
@@ -393,7 +395,5 @@ def _minimum(found: Alternative, coverage: float) -> Minimum:
 
 
 def _piece(found: Piece, coverage: float) -> Minimum:
-    return Minimum(
-        estimates=tuple(named(item, coverage) for item in found.estimates),
-        derived=tuple(named(item, coverage) for item in found.derived),
-    )
+    items = (tuple(named(item, coverage) for item in each) for each in (found.estimates, found.derived))
+    return Minimum(*items)

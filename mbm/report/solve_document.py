@@ -92,8 +92,10 @@ def corrections_document(columns: tuple[CorrectionReport, ...]) -> dict[str, Any
 
 
 def _alternative(found: Alternative) -> dict[str, Any]:
+    robust = {} if found.robust_cost is None else {"robust_cost": _number(found.robust_cost)}
     written: dict[str, Any] = {
         "cost": _number(found.cost),
+        **robust,
         "starts": found.starts,
         "estimates": {item.quantity.name: _estimate(item) for item in found.estimates},
     }

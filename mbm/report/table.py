@@ -209,7 +209,8 @@ def _narrowest(solve: SolveReport, piece: Piece) -> str:
 
 
 def _other(solve: SolveReport, other: Alternative) -> str:
-    found = f"cost {plain(other.cost, 5)}"
+    cost = f"cost {plain(other.cost, 5)}"
+    found = cost if other.robust_cost is None else f"sum of the losses {plain(other.robust_cost, 5)}, {cost}"
     if solve.starts is not None:
         found += f" from {other.starts} start{'' if other.starts == 1 else 's'}"
     remark = f" ({other.remark})" if other.remark else ""

@@ -242,14 +242,15 @@ class ConstraintReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Alternative:
-    """Another minimum: its ``cost`` as `SolveReport` has it, how many ``starts`` led to it, a ``remark`` in words.
+    """Another minimum: its ``cost`` and ``robust_cost`` as `SolveReport` has them, how many ``starts`` led to it.
 
-    ``weight`` is the probability of a hypothesis of a filter among all that it follows.
+    ``remark`` says more in words; ``weight`` is the probability of a hypothesis of a filter among all that it follows.
     """
 
     cost: float
     starts: int
     estimates: tuple[Estimate, ...]
+    robust_cost: float | None = None
     remark: str | None = None
     weight: float | None = None
 

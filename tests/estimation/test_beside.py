@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -221,6 +223,43 @@ def test_on_a_curved_constraint_of_linear_equations():
     assert result["y"].value < 0.0 < next(e.value for e in result.alternatives[0].estimates if e.name == "y")
     assert result.alternatives[0].cost < result.cost
     assert told(result)
+
+
+@pytest.mark.parametrize("more", ["", "(solve :starts (random 30))"])
+def test_beside_a_loss_costs_are_those_without_it_and_the_sum_of_losses_stands_beside(more):
+    """SciPy's Cauchy loss of scale c is c² log(1 + (r/c)²), as here; one range is off by two standard deviations."""
+    data = ranges(UP, 1)
+    data["d"]["r"][0] += 0.2
+    text = WITH.format(more="", equation=RANGE, noise=":sigma 0.1 :loss (cauchy 2)", end=more)
+    solve = mbm.loads(text if not more else text.replace(" :init 1.5", "").replace(" :init -2", "")).solve(data=data)
+    (other,) = solve.alternatives
+
+    def residuals(p):
+        return (np.hypot(p[0] - STATIONS, p[1] - UP) - data["d"]["r"]) / 0.1
+
+    ends = [
+        least_squares(residuals, [1.5, y], loss="cauchy", f_scale=2.0, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        for y in np.sign([float(solve["y"].value), float(other["y"].value)]) * 2.0
+    ]
+    for found, end in zip((solve, other), ends, strict=True):
+        assert found.robust_cost == pytest.approx(2.0 * end.cost, rel=1e-7)
+        assert found.cost == pytest.approx(np.square(residuals(end.x)).sum(), rel=1e-5)
+    written = json.loads(solve.to_json())["solves"][0]["alternatives"][0]
+    assert written["robust_cost"] == other.robust_cost
+    assert written["cost"] == other.cost
+    said = next(each.message for each in solve.diagnostics if each.code.name == "another-solution")
+    assert (
+        f"sum of the losses is {other.robust_cost:.6g}, that of the solution reported {solve.robust_cost:.6g}" in said
+    )
+
+
+def test_of_minima_that_fit_exactly_no_rounding_is_told():
+    """3² + 2² = 13 and 9 + 4: both places left and right of the line fit three exact ranges."""
+    rows = " ".join(f"({s} {float(np.hypot(1.5 - s, 2.0))!r})" for s in (0.0, 1.0, 4.0))
+    result = mbm.loads(f"""(problem p (data d (table (s r) {rows})) (unknowns (x) (y))
+      (observe d (= r (distance [x y] [s 0])) :sigma 0.1) (derive (side y)))""").solve()
+    (said,) = (each.message for each in result.diagnostics if each.code.name == "another-solution")
+    assert "no residuals are left in either" in said
 
 
 def test_constraints_that_exclude_the_other_place():

@@ -179,6 +179,17 @@ def test_intervals_that_a_hard_limit_cuts_are_told() -> None:
     assert "hard limit" not in _read(text.format(limit=""))
 
 
+def test_of_a_number_held_at_a_limit_the_interval_begins_there_and_has_two_digits() -> None:
+    """-0.2 ± 0.21 above 0.1: the tail of the normal distribution, 95 % of it; 0.1 + 3e-17 is no end."""
+    text = "(problem p (data d (table (y) (-0.1) (-0.3))) (unknowns (x :in (0.1 5))) (observe d (= y x) :sigma 0.3))"
+    sigma = 0.3 / np.sqrt(2.0)
+    high = -0.2 + sigma * norm.isf(0.05 * norm.sf(0.3 / sigma))
+    assert f"cuts the 95 % interval of `x`: 0.100 … {high:.3f}\n" in _read(text)
+    low, upper = mbm.loads(text).solve()["x"].interval()
+    assert low == 0.1
+    assert upper == pytest.approx(high, rel=1e-9)
+
+
 def test_many_cut_intervals_are_counted() -> None:
     text = (
         "(problem p (data d (table (i y) {rows})) (unknowns (x (vector 6) :in (0 5))) (observe d (= y (x i)) :sigma 1))"

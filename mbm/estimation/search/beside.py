@@ -18,7 +18,7 @@ from mbm.equations.types import Fit, Floats, Mask, Minimum, Noise
 from mbm.estimation.minimise.minimise import minima
 from mbm.estimation.search.agreement import Agreement
 from mbm.estimation.search.basins import EQUAL, Basin, merged, same_minimum, without_twins
-from mbm.estimation.search.search import Alternative
+from mbm.estimation.search.search import Alternative, other_minimum
 from mbm.estimation.search.starting import LARGE
 from mbm.estimation.search.twins import Twin, separation
 from mbm.estimation.settings import Settings
@@ -147,13 +147,7 @@ def minima_beside(
     own = Basin(minimum=minimum, starts=np.array([0]))
     others = without_twins(equations, (own, *merged(equations, found)), agrees)[1:]
     return tuple(
-        Alternative(
-            minimum=each.minimum,
-            cost=each.minimum.cost,
-            starts=len(each.starts),
-            mirrored=each.twin is Twin.MIRRORED,
-        )
-        for each in others
+        other_minimum(equations, each.minimum, len(each.starts), mirrored=each.twin is Twin.MIRRORED) for each in others
     )
 
 

@@ -23,7 +23,7 @@ from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
 from mbm.estimation.search.multistart import GIVEN as GIVEN_START
 from mbm.estimation.search.multistart import RANDOM
-from mbm.estimation.search.search import Alternative, Found, Tally
+from mbm.estimation.search.search import Found, Tally, other_minimum
 from mbm.estimation.search.starting import GIVEN, Beginning, blank_numbers
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
@@ -142,7 +142,7 @@ class Challenge:
             found, iterations=found.iterations + other.iterations, evaluations=found.evaluations + other.evaluations
         )
         beaten = rescued or takes_over(minimum.cost, other.cost, rounding)
-        return _beaten(worked, other, form.origin) if beaten else worked
+        return _beaten(self._equations, worked, other, form.origin) if beaten else worked
 
     def _outdone(self, minimum: Minimum) -> bool:
         """Whether ranges that were recognised before lead nowhere else; where they may, all is looked at."""
@@ -248,11 +248,11 @@ class _Form:
     allowance: float
 
 
-def _beaten(found: Found, other: Minimum, origin: str) -> Found:
+def _beaten(equations: Assembled, found: Found, other: Minimum, origin: str) -> Found:
     """A better minimum, which one more start has led to; what was the best before is another solution."""
     if found.tally is None:
         return replace(found, minimum=other, origin=origin)
-    former = Alternative(minimum=found.minimum, cost=found.minimum.cost, starts=found.tally.best_found, mirrored=False)
+    former = other_minimum(equations, found.minimum, found.tally.best_found)
     converged = int(other.reason.converged)
     return replace(
         found,

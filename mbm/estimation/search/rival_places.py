@@ -15,7 +15,7 @@ from mbm.estimation.minimise.minimise import minima
 from mbm.estimation.search.aligning import ORIGIN, laid_elsewhere
 from mbm.estimation.search.basins import same_minimum
 from mbm.estimation.search.beside import BOTH_ZERO, PLAUSIBLE
-from mbm.estimation.search.search import Alternative, Found
+from mbm.estimation.search.search import Found, other_minimum
 from mbm.estimation.search.starting import GIVEN
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Problem
@@ -56,7 +56,7 @@ def _joined(equations: Assembled, found: Found, other: Minimum) -> Found:
     best, rest = (other, found.minimum) if lower else (found.minimum, other)
     variance = max(1.0, best.cost / max(equations.count - equations.dimension, 1))
     near = rest.cost <= best.cost + PLAUSIBLE * variance + BOTH_ZERO
-    every = (*found.alternatives, *([Alternative(minimum=rest, cost=rest.cost, starts=1)] if near else []))
+    every = (*found.alternatives, *([other_minimum(equations, rest, 1)] if near else []))
     return replace(
         found,
         minimum=best,

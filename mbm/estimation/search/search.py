@@ -78,12 +78,7 @@ def search(
     return Found(
         minimum=replace(best.minimum, reason=Reason.INTERRUPTED) if cut_short else best.minimum,
         alternatives=tuple(
-            Alternative(
-                minimum=b.minimum,
-                cost=_plain_cost(equations, b.minimum),
-                starts=len(b.starts),
-                mirrored=b.twin is Twin.MIRRORED,
-            )
+            other_minimum(equations, b.minimum, len(b.starts), mirrored=b.twin is Twin.MIRRORED)
             for b in converged
             if b is not best
         ),
@@ -96,6 +91,11 @@ def search(
         iterations=seeker.iterations,
         evaluations=seeker.evaluations,
     )
+
+
+def other_minimum(equations: Assembled, minimum: Minimum, starts: int, *, mirrored: bool = False) -> Alternative:
+    """A minimum that so many starts have led to, and what it costs."""
+    return Alternative(minimum=minimum, cost=_plain_cost(equations, minimum), starts=starts, mirrored=mirrored)
 
 
 def reweighted(

@@ -244,7 +244,7 @@ def _others(
         agrees = derived_agreement(run.problem, run.binder, run.kernels)
         others = (*others, *minima_beside(equations, about, run.settings, run.problem, agrees))
     others = facing(run.problem, run.tables, equations, minimum, others)
-    return others, rivals(run.problem, minimum, others, about.most)
+    return others, rivals(run.problem, equations, minimum, others, about.most)
 
 
 def _confirmed(equations: Assembled, minimum: Minimum) -> Minimum:
