@@ -12,6 +12,7 @@ import mbm
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.search.basins import EQUAL, FINE, Basin, equal_costs, merged
 from mbm.estimation.search.twins import Twin, twin_of
+from mbm.estimation.search.valleys import MOST_WALKS, Walks
 from mbm.estimation.settings import settings_of
 from mbm.estimation.solve.estimate import assemble
 from mbm.report.types import SolveReport
@@ -57,11 +58,20 @@ def test_costs_are_equal_up_to_a_millionth():
 
 def line():
     """Equations of a line with its minimum: slope and offset with conditional deviations 0.1 / √14 and 0.1 / √3."""
-    compiled = mbm.loads("""(problem p (data t (table (x y) (1 2.1) (2 3.9) (3 6.2))) (unknowns (a) (b))
-      (observe t (= y (+ a (* b x))) :sigma 0.1))""").compile()
+    equations, (minimum,) = minima_of(
+        """(problem p (data t (table (x y) (1 2.1) (2 3.9) (3 6.2))) (unknowns (a) (b))
+      (observe t (= y (+ a (* b x))) :sigma 0.1))""",
+        np.zeros(2),
+    )
+    return equations, minimum
+
+
+def minima_of(text, *points):
+    """The equations of a problem, and the minima that points lead to."""
+    compiled = mbm.loads(text).compile()
     found = compiled.elaborated
     equations, _ = assemble(found.problem, compiled.kernels, found.tables, {}, compiled.cache)
-    return equations, minimise(equations, np.zeros(2), settings_of(found.problem.request))
+    return equations, [minimise(equations, point, settings_of(found.problem.request)) for point in points]
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.0, 1), (0.8, 1), (1.2, 2)])
@@ -73,7 +83,7 @@ def test_minima_are_one_within_a_thousandth_of_a_deviation(place, deviation, sha
     step[place] = share * FINE * deviation * spread
     other = replace(minimum, point=minimum.point + step)
     basins = [Basin(minimum=m, starts=np.array([i])) for i, m in enumerate((minimum, other))]
-    found = merged(equations, basins)
+    found = merged(Walks(equations, lambda: False), basins)
     assert len(found) == count
     assert sorted(np.concatenate([basin.starts for basin in found]).tolist()) == [0, 1]
 
@@ -83,7 +93,7 @@ def test_minima_of_other_costs_are_two():
     for share, count in ((0.9, 1), (1.1, 2)):
         other = replace(minimum, cost=minimum.cost + share * EQUAL * (1 + minimum.cost))
         basins = [Basin(minimum=m, starts=np.array([i])) for i, m in enumerate((minimum, other))]
-        assert len(merged(equations, basins)) == count
+        assert len(merged(Walks(equations, lambda: False), basins)) == count
 
 
 @pytest.mark.parametrize(("slope", "warned"), [(1.45, True), (1.55, False)])
@@ -148,6 +158,22 @@ def test_valleys_that_no_way_connects_are_different_solutions(equation, others):
     solve = mbm.loads(text).solve().first
     assert solve.status == "unobservable"
     assert len(solve.alternatives) == others
+
+
+def test_walks_along_valleys_end_when_the_search_is_stopped_or_has_walked_enough():
+    """The lines x + y = ±2 are two valleys; where nobody walks they count as one."""
+    text = """(problem p (data t (table (k) (1) (2))) (unknowns (x :init 1) (y :init 1))
+      (observe t (= 4 (^ (+ x y) 2)) :sigma 0.1))"""
+    equations, (one, other) = minima_of(text, np.array([1.2, 0.9]), np.array([-1.2, -0.9]))
+    basins = [Basin(minimum=m, starts=np.array([i])) for i, m in enumerate((one, other))]
+    walks = Walks(equations, lambda: False)
+    assert len(merged(walks, basins)) == 2
+    for _ in range(MOST_WALKS - 1):
+        assert not walks.connect(one, other.point)
+    assert len(merged(walks, basins)) == 1
+    asked = iter([False, False, True])
+    assert Walks(equations, lambda: next(asked)).connect(one, other.point)
+    assert not list(asked)
 
 
 def test_a_walk_that_leaves_where_the_equation_is_defined_ends():

@@ -14,7 +14,7 @@ from mbm.equations.types import Floats, Indices, Minimum
 from mbm.estimation.minimise.native.starts import StartEnds
 from mbm.estimation.search.agreement import Agreement
 from mbm.estimation.search.twins import Twin, separation, twin_of
-from mbm.estimation.search.valleys import connected, flat
+from mbm.estimation.search.valleys import Walks, flat
 from mbm.solver.decisions import DIFFERENCE
 from mbm.values import dataclass
 
@@ -67,7 +67,7 @@ def ends_apart(equations: Assembled, ends: StartEnds) -> Iterator[tuple[Floats, 
         left = left[~near]
 
 
-def merged(equations: Assembled, basins: Sequence[Basin]) -> tuple[Basin, ...]:
+def merged(walks: Walks, basins: Sequence[Basin]) -> tuple[Basin, ...]:
     """The basins that differ, the lowest cost first; those that do not meet the constraints come after all others.
 
     Of equal costs, those that converged come first, then those that the first starts led to.
@@ -75,7 +75,7 @@ def merged(equations: Assembled, basins: Sequence[Basin]) -> tuple[Basin, ...]:
     order = sorted(basins, key=lambda b: (b.minimum.cost, int(b.starts[0])))
     kept: list[Basin] = []
     for basin in order:
-        number = next((i for i, k in enumerate(kept) if same_minimum(equations, k.minimum, basin.minimum)), None)
+        number = next((i for i, k in enumerate(kept) if same_minimum(walks, k.minimum, basin.minimum)), None)
         if number is None:
             kept.append(basin)
         else:
@@ -157,13 +157,14 @@ def _units(equations: Assembled, minimum: Minimum, spread: float) -> Floats:
     return np.asarray(spread / np.maximum(length, spread / most))
 
 
-def same_minimum(equations: Assembled, one: Minimum, other: Minimum) -> bool:
+def same_minimum(walks: Walks, one: Minimum, other: Minimum) -> bool:
     """Whether it is one minimum, found twice; or they are points of one valley along which no residual changes.
 
     A cup upside down may look the same, and so it does however it is turned about its axis: these are two valleys.
     """
     if not equal_costs(one.cost, other.cost):
         return False
+    equations = walks.equations
     apart = separation(equations, one.point, other.point[None])[0]
     length = minimum_norms(one)
     spread = np.sqrt(max(1.0, one.cost))
@@ -175,7 +176,7 @@ def same_minimum(equations: Assembled, one: Minimum, other: Minimum) -> bool:
         return False
     if not (np.abs(one.residuals - other.residuals) <= FINE * spread).all():
         return False
-    return connected(equations, one, other.point)
+    return walks.connect(one, other.point)
 
 
 def _twin_among(equations: Assembled, kept: Sequence[Basin], basin: Basin) -> tuple[int, Twin] | None:

@@ -21,6 +21,7 @@ from mbm.estimation.search.basins import EQUAL, Basin, merged, same_minimum, wit
 from mbm.estimation.search.search import Alternative, other_minimum
 from mbm.estimation.search.starting import LARGE
 from mbm.estimation.search.twins import Twin, separation
+from mbm.estimation.search.valleys import Walks
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
 from mbm.problem.manifold import Piece
@@ -135,17 +136,18 @@ def minima_beside(
         return ()
     trials = _promising(equations, about)
     points = trials if equations.constraints or not len(trials) else _followed(equations, about, settings, trials)
+    walks = Walks(equations, settings.stopped)
     found = [
         Basin(minimum=each, starts=np.array([1 + number]))
         for number, each in enumerate(minima(equations, points, settings, problem.span))
-        if each.reason.converged and each.cost <= most and not same_minimum(equations, minimum, each)
+        if each.reason.converged and each.cost <= most and not same_minimum(walks, minimum, each)
     ]
     found = [each for each in found if not _collapsed(equations, each.minimum.point, minimum.point)]
     found = [each for each in found if not _chosen(equations, minimum, each.minimum.point[None], EQUAL)[0]]
     if not found:
         return ()
     own = Basin(minimum=minimum, starts=np.array([0]))
-    others = without_twins(equations, (own, *merged(equations, found)), agrees)[1:]
+    others = without_twins(equations, (own, *merged(walks, found)), agrees)[1:]
     return tuple(
         other_minimum(equations, each.minimum, len(each.starts), mirrored=each.twin is Twin.MIRRORED) for each in others
     )

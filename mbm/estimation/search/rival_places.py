@@ -17,6 +17,7 @@ from mbm.estimation.search.basins import same_minimum
 from mbm.estimation.search.beside import BOTH_ZERO, PLAUSIBLE
 from mbm.estimation.search.search import Found, other_minimum
 from mbm.estimation.search.starting import GIVEN
+from mbm.estimation.search.valleys import Walks
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Problem
 from mbm.solver.decisions import takes_over
@@ -32,6 +33,7 @@ def with_rival_places(equations: Assembled, found: Found, settings: Settings, pr
     if asked or not plain or equations.linear or not found.minimum.reason.converged:
         return found
     points = laid_elsewhere(equations, found.minimum.point, settings)
+    walks = Walks(equations, settings.stopped)
     known = [found.minimum, *(each.minimum for each in found.alternatives)]
     for point in points:
         if settings.stopped():
@@ -40,7 +42,7 @@ def with_rival_places(equations: Assembled, found: Found, settings: Settings, pr
         found = replace(
             found, iterations=found.iterations + other.iterations, evaluations=found.evaluations + other.evaluations
         )
-        if not other.reason.converged or not other.feasible or any(same_minimum(equations, k, other) for k in known):
+        if not other.reason.converged or not other.feasible or any(same_minimum(walks, k, other) for k in known):
             continue
         known.append(other)
         found = _joined(equations, found, other)

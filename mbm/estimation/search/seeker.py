@@ -23,6 +23,7 @@ from mbm.estimation.search.agreement import Agreement
 from mbm.estimation.search.basins import Basin, ends_apart, merged, ways_down, without_twins
 from mbm.estimation.search.dissection import MAXIMUM_ROWS, Dissection, Mention, Part, dissected
 from mbm.estimation.search.starting import Beginning
+from mbm.estimation.search.valleys import Walks
 from mbm.estimation.settings import Settings
 from mbm.problem.types import BlockRole, Problem
 from mbm.values import dataclass
@@ -192,6 +193,7 @@ class Seeker:
         self._settings = settings
         self._problem = problem
         self._agree = agree
+        self._walks = Walks(equations, settings.stopped)
         self.tried = 0
         self.iterations = 0
         self.evaluations = 0
@@ -254,13 +256,13 @@ class Seeker:
 
     def distinct(self, basins: Sequence[Basin]) -> tuple[Basin, ...]:
         """The minima that differ; where several starts were asked for, saddles are left downhill."""
-        found = merged(self._equations, [b for b in basins if np.isfinite(b.minimum.cost)])
+        found = merged(self._walks, [b for b in basins if np.isfinite(b.minimum.cost)])
         if not self._comparable:
             return found
         if self.batchable and self._settings.starts is not None:
             left = [self._below(b) for b in found]
             if any(b is not a for a, b in zip(found, left, strict=True)):
-                found = merged(self._equations, left)
+                found = merged(self._walks, left)
         return found if len(found) < 2 else without_twins(self._equations, found, self._agree)
 
     def _below(self, basin: Basin) -> Basin:

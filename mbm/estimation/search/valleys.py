@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from mbm.equations.assembly import Assembled
@@ -29,6 +31,9 @@ STUCK = 1e-2
 
 ALIKE = 100.0
 """Numbers that differ by a smaller factor may be places in one plane, whose distances count alike."""
+
+MOST_WALKS = 200
+"""Walks of a search, each up to 40 steps: tens of seconds with as many unknowns as are walked, else far less."""
 
 WALKED = 60
 """Unknowns up to which a valley is walked along: each step takes the singular values of the Jacobian."""
@@ -58,40 +63,60 @@ def _dead(equations: Assembled, columns: Floats, free: Mask) -> Mask:
     return np.asarray(~(length > least))
 
 
-@np.errstate(all="ignore")
-def connected(equations: Assembled, minimum: Minimum, target: Floats) -> bool:
-    """Whether a walk from a flat minimum along its valley may lead to ``target`` (N,), of the same residuals.
+class Walks:
+    """The walks along the valleys of one search, `MOST_WALKS` of them at most, until it is ``stopped()``."""
 
-    Each step goes as far towards the target as the valley does. No, where it leads no nearer, as from where it is
-    farthest: there it is pushed on once. A walk that leaves where the equations are defined tells nothing: it may.
-    """
-    free, point, jacobian = minimum.at_bound == 0, minimum.point, minimum.jacobian
-    if minimum.blocks is not None or not 0 < free.sum() <= WALKED or equations.rows is not None:
+    def __init__(self, equations: Assembled, stopped: Callable[[], bool]) -> None:
+        self.equations = equations
+        self._stopped = stopped
+        self._left = MOST_WALKS
+
+    def connect(self, minimum: Minimum, target: Floats) -> bool:
+        """Whether a walk from a flat minimum along its valley may lead to ``target`` (N,), of the same residuals.
+
+        Where nobody walks, it may.
+        """
+        equations = self.equations
+        free = minimum.at_bound == 0
+        if minimum.blocks is not None or not 0 < free.sum() <= WALKED or equations.rows is not None or not self._left:
+            return True
+        self._left -= 1
+        return self._arrives(minimum, target, free)
+
+    @np.errstate(all="ignore")
+    def _arrives(self, minimum: Minimum, target: Floats, free: Mask) -> bool:
+        """Whether a walk comes near, or does not come to an end.
+
+        Each step goes as far towards the target as the valley does. No, where it leads no nearer, as from where it is
+        farthest: there it is pushed on once. A walk that leaves where the equations are defined tells nothing: it may.
+        """
+        equations, point, jacobian = self.equations, minimum.point, minimum.jacobian
+        size = _sizes(equations, point, target)
+        near, pushed = ARRIVED * np.sqrt(max(1.0, minimum.cost)), False
+        share, before = 1.0, np.inf
+        for _ in range(STEPS):
+            if self._stopped():
+                break
+            left, slopes = _towards(equations, point, target) / size, jacobian * size
+            if not np.isfinite(slopes).all() or not np.linalg.norm(slopes @ left) > near:
+                return True
+            directions = _free_directions(equations, slopes, free)
+            along = directions @ (directions.T @ left)
+            away = float(np.linalg.norm(left))
+            share, before = share if away < before else DAMPED * share, away
+            if np.linalg.norm(along) <= STUCK * away:
+                if pushed or not directions.size:
+                    return False
+                pushed, along, before = True, LONGEST * directions[:, 0] / share, np.inf
+            step = along * min(share, LONGEST / float(np.linalg.norm(along)))
+            point = equations.retract(point, step * size)
+            slopes, apart = equations.jacobian(point) * size, equations.residuals(point) - minimum.residuals
+            if not np.isfinite(slopes).all() or not np.isfinite(apart).all():
+                return True
+            back, *_ = np.linalg.lstsq(slopes, apart)
+            point = equations.retract(point, -np.where(free, back, 0.0) * size)
+            jacobian = equations.jacobian(point)
         return True
-    size = _sizes(equations, point, target)
-    near, pushed = ARRIVED * np.sqrt(max(1.0, minimum.cost)), False
-    share, before = 1.0, np.inf
-    for _ in range(STEPS):
-        left, slopes = _towards(equations, point, target) / size, jacobian * size
-        if not np.isfinite(slopes).all() or not np.linalg.norm(slopes @ left) > near:
-            return True
-        directions = _free_directions(equations, slopes, free)
-        along = directions @ (directions.T @ left)
-        away = float(np.linalg.norm(left))
-        share, before = share if away < before else DAMPED * share, away
-        if np.linalg.norm(along) <= STUCK * away:
-            if pushed or not directions.size:
-                return False
-            pushed, along, before = True, LONGEST * directions[:, 0] / share, np.inf
-        step = along * min(share, LONGEST / float(np.linalg.norm(along)))
-        point = equations.retract(point, step * size)
-        slopes, apart = equations.jacobian(point) * size, equations.residuals(point) - minimum.residuals
-        if not np.isfinite(slopes).all() or not np.isfinite(apart).all():
-            return True
-        back, *_ = np.linalg.lstsq(slopes, apart)
-        point = equations.retract(point, -np.where(free, back, 0.0) * size)
-        jacobian = equations.jacobian(point)
-    return True
 
 
 def _sizes(equations: Assembled, point: Floats, target: Floats) -> Floats:
