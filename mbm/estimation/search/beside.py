@@ -42,7 +42,7 @@ RESIDUALS, LEAST = 60_000, 3
 
 FEW = 5
 """Distances along a ray where each point takes a search: for corrections of measured columns, or back to the surface of
-constraints; there 8 to 2,000 standard deviations, since from farther away the search does not come back."""
+constraints; 8 to 2,000 standard deviations, since from farther away the search does not come back."""
 
 CURVED = 0.5
 """Share of the cost of a linear model below which a point may lie in another basin (`decisions.SAME_BASIN`)."""
@@ -241,10 +241,11 @@ def _distances(equations: Assembled, rays: Floats) -> Floats:
     angles = equations.layout.angle[equations.free]
     turning = angles if equations.turning is None else angles | equations.turning
     fastest = np.abs(rays[:, turning]).max(axis=1, initial=0.0)
-    count = FEW if equations.implicit is not None else max(RESIDUALS // (len(rays) * equations.count), LEAST)
-    shares = DISTANCES[:: -(-len(DISTANCES) // count)] / DISTANCES[-1]
-    if equations.constraints:
+    if equations.implicit is not None or equations.constraints:
         shares = DISTANCES[::2][:FEW] / DISTANCES[-1]
+    else:
+        count = max(RESIDUALS // (len(rays) * equations.count), LEAST)
+        shares = DISTANCES[:: -(-len(DISTANCES) // count)] / DISTANCES[-1]
     with np.errstate(divide="ignore"):
         farthest: Floats = np.minimum(DISTANCES[-1], np.pi / fastest)
     return np.asarray(farthest[:, None] * shares)
