@@ -395,5 +395,5 @@ def _minimum(found: Alternative, coverage: float) -> Minimum:
 
 
 def _piece(found: Piece, coverage: float) -> Minimum:
-    items = (tuple(named(item, coverage) for item in each) for each in (found.estimates, found.derived))
-    return Minimum(*items)
+    estimates, derived = (tuple(named(item, coverage) for item in each) for each in (found.estimates, found.derived))
+    return Minimum(estimates=estimates, derived=derived)
