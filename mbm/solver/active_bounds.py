@@ -10,6 +10,7 @@ from math import fabs, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Integers, Real
 from mbm.solver.decisions import IDLE, ROUNDED_PUSH
+from mbm.solver.linear_algebra import column_product, gradient_of
 
 
 def release_inactive(
@@ -29,16 +30,10 @@ def release_inactive(
         return
     made_of = 0.0
     for j in range(n):
-        length = 0.0
-        for i in range(j + 1):
-            length += triangle[i * width + j] * triangle[i * width + j]
-        made_of += length * x[j] * x[j]
+        made_of += column_product(j + 1, width, triangle[j:], triangle[j:]) * x[j] * x[j]
     for j in range(n):
         if sides[j] != 0:
-            length = 0.0
-            slope = pulls[j]
-            for i in range(j + 1):
-                length += triangle[i * width + j] * triangle[i * width + j]
-                slope += triangle[i * width + j] * triangle[i * width + n]
+            length = column_product(j + 1, width, triangle[j:], triangle[j:])
+            slope = pulls[j] + gradient_of(n, j, triangle)
             if fabs(slope) <= sqrt(length) * (IDLE * sqrt(cost) + ROUNDED_PUSH * sqrt(made_of)):
                 sides[j] = 0

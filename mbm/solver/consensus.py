@@ -40,7 +40,7 @@ from mbm.solver.decisions import (
     WIDE_STEPS,
 )
 from mbm.solver.description import DataSet, Problem
-from mbm.solver.linear_algebra import copied, filled
+from mbm.solver.linear_algebra import copied, filled, numbered
 
 
 def put_trial(number: Integer, point: ConstantReals, problem: Problem, work: ConsensusWork) -> None:
@@ -200,8 +200,7 @@ def scored_candidates(scored_before: Integer, count: Integer, problem: Problem, 
     units = work.units
     rules = work.rules
     if count <= CANDIDATES:
-        for k in range(count):
-            work.best[k] = k
+        numbered(count, work.best)
         return count
     copied(units.count, units.cuts, units.limits)
     kind = rules.kind

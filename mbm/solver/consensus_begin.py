@@ -24,7 +24,7 @@ from mbm.solver.consensus_units import list_units, norm_directions, set_rounding
 from mbm.solver.decisions import ATTEMPTS, FAR, MIRRORED
 from mbm.solver.description import Problem
 from mbm.solver.equations import load_rows
-from mbm.solver.linear_algebra import copied
+from mbm.solver.linear_algebra import add_multiple, copied, dot, filled, multiplied
 
 
 def units_of_form(rules: Rules) -> Integer:
@@ -173,8 +173,7 @@ def image_misfit(problem: Problem, u: Integer, sight: ConstantReals, work: Conse
     point = work.kept
     pose = work.form_scratch[24:]
     known = work.forms[u * work.rules.form_width :]
-    for i in range(9):
-        pose[i] = 0.0
+    filled(9, 0.0, pose)
     for i in range(3):
         pose[4 * i] = 1.0
         pose[9 + i] = sight[i] - known[i]
@@ -204,9 +203,7 @@ def found_sight(problem: Problem, u: Integer, work: ConsensusWork, sight: Reals)
     for i in range(1, 3):
         if fabs(sight[i]) > fabs(sight[axis]):
             axis = i
-    far = fabs(sight[axis])
-    for i in range(3):
-        sight[i] = sight[i] / far
+    multiplied(3, 1.0 / fabs(sight[axis]), sight)
     for _ in range(STEPS):
         image_misfit(problem, u, sight, work, misfit)
         for k in range(2):
@@ -225,9 +222,7 @@ def found_sight(problem: Problem, u: Integer, work: ConsensusWork, sight: Reals)
         for k in range(2):
             sight[(axis + 1 + k) % 3] += step[k]
         if max(fabs(step[0]), fabs(step[1])) <= LAST_STEP:
-            far = sqrt(sight[0] * sight[0] + sight[1] * sight[1] + sight[2] * sight[2])
-            for i in range(3):
-                sight[i] = sight[i] / far
+            multiplied(3, 1.0 / sqrt(dot(3, sight, sight)), sight)
             return 1
     return 0
 
@@ -292,8 +287,7 @@ def one_sided(rules: Rules, units: Integer, forms: ConstantReals, moments: Reals
     d = rules.about[0]
     if rules.about[1] != 0:
         return 0
-    for i in range(MOMENTS):
-        moments[i] = 0.0
+    filled(MOMENTS, 0.0, moments)
     matrix = moments[3:]
     known = 0
     for again in range(2):
@@ -304,8 +298,7 @@ def one_sided(rules: Rules, units: Integer, forms: ConstantReals, moments: Reals
                     good = 0
             if good == 1 and again == 0:
                 known += 1
-                for i in range(d):
-                    moments[i] += forms[u * width + i]
+                add_multiple(d, 1.0, forms[u * width :], moments)
             if good == 1 and again == 1:
                 for i in range(d):
                     for j in range(d):
@@ -314,6 +307,5 @@ def one_sided(rules: Rules, units: Integer, forms: ConstantReals, moments: Reals
         if known == 0:
             return 0
         if again == 0:
-            for i in range(d):
-                moments[i] = moments[i] / float(known)
+            multiplied(d, 1.0 / float(known), moments)
     return smallest_share(d, matrix) <= MIRRORED * MIRRORED

@@ -16,7 +16,7 @@ from mbm.solver.consensus_rows import linearised, moved, spread_weights, unit_sq
 from mbm.solver.consensus_scores import rank_of_half
 from mbm.solver.decisions import CANDIDATE_DAMPING, CANDIDATE_REGULARISATION, STATED
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import cholesky, dot
+from mbm.solver.linear_algebra import cholesky, copied, dot, solve_lower, solve_lower_transposed
 
 NEARLY_STILL = 1e-4
 """A step that promises to lower the objective by less than this has arrived, where a fit is only on the way."""
@@ -62,17 +62,9 @@ def weighted_step(problem: Problem, count: Integer, damping: Real, chunk: Reals,
         gradient[i] = gradient[i] / scale[i]
     if cholesky(n, normal) == 0:
         return 0.0
-    for i in range(n):
-        total = gradient[i]
-        for j in range(i):
-            total -= normal[i * n + j] * step[j]
-        step[i] = total / normal[i * n + i]
-    for back in range(n):
-        i = n - 1 - back
-        total = step[i]
-        for j in range(i + 1, n):
-            total -= normal[j * n + i] * step[j]
-        step[i] = total / normal[i * n + i]
+    copied(n, gradient, step)
+    solve_lower(n, normal, step)
+    solve_lower_transposed(n, normal, step)
     lowered = 0.0
     for i in range(n):
         lowered += gradient[i] * step[i] + damping * step[i] * step[i]

@@ -11,6 +11,7 @@ from math import inf, log, sqrt
 
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.solver.consensus_records import Units
+from mbm.solver.linear_algebra import add_multiple, copied, dot, multiplied, numbered
 
 FIRST_FACTOR = 40014
 FIRST_MODULUS = 2147483563
@@ -50,28 +51,20 @@ def jump_to_next_trial(state: Integers) -> None:
 def extended(rank: Integer, n: Integer, row: ConstantReals, basis: Reals) -> Integer:
     """The rank with one more row (n,) of norm 1 or 0: what it has outside the ``basis`` (rank, n) is added to that."""
     left = basis[rank * n :]
-    for i in range(n):
-        left[i] = row[i]
+    copied(n, row, left)
     before = 1.0
     square = 0.0
     for _ in range(2):  # the second pass takes out what rounding left of the first
         for k in range(rank):
-            along = 0.0
-            for i in range(n):
-                along += basis[k * n + i] * left[i]
-            for i in range(n):
-                left[i] -= along * basis[k * n + i]
-        square = 0.0
-        for i in range(n):
-            square += left[i] * left[i]
+            add_multiple(n, -dot(n, basis[k * n :], left), basis[k * n :], left)
+        square = dot(n, left, left)
         if square >= 0.25 * before:  # little was taken out, and little rounding with it
             break
         before = square
     length = sqrt(square)
     if not length > INDEPENDENT:
         return rank
-    for i in range(n):
-        left[i] = left[i] / length
+    multiplied(n, 1.0 / length, left)
     return rank + 1
 
 
@@ -111,8 +104,7 @@ def subset_sampled(
     if units.count > WHOLE_ORDER:
         tries = WHOLE_ORDER
     else:
-        for i in range(units.count):
-            order[i] = i
+        numbered(units.count, order)
     for position in range(tries):
         if units.count > WHOLE_ORDER:
             unit = drawn_below(state, units.count)

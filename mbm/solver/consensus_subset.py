@@ -21,7 +21,7 @@ from mbm.solver.decisions import (
 )
 from mbm.solver.description import BOUNDS_AT, Problem
 from mbm.solver.equations import load_rows
-from mbm.solver.linear_algebra import cholesky, copied, dot
+from mbm.solver.linear_algebra import cholesky, copied, dot, filled
 from mbm.solver.manifolds import coordinates_of
 from mbm.solver.step_control import damping_factor
 
@@ -51,8 +51,7 @@ def add_row(problem: Problem, b: Integer, row: Integer, only: Integer, work: Con
     if only < 0:
         copied(heavy, theirs, here)
     else:
-        for w in range(heavy):
-            here[w] = 0.0
+        filled(heavy, 0.0, here)
         unit = block.units[only]
         size = unit.last - unit.first
         if unit.matrix != 0:
@@ -228,8 +227,7 @@ def fitted_to_subset(problem: Problem, start: ConstantReals, work: ConsensusWork
     here = work.first
     there = work.second
     copied(problem.numbers, start, here.point)
-    for i in range(n):
-        scale[i] = 0.0
+    filled(n, 0.0, scale)
     count = linearised(problem, subset_rows, start, here.chunk)
     residuals = here.chunk[right:]
     cost = dot(count, residuals, residuals)
@@ -243,9 +241,7 @@ def fitted_to_subset(problem: Problem, start: ConstantReals, work: ConsensusWork
         slope = bounded_step(problem, damping, here.point, work)
         promise = 0.0
         for i in range(n):
-            projected = 0.0
-            for j in range(n):
-                projected += work.normal[i * n + j] * step[j]
+            projected = dot(n, work.normal[i * n :], step)
             promise -= step[i] * (projected + 2.0 * work.gradient[i])
         if slope * slope <= SMALL * cost or cost <= SMALL * float(count):
             break

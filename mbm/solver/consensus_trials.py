@@ -28,7 +28,7 @@ from mbm.solver.consensus_scores import LMEDS, RANSAC, inlier_count, least_media
 from mbm.solver.consensus_subset import fitted_to_subset, gather_subset
 from mbm.solver.decisions import CANDIDATES, MOST_FITS, WIDE
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import copied
+from mbm.solver.linear_algebra import copied, numbered
 from mbm.solver.trial_steps import same_point
 
 DRAWS = 40
@@ -53,8 +53,7 @@ def seldom_in_vain(problem: Problem, work: ConsensusWork) -> Integer:
     n = problem.n
     units = work.units.count
     order = work.order
-    for i in range(units):
-        order[i] = i
+    numbered(units, order)
     vain = 0
     for _ in range(DRAWS):
         rank = 0
@@ -143,8 +142,7 @@ def begin_trials(work: ConsensusWork) -> None:
     work.most_inliers = 0
     work.state[0] = rules.first_state
     work.state[1] = rules.second_state
-    for i in range(work.size):
-        work.combination[i] = i
+    numbered(work.size, work.combination)
     copied(units.count, units.cuts, units.limits)
 
 

@@ -102,8 +102,7 @@ def norm_directions(problem: Problem, work: ConsensusWork) -> None:
     chunk = work.here.chunk
     norms = work.coordinates
     directions = work.directions
-    for j in range(n):
-        norms[j] = 0.0
+    filled(n, 0.0, norms)
     for u in range(units.count):
         first = units.first[u]
         place = units.place[u]

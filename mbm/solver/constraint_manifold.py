@@ -9,11 +9,24 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
-from mbm.machine.words import Integer, Reals
+from mbm.machine.words import Integer
 from mbm.solver.covariance import set_reduced, set_scales
 from mbm.solver.decisions import rounding_of_norm
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
+from mbm.solver.linear_algebra import (
+    add_multiple,
+    cholesky,
+    copied,
+    corner,
+    dot,
+    filled,
+    gradient_of,
+    solve_lower,
+    solve_lower_transposed,
+    solve_transposed,
+    solve_upper,
+    transposed,
+)
 from mbm.solver.null_space import REPEATED, from_null_space, reflect_constraints, to_null_space
 from mbm.solver.step_control import relative_offset
 from mbm.solver.steps import INDEPENDENT, without_dependent
@@ -71,16 +84,12 @@ def set_null_space(
             to_null_space(count, reflected, reflections, line)
             if found < reflected and fabs(line[found]) > REPEATED * length:
                 work.along[found] = (-work.values[c] - dot(found, line, work.along)) / line[found]
-                for k in range(reflected):
-                    lower[found * n + k] = line[k]
+                copied(reflected, line, lower[found * n :])
                 found += 1
             else:
                 held[c] = 0.0
     for k in range(count):
-        total = 0.0
-        for i in range(chosen[k] + 1):
-            total += triangle[i * (n + 1) + chosen[k]] * triangle[i * (n + 1) + n]
-        gradient[k] = total / scale[k]
+        gradient[k] = gradient_of(n, chosen[k], triangle) / scale[k]
     to_null_space(count, reflected, reflections, gradient)
     set_forces(n, holding, found, work)
     return found
@@ -123,17 +132,15 @@ def kkt_step(
     for i in range(n):
         there[i] = place.triangle[i * (n + 1) + n]
     set_reduced(n, count, reflected, place.triangle, work)
+    corner(width, width + 1, small, factor)
     for i in range(width):
-        for k in range(width):
-            factor[i * width + k] = small[i * (width + 1) + k]
         line[i] = -small[i * (width + 1) + width]
     if without_dependent(width, INDEPENDENT, factor, line) > 0:
         return 0
     if curved == 1 and corrected_right(problem, count, reflected, work) == 0:
         return 0
     solve_upper(width, factor, line)
-    for k in range(width):
-        along[reflected + k] = line[k]
+    copied(width, line, along[reflected:])
     from_null_space(count, reflected, work.reflections, along)
     set_step(problem, count, width, place, work)
     return 1
@@ -171,24 +178,10 @@ def corrected_right(problem: Problem, count: Integer, reflected: Integer, work: 
     solve_transposed(width, factor, gradient)
     if cholesky(width, inner) == 0:
         return 0
-    for i in range(width):
-        line[i] = (line[i] - gradient[i] - dot(i, inner[i * width :], line)) / inner[i * width + i]
-    for back in range(width):
-        i = width - 1 - back
-        total = line[i]
-        for k in range(i + 1, width):
-            total -= inner[k * width + i] * line[k]
-        line[i] = total / inner[i * width + i]
+    add_multiple(width, -1.0, gradient, line)
+    solve_lower(width, inner, line)
+    solve_lower_transposed(width, inner, line)
     return 1
-
-
-def transposed(n: Integer, matrix: Reals) -> None:
-    """``matrix`` (n, n) becomes its transpose."""
-    for i in range(n):
-        for k in range(i):
-            value = matrix[i * n + k]
-            matrix[i * n + k] = matrix[k * n + i]
-            matrix[k * n + i] = value
 
 
 def set_step(

@@ -10,7 +10,7 @@ from math import inf, sqrt
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.solver.decisions import decided_rank
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import append_rows, copied, divided, dot, filled, inverted_upper
+from mbm.solver.linear_algebra import append_rows, column_product, copied, corner, divided, dot, filled, inverted_upper
 from mbm.solver.null_space import from_null_space, reflect_constraints, to_null_space
 from mbm.solver.rank_deficient import set_determined, singular_values
 from mbm.solver.workspace import Work
@@ -110,10 +110,8 @@ def set_scales(
 ) -> None:
     """The lengths (count,) of the chosen columns; of those that no residual feels what constraints make of them."""
     for k in range(count):
-        square = 0.0
-        for i in range(n):
-            value = triangle[i * (n + 1) + chosen[k]] if i <= chosen[k] else 0.0
-            square += value * value
+        column = triangle[chosen[k] :]
+        square = column_product(chosen[k] + 1, n + 1, column, column)
         scale[k] = sqrt(square)
         for c in range(holding):
             if held[c] != 0.0 and square == 0.0:
@@ -151,8 +149,7 @@ def condition_of(count: Integer, width: Integer, small: ConstantReals, part: Rea
     for i in range(width):
         if small[i * (width + 1) + i] == 0.0:
             return inf
-        for k in range(width):
-            part[i * width + k] = small[i * (width + 1) + k]
+    corner(width, width + 1, small, part)
     inverted_upper(width, part, inverse)
     found = sqrt(float(count) * dot(width * width, inverse, inverse))
     return found if found < inf else inf

@@ -12,9 +12,9 @@ from math import fabs, sqrt
 from mbm.machine.words import Integer, Real, Reals
 from mbm.solver.filter_records import Walk
 from mbm.solver.filter_rows import step_lines
-from mbm.solver.linear_algebra import add_multiple, append_rows, copied, dot, filled
+from mbm.solver.filter_update import see_along
+from mbm.solver.linear_algebra import add_multiple, column_product, copied, dot, filled
 from mbm.solver.manifolds import retract
-from mbm.solver.rank_deficient import singular_values
 
 REACH = 2.0
 """Standard deviations within which a mirror is looked for …"""
@@ -139,20 +139,11 @@ def mirror(walk: Walk) -> Integer:
     """1 where the state at hand is also to be continued mirrored: `mirror_point` and `mirror_factor`."""
     n = walk.chain.n
     for j in range(n):
-        square = 0.0
-        for i in range(n):
-            square += walk.factor[i * n + j] * walk.factor[i * n + j]
-        walk.along[j] = sqrt(square)
+        walk.along[j] = sqrt(column_product(n, n, walk.factor[j:], walk.factor[j:]))
     m = step_lines(walk, walk.point)
     if m == 0:
         return 0
-    for k in range(n):
-        for i in range(m):
-            walk.chunk[k * m + i] = dot(n, walk.jacobian[i * (n + 1) :], walk.factor[k * n :])
-    filled(m, 0.0, walk.chunk[n * m :])
-    filled((n + 1) * (n + 1), 0.0, walk.triangle)
-    append_rows(n + 1, m, m, walk.chunk, walk.triangle)
-    singular_values(n, walk.triangle, walk.square, walk.axes, walk.singular)
+    see_along(walk, m, n, walk.factor)
     for number in range(2 * n):
         filled(n, 0.0, walk.way)
         fine = 0

@@ -18,7 +18,7 @@ from mbm.solver.charts import transport
 from mbm.solver.filter_moves import to_columns
 from mbm.solver.filter_records import Walk
 from mbm.solver.filter_rows import step_cost, step_lines
-from mbm.solver.linear_algebra import add_multiple, append_rows, copied, dot, filled, solve_upper, times_upper
+from mbm.solver.linear_algebra import add_multiple, append_rows, copied, corner, dot, filled, solve_upper, times_upper
 from mbm.solver.manifolds import retract
 from mbm.solver.rank_deficient import singular_values
 
@@ -37,6 +37,19 @@ FIRST_COST = 1e300
 """Where costs are not finite."""
 
 
+def see_along(walk: Walk, m: Integer, count: Integer, lines: ConstantReals) -> None:
+    """How m rows see the vectors ``lines`` (count, n): singular values, and axes in numbers of the vectors."""
+    n = walk.chain.n
+    width = count + 1
+    for k in range(count):
+        for i in range(m):
+            walk.chunk[k * m + i] = dot(n, walk.jacobian[i * (n + 1) :], lines[k * n :])
+    filled(m, 0.0, walk.chunk[count * m :])
+    filled(width * width, 0.0, walk.triangle)
+    append_rows(width, m, m, walk.chunk, walk.triangle)
+    singular_values(count, walk.triangle, walk.square, walk.axes, walk.singular)
+
+
 def turn_open(walk: Walk, m: Integer, lines: ConstantReals) -> Integer:
     """Turn the open vectors so that those which m rows determine come first; how many these are.
 
@@ -46,13 +59,7 @@ def turn_open(walk: Walk, m: Integer, lines: ConstantReals) -> Integer:
     d = walk.open_count
     if d == 0 or m == 0:
         return 0
-    for k in range(d):
-        for i in range(m):
-            walk.chunk[k * m + i] = dot(n, walk.jacobian[i * (n + 1) :], lines[k * n :])
-    filled(m, 0.0, walk.chunk[d * m :])
-    filled((d + 1) * (d + 1), 0.0, walk.triangle)
-    append_rows(d + 1, m, m, walk.chunk, walk.triangle)
-    singular_values(d, walk.triangle, walk.square, walk.axes, walk.singular)
+    see_along(walk, m, d, lines)
     found = 0
     for k in range(d):
         filled(n, 0.0, walk.square[k * n :])
@@ -80,8 +87,8 @@ def set_triangle_of(walk: Walk, m: Integer, free: Integer, size: Integer) -> Non
     for j in range(free, size):
         walk.triangle[j * width + j] = 1.0
     append_rows(width, m, m, walk.chunk, walk.triangle)
+    corner(size, width, walk.triangle, walk.square)
     for i in range(size):
-        copied(size, walk.triangle[i * width :], walk.square[i * size :])
         walk.wanted[i] = -walk.triangle[i * width + size]
     solve_upper(size, walk.square, walk.wanted)
 

@@ -19,7 +19,7 @@ from mbm.solver.constraint_values import linearise, set_units
 from mbm.solver.decisions import DIFFERENCE, EXACT, LEAST_DIFFERENCE, MET, MOST_DENSE, POLISH, SETTLED, SLOW_KKT
 from mbm.solver.description import BOUNDS_AT, ROUNDING, RUNNING, SMALL_OFFSET, TOLERANCE, Problem
 from mbm.solver.equations import residuals_at_point
-from mbm.solver.linear_algebra import copied, dot, filled
+from mbm.solver.linear_algebra import add_multiple, column_product, copied, dot, filled, gradient_of, symmetrised
 from mbm.solver.manifolds import coordinates_of, retract
 from mbm.solver.sweeps import sweep
 from mbm.solver.trust_region import constraint_count
@@ -49,10 +49,7 @@ def set_place(
     work.evaluations += 1
     total = place.cost
     for j in range(n):
-        square = 0.0
-        for i in range(j + 1):
-            square += triangle[i * (n + 1) + j] * triangle[i * (n + 1) + j]
-        place.norms[j] = sqrt(square)
+        place.norms[j] = sqrt(column_product(j + 1, n + 1, triangle[j:], triangle[j:]))
         total += place.norms[j]
     for c in range(constraint_count(problem, work.rows.data)):
         total += fabs(work.values[c])
@@ -97,11 +94,7 @@ def set_lagrangian_curvature(
             curvature[j * n + i] = (there[i] - work.gradient[i]) / step[j]
             total += fabs(curvature[j * n + i])
     work.evaluations += count
-    for i in range(n):
-        for k in range(i):
-            value = 0.5 * (curvature[i * n + k] + curvature[k * n + i])
-            curvature[i * n + k] = value
-            curvature[k * n + i] = value
+    symmetrised(n, 1.0, curvature)
     linearise(problem, place.point, work)
     return 1 if isfinite(total) else 0
 
@@ -117,8 +110,7 @@ def set_gradient(
     n = problem.n
     sweep(problem, point, 1, 0, work.rows, residuals, gradient)
     for c in range(constraint_count(problem, work.rows.data)):
-        for j in range(n):
-            gradient[j] += work.forces[c] * work.slopes[c * n + j]
+        add_multiple(n, work.forces[c], work.slopes[c * n :], gradient)
 
 
 def move(problem: Problem, place: Linearisation, work: Work) -> Integer:
@@ -292,9 +284,7 @@ def pushes_on_bounds(
     n = problem.n
     for j in range(n):
         if place.free[j] == 0.0:
-            slope = 0.0
-            for i in range(j + 1):
-                slope += place.triangle[i * (n + 1) + j] * place.triangle[i * (n + 1) + n]
+            slope = gradient_of(n, j, place.triangle)
             for c in range(constraint_count(problem, work.rows.data)):
                 slope += work.forces[c] * work.slopes[c * n + j]
             low = place.x[j] <= work.rows.constants[BOUNDS_AT + j] and slope >= -nothing * place.norms[j]

@@ -5,19 +5,11 @@ from __future__ import annotations
 from math import sqrt
 
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
-from mbm.solver.linear_algebra import add_multiple, dot, filled
+from mbm.solver.linear_algebra import add_multiple, dot, filled, sum_of_products
 
 LEAST_FREEDOM, CHECKED_HALF = 7.5, 0.499
 """Degrees of freedom of the rows looked at from which the test can tell anything, all of them and for each row; next to
 whole numbers, which roundings may fall short of."""
-
-
-def sum_of_products(rows: Integer, k: Integer, a: ConstantReals, b: ConstantReals, sums: Reals) -> None:
-    """``aᵀb`` (k, k) of matrices (rows, k)."""
-    filled(k * k, 0.0, sums)
-    for i in range(rows):
-        for j in range(k):
-            add_multiple(k, a[i * k + j], b[i * k :], sums[j * k :])
 
 
 def trace_of_square(k: Integer, matrix: ConstantReals) -> Real:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from mbm.machine.words import ConstantReals, Integer, Real, Reals, distinct_arrays
+from mbm.machine.words import ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
 
 
 @distinct_arrays
@@ -62,6 +62,76 @@ def filled(n: Integer, value: Real, target: Reals) -> None:
     """``target = value``."""
     for i in range(n):
         target[i] = value
+
+
+@distinct_arrays
+def multiplied(n: Integer, factor: Real, target: Reals) -> None:
+    """``target *= factor``."""
+    for i in range(n):
+        target[i] *= factor
+
+
+def numbered(n: Integer, target: Integers) -> None:
+    """``target`` becomes 0 … n − 1."""
+    for i in range(n):
+        target[i] = i
+
+
+@distinct_arrays
+def column_product(rows: Integer, stride: Integer, a: ConstantReals, b: ConstantReals) -> Real:
+    """``Σ a b`` of two columns of a matrix whose rows are ``stride`` apart."""
+    total = 0.0
+    for i in range(rows):
+        total += a[i * stride] * b[i * stride]
+    return total
+
+
+def gradient_of(n: Integer, k: Integer, triangle: ConstantReals) -> Real:
+    """Number ``k`` of ``Jᵀ r`` by the triangle (n + 1, n + 1) of ``[J r]``."""
+    return column_product(k + 1, n + 1, triangle[k:], triangle[n:])
+
+
+@distinct_arrays
+def corner(n: Integer, stride: Integer, matrix: ConstantReals, target: Reals) -> None:
+    """The first n columns of the first n rows, ``stride`` apart, of a matrix → (n, n)."""
+    for i in range(n):
+        copied(n, matrix[i * stride :], target[i * n :])
+
+
+def transposed(n: Integer, matrix: Reals) -> None:
+    """``matrix`` (n, n) becomes its transpose."""
+    for i in range(n):
+        for k in range(i):
+            value = matrix[i * n + k]
+            matrix[i * n + k] = matrix[k * n + i]
+            matrix[k * n + i] = value
+
+
+def symmetrised(n: Integer, factor: Real, matrix: Reals) -> None:
+    """``matrix`` (n, n) becomes the mean of itself and its transpose, times the factor."""
+    for i in range(n):
+        for k in range(i + 1):
+            value = 0.5 * factor * (matrix[i * n + k] + matrix[k * n + i])
+            matrix[i * n + k] = value
+            matrix[k * n + i] = value
+
+
+@distinct_arrays
+def sum_of_products(rows: Integer, k: Integer, a: ConstantReals, b: ConstantReals, sums: Reals) -> None:
+    """``aᵀb`` (k, k) of matrices (rows, k)."""
+    filled(k * k, 0.0, sums)
+    for i in range(rows):
+        for j in range(k):
+            add_multiple(k, a[i * k + j], b[i * k :], sums[j * k :])
+
+
+@distinct_arrays
+def product(rows: Integer, inner: Integer, columns: Integer, a: ConstantReals, b: ConstantReals, target: Reals) -> None:
+    """``a b`` (rows, columns) of matrices (rows, inner) and (inner, columns)."""
+    filled(rows * columns, 0.0, target)
+    for i in range(rows):
+        for k in range(inner):
+            add_multiple(columns, a[i * inner + k], b[k * columns :], target[i * columns :])
 
 
 @distinct_arrays
@@ -172,6 +242,22 @@ def cholesky(n: Integer, a: Reals) -> Integer:
         for i in range(j + 1, n):
             a[i * n + j] = (a[i * n + j] - dot(j, a[i * n :], a[j * n :])) / root
     return 1
+
+
+@distinct_arrays
+def solve_lower(n: Integer, lower: ConstantReals, x: Reals) -> None:
+    """``L⁻¹ x`` in place for a lower triangle L with no zero on its diagonal."""
+    for i in range(n):
+        x[i] = (x[i] - dot(i, lower[i * n :], x)) / lower[i * n + i]
+
+
+@distinct_arrays
+def solve_lower_transposed(n: Integer, lower: ConstantReals, x: Reals) -> None:
+    """``L⁻ᵀ x`` in place, likewise."""
+    for back in range(n):
+        i = n - 1 - back
+        x[i] /= lower[i * n + i]
+        add_multiple(i, -x[i], lower[i * n :], x)
 
 
 @distinct_arrays

@@ -21,7 +21,7 @@ from mbm.solver.decisions import (
     rounding_of_norm,
 )
 from mbm.solver.description import BOUNDS_AT, EXACT_FIT, ROUNDING, RUNNING, SMALL_OFFSET, Problem
-from mbm.solver.linear_algebra import divided, filled, times_transposed
+from mbm.solver.linear_algebra import column_product, divided, filled, times_transposed
 from mbm.solver.manifolds import coordinates_of
 from mbm.solver.newton import newton_step
 from mbm.solver.step_control import relative_offset
@@ -113,10 +113,7 @@ def arrive(
     coordinates_of(problem, place.point, x)
     deficient = 0
     for j in range(n):
-        square = 0.0
-        for i in range(j + 1):
-            square += triangle[i * (n + 1) + j] * triangle[i * (n + 1) + j]
-        norms[j] = sqrt(square)
+        norms[j] = sqrt(column_product(j + 1, n + 1, triangle[j:], triangle[j:]))
         if not (norms[j] > TINY and norms[j] < HUGE):
             deficient += 1
         peak[j] = norms[j]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from math import fabs, inf, isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Integers, Real, Reals
+from mbm.solver.linear_algebra import add_multiple, numbered
 
 FLAT = 1e-9
 """A pivot below this share of the largest is none: the stations leave more than a line."""
@@ -25,8 +26,7 @@ def null_line(rows: Integer, matrix: Reals, right: Reals, order: Integers, point
     """
     width = rows + 1
     first = 0.0
-    for j in range(width):
-        order[j] = j
+    numbered(width, order)
     for k in range(rows):
         best = -1.0
         row = k
@@ -56,8 +56,7 @@ def null_line(rows: Integer, matrix: Reals, right: Reals, order: Integers, point
         order[column] = place
         for i in range(k + 1, rows):
             factor = matrix[i * width + k] / matrix[k * width + k]
-            for j in range(k + 1, width):
-                matrix[i * width + j] -= factor * matrix[k * width + j]
+            add_multiple(width - k - 1, -factor, matrix[k * width + k + 1 :], matrix[i * width + k + 1 :])
             right[i] -= factor * right[k]
     point[order[rows]] = 0.0
     line[order[rows]] = 1.0

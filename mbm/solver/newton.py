@@ -12,7 +12,19 @@ from math import fabs, isfinite, sqrt
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.solver.decisions import DIFFERENCE, LEAST_DIFFERENCE
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
+from mbm.solver.linear_algebra import (
+    cholesky,
+    column_product,
+    dot,
+    filled,
+    gradient_of,
+    solve_lower,
+    solve_lower_transposed,
+    solve_transposed,
+    solve_upper,
+    symmetrised,
+    transposed,
+)
 from mbm.solver.manifolds import retract
 from mbm.solver.steps import chosen_columns, dependent_share, down_of, norm_of, up_of, without_dependent
 from mbm.solver.sweeps import sweep
@@ -49,15 +61,9 @@ def newton_step(problem: Problem, place: Linearisation, work: Work) -> Integer:
     set_inner(problem, count, chosen, sqrt(place.cost), place.scale, factor, work, inner)
     if cholesky(count, inner) == 0:
         return 0
-    for i in range(count):
-        projected[i] = (projected[i] - dot(i, inner[i * count :], projected)) / inner[i * count + i]
+    solve_lower(count, inner, projected)
     gain = dot(count, projected, projected)
-    for back in range(count):
-        i = count - 1 - back
-        total = projected[i]
-        for k in range(i + 1, count):
-            total -= inner[k * count + i] * projected[k]
-        projected[i] = total / inner[i * count + i]
+    solve_lower_transposed(count, inner, projected)
     solve_upper(count, factor, projected)
     length = norm_of(count, projected)
     if not isfinite(length) or not isfinite(gain):
@@ -92,11 +98,7 @@ def set_inner(
             value = work.curvature[chosen[i] * n + chosen[k]]
             inner[i * count + k] = weight / (scale[chosen[i]] * scale[chosen[k]]) * value
         solve_transposed(count, factor, inner[i * count :])
-    for i in range(count):
-        for k in range(i):
-            value = inner[i * count + k]
-            inner[i * count + k] = inner[k * count + i]
-            inner[k * count + i] = value
+    transposed(count, inner)
     for i in range(count):
         solve_transposed(count, factor, inner[i * count :])
         inner[i * count + i] += 1.0
@@ -110,23 +112,8 @@ def set_curvature(
     total = profiled_curvature(problem, work) if problem.profiled == 1 else plain_curvature(problem, work)
     if not isfinite(total):
         return 0
-    n = problem.n
-    curvature = work.curvature
-    share = 0.5 / sqrt(work.here.cost)
-    for j in range(n):
-        for k in range(j + 1):
-            value = share * (curvature[j * n + k] + curvature[k * n + j])
-            curvature[j * n + k] = value
-            curvature[k * n + j] = value
+    symmetrised(problem.n, 1.0 / sqrt(work.here.cost), work.curvature)
     return 1
-
-
-def gradient_of(n: Integer, k: Integer, triangle: ConstantReals) -> Real:
-    """Number ``k`` of ``Jᵀ r`` by the triangle (n + 1, n + 1) of ``[J r]``."""
-    total = 0.0
-    for i in range(k + 1):
-        total += triangle[i * (n + 1) + k] * triangle[i * (n + 1) + n]
-    return total
 
 
 def difference_of(j: Integer, work: Work) -> Real:
@@ -159,10 +146,8 @@ def profiled_curvature(problem: Problem, work: Work) -> Real:
             for k in range(n):
                 curvature[j * n + k] += gradient_of(n, k, there) / (2.0 * step[j])
         for k in range(n):
-            product = 0.0
-            for i in range(j + 1 if j < k else k + 1):
-                product += place.triangle[i * (n + 1) + j] * place.triangle[i * (n + 1) + k]
-            curvature[j * n + k] -= product
+            rows = j + 1 if j < k else k + 1
+            curvature[j * n + k] -= column_product(rows, n + 1, place.triangle[j:], place.triangle[k:])
             total += curvature[j * n + k]
     return total
 

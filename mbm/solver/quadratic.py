@@ -17,7 +17,17 @@ from mbm.machine.words import ConstantReals, Integer, Real, Reals
 from mbm.solver.constraint_manifold import set_forces, set_null_space
 from mbm.solver.covariance import set_reduced
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import add_multiple, copied, damped_triangle, dot, filled, solve_transposed, solve_upper
+from mbm.solver.linear_algebra import (
+    add_multiple,
+    copied,
+    corner,
+    damped_triangle,
+    dot,
+    filled,
+    multiplied,
+    solve_transposed,
+    solve_upper,
+)
 from mbm.solver.null_space import from_null_space, to_null_space
 from mbm.solver.steps import down_of, up_of
 from mbm.solver.trust_region import constraint_count
@@ -47,12 +57,9 @@ def solve_quadratic(problem: Problem, place: Linearisation, work: Work) -> Integ
     for i in range(n):
         work.right[i] = place.triangle[i * (n + 1) + n]
     set_reduced(n, n, reflected, place.triangle, work)
-    square = 0.0
+    corner(width, width + 1, work.small, work.part)
+    square = dot(width * width, work.part, work.part)
     for i in range(width):
-        for k in range(width):
-            value = work.small[i * (width + 1) + k]
-            work.part[i * width + k] = value
-            square += value * value
         work.part_projected[i] = work.small[i * (width + 1) + width]
     damping = work.damping * work.damping
     if damping < FLOOR * FLOOR * square:
@@ -175,8 +182,7 @@ def add_face(problem: Problem, face: Integer, reflected: Integer, place: Lineari
     solve_transposed(width, work.damped, normal)
     limit = dot(width, normal, work.right) - value - dot(reflected, work.moved, work.along)
     size = sqrt(dot(width, normal, normal))
-    for k in range(width):
-        normal[k] /= size
+    multiplied(width, 1.0 / size, normal)
     return join(width, face, limit / size, size, work)
 
 
@@ -191,15 +197,13 @@ def set_multipliers(problem: Problem, reflected: Integer, place: Linearisation, 
     filled(n, 0.0, pulled)
     for i in range(n):
         moved = place.triangle[i * (n + 1) + n] + dot(n - i, place.triangle[i * (n + 1) + i :], place.full[i:])
-        for j in range(i, n):
-            pulled[j] += place.triangle[i * (n + 1) + j] * moved
+        add_multiple(n - i, moved, place.triangle[i * (n + 1) + i :], pulled[i:])
     for k in range(work.active):
         face = work.faces[k]
         force = work.face_forces[k] / work.face_sizes[k]
         if face < holding:
             work.forces[face] = force
-            for j in range(n):
-                pulled[j] += force * work.slopes[face * n + j]
+            add_multiple(n, force, work.slopes[face * n :], pulled)
         elif face < holding + n:
             work.pushes[face - holding] -= force * work.scale[face - holding]
         else:
@@ -285,8 +289,7 @@ def join(width: Integer, face: Integer, limit: Real, size: Real, work: Work) -> 
         if free:
             add_multiple(width, -length, work.onward, work.nearest)
             violation -= length * room * room
-        for k in range(work.active):
-            work.face_forces[k] -= length * change[k]
+        add_multiple(work.active, -length, change, work.face_forces)
         force += length
         if leaving < 0:
             last = work.active
@@ -312,8 +315,7 @@ def settle_nearest(width: Integer, work: Work) -> None:
             total -= work.face_triangle[i * width + k] * share[i]
         share[k] = total / work.face_triangle[k * width + k]
         add_multiple(width, share[k], work.face_basis[k * width :], point)
-    for k in range(work.active):
-        share[k] = -share[k]
+    multiplied(work.active, -1.0, share)
     back_substituted(width, work.active, work, share)
     for k in range(work.active):
         work.face_forces[k] = share[k] if share[k] > 0.0 else 0.0

@@ -11,7 +11,7 @@ from math import fabs, inf, sqrt
 from mbm.machine.words import ConstantReals, Integer, Reals
 from mbm.solver.decisions import EPSILON, SHARE
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import copied, dot, filled, rotate
+from mbm.solver.linear_algebra import copied, dot, filled, rotate, sum_of_products
 from mbm.solver.null_space import from_null_space
 from mbm.solver.workspace import Work
 
@@ -105,12 +105,7 @@ def set_determined(
         work.sizes[chosen[k]] = 1.0 / scale[k]
     for j in range(n):
         touched[j] = 1.0 if touched[j] > SHARE * SHARE else 0.0
-    for i in range(n):
-        for k in range(n):
-            total = 0.0
-            for a in range(rank):
-                total += factor[a * n + i] * factor[a * n + k]
-            covariance[i * n + k] = total
+    sum_of_products(rank, n, factor, factor, covariance)
 
 
 def determines(problem: Problem, gradient: ConstantReals, work: Work) -> Integer:

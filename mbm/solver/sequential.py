@@ -16,10 +16,9 @@ from mbm.solver.decisions import EPSILON, LEAST_GAIN_RATIO, UNDECIDED
 from mbm.solver.description import BOUNDS_AT, NOT_FINITE_AT_START, RUNNING, Problem
 from mbm.solver.equations import residuals_at_point
 from mbm.solver.kkt import polish, set_place
-from mbm.solver.linear_algebra import copied, dot, filled
+from mbm.solver.linear_algebra import copied, dot, filled, gradient_of
 from mbm.solver.linearisation import set_cost_rounding
 from mbm.solver.manifolds import coordinates_of, place_coordinates, retract
-from mbm.solver.newton import gradient_of
 from mbm.solver.quadratic import solve_quadratic
 from mbm.solver.step_control import relative_offset
 from mbm.solver.steps import project

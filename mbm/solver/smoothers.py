@@ -33,7 +33,17 @@ from mbm.solver.filter_update import (
     set_new_factor,
     turn_open,
 )
-from mbm.solver.linear_algebra import add_multiple, append_rows, copied, dot, filled, inverted_upper, solve_upper
+from mbm.solver.linear_algebra import (
+    add_multiple,
+    append_rows,
+    column_product,
+    copied,
+    corner,
+    dot,
+    filled,
+    inverted_upper,
+    solve_upper,
+)
 from mbm.solver.manifolds import retract
 
 
@@ -302,9 +312,8 @@ def eliminate_noise(walk: Walk, k: Integer) -> None:
         walk.triangle[j * width + j] = 1.0
         walk.triangle[j * width + width - 1] = walk.noise[j]
     append_rows(width, rows, rows, walk.chunk, walk.triangle)
-    for i in range(q):
-        copied(q, walk.triangle[i * width :], walk.square[i * q :])
-        walk.promise += walk.triangle[i * width + width - 1] * walk.triangle[i * width + width - 1]
+    corner(q, width, walk.triangle, walk.square)
+    walk.promise += column_product(q, width, walk.triangle[width - 1 :], walk.triangle[width - 1 :])
     inverted_upper(q, walk.square, walk.roots[slot_of(walk, k) * q * q :])
     gains = walk.gains[slot_of(walk, k) * q * (n + 1) :]
     for j in range(n + 1):
@@ -313,8 +322,7 @@ def eliminate_noise(walk: Walk, k: Integer) -> None:
         solve_upper(q, walk.square, walk.along)
         for i in range(q):
             gains[i * (n + 1) + j] = walk.along[i]
-    for i in range(rows):
-        copied(rows, walk.triangle[(q + i) * width + q :], walk.future[i * rows :])
+    corner(rows, width, walk.triangle[q * width + q :], walk.future)
 
 
 def set_base_vectors(walk: Walk, free: Integer) -> None:
@@ -348,8 +356,8 @@ def settle_base(walk: Walk, first: Integer) -> Integer:
         walk.triangle[(free + j) * width + free + j] = 1.0
         walk.triangle[(free + j) * width + size] = walk.base_share[j] if walk.loose == 0 else 0.0
     append_rows(width, n + 1, n + 1, walk.chunk, walk.triangle)
+    corner(size, width, walk.triangle, walk.square)
     for i in range(size):
-        copied(size, walk.triangle[i * width :], walk.square[i * size :])
         walk.base_wanted[i] = -walk.triangle[i * width + size]
         walk.promise += walk.base_wanted[i] * walk.base_wanted[i]
     solve_upper(size, walk.square, walk.base_wanted)

@@ -14,10 +14,13 @@ from mbm.solver.description import BOUNDS_AT, DOGLEG, GAUSS_NEWTON, Problem
 from mbm.solver.linear_algebra import (
     add_multiple,
     append_rows,
+    column_product,
     copied,
+    corner,
     damped_triangle,
     dot,
     filled,
+    multiplied,
     solve_transposed,
     solve_upper,
     times_transposed,
@@ -48,8 +51,7 @@ def undamped_step(n: Integer, factor: ConstantReals, projected: ConstantReals, w
             return
     copied(n, projected, step)
     solve_upper(n, factor, step)
-    for j in range(n):
-        step[j] = -step[j]
+    multiplied(n, -1.0, step)
 
 
 @distinct_arrays
@@ -99,8 +101,7 @@ def limited_step(
     length = norm_of(n, step)
     if problem.rule == GAUSS_NEWTON:
         if length > radius:
-            for j in range(n):
-                step[j] *= radius / length
+            multiplied(n, radius / length, step)
     elif problem.rule == DOGLEG:
         if length > radius:
             dogleg_step(n, factor, projected, radius, work.right, work.row, step)
@@ -123,12 +124,11 @@ def dogleg_step(
     times_upper(n, factor, cauchy, image)
     curvature = dot(n, image, image)
     share = -dot(n, cauchy, cauchy) / curvature if curvature > 0.0 else 0.0
-    for j in range(n):
-        cauchy[j] *= share
+    multiplied(n, share, cauchy)
     length = norm_of(n, cauchy)
     if length >= radius:
-        for j in range(n):
-            step[j] = cauchy[j] * (radius / length)
+        copied(n, cauchy, step)
+        multiplied(n, radius / length, step)
         return
     a = 0.0
     b = 0.0
@@ -176,8 +176,7 @@ def damped_step(
         damping = damping + (length - radius) / radius * length / slope
         if not damping > least:
             damping = least
-    for j in range(n):
-        step[j] = -step[j]
+    multiplied(n, -1.0, step)
 
 
 def down_of(problem: Problem, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
@@ -233,9 +232,8 @@ def chosen_columns(n: Integer, factor: ConstantReals, projected: ConstantReals, 
             rows[k * n + i] = factor[i * n + work.chosen[k]] if i <= work.chosen[k] else 0.0
     copied(n, projected, rows[count * n :])
     append_rows(width, n, n, rows, triangle)
+    corner(count, width, triangle, work.part)
     for i in range(count):
-        for k in range(count):
-            work.part[i * count + k] = triangle[i * width + k]
         work.part_projected[i] = triangle[i * width + count]
 
 
@@ -272,11 +270,7 @@ def without_dependent(n: Integer, least: Real, factor: Reals, projected: Reals) 
     """
     longest = 0.0
     for j in range(n):
-        square = 0.0
-        for i in range(j + 1):
-            square += factor[i * n + j] * factor[i * n + j]
-        if square > longest:
-            longest = square
+        longest = max(longest, column_product(j + 1, n, factor[j:], factor[j:]))
     found = 0
     for j in range(n):
         if not fabs(factor[j * n + j]) > least * sqrt(longest):

@@ -90,3 +90,35 @@ def test_cholesky(solver):
     np.testing.assert_allclose(np.tril(found), np.linalg.cholesky(wanted), rtol=1e-13, atol=1e-14)
     assert solver("cholesky", 2, np.array([[1.0, 2.0], [2.0, 1.0]])) == 0
     assert solver("cholesky", 1, np.array([np.nan])) == 0
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 7])
+def test_lower_triangles_and_products(solver, n):
+    lower, right = upper(n).T.copy(), matrix(n, 1).ravel()
+    # What is above the diagonal is not read; a condition as in `test_triangular_systems`.
+    filled = lower + np.triu(np.full((n, n), np.nan), 1)
+    x = right.copy()
+    solver("solve_lower", n, filled, x)
+    np.testing.assert_allclose(lower @ x, right, rtol=1e-12, atol=1e-13)
+    x = right.copy()
+    solver("solve_lower_transposed", n, filled, x)
+    np.testing.assert_allclose(lower.T @ x, right, rtol=1e-12, atol=1e-13)
+    a, b, found = matrix(2, n, 3), matrix(n, 4, 4), np.full((2, 4), np.nan)
+    solver("product", 2, n, 4, a, b, found)
+    np.testing.assert_allclose(found, a @ b, rtol=1e-12, atol=1e-14)
+    a, b, found = matrix(5, n, 3), matrix(5, n, 4), np.full((n, n), np.nan)
+    solver("sum_of_products", 5, n, a, b, found)
+    np.testing.assert_allclose(found, a.T @ b, rtol=1e-12, atol=1e-14)
+
+
+def test_columns_corners_and_transposes(solver):
+    whole = matrix(5, 4)
+    flat = whole.ravel()
+    assert solver("column_product", 3, 4, flat[1:], flat[3:]) == pytest.approx(whole[:3, 1] @ whole[:3, 3], rel=1e-13)
+    found = np.zeros((3, 3))
+    solver("corner", 3, 4, whole, found)
+    np.testing.assert_array_equal(found, whole[:3, :3])
+    solver("transposed", 3, found)
+    np.testing.assert_array_equal(found, whole[:3, :3].T)
+    solver("symmetrised", 3, 2.0, found)
+    np.testing.assert_allclose(found, whole[:3, :3] + whole[:3, :3].T, rtol=1e-15)

@@ -6,6 +6,7 @@ from math import inf, sqrt
 
 from mbm.emit.routines.whitening import lower_factor
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Reals
+from mbm.solver.linear_algebra import filled, solve_lower, sum_of_products
 
 
 def root_of_information(matrix: ConstantReals, size: Integer, stride: Integer, lower: Reals, root: Reals) -> Integer:
@@ -15,13 +16,11 @@ def root_of_information(matrix: ConstantReals, size: Integer, stride: Integer, l
     """
     good = lower_factor(matrix, size, lower)
     if good == 1:
-        for column in range(size):
-            for k in range(size):
-                i = size - 1 - k
-                total = 1.0 if i == column else 0.0
-                for j in range(i + 1, size):
-                    total -= lower[j * size + i] * root[j * stride + column]
-                root[i * stride + column] = total / lower[i * size + i]
+        for i in range(size):
+            row = root[i * stride :]
+            filled(size, 0.0, row)
+            row[i] = 1.0
+            solve_lower(size, lower, row)
     return good
 
 
@@ -29,13 +28,9 @@ def put_covariance(
     n: Integer, factor: ConstantReals, touched: ConstantIntegers, covariance: Reals, deviations: Reals
 ) -> None:
     """``UᵀU`` (n, n) of a factor, and the standard deviations; NaN, and -1, of coordinates that are not determined."""
+    sum_of_products(n, n, factor, factor, covariance)
     for i in range(n):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(n):
-                total += factor[k * n + i] * factor[k * n + j]
+        for j in range(n):
             if touched[i] == 1 or touched[j] == 1:
-                total = inf - inf
-            covariance[i * n + j] = total
-            covariance[j * n + i] = total
+                covariance[i * n + j] = inf - inf
         deviations[i] = -1.0 if touched[i] == 1 else sqrt(covariance[i * n + i])

@@ -107,8 +107,7 @@ def settle_noises(problem: Problem, work: Work, kappa: ConstantReals, factors: R
     rows = work.rows
     answer = work.answer
     groups = problem.noises
-    for g in range(groups):
-        factors[g] = 1.0
+    filled(groups, 1.0, factors)
     rounds = 0
     change = 1.0
     while groups > 0 and answer.states[REASON] != NOT_FINITE_AT_START:

@@ -5,14 +5,15 @@ from __future__ import annotations
 from mbm.machine.records import view
 from mbm.machine.words import ConstantIntegers, Integer, Integers
 from mbm.solver.consensus_records import Rules, take_sizes
+from mbm.solver.consensus_subset import copied_integers
 from mbm.solver.decisions import MANY_CONNECTED
 from mbm.solver.description import DataSet, Problem
+from mbm.solver.linear_algebra import numbered
 
 
 def side_by_side(numbers: ConstantIntegers, size: Integer, copy: Integers) -> None:
     """A problem (size,) with room for all rows in one chunk, as consensus takes them."""
-    for i in range(size):
-        copy[i] = numbers[i]
+    copied_integers(size, numbers, copy)
     problem = view(Problem, numbers)
     wide = view(Problem, copy)
     if wide.chunk < problem.most_residuals:
@@ -72,8 +73,7 @@ def connected(problem: Problem, data: DataSet, columns: ConstantIntegers, label:
     n = problem.n
     if n > MANY_CONNECTED:
         return 0
-    for j in range(n):
-        label[j] = j
+    numbered(n, label)
     changed = 1
     while changed == 1:
         changed = 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbm.machine.words import ConstantReals, Integer, Reals, call_kernel
 from mbm.solver.description import Block, DataBlock, Problem, Unit
-from mbm.solver.linear_algebra import filled
+from mbm.solver.linear_algebra import copied, filled
 from mbm.solver.workspace import Rows
 
 
@@ -59,8 +59,7 @@ def set_inputs(block: Block, part: DataBlock, rows: Rows, point: ConstantReals, 
     for v in range(variables):
         inputs[v] = point[own[v]]
     given = rows.parameters[part.parameters + row * wide :]
-    for p in range(wide):
-        inputs[variables + p] = given[p]
+    copied(wide, given, inputs[variables:])
 
 
 def residuals_of_row(

@@ -8,7 +8,16 @@ from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.solver.covariance import undetermined
 from mbm.solver.description import NO_LOSS, Problem, Unit
-from mbm.solver.linear_algebra import cholesky, filled, solve_transposed, solve_upper
+from mbm.solver.linear_algebra import (
+    add_multiple,
+    cholesky,
+    dot,
+    filled,
+    product,
+    solve_lower,
+    solve_lower_transposed,
+    sum_of_products,
+)
 from mbm.solver.loss_spread import curvature_factor, loss_trace, spread_factor
 from mbm.solver.losses import loss_weight
 from mbm.solver.workspace import Rows
@@ -62,9 +71,7 @@ def add_to_pool(
     """Add what a unit with ``residuals`` (size,) and ``slopes`` (size, n) gives to the sums."""
     size = unit.last - unit.first
     kind = unit.loss
-    square = 0.0
-    for i in range(size):
-        square += residuals[i] * residuals[i]
+    square = dot(size, residuals, residuals)
     weight = 1.0
     trace = float(size)
     if kind != NO_LOSS:
@@ -81,8 +88,7 @@ def add_to_pool(
     sums[SQUARED_TRACES] += trace * trace / float(size)
     for i in range(size):
         for j in range(n):
-            for k in range(n):
-                information[j * n + k] += weight * slopes[i * n + j] * slopes[i * n + k]
+            add_multiple(n, weight * slopes[i * n + j], slopes[i * n :], information[j * n :])
 
 
 def pool(
@@ -97,10 +103,8 @@ def pool(
     """The sums over all units with the loss of the unit ``loss``, and A (n, n)."""
     n = problem.n
     line = scratch[row_scratch(problem) :]
-    for i in range(SUMS):
-        sums[i] = 0.0
-    for i in range(n * n):
-        information[i] = 0.0
+    filled(SUMS, 0.0, sums)
+    filled(n * n, 0.0, information)
     for b in range(problem.residual_blocks):
         block = problem.blocks[b]
         lines = block.outputs
@@ -132,14 +136,12 @@ def inverted(n: Integer, matrix: Reals, scale: Reals, inverse: Reals) -> Integer
     for i in range(n):
         if not matrix[i * n + i] * matrix[i * n + i] > LEAST_PIVOT:
             return 0
-        for j in range(i):
-            matrix[j * n + i] = matrix[i * n + j]
     filled(n * n, 0.0, inverse)
     for i in range(n):
         row = inverse[i * n :]
         row[i] = scale[i]
-        solve_transposed(n, matrix, row)
-        solve_upper(n, matrix, row)
+        solve_lower(n, matrix, row)
+        solve_lower_transposed(n, matrix, row)
         for j in range(n):
             row[j] *= scale[j]
     return 1
@@ -152,32 +154,14 @@ def inverted_along(
 
     ``matrix`` and ``part`` (n, n) are scratch afterwards.
     """
-    for a in range(rank):
-        for j in range(n):
-            total = 0.0
-            for i in range(n):
-                total += factor[a * n + i] * matrix[i * n + j]
-            part[a * n + j] = total
+    product(rank, n, n, factor, matrix, part)
     for a in range(rank):
         for b in range(rank):
-            total = 0.0
-            for j in range(n):
-                total += part[a * n + j] * factor[b * n + j]
-            matrix[a * rank + b] = total
+            matrix[a * rank + b] = dot(n, part[a * n :], factor[b * n :])
     if inverted(rank, matrix, scale, part) == 0:
         return 0
-    for i in range(n):
-        for b in range(rank):
-            total = 0.0
-            for a in range(rank):
-                total += factor[a * n + i] * part[a * rank + b]
-            matrix[i * rank + b] = total
-    for i in range(n):
-        for j in range(n):
-            total = 0.0
-            for b in range(rank):
-                total += matrix[i * rank + b] * factor[b * n + j]
-            inverse[i * n + j] = total
+    product(rank, rank, n, part, factor, matrix)
+    sum_of_products(rank, n, factor, matrix, inverse)
     return 1
 
 
@@ -212,9 +196,8 @@ def sandwich(
     sums = spare[4 * n * n :]
     scale = spare[4 * n * n + SUMS :]
     scratch = spare[4 * n * n + SUMS + n :]
-    for i in range(n * n):
-        curvature[i] = 0.0
-        spread[i] = 0.0
+    filled(n * n, 0.0, curvature)
+    filled(n * n, 0.0, spread)
     good = 1
     for around in range(2):
         for b in range(problem.residual_blocks):
@@ -230,8 +213,7 @@ def sandwich(
                     if around == 1 and unit.loss != NO_LOSS:
                         factor = spread_of_loss(share_of_loss(n, slope, inverse, information, sides), sums)
                     target = curvature if around == 0 else spread
-                    for i in range(n * n):
-                        target[i] += factor * information[i]
+                    add_multiple(n * n, factor, information, target)
         if around == 0:
             if rank < 0:
                 freed_of(n, sides, curvature)
@@ -253,21 +235,16 @@ def put_between(
     spare: Reals,
     covariance: Reals,
 ) -> None:
-    """``inverse spread inverse`` (n, n), of the coordinates that no bound holds; 0 for the others."""
+    """``inverse spread inverse`` (n, n) of the coordinates that no bound holds; 0 for the others.
+
+    The inverse has nothing between the one and the others.
+    """
+    product(n, n, n, inverse, spread, spare)
+    product(n, n, n, spare, inverse, covariance)
     for i in range(n):
         for j in range(n):
-            total = 0.0
-            for k in range(n):
-                if sides[k] == 0:
-                    total += inverse[i * n + k] * spread[k * n + j]
-            spare[i * n + j] = total
-    for i in range(n):
-        for j in range(n):
-            total = 0.0
-            for k in range(n):
-                if sides[k] == 0:
-                    total += spare[i * n + k] * inverse[k * n + j]
-            covariance[i * n + j] = total if sides[i] == 0 and sides[j] == 0 else 0.0
+            if sides[i] != 0 or sides[j] != 0:
+                covariance[i * n + j] = 0.0
 
 
 def share_of_loss(

@@ -22,6 +22,7 @@ from mbm.emit.routines.description import (
 from mbm.machine.records import slot, view
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.solver.description import BOUNDS_AT, NO_LOSS, NUMBER, TOLERANCE, DataSet, Problem
+from mbm.solver.linear_algebra import filled
 
 
 def set_capacities(problem: Problem, data: DataSet) -> Integer:
@@ -127,8 +128,7 @@ def set_constants(
 ) -> None:
     """Tolerance, bounds of the free coordinates, and the parameters of the losses behind them."""
     free = problem.n
-    for i in range(BOUNDS_AT):
-        constants[i] = 0.0
+    filled(BOUNDS_AT, 0.0, constants)
     constants[TOLERANCE] = tolerance
     problem.boxed = 0
     for c in range(coordinates):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from math import fabs, sqrt
+from math import fabs
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
+from mbm.solver.linear_algebra import cholesky, copied, filled, solve_lower_transposed
 from mbm.solver.noise_roots import SYMMETRIC
 
 
@@ -18,7 +19,7 @@ def weight_of_sigma(sigma: Real, weights: Reals) -> Integer:
 
 
 def lower_factor(matrix: ConstantReals, size: Integer, lower: Reals) -> Integer:
-    """Cholesky's factor of a matrix row by row; 0 where it is not symmetric and positive definite."""
+    """The lower triangle becomes Cholesky's factor of a matrix; 0: that is not symmetric and positive definite."""
     largest = 0.0
     for i in range(size * size):
         if not fabs(matrix[i]) <= largest:
@@ -27,33 +28,21 @@ def lower_factor(matrix: ConstantReals, size: Integer, lower: Reals) -> Integer:
         return 0
     for i in range(size):
         for j in range(size):
-            lower[i * size + j] = 0.0
             if fabs(matrix[i * size + j] - matrix[j * size + i]) > SYMMETRIC * largest:
                 return 0
-    for j in range(size):
-        for i in range(j, size):
-            total = matrix[i * size + j]
-            for k in range(j):
-                total -= lower[i * size + k] * lower[j * size + k]
-            if i == j:
-                if not total > 0.0:
-                    return 0
-                lower[j * size + j] = sqrt(total)
-            else:
-                lower[i * size + j] = total / lower[j * size + j]
-    return 1
+    copied(size * size, matrix, lower)
+    return cholesky(size, lower)
 
 
 def weights_of_covariance(matrix: ConstantReals, size: Integer, lower: Reals, weights: Reals) -> Integer:
     """L⁻¹ (size, size); ``lower`` is scratch of the same size. 0 where the covariance is none."""
     good = lower_factor(matrix, size, lower)
     if good == 1:
-        for j in range(size):
-            for i in range(size):
-                total = 1.0 if i == j else 0.0
-                for k in range(j, i):
-                    total -= lower[i * size + k] * weights[k * size + j]
-                weights[i * size + j] = 0.0 if i < j else total / lower[i * size + i]
+        for i in range(size):
+            row = weights[i * size :]
+            filled(size, 0.0, row)
+            row[i] = 1.0
+            solve_lower_transposed(size, lower, row)
     return good
 
 
@@ -63,5 +52,5 @@ def weights_of_information(matrix: ConstantReals, size: Integer, lower: Reals, w
     if good == 1:
         for i in range(size):
             for j in range(size):
-                weights[i * size + j] = lower[j * size + i]
+                weights[i * size + j] = lower[j * size + i] if j >= i else 0.0
     return good
