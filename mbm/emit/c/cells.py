@@ -16,6 +16,7 @@ from mbm.emit.types import (
     Key,
     LiteralKey,
     RowPrograms,
+    SlotPlace,
 )
 from mbm.machine.c import number
 from mbm.values import dataclass
@@ -47,6 +48,14 @@ class Cells:
         """The member that a link names for the row at hand."""
         link = self.blueprint.links[link_number]
         return f"f->{link.identifier}[{'row' if link.table is not None else 0}]"
+
+    def slot(self, slot: SlotPlace, origin: str) -> str:
+        """Where a number of an unknown stands, or with ``firsts`` as origin a coordinate of it."""
+        unknown = self.blueprint.unknowns[slot.unknown]
+        width = unknown.size if origin == "offsets" else unknown.freedom
+        member = "" if slot.member is None else f" + {self.member(slot.member)} * {width}"
+        component = f" + {slot.component}" if slot.component else ""
+        return f"f->{origin}[{slot.unknown}]{member}{component}"
 
     def column(self, table: Foreign, name: Foreign) -> str:
         """The array of a column."""

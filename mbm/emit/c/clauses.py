@@ -120,12 +120,8 @@ def _row(blueprint: Blueprint, cells: Cells, case: BlockCase) -> Iterator[str]:
 
 
 def _place(cells: Cells, blueprint: Blueprint, array: str, origin: str, slot: SlotPlace) -> str:
-    unknown = blueprint.unknowns[slot.unknown]
-    width = unknown.size if array == "index" else unknown.freedom
-    member = "" if slot.member is None else f" + {cells.member(slot.member)} * {width}"
-    component = f" + {slot.component}" if slot.component else ""
-    text = f"f->{array}[f->{array}_used++] = f->{origin}[{slot.unknown}]{member}{component};"
-    return f"{text}    {remark(unknown.name)}"
+    text = f"f->{array}[f->{array}_used++] = {cells.slot(slot, origin)};"
+    return f"{text}    {remark(blueprint.unknowns[slot.unknown].name)}"
 
 
 def weights(cells: Cells, case: BlockCase) -> Iterator[str]:

@@ -10,7 +10,7 @@ from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.reserved import RESERVED
 from mbm.emit.statements import ARITHMETIC, Dialect, called, statements
 from mbm.emit.system import varies
-from mbm.emit.types import BlockCase, Blueprint, DerivedShape, SlotPlace
+from mbm.emit.types import BlockCase, Blueprint, DerivedShape
 from mbm.machine.c import number
 from mbm.machine.program import Operator, Program
 from mbm.solver import description as at
@@ -123,11 +123,11 @@ def _case(cells: Cells, derived: DerivedShape, case: BlockCase, number: int) -> 
     tests = " && ".join(cells.equals(value, key) for value, key in case.static)
     yield f"if ({tests}) {{" if tests else "{"
     for i, slot in enumerate(case.variables):
-        yield f"    inputs[{i}] = f->{estimates(cells.blueprint)}[{_place(cells, slot, 'offsets')}];"
+        yield f"    inputs[{i}] = f->{estimates(cells.blueprint)}[{cells.slot(slot, 'offsets')}];"
     for i, value in enumerate(case.parameters):
         yield f"    inputs[{len(case.variables) + i}] = {cells.input(value)};"
     for i, slot in enumerate(case.tangents):
-        yield f"    places[{i}] = {_place(cells, slot, 'firsts')};"
+        yield f"    places[{i}] = {cells.slot(slot, 'firsts')};"
     count = len(case.kernel.jacobian_rows)
     held = f"f->derived_{derived.identifier}"
     yield f"    {case.identifier}_derived(inputs, outputs);"
@@ -141,14 +141,6 @@ def _case(cells: Cells, derived: DerivedShape, case: BlockCase, number: int) -> 
     yield "    continue;" if tests else "}"
     if tests:
         yield "}"
-
-
-def _place(cells: Cells, slot: SlotPlace, origin: str) -> str:
-    unknown = cells.blueprint.unknowns[slot.unknown]
-    width = unknown.size if origin == "offsets" else unknown.freedom
-    member = "" if slot.member is None else f" + {cells.member(slot.member)} * {width}"
-    component = f" + {slot.component}" if slot.component else ""
-    return f"f->{origin}[{slot.unknown}]{member}{component}"
 
 
 HELPERS: Mapping[str, str] = {

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from mbm.emit.c.filter_memory import capacity, places
-from mbm.emit.c.header import guarded
-from mbm.emit.c.text import comment, remark
+from mbm.emit.c.header import guarded, opened, table_fields
+from mbm.emit.c.text import remark
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.foreign import Word, told
-from mbm.emit.types import TableShape, UnknownShape
+from mbm.emit.types import UnknownShape
 
 STATUSES: Mapping[str, str] = {
     "ESTIMATED": "the step is estimated",
@@ -33,12 +33,8 @@ def filter_header(made: FilterBlueprint) -> str:
     """``<problem>.h``."""
     blueprint = made.blueprint
     name = blueprint.identifier
-    guard = f"{name.upper()}__H"
     reals, integers = (sum(sizes.values()) for sizes in places(made))
-    lines = [f"#ifndef {guard}", f"#define {guard}", "", comment(_doc(made)), "", *guarded('extern "C" {'), ""]
-    lines += ["/* What a call answers; `_status_text` has the sentence. */", f"enum {name}_status {{"]
-    words = [f"    {name.upper()}_{word} = {number}" for number, word in enumerate(STATUSES)]
-    lines += [",\n".join(words), "};", "", "/* Sizes. */", "enum {"]
+    lines = [*opened(name, _doc(made), STATUSES), "/* Sizes. */", "enum {"]
     for table in blueprint.tables:
         if table.name in made.given:
             most = remark("most rows of `", table.name, "` at a step")
@@ -60,7 +56,7 @@ def filter_header(made: FilterBlueprint) -> str:
     lines += [f"}} {name}_filter;", "", "/* What is given at a step: columns, one element per row, in SI. */"]
     lines += ["typedef struct {", f"    double at;    {remark('where the step is: `', plan.key, '`')}"]
     for table in blueprint.tables:
-        lines += _table(made, table) if table.name in made.given else ()
+        lines += table_fields(table, {plan.key: "; NULL: it is that of the step"}) if table.name in made.given else ()
     lines += [f"}} {name}_rows;", "", "/* What is answered, in SI; arrays stand in the filter. */", "typedef struct {"]
     lines += [*_result(), *(line for unknown in blueprint.unknowns for line in _estimate(made, unknown))]
     lines += [f"}} {name}_result;", "", *_calls(made), *guarded("}"), "", "#endif", ""]
@@ -73,15 +69,6 @@ def _doc(made: FilterBlueprint) -> Iterator[Word]:
     yield ""
     yield f"A filter ({made.plan.method}), written by mbm {blueprint.version}. Everything is in SI, angles in radians."
     yield "Nothing is allocated: a filter is a struct of the caller. Calls share nothing but their arguments."
-
-
-def _table(made: FilterBlueprint, table: TableShape) -> Iterator[str]:
-    yield f"    long {table.identifier}_rows;    {remark('rows of `', table.name, '`')}"
-    for column in table.columns:
-        kind = "const char *const *" if column.is_text else "const double *"
-        unit = (", in the file in ", column.unit) if column.unit else ()
-        null = ("; NULL: it is that of the step",) if column.name == made.plan.key else ()
-        yield f"    {kind}{table.identifier}_{column.identifier};    {remark('`', column.name, '`', *unit, *null)}"
 
 
 def _result() -> Iterator[str]:

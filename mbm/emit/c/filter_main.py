@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.c.reading import table_read
-from mbm.emit.c.text import in_unit, literal, remark
+from mbm.emit.c.reading import DIFFERS, arguments_read, program_head, table_read, tables_head
+from mbm.emit.c.text import in_unit, literal
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.types import TableShape, UnknownShape
 from mbm.machine.c import number
@@ -22,16 +22,7 @@ def tables_file(made: FilterBlueprint) -> str:
 
 def _head(made: FilterBlueprint) -> Iterator[str]:
     name, tables = made.blueprint.identifier, _tables(made)
-    yield remark(made.blueprint.name, ": its tables from CSV files, step by step. Numbers are turned into SI.")
-    yield ""
-    yield f"#ifndef {name.upper()}__TABLES_H"
-    yield f"#define {name.upper()}__TABLES_H"
-    yield ""
-    yield f'#include "{name}.h"'
-    yield '#include "csv.h"'
-    yield ""
-    yield f"enum {{ {name.upper()}_TABLES = {len(tables)} }};"
-    yield ""
+    yield from tables_head(made.blueprint, ": its tables from CSV files, step by step.", len(tables))
     yield "/* The files, the columns that were made of them, and the rows of each that are gone through. */"
     yield f"struct {name}_tables {{"
     yield f"    struct csv files[{len(tables)}];"
@@ -114,15 +105,7 @@ def _next(made: FilterBlueprint) -> Iterator[str]:
 
 
 def _heads(made: FilterBlueprint, doc: str) -> Iterator[str]:
-    yield remark(made.blueprint.name, ": ", doc)
-    yield ""
-    yield "#include <math.h>"
-    yield "#include <stdio.h>"
-    yield "#include <stdlib.h>"
-    yield "#include <string.h>"
-    yield ""
-    yield f'#include "{made.blueprint.identifier}_tables.h"'
-    yield ""
+    yield from program_head(made.blueprint, doc)
     yield f"static {made.blueprint.identifier}_filter filter;"
     yield f"static struct {made.blueprint.identifier}_tables tables;"
     yield ""
@@ -186,17 +169,7 @@ def _main(made: FilterBlueprint) -> Iterator[str]:
     yield f"    {name}_result result;"
     yield "    int status = 0;"
     yield ""
-    yield f"    if (argc != 1 + {name.upper()}_TABLES) {{"
-    yield '        fputs("usage: ", stderr);'
-    yield '        csv_show(stderr, argc > 0 ? argv[0] : "", 0);'
-    yield from (f'        fputs(" {t.identifier.upper()}.csv", stderr);' for t in _tables(made))
-    yield "        putc('\\n', stderr);"
-    yield "        return 2;"
-    yield "    }"
-    yield f"    if (!{name}_read_tables(&tables, argv + 1)) {{"
-    yield f"        {name}_free_tables(&tables);"
-    yield "        return 2;"
-    yield "    }"
+    yield from arguments_read(made.blueprint, _tables(made))
     yield from _columns(made)
     yield f"    {name}_begin(&filter);"
     yield f"    while (status <= {name.upper()}_WAITING && {name}_next_step(&tables)) {{"
@@ -215,14 +188,7 @@ def _main(made: FilterBlueprint) -> Iterator[str]:
     yield ""
 
 
-_COMPARE = """/* How far a number may lie from its reference: 1e-9 of its size or its standard deviation. */
-static int differs(double value, double reference, double sigma)
-{{
-    const double size = fabs(reference) > sigma ? fabs(reference) : sigma;
-    return !(fabs(value - reference) <= 1e-9 * size);
-}}
-
-static double known(const struct csv *reference, long row, long column)
+_COMPARE = """static double known(const struct csv *reference, long row, long column)
 {{
     const char *cell = csv_cell(reference, row, column);
     return *cell == 0 ? NAN : strtod(cell, NULL);
@@ -263,7 +229,7 @@ def test_file(made: FilterBlueprint) -> str:
     name = made.blueprint.identifier
     paths = ", ".join(f'(char *)"data/{table.identifier}.csv"' for table in _tables(made))
     lines = [*_heads(made, "the numbers of `mbm solve` for the steps of `data/` must come again.")]
-    lines += [_COMPARE.format(name=name, upper=name.upper()), "int main(void)", "{"]
+    lines += [DIFFERS + _COMPARE.format(name=name, upper=name.upper()), "int main(void)", "{"]
     lines += [f"    char *const paths[] = {{{paths}}};", "    struct csv reference;", f"    {name}_result result;"]
     lines += ["    long row = 0, wrong = 0, compared = 0;", ""]
     lines += ['    if (!csv_read(&reference, "reference.csv"))', "        return 2;"]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 
 from mbm.emit.c.derived import estimates
 from mbm.emit.c.text import comment, remark
@@ -34,14 +35,10 @@ ANSWERS = 5
 def header(blueprint: Blueprint) -> str:
     """``<problem>.h``."""
     name = blueprint.identifier
-    guard = f"{name.upper()}__H"  # two underscores in a row are in no name that a problem gives
-    lines = [f"#ifndef {guard}", f"#define {guard}", "", comment(_doc(blueprint)), "", *guarded('extern "C" {'), ""]
-    lines += ["/* What a call answers; `_status_text` has the sentence. */", f"enum {name}_status {{"]
-    words = [f"    {name.upper()}_{word} = {number}" for number, word in enumerate(STATUSES)]
-    lines += [",\n".join(words), "};", ""]
+    lines = opened(name, _doc(blueprint), STATUSES)
     lines += ["/* What is given: columns of tables, one element per row, in SI. */", "typedef struct {"]
     for table in blueprint.tables:
-        lines += _table(table)
+        lines += table_fields(table)
     for unknown in blueprint.unknowns:
         lines.append(f"    const double *start_{unknown.identifier};    {_start(unknown)}")
     lines += [f"}} {name}_data;", "", "/* What is answered, in SI; `sigma` are standard deviations. */"]
@@ -50,6 +47,17 @@ def header(blueprint: Blueprint) -> str:
     lines += [line for derived in blueprint.derived for line in _derived(derived)]
     lines += [f"}} {name}_result;", "", *_workspace(name), *_calls(name), *guarded("}"), "", "#endif", ""]
     return "\n".join(lines)
+
+
+def opened(name: str, doc: Iterable[Word], statuses: Iterable[str]) -> list[str]:
+    """The lines with which the header ``<name>.h`` begins: what it is about, and what calls answer."""
+    guard = f"{name.upper()}__H"  # two underscores in a row are in no name that a problem gives
+    words = [f"    {name.upper()}_{word} = {number}" for number, word in enumerate(statuses)]
+    return [
+        *(f"#ifndef {guard}", f"#define {guard}", "", comment(doc), "", *guarded('extern "C" {'), ""),
+        *("/* What a call answers; `_status_text` has the sentence. */", f"enum {name}_status {{"),
+        *(",\n".join(words), "};", ""),
+    ]
 
 
 def guarded(line: str) -> tuple[str, ...]:
@@ -64,12 +72,14 @@ def _doc(blueprint: Blueprint) -> Iterator[Word]:
     yield "arguments, so that threads may solve at the same time, each with a workspace of its own."
 
 
-def _table(table: TableShape) -> Iterator[str]:
+def table_fields(table: TableShape, absent: Mapping[Foreign, str] = MappingProxyType({})) -> Iterator[str]:
+    """The fields of a struct for the rows and columns of a table; of some columns what it means if they are NULL."""
     yield f"    long {table.identifier}_rows;    {remark('rows of `', table.name, '`')}"
     for column in table.columns:
         kind = "const char *const *" if column.is_text else "const double *"
         unit = (", in the file in ", column.unit) if column.unit else ()
-        yield f"    {kind}{table.identifier}_{column.identifier};    {remark('`', column.name, '`', *unit)}"
+        said = remark("`", column.name, "`", *unit, absent.get(column.name, ""))
+        yield f"    {kind}{table.identifier}_{column.identifier};    {said}"
 
 
 def _start(unknown: UnknownShape) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.header import ANSWERS
-from mbm.emit.c.reading import key_cell, key_tables
+from mbm.emit.c.reading import DIFFERS, arguments_read, key_cell, key_tables, program_head
 from mbm.emit.c.text import bare, in_unit, literal, remark
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, DerivedShape, UnknownShape
@@ -44,17 +44,8 @@ static void print_rest(double sigma, const char *unit)
 
 
 def _heads(blueprint: Blueprint, doc: str) -> Iterator[str]:
-    name = blueprint.identifier
-    yield remark(blueprint.name, ": ", doc)
-    yield ""
-    yield "#include <math.h>"
-    yield "#include <stdio.h>"
-    yield "#include <stdlib.h>"
-    yield "#include <string.h>"
-    yield ""
-    yield f'#include "{name}_tables.h"'
-    yield ""
-    yield _RESERVE.format(name=name)
+    yield from program_head(blueprint, doc)
+    yield _RESERVE.format(name=blueprint.identifier)
 
 
 def _each(blueprint: Blueprint, call: str) -> Iterator[str]:
@@ -94,12 +85,7 @@ def main_file(blueprint: Blueprint) -> str:
     lines += ["}", "", *_solve_one(blueprint), "int main(int argc, char **argv)", "{"]
     lines += [f"    struct {name}_tables tables;", "    int worst = 0;"]
     lines += ["    long row;", ""] if blueprint.for_each else [""]
-    lines += [f"    if (argc != 1 + {name.upper()}_TABLES) {{"]
-    lines += ['        fputs("usage: ", stderr);', '        csv_show(stderr, argc > 0 ? argv[0] : "", 0);']
-    lines += [f'        fputs(" {t.identifier.upper()}.csv", stderr);' for t in blueprint.tables]
-    lines += ["        putc('\\n', stderr);", "        return 2;", "    }"]
-    lines += [f"    if (!{name}_read_tables(&tables, argv + 1)) {{", f"        {name}_free_tables(&tables);"]
-    lines += ["        return 2;", "    }"]
+    lines += arguments_read(blueprint, blueprint.tables)
     for column in blueprint.for_each:
         lines += [f"    csv_put_text(stdout, {literal(column)});", "    putchar(',');"]
     lines += ['    puts("name,value,sigma,unit");']
@@ -234,7 +220,11 @@ def test_file(blueprint: Blueprint) -> str:
         f"    case {i}:\n        return sigma ? result->{d.identifier}_sigma[j] : result->{d.identifier}[j];"
         for i, d in enumerate(blueprint.derived)
     )
-    lines += [_COMPARE.format(name=name, answers=ANSWERS, starts=starts, derived=derived), "int main(void)", "{"]
+    lines += [
+        DIFFERS + _COMPARE.format(name=name, answers=ANSWERS, starts=starts, derived=derived),
+        "int main(void)",
+        "{",
+    ]
     written = ", ".join(f"(char *){path}" for path in paths)
     lines += [f"    char *const paths[] = {{{written}}};", f"    struct {name}_tables tables;"]
     lines += ["    struct csv reference;", "    long solve = 0, wrong = 0, compared = 0;"]
@@ -248,14 +238,7 @@ def test_file(blueprint: Blueprint) -> str:
     return "\n".join(lines)
 
 
-_COMPARE = """/* How far a number may lie from its reference: 1e-9 of its size or its standard deviation. */
-static int differs(double value, double reference, double sigma)
-{{
-    const double size = fabs(reference) > sigma ? fabs(reference) : sigma;
-    return !(fabs(value - reference) <= 1e-9 * size);
-}}
-
-/* Number j of derived quantity i, or its standard deviation. */
+_COMPARE = """/* Number j of derived quantity i, or its standard deviation. */
 static double derived_of(const {name}_result *result, const char *what, long i, long j)
 {{
     const int sigma = strcmp(what, "derived sigma") == 0;

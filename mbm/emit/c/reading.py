@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from mbm.emit.c.text import literal, remark
 from mbm.emit.foreign import Foreign, listed, told
@@ -18,16 +18,7 @@ def tables_file(blueprint: Blueprint) -> str:
 def _head(blueprint: Blueprint) -> Iterator[str]:
     name = blueprint.identifier
     count = max(len(blueprint.tables), 1)
-    yield remark(blueprint.name, ": its tables from CSV files. Numbers are turned into SI.")
-    yield ""
-    yield f"#ifndef {name.upper()}__TABLES_H"
-    yield f"#define {name.upper()}__TABLES_H"
-    yield ""
-    yield f'#include "{name}.h"'
-    yield '#include "csv.h"'
-    yield ""
-    yield f"enum {{ {name.upper()}_TABLES = {len(blueprint.tables)} }};"
-    yield ""
+    yield from tables_head(blueprint, ": its tables from CSV files.", len(blueprint.tables))
     yield "/* The files, and the columns that were made of them. */"
     yield f"struct {name}_tables {{"
     yield f"    struct csv files[{count}];"
@@ -140,6 +131,61 @@ def _keys(blueprint: Blueprint) -> Iterator[str]:
     yield ""
     yield "#endif"
     yield ""
+
+
+def tables_head(blueprint: Blueprint, doc: str, count: int) -> Iterator[str]:
+    """How ``<problem>_tables.h`` begins, which reads so many tables."""
+    name = blueprint.identifier
+    yield remark(blueprint.name, doc, " Numbers are turned into SI.")
+    yield ""
+    yield f"#ifndef {name.upper()}__TABLES_H"
+    yield f"#define {name.upper()}__TABLES_H"
+    yield ""
+    yield f'#include "{name}.h"'
+    yield '#include "csv.h"'
+    yield ""
+    yield f"enum {{ {name.upper()}_TABLES = {count} }};"
+    yield ""
+
+
+def program_head(blueprint: Blueprint, doc: str) -> Iterator[str]:
+    """How a program begins that reads tables, ``doc`` in words."""
+    yield remark(blueprint.name, ": ", doc)
+    yield ""
+    yield "#include <math.h>"
+    yield "#include <stdio.h>"
+    yield "#include <stdlib.h>"
+    yield "#include <string.h>"
+    yield ""
+    yield f'#include "{blueprint.identifier}_tables.h"'
+    yield ""
+
+
+def arguments_read(blueprint: Blueprint, tables: Sequence[TableShape]) -> Iterator[str]:
+    """Statements of ``main`` that read the tables from the files that it is given, or say what it wants."""
+    name = blueprint.identifier
+    yield f"    if (argc != 1 + {name.upper()}_TABLES) {{"
+    yield '        fputs("usage: ", stderr);'
+    yield '        csv_show(stderr, argc > 0 ? argv[0] : "", 0);'
+    yield from (f'        fputs(" {table.identifier.upper()}.csv", stderr);' for table in tables)
+    yield "        putc('\\n', stderr);"
+    yield "        return 2;"
+    yield "    }"
+    yield f"    if (!{name}_read_tables(&tables, argv + 1)) {{"
+    yield f"        {name}_free_tables(&tables);"
+    yield "        return 2;"
+    yield "    }"
+
+
+DIFFERS = """/* How far a number may lie from its reference: 1e-9 of its size or its standard deviation. */
+static int differs(double value, double reference, double sigma)
+{
+    const double size = fabs(reference) > sigma ? fabs(reference) : sigma;
+    return !(fabs(value - reference) <= 1e-9 * size);
+}
+
+"""
+"""What tests of generated C compare with."""
 
 
 def key_tables(blueprint: Blueprint) -> tuple[TableShape, ...]:
