@@ -1,7 +1,6 @@
 """Lines of sight to three known points → the poses that see them so: Grunert's equations, all roots.
 
-As Haralick, Lee, Ottenberg and Nölle (IJCV 13 (3), 1994) have them, polished by Newton on the laws of cosines; the same
-equations as `mbm.estimation.starts.closed_forms.numerics.three_points`.
+As Haralick, Lee, Ottenberg and Nölle (IJCV 13 (3), 1994) have them, polished by Newton on the laws of cosines.
 
 Real roots of polynomials of degree four: Ferrari's way through the resolvent cubic, then Newton.
 """
@@ -10,7 +9,7 @@ from __future__ import annotations
 
 from math import atan2, cos, exp, fabs, isfinite, log, sqrt
 
-from mbm.machine.words import ConstantReals, Integer, Real, Reals
+from mbm.machine.words import ConstantReals, Integer, Integers, Real, Reals
 from mbm.solver.decisions import NEARLY_REAL, SOLVED, SYMMETRIC
 
 
@@ -158,6 +157,14 @@ def poses_from_three(points: ConstantReals, bearings: ConstantReals, found: Real
                     pose[9 + i] = placed[i] - dot3(pose[3 * i :], points)
                 count += 1
     return count
+
+
+def poses_of_many(
+    sets: Integer, points: ConstantReals, bearings: ConstantReals, found: Reals, counts: Integers, scratch: Reals
+) -> None:
+    """`poses_from_three` for sets that stand one after the other: ``found`` (sets, 4, 12), ``counts`` (sets,)."""
+    for k in range(sets):
+        counts[k] = poses_from_three(points[9 * k :], bearings[9 * k :], found[48 * k :], scratch)
 
 
 def cube_root(x: Real) -> Real:

@@ -10,6 +10,7 @@ from mbm.solver.consensus import consensus_in_portions, consensus_many
 from mbm.solver.filter_keeping import begin_walk
 from mbm.solver.filters import filter_steps
 from mbm.solver.lags import lag_scores
+from mbm.solver.minimal_pose import poses_of_many
 from mbm.solver.noise_roots import roots_of_covariances
 from mbm.solver.smoother_lag import lag_end, lag_steps
 from mbm.solver.smoothers import smooth_all
@@ -20,7 +21,7 @@ from mbm.solver.tables import evaluate_rows
 def solver_module(lanes: int) -> Module:
     """The solver for kernels that take ``lanes`` rows at a time."""
     solving = (start_solve, go_on, set_end, finish_solve, solve_many, place_of_ranges)
-    roots = (*solving, chi_square_tails, places_of_many, lag_scores)
+    roots = (*solving, chi_square_tails, places_of_many, poses_of_many, lag_scores)
     return module_of("solver", roots, constants={"LANES": lanes})
 
 

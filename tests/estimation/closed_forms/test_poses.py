@@ -9,21 +9,29 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbm
+from mbm.estimation.native.interpreted import InterpretedCode
 from mbm.estimation.starts.closed_forms.numerics.bearings import plane_poses_from_bearings, poses_from_bearings
 from mbm.estimation.starts.closed_forms.numerics.rays import meeting_points
 from mbm.estimation.starts.closed_forms.numerics.three_points import poses_from_three
 from mbm.estimation.starts.closed_forms.pose_from_points import is_central
 from tests.estimation.closed_forms.numerics_cases import ROTATIONS, Floats, bearings, cloud
 
+CODE = InterpretedCode()
 EXACT = 1e-8
 """Roots of a quartic that are nearly double have half the digits of its coefficients."""
+
+
+def poses_of(points: Floats, seen: Floats) -> tuple[Floats, Floats]:
+    """Those of one set of three."""
+    rotations, shifts = poses_from_three(CODE, points[None], seen[None])
+    return rotations[0], shifts[0]
 
 
 @pytest.mark.parametrize("R", ROTATIONS)
 @pytest.mark.parametrize("seed", range(5))
 def test_the_pose_is_among_the_solutions_for_three_points(R: Floats, seed: int) -> None:
     points, t = cloud(3, seed), np.array([0.3, -0.2, 4.0])
-    rotations, shifts = poses_from_three(points, bearings(points, R, t))
+    rotations, shifts = poses_of(points, bearings(points, R, t))
     best = int(np.nanargmin(np.abs(rotations - R).max(axis=(1, 2))))
     np.testing.assert_allclose(rotations[best], R, atol=EXACT)
     np.testing.assert_allclose(shifts[best], t, atol=10 * EXACT)
@@ -34,7 +42,7 @@ def test_every_solution_for_three_points_sees_them_where_they_are_seen() -> None
     angles = np.array([0.0, 2.0, 4.0]) * np.pi / 3
     points = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     seen = bearings(points, np.eye(3), np.array([0.0, 0.0, np.sqrt(3.0)]))
-    rotations, shifts = poses_from_three(points, seen)
+    rotations, shifts = poses_of(points, seen)
     real = np.isfinite(shifts).all(axis=1)
     assert real.sum() == 4
     for R, t in zip(rotations[real], shifts[real], strict=True):
@@ -44,7 +52,7 @@ def test_every_solution_for_three_points_sees_them_where_they_are_seen() -> None
 
 def test_three_points_on_a_line_give_no_pose() -> None:
     points = np.outer(np.arange(3.0), [1.0, 0.0, 0.0])
-    assert np.isnan(poses_from_three(points, bearings(points, np.eye(3), np.array([0.0, 1.0, 4.0])))[1]).all()
+    assert np.isnan(poses_of(points, bearings(points, np.eye(3), np.array([0.0, 1.0, 4.0])))[1]).all()
 
 
 @pytest.mark.parametrize("R", ROTATIONS)

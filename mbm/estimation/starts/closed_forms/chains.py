@@ -83,6 +83,15 @@ def is_pose(entry: Entry) -> bool:
     return entry.unknown.kind is UnknownKind.POSE and entry.unknown.dimension == 3
 
 
+def without_poses(situation: Situation) -> Floats:
+    """The numbers (N,) that are known; of poses those alone that were known to begin with."""
+    numbers = situation.numbers.copy()
+    for entry in situation.layout.entries:
+        if is_pose(entry):
+            numbers[entry.range] = situation.asked[entry.range]
+    return numbers
+
+
 def rows_of_products(situation: Situation, group: Group, rows: Indices) -> Iterator[tuple[tuple[int, ...], Indices]]:
     """Those of some rows of a group that miss one member of each of some poses, and nothing else, by these poses."""
     layout = situation.layout

@@ -64,15 +64,7 @@ class Datum:
 
 
 def _plan(form: HandEye | Datum, candidate: Candidate, found: Products) -> Plan:
-    count = found.turns.shape[1]
-    rows = Rows(
-        columns=np.empty(0, dtype=np.int64),
-        pieces=(),
-        width=6,
-        member=np.zeros(count, dtype=np.int64),
-        unit=np.arange(count),
-        weight=np.ones(count),
-    )
+    rows = Rows.without_numbers(found.turns.shape[1], 6)
     return Plan(form=form, candidate=candidate, rows=rows, minimal=3, data=found)
 
 

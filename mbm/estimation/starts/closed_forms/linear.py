@@ -55,13 +55,17 @@ class Linear:
         """One solution for each subset; NaN where it does not determine all numbers."""
         rows: AffineRows = plan.data
         matrix, right = rows.matrix[subsets], -rows.offset[subsets]
-        scale = np.linalg.norm(matrix, axis=1)
-        scale = np.where(scale > 0, scale, 1.0)
-        U, values, Vt = np.linalg.svd(matrix / scale[:, None, :], full_matrices=False)
-        determined = values[:, -1] > DETERMINED * values[:, 0]
-        inverse = np.where(determined[:, None], 1.0 / np.where(determined[:, None], values, 1.0), np.nan)
-        found = np.einsum("tji,tj,tkj,tk->ti", Vt, inverse, U, right) / scale
-        return np.asarray(found[:, None, :])
+        return least_squares(matrix, right)[:, None, :]
+
+
+def least_squares(matrix: Floats, right: Floats) -> Floats:
+    """x (T, s) with the least ``|A x − b|`` for each of T systems (T, n, s), (T, n); NaN where they leave some open."""
+    scale = np.linalg.norm(matrix, axis=1)
+    scale = np.where(scale > 0, scale, 1.0)
+    U, values, Vt = np.linalg.svd(matrix / scale[:, None, :], full_matrices=False)
+    determined = values[:, -1] > DETERMINED * values[:, 0]
+    inverse = np.where(determined[:, None], 1.0 / np.where(determined[:, None], values, 1.0), np.nan)
+    return np.asarray(np.einsum("tji,tj,tkj,tk->ti", Vt, inverse, U, right) / scale)
 
 
 LINEAR = Linear()

@@ -54,7 +54,7 @@ def _from(values: Function, slopes: Function, count: int, start: Floats) -> Floa
     with np.errstate(all="ignore"):
         for _ in range(ITERATIONS):
             slope = slopes(start + offset @ axes) @ axes.T
-            step = _solved(slope, value)
+            step = solved(slope, value)
             length = np.linalg.norm(step, axis=1)
             step *= np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))[:, None] if length.max(initial=0.0) > 5 else 1.0
             trial = offset - np.where(np.isfinite(step), step, 0.0)
@@ -76,7 +76,7 @@ def _from(values: Function, slopes: Function, count: int, start: Floats) -> Floa
     return np.where(done[:, None], found, np.nan)
 
 
-def _solved(slope: Floats, value: Floats) -> Floats:
+def solved(slope: Floats, value: Floats) -> Floats:
     """Newton's steps (n, width) of square systems, NaN where they are singular."""
     determinant = np.linalg.det(np.where(np.isfinite(slope), slope, 0.0))
     usable = np.isfinite(slope).all(axis=(1, 2)) & np.isfinite(value).all(axis=1) & (determinant != 0)

@@ -6,6 +6,7 @@ import numpy as np
 
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices
+from mbm.estimation.starts.closed_forms.lines_of_sight import solved
 from mbm.estimation.starts.closed_forms.motions import origin, stepped
 from mbm.estimation.starts.closed_forms.numerics.finite import finite
 from mbm.estimation.starts.closed_forms.relative_poses import relates
@@ -59,7 +60,6 @@ class Measured:
 
 def vanishing(rows: Rows, entry: Entry) -> Floats:
     """The value (n, s) at which each row vanishes, NaN where Newton finds none."""
-    freedom = entry.unknown.freedom
     found = np.tile(origin(entry), (len(rows), 1))
     scale = np.ones(len(rows))
     with np.errstate(all="ignore"):
@@ -68,13 +68,11 @@ def vanishing(rows: Rows, entry: Entry) -> Floats:
             size = np.abs(values).max(axis=1)
             if number == 0:
                 scale = 1.0 + np.where(np.isfinite(size), size, 0.0)
-            usable = finite(slopes, (1, 2)) & finite(values, 1)
-            usable &= np.abs(np.linalg.det(np.where(usable[:, None, None], slopes, 0.0))) > 0
+            step = solved(slopes, values)
+            usable = finite(step, 1)
             if not bool((usable & (size > SOLVED * scale)).any()):
                 break
-            safe = np.where(usable[:, None, None], slopes, np.eye(freedom))
-            step = -np.linalg.solve(safe, np.where(usable[:, None], values, 0.0)[..., None])[..., 0]
-            found = stepped(entry, found, step)
+            found = stepped(entry, found, np.where(usable[:, None], -step, 0.0))
         size = np.abs(rows.values(found)).max(axis=1)
     return np.where((size <= 10 * SOLVED * scale)[:, None], found, np.nan)
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.native.code import native_code
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
@@ -80,7 +79,7 @@ class Multilateration:
         d, offset = len(found.point), found.offset is not None
         told, weights = np.ascontiguousarray(found.told[subsets]), np.sqrt(found.precision[subsets])
         sets, rows = subsets.shape
-        code = native_code(plan.rows.pieces[0].group.cache).solver
+        code = plan.rows.code
         code.expect(float(sets * rows * (d + 2) ** 2))
         ranges, scratch, counts = code.blank(Ranges), np.empty(SCRATCH), np.zeros(sets, dtype=np.int64)
         put(ranges, Ranges, d=d, offset=int(offset), even=int(found.even), rows=rows)

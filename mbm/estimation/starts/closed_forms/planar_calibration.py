@@ -23,6 +23,7 @@ from mbm.estimation.starts.closed_forms.chains import (
     is_pose,
     put_pose,
     rows_of_products,
+    without_poses,
 )
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints
 from mbm.estimation.starts.closed_forms.numerics.planes import homography
@@ -99,14 +100,7 @@ class PlanarCalibration:
             views += seen[1]
         if not views:
             return None
-        rows = Rows(
-            columns=np.empty(0, dtype=np.int64),
-            pieces=(),
-            width=2,
-            member=np.zeros(len(views), dtype=np.int64),
-            unit=np.arange(len(views)),
-            weight=np.ones(len(views)),
-        )
+        rows = Rows.without_numbers(len(views), 2)
         data = Views(views=tuple(views), cameras=known, columns=columns)
         return Plan(form=self, candidate=candidate, rows=rows, minimal=1, data=data)
 
@@ -120,10 +114,7 @@ def _seen(situation: Situation, camera: Camera, number: int) -> tuple[Camera, li
 
     Poses that closed forms have found meanwhile are unknown again, so that each view has a pose of its own.
     """
-    numbers = situation.numbers.copy()
-    for entry in situation.layout.entries:
-        if is_pose(entry):
-            numbers[entry.range] = situation.asked[entry.range]
+    numbers = without_poses(situation)
     numbers[camera.places] = 0.0
     free = situation.with_numbers(numbers)
     views: list[View] = []

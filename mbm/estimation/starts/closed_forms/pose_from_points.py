@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.types import Floats, Indices
+from mbm.estimation.native.code import AnyCode
 from mbm.estimation.starts.closed_forms.lines_of_sight import directions
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points
 from mbm.estimation.starts.closed_forms.numerics.bearings import plane_poses_from_bearings, poses_from_bearings
@@ -59,19 +60,19 @@ class PoseFromPoints:
         if points.shape[-1] == 2:
             R, t = plane_poses_from_bearings(points, bearings)
         elif subsets.shape[1] == 3:
-            R, t = poses_from_three(points, bearings)
+            R, t = poses_from_three(plan.rows.code, points, bearings)
         else:
-            R, t = _least_squares(points, bearings, plan.rows.weight[subsets])
+            R, t = _least_squares(plan.rows.code, points, bearings, plan.rows.weight[subsets])
         if sights.moved.inverse:
             R = np.swapaxes(R, -1, -2)
             t = -np.einsum("...ij,...j->...i", R, t)
         return sights.moved.frame.numbers(np.ones(t.shape[:-1]), R, t)
 
 
-def _least_squares(points: Floats, bearings: Floats, weights: Floats) -> tuple[Floats, Floats]:
+def _least_squares(code: AnyCode, points: Floats, bearings: Floats, weights: Floats) -> tuple[Floats, Floats]:
     R, t = np.full((len(points), 2, 3, 3), np.nan), np.full((len(points), 2, 3), np.nan)
     for i in range(len(points)):
-        found, shift = poses_of_most(points[i], bearings[i], weights[i])
+        found, shift = poses_of_most(code, points[i], bearings[i], weights[i])
         R[i, : len(found)], t[i, : len(found)] = found, shift
     return R, t
 

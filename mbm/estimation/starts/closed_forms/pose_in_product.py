@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose, put_pose, rows_of_products
+from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose, put_pose, rows_of_products, without_poses
 from mbm.estimation.starts.closed_forms.numerics.finite import finite
 from mbm.estimation.starts.closed_forms.products import products_in
 from mbm.estimation.starts.closed_forms.rows import Rows
@@ -40,11 +40,7 @@ class PoseInProduct:
         if len(candidate.entries) != 1 or candidate.paired or not is_pose(entry):
             return None
         number = candidate.support.entries[0]
-        numbers = situation.numbers.copy()
-        for each in situation.layout.entries:
-            if is_pose(each):
-                numbers[each.range] = situation.asked[each.range]
-        free = situation.with_numbers(numbers)
+        free = situation.with_numbers(without_poses(situation))
         parts = []
         for poses, lines in _lines(situation, free, number).items():
             found = products_in(free, lines, poses)
@@ -58,14 +54,7 @@ class PoseInProduct:
         if not sum(len(first) for first, _, _ in parts):
             return None
         first, R, t = (np.concatenate(each) for each in zip(*parts, strict=True))
-        rows = Rows(
-            columns=np.empty(0, dtype=np.int64),
-            pieces=(),
-            width=6,
-            member=np.zeros(len(first), dtype=np.int64),
-            unit=np.arange(len(first)),
-            weight=np.ones(len(first)),
-        )
+        rows = Rows.without_numbers(len(first), 6)
         return Plan(form=self, candidate=candidate, rows=rows, minimal=1, data=Factors(first=first, R=R, t=t))
 
     def solve(self, plan: Plan, subsets: Indices) -> Floats:

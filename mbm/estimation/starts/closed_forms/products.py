@@ -108,7 +108,7 @@ def _seen(found: Chain) -> tuple[Floats, Floats] | None:
     for k, rows in enumerate(_rows_of_each(found)):
         mine = rows[known[rows]]
         if len(mine) >= 4:
-            turns, shifts = poses_of_most(found.points[mine], bearings[mine], weight[mine])
+            turns, shifts = poses_of_most(found.moved.rows.code, found.points[mine], bearings[mine], weight[mine])
             if len(turns):
                 R[k], t[k] = turns[0], shifts[0]
     return R, t

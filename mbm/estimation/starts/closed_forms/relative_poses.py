@@ -13,6 +13,7 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.starts.closed_forms.lines_of_sight import solved
 from mbm.estimation.starts.closed_forms.motions import inverse, origin, product, stepped
 from mbm.estimation.starts.closed_forms.numerics.chordal import Frames, Motions, chordal
 from mbm.estimation.starts.closed_forms.numerics.finite import finite
@@ -111,15 +112,7 @@ class RelativePoses:
             stiffness=np.vstack([e.stiffness for e in edges]),
             pairs=tuple(pairs for e in edges for pairs in e.pairs),
         )
-        count = len(whole.first)
-        rows = Rows(
-            columns=np.empty(0, dtype=np.int64),
-            pieces=(),
-            width=entry.unknown.freedom,
-            member=np.zeros(count, dtype=np.int64),
-            unit=np.arange(count),
-            weight=np.ones(count),
-        )
+        rows = Rows.without_numbers(len(whole.first), entry.unknown.freedom)
         return Plan(form=self, candidate=candidate, rows=rows, minimal=1, data=whole)
 
     def solve(self, plan: Plan, subsets: Indices) -> Floats:
@@ -194,12 +187,10 @@ def _edge(pairs: Pairs, entry: Entry) -> Edge | None:
     with np.errstate(all="ignore"):
         for _ in range(NEWTON):
             values, slopes = pairs.linearised(start, motion, freedom)
-            usable = finite(slopes, (1, 2)) & finite(values, 1)
-            safe = np.where(usable[:, None, None], slopes, np.eye(freedom))
-            usable &= np.abs(np.linalg.det(safe)) > 0
-            if not bool(usable.all()):
+            step = solved(slopes, values)
+            if not bool(np.isfinite(step).all()):
                 return None
-            motion = stepped(entry, motion, np.asarray(-np.linalg.solve(safe, values[..., None])[..., 0]))
+            motion = stepped(entry, motion, -step)
             if float(np.abs(values).max()) <= FOUND_MOTION:
                 break
     generator = np.random.default_rng(0)

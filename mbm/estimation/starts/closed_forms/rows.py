@@ -8,6 +8,7 @@ from dataclasses import field, replace
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.native.code import AnyCode, native_code
 from mbm.estimation.starts.closed_forms.piece import Piece
 from mbm.symbolic.types import ColumnInput
 from mbm.values import dataclass
@@ -27,6 +28,23 @@ class Rows:
     member: Indices = field(repr=False)
     unit: Indices = field(repr=False)
     weight: Floats = field(repr=False)
+
+    @classmethod
+    def without_numbers(cls, count: int, width: int) -> Rows:
+        """So many of equal weight that a closed form has put together itself: they have no values."""
+        return cls(
+            columns=np.empty(0, dtype=np.int64),
+            pieces=(),
+            width=width,
+            member=np.zeros(count, dtype=np.int64),
+            unit=np.arange(count),
+            weight=np.ones(count),
+        )
+
+    @property
+    def code(self) -> AnyCode:
+        """The solver's routines, as they are kept with the problem."""
+        return native_code(self.pieces[0].group.cache).solver
 
     def __len__(self) -> int:
         """n."""

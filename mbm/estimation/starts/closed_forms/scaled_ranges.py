@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.starts.closed_forms.linear import DETERMINED
+from mbm.estimation.starts.closed_forms.linear import least_squares
 from mbm.estimation.starts.closed_forms.numerics.finite import finite
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
@@ -68,13 +68,7 @@ class ScaledRanges:
         columns = [np.square(s).sum(axis=2), *(-2.0 * s[..., i] for i in range(d)), np.ones_like(r)]
         if found.offset is not None:
             columns.append(2.0 * b * r)
-        matrix, right = np.stack(columns, axis=2) * weight[..., None], np.square(r) * weight
-        scale = np.linalg.norm(matrix, axis=1)
-        scale = np.where(scale > 0, scale, 1.0)
-        U, values, Vt = np.linalg.svd(matrix / scale[:, None, :], full_matrices=False)
-        determined = values[:, -1] > DETERMINED * values[:, 0]
-        inverse = np.where(determined[:, None], 1.0 / np.where(determined[:, None], values, 1.0), np.nan)
-        linear = np.einsum("tji,tj,tkj,tk->ti", Vt, inverse, U, right) / scale
+        linear = least_squares(np.stack(columns, axis=2) * weight[..., None], np.square(r) * weight)
         square = np.where(linear[:, :1] > 0, linear[:, :1], np.nan)
         result = np.full((len(subsets), 1, d + 1 + (found.offset is not None)), np.nan)
         result[:, 0, list(found.point)] = linear[:, 1 : d + 1] / square + middle[:, 0]

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.types import Floats
+from mbm.estimation.native.code import AnyCode
 from mbm.estimation.starts.closed_forms.numerics.bearings import poses_from_bearings
 from mbm.estimation.starts.closed_forms.numerics.medians import agreeing, contaminated, samples_of
 from mbm.estimation.starts.closed_forms.numerics.three_points import poses_from_three
 
 
-def poses_of_most(points: Floats, bearings: Floats, weights: Floats) -> tuple[Floats, Floats]:
+def poses_of_most(code: AnyCode, points: Floats, bearings: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """`poses_from_bearings` of the bearings (n, 3) that agree; of all, if none stands far out.
 
     Of samples of three, the pose with the least median of squares tells which do.
@@ -19,7 +20,7 @@ def poses_of_most(points: Floats, bearings: Floats, weights: Floats) -> tuple[Fl
     if len(R) and not contaminated(_misfits(R[:1], t[:1], points, bearings, weights)[0]):
         return R, t
     samples = samples_of(len(points), 3)
-    turns, shifts = poses_from_three(points[samples], bearings[samples])
+    turns, shifts = poses_from_three(code, points[samples], bearings[samples])
     known = np.isfinite(shifts).all(axis=-1)
     if len(points) <= 3 or not bool(known.any()):
         return R, t
