@@ -20,6 +20,7 @@ from mbm.report.spreads import Spread
 from mbm.report.types import DerivedValue, Floats, Mask, Quantity
 
 NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
+VANISHED = "the noise that it is due to is estimated as nothing"
 FREE = "the data do not determine it"
 _NOT_FINITE = "the value is not finite"
 
@@ -63,16 +64,23 @@ def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floa
     missing = np.isnan(sigma) & ~undefined
     causes = [_NOT_FINITE] if bool(undefined.any()) else []
     if bool(missing.any()):
-        causes.append(unknown or found.reason or (NO_NOISE if _noise_alone(solution, found, missing) else FREE))
+        causes.append(unknown or found.reason or _noise_alone(solution, found, missing) or FREE)
     return ", or ".join(causes) or None
 
 
-def _noise_alone(solution: Solution, found: DerivedSolution, missing: Mask) -> bool:
-    """Whether the numbers that the missing ones depend on are determined, so that only noise nobody knows is left."""
-    if found.gradient is None or all(n.state is not NoiseState.NO_REDUNDANCY for n in solution.noise.values()):
-        return False
+def untold_noise(solution: Solution) -> str | None:
+    """Why what the data determine has no standard deviation; None where all of it has."""
+    states = {noise.state for noise in solution.noise.values()}
+    told = {NoiseState.NO_REDUNDANCY: NO_NOISE, NoiseState.NOTHING: VANISHED}
+    return ", or ".join(sentence for state, sentence in told.items() if state in states) or None
+
+
+def _noise_alone(solution: Solution, found: DerivedSolution, missing: Mask) -> str | None:
+    """What is said where the numbers that the missing ones depend on are determined, and only their noise is not."""
+    if found.gradient is None:
+        return None
     loose = ~solution.observability.estimable & ~solution.observability.fixed
-    return not bool(found.gradient[missing.ravel()][:, loose].any())
+    return None if bool(found.gradient[missing.ravel()][:, loose].any()) else untold_noise(solution)
 
 
 Ends = Callable[[float], tuple[Floats, Floats]]

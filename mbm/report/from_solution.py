@@ -30,6 +30,7 @@ from mbm.report.derived_values import (
     entry_spread,
     nothing_known_of,
     stuck,
+    untold_noise,
 )
 from mbm.report.freedom import common_directions, free_directions
 from mbm.report.inputs import StartsTally
@@ -185,7 +186,8 @@ def _estimates(solution: Solution, how: Shown, unknown: str | None) -> tuple[Est
 class _Each:
     """Per coordinate (M,): sigma, NaN where there is none; whether it is fixed, held by a bound, and why no sigma is.
 
-    ``unused``: no equation mentions it; ``estimable``: the data determine it; ``unknown``: why nothing has a sigma.
+    ``unused``: no equation mentions it; ``estimable``: the data determine it; ``unknown``: why nothing has a sigma,
+    ``untold``: why what is determined has none.
     """
 
     sigma: Floats
@@ -194,6 +196,7 @@ class _Each:
     unused: Mask
     estimable: Mask
     unknown: str | None
+    untold: str
     spread: Spread
 
     @staticmethod
@@ -214,6 +217,7 @@ class _Each:
             unused=unused,
             estimable=estimable,
             unknown=unknown,
+            untold=untold_noise(solution) or NO_NOISE,
             spread=coordinate_spread(solution),
         )
 
@@ -226,7 +230,7 @@ class _Each:
         causes = (
             (_UNUSED, missing & ~used),
             (FREE, missing & used & ~estimable),
-            (NO_NOISE, missing & used & estimable),
+            (self.untold, missing & used & estimable),
         )
         return ", or ".join(sentence for sentence, which in causes if bool(which.any()))
 

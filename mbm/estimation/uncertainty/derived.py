@@ -67,10 +67,10 @@ class Propagation:
         """Covariance (k, k) of quantities with a gradient (k, n); NaN where it depends on noise that nobody knows."""
         outcome = self.outcome
         matrix = propagate(gradient, outcome.observed, outcome.covariance).matrix
-        if outcome.alternative is None:
-            return matrix
-        other = propagate(gradient, *outcome.alternative).matrix
-        return np.where(changed(matrix, other), np.nan, matrix)
+        unknown = np.zeros(matrix.shape, dtype=bool)
+        for each in outcome.alternatives:
+            unknown |= changed(matrix, propagate(gradient, each.observed, each.covariance).matrix, each.apart)
+        return np.where(unknown, np.nan, matrix)
 
     def _one(self, owner: int) -> DerivedSolution:
         derived = self.problem.derived[owner]

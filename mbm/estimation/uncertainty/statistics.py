@@ -10,7 +10,7 @@ rows (`mbm.estimation.uncertainty.robust`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -124,18 +124,31 @@ class RowInfluence:
 SAME_COVARIANCES = 1e-9
 """Relative difference up to which two covariances are the same: far above rounding, far below any factor."""
 
+OWN = 0.5
+"""The same for noise that is estimated as nothing: what it is due to alone is four times as large with twice the noise,
+while the share of it in anything else vanishes with it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alternative:
+    """The covariance with another assumption about noise that nothing tells: what differs by more is not known."""
+
+    observed: Observability
+    covariance: Covariance
+    apart: float
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Statistics:
-    """``covariance`` holds NaN also for what depends on noise that nothing tells; ``alternative`` is the covariance
-    with another assumption about such noise (None: there is none): what differs between the two is not known.
+    """``covariance`` holds NaN also for what depends on noise that nothing tells, by the ``alternatives``.
+
     ``sigma_known`` is False where no noise at all is known. ``freedoms`` says how well standard deviations are known,
     ``influence`` what the covariance is the sum of.
     """
 
     observed: Observability
     covariance: Covariance
-    alternative: tuple[Observability, Covariance] | None
+    alternatives: tuple[Alternative, ...]
     fit: Fit
     sigma_known: bool
     freedoms: Freedoms
@@ -170,9 +183,12 @@ def statistics(
         known = only.state is not NoiseState.NO_REDUNDANCY
     stated, decided = _stated(equations, noise), observed
     estimated, observed = _estimated(equations, minimum, plain, decided, stated, variance)
-    alternative = _alternative(equations, minimum, noise) if factors is not None else None
-    if alternative is not None:
-        estimated = _masked(estimated, changed(estimated.matrix, alternative[1].matrix))
+    alternatives = tuple(_alternatives(equations, minimum, noise)) if factors is not None else ()
+    unknown = np.zeros(estimated.matrix.shape, dtype=bool)
+    for each in alternatives:
+        unknown |= changed(estimated.matrix, each.covariance.matrix, each.apart)
+    if alternatives:
+        estimated = _masked(estimated, unknown)
     diagnostics = tuple(
         faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.state.value, _wanted(problem, i))
         for i, n in noise.items()
@@ -192,7 +208,7 @@ def statistics(
     return Statistics(
         observed=observed,
         covariance=estimated,
-        alternative=alternative,
+        alternatives=alternatives,
         fit=fit,
         sigma_known=known,
         freedoms=known_by,
@@ -266,24 +282,25 @@ def _stated(equations: Assembled, noise: Mapping[int, Noise]) -> Mask:
     return found
 
 
-def _alternative(
-    equations: Assembled, minimum: Minimum, noise: Mapping[int, Noise]
-) -> tuple[Observability, Covariance] | None:
-    """The covariance if the noise that the residuals cannot tell were twice as large; not of sparse problems."""
-    untold = [i for i, n in noise.items() if n.state is NoiseState.NO_REDUNDANCY]
-    if not untold or minimum.blocks is not None:
-        return None
-    weights = np.ones(equations.count)
-    for number in untold:
-        weights[equations.noise_rows(number)] = 0.5
-    observed = observed_at(minimum, equations.coordinates(minimum.point), weights)
-    return observed, covariance(observed)
+def _alternatives(equations: Assembled, minimum: Minimum, noise: Mapping[int, Noise]) -> Iterator[Alternative]:
+    """The covariances if noise that the residuals cannot tell, or that is nothing, were twice as large; of problems
+    that are not sparse.
+    """
+    for state, apart in ((NoiseState.NO_REDUNDANCY, SAME_COVARIANCES), (NoiseState.NOTHING, OWN)):
+        untold = [i for i, n in noise.items() if n.state is state]
+        if not untold or minimum.blocks is not None:
+            continue
+        weights = np.ones(equations.count)
+        for number in untold:
+            weights[equations.noise_rows(number)] = 0.5
+        observed = observed_at(minimum, equations.coordinates(minimum.point), weights)
+        yield Alternative(observed=observed, covariance=covariance(observed), apart=apart)
 
 
-def changed(first: Floats, second: Floats) -> Mask:
-    """Which elements of two covariances differ."""
+def changed(first: Floats, second: Floats, share: float) -> Mask:
+    """Which elements of two covariances differ by more than a share."""
     scale = np.maximum(np.abs(first), np.abs(second))
-    return np.asarray(np.abs(first - second) > SAME_COVARIANCES * scale, dtype=bool)
+    return np.asarray(np.abs(first - second) > share * scale, dtype=bool)
 
 
 def _masked(estimated: Covariance, unknown: Mask) -> Covariance:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import sqrt
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,6 +17,18 @@ Reweighted = Callable[[Floats], tuple[Floats, Floats] | None]
 """From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum
 with the rows of group k whitened by its sigma times factor k; None: no minimum was found with the work that is left.
 The caller starts each solve where the last one ended."""
+
+FAINT = 0.05
+"""Redundancy of each row of a group beside others' noise, below which a factor that falls may be nothing."""
+
+BETWEEN = 5
+"""Rounds after which such a factor is tried as nothing: each makes it smaller by the same share, often a small one."""
+
+NOTHING_LEFT = 0.5
+"""Share of the least redundancy that is left of a group that is nothing."""
+
+Shares: TypeAlias = tuple[Floats, Floats]
+"""Sums of squares and redundancy (K, groups) of groups of unknown noise."""
 
 VANISHED = 1e-12
 """A factor that falls below this share of its first value belongs to a group that is fitted exactly."""
@@ -98,6 +111,22 @@ class Helmert:
         near = (np.abs(after / before - 1.0) <= SETTLED_FACTORS).all(axis=1)
         return np.asarray(sound & near), sound
 
+    def fade(self, told: Callable[[Floats], Shares | None], shares: Shares, rows: Sequence[int]) -> None:
+        """Let factors of the first solve vanish that fall with the ``shares`` of a round, and do where nothing is left.
+
+        ``told`` gives the shares with other factors (groups,). The restricted likelihood has a maximum at 0 where the
+        squares are less than the redundancy there.
+        """
+        squares, redundancy = shares
+        for k, count in enumerate(rows):
+            falls = self.checked[0, k] and squares[0, k] < redundancy[0, k] < FAINT * count
+            if falls and redundancy[0, k] > LEAST_REDUNDANCY:
+                factors = self.factors[0].copy()
+                factors[k] *= sqrt(NOTHING_LEFT * LEAST_REDUNDANCY / redundancy[0, k])
+                there = told(factors)
+                if there is not None and there[0][0, k] < there[1][0, k]:
+                    self.factors[0] = factors
+
 
 @np.errstate(all="ignore")
 def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Components:
@@ -108,14 +137,23 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Compone
     """
     helmert, only = Helmert(1, len(groups)), np.zeros(1, dtype=np.int64)
     settled = False
-    for _ in range(NOISE_ROUNDS):
-        told = solve(helmert.factors[0].copy())
-        if told is None:
+
+    def told(factors: Floats) -> Shares | None:
+        found = solve(factors.copy())
+        if found is None:
+            return None
+        squares, redundancy = ([[each[rows].sum() for rows in groups]] for each in (np.square(found[0]), found[1]))
+        return np.array(squares), np.array(redundancy)
+
+    for number in range(1, NOISE_ROUNDS + 1):
+        shares = told(helmert.factors[0])
+        if shares is None:
             break
-        squares, redundancy = ([[each[rows].sum() for rows in groups]] for each in (np.square(told[0]), told[1]))
-        (settled,), (sound,) = helmert.advance(only, np.array(squares), np.array(redundancy))
+        (settled,), (sound,) = helmert.advance(only, *shares)
         if settled or not sound:
             break
+        if number % BETWEEN == 0:
+            helmert.fade(told, shares, [len(rows) for rows in groups])
     noises = (
         Noise(factor=float(factor), state=_state(exact=exact, untold=untold, checked=checked))
         for factor, exact, untold, checked in zip(

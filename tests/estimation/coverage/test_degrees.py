@@ -193,3 +193,60 @@ def test_many_solves_have_the_degrees_of_one() -> None:
                     [entry[f] for f in ("dof", "k", "U")], rel=1e-5
                 )
                 assert mine["interval"] == pytest.approx(entry["interval"], rel=1e-5)
+
+
+def _days_of(mean_square: float) -> str:
+    """Three readings on each of four days with squares within days of 1 in the mean, between days as is asked for."""
+    within = np.array([-1.0, 0.0, 1.0])
+    between = np.array([-1.0, 1.0, -1.0, 1.0]) * np.sqrt(mean_square / 4.0)
+    rows = " ".join(f"({day} {float(10 + between[day] + each)!r})" for day in range(4) for each in within.tolist())
+    return DAYS.format(rows=rows)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.5, 0.9, 0.97, 1.1, 1.5, 4.0])
+def test_days_that_differ_less_than_their_readings_have_no_standard_deviation(ratio: float) -> None:
+    """The analysis of variance: between days remains (MSB − MSW)/3, or nothing."""
+    found = solved(_days_of(ratio))
+    b = found["b"]
+    if ratio > 1.0:
+        # the rounds end where they change factors by 1e-9 each, with up to 50 times that to go
+        assert found.noise["days"] == pytest.approx(np.sqrt((ratio - 1.0) / 3.0), rel=1e-6)
+        assert np.isfinite(b.sigma).all()
+        return
+    assert found.noise["days"] == 0.0
+    assert np.isnan(b.sigma).all()
+    # without days 12 readings about one mean; what is left of the days' factor is below 1e-4 of the readings'
+    assert float(found["m"].sigma) == pytest.approx(np.sqrt((8.0 + 3.0 * ratio) / 11.0 / 12.0), rel=1e-6)
+    assert float(found["m"].dof) == 3.0
+    entry = found.document()["solves"][0]["estimates"]["b"]
+    assert entry["sigma"] == [None] * 4
+    assert entry["interval"] == [None] * 4
+    assert "estimated as nothing" in entry["reason"]
+
+
+def test_effects_of_no_dark_uncertainty_have_no_standard_deviation() -> None:
+    """Nor has what they add up to; the mean, and what a laboratory's own value is estimated as, keep theirs."""
+    text = LABORATORIES.format(count=4, more=" (derive (own (+ m (b 1))) (apart (- (b 1) (b 2)))) (for-each run)")
+    table = {"lab": [1.0, 2.0, 3.0, 4.0] * 2, "u": [0.5, 0.8, 1.1, 1.4] * 2, "run": [0.0] * 4 + [1.0] * 4}
+    found = solved(text, {"d": table | {"y": [10.0, 10.2, 9.9, 10.4, 8.0, 10.1, 13.2, 9.0]}})
+    none, some = found.solves
+    for name, known in (("m", True), ("own", True), ("b", False), ("apart", False)):
+        assert np.isfinite(none[name].sigma).all() == known, name
+        assert np.isfinite(some[name].sigma).all(), name
+    assert "estimated as nothing" in found.document()["solves"][0]["derived"]["apart"]["reason"]
+
+
+def test_effects_of_dark_uncertainty_are_held() -> None:
+    """Also where it is estimated small by chance: with the factor of the mean that would be 36 to 46 % of them."""
+    rng, count, runs = np.random.default_rng(4), 4, 40
+    u, true = np.linspace(0.5, 2.0, count), rng.normal(size=(runs, count))
+    y = 10 + true + u * rng.normal(size=(runs, count))
+    table = {"run": np.repeat(np.arange(runs), count), "lab": np.tile(np.arange(1.0, count + 1), runs)}
+    found = solved(
+        LABORATORIES.format(count=count, more=" (for-each run)"), {"d": table | {"u": np.tile(u, runs), "y": y.ravel()}}
+    )
+    ends = np.array([solve["b"].interval() for solve in found.solves], dtype=float)
+    told = np.isfinite(ends).all(axis=(1, 2))
+    assert 15 < told.sum() < runs
+    held = (ends[told, :, 0] <= true[told]) & (true[told] <= ends[told, :, 1])
+    assert held.mean() > 0.95
