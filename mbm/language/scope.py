@@ -3,10 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
+from mbm.language import faults
 from mbm.language.values import Scope, Value
-from mbm.text.types import Span
+from mbm.text.types import MbmError, Span
 from mbm.values import dataclass
+
+
+@contextmanager
+def opened(names: list[str], name: str, span: Span) -> Iterator[None]:
+    """A name is being evaluated inside, one more of ``names``.
+
+    Raises:
+        MbmError: it is one of them: its definition needs itself.
+
+    """
+    if name in names:
+        raise MbmError(faults.circular_definition(span, (*names[names.index(name) :], name)))
+    names.append(name)
+    try:
+        yield
+    finally:
+        names.pop()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from mbm.language import faults
 from mbm.language.evaluator import FormEvaluator
 from mbm.language.functions import bind_definition
 from mbm.language.limits import Limits
 from mbm.language.program import ConstantDefinition, ModelDefinition, Program
+from mbm.language.scope import opened
 from mbm.language.values import Callable_, Evaluator, Macro, Scope, Value, Vocabulary
-from mbm.text.types import MbmError, Span
+from mbm.text.types import Span
 from mbm.values import dataclass
 
 ModelMaker = Callable[[ModelDefinition, Scope], Callable_]
@@ -35,14 +35,8 @@ class GlobalScope:
         definition = self._constants.get(name)
         if definition is None:
             return None
-        if name in self._open:
-            raise MbmError(faults.circular_definition(span, (*self._open[self._open.index(name) :], name)))
-        self._open.append(name)
-        try:
-            value = self._evaluator.wanted(definition.form, self)
-        finally:
-            self._open.pop()
-        self._values[name] = value
+        with opened(self._open, name, span):
+            value = self._values[name] = self._evaluator.wanted(definition.form, self)
         return value
 
     def names(self) -> Iterator[str]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from mbm.language import faults
 from mbm.text.suggest import closest
-from mbm.text.types import Form, Keyword, MbmError, Span
+from mbm.text.types import Form, Keyword, MbmError, Sequence, Span
 from mbm.values import dataclass
 
 
@@ -74,3 +74,15 @@ def split_options(
         places=places,
         span=span,
     )
+
+
+def only(clauses: list[Sequence], name: str) -> Sequence | None:
+    """The clause that may stand once in a problem; None where there is none.
+
+    Raises:
+        MbmError: it stands several times.
+
+    """
+    for other in clauses[1:]:
+        raise MbmError(faults.duplicate_definition(other.span, name, clauses[0].span))
+    return clauses[0] if clauses else None

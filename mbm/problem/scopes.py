@@ -10,7 +10,7 @@ from mbm.expression.nodes import Column, ColumnMember, Member, Number, Sampling
 from mbm.expression.rows import Row, RowChoice
 from mbm.language import faults
 from mbm.language.coerce import scalar
-from mbm.language.scope import LocalScope
+from mbm.language.scope import LocalScope, opened
 from mbm.language.values import Array, Evaluator, Scope, StaticColumnNeeded, TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
 from mbm.problem.kinds import AggregateKind
@@ -106,14 +106,9 @@ class ProblemScope:
         entry = self.entries.get(name)
         if entry is None:
             return None
-        if name in self._open:
-            raise MbmError(faults.circular_definition(span, (*self._open[self._open.index(name) :], name)))
-        self._open.append(name)
         placed = self._placed
-        try:
+        with opened(self._open, name, span):
             value = entry.make() if entry.at_step is None else entry.at_step(self._step(name, span))
-        finally:
-            self._open.pop()
         if self._placed == placed:  # what mentions a state is another thing at every step
             self._values[name] = value
         return value
@@ -156,13 +151,8 @@ class ProblemScope:
         form = self._form_of(name, scope)
         if form is None or self.evaluator is None:
             return None
-        if name in self._open:
-            raise MbmError(faults.circular_definition(span, (*self._open[self._open.index(name) :], name)))
-        self._open.append(name)
-        try:
+        with opened(self._open, name, span):
             return self.evaluator.wanted(form, scope)
-        finally:
-            self._open.pop()
 
     def defines(self, name: str) -> bool:
         """Whether a ``define`` clause, or a quantity derived for each row, has this name."""

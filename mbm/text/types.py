@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import field
 from enum import StrEnum
 from fractions import Fraction
@@ -214,3 +215,14 @@ class Sequence:
 
 
 Form: TypeAlias = Symbol | Keyword | Text | Numeral | Sequence
+
+
+def symbols_of(*forms: Form) -> Iterator[Symbol]:
+    """The symbols of some forms, however deep."""
+    left = list(forms)
+    while left:
+        form = left.pop()
+        if isinstance(form, Symbol):
+            yield form
+        elif isinstance(form, Sequence):
+            left.extend(form.items)

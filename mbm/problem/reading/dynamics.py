@@ -27,7 +27,7 @@ from mbm.problem.sequence.types import INTERVAL, PREVIOUS, RATE, State, Transiti
 from mbm.problem.sequence.types import Sequence as Steps
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind, Static, UnknownKind
-from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
+from mbm.text.types import Form, MbmError, Sequence, Span, Symbol, symbols_of
 from mbm.values import dataclass
 
 USAGE = (
@@ -277,22 +277,12 @@ def _names(work: Workspace, forms: tuple[Form, ...]) -> Iterator[str]:
     seen: set[str] = set()
     left = list(forms)
     while left:
-        for symbol in _symbols((left.pop(),)):
+        for symbol in symbols_of(left.pop()):
             if symbol.name not in seen:
                 seen.add(symbol.name)
                 yield symbol.name
                 if symbol.name in work.scope.definitions:
                     left.append(work.scope.definitions[symbol.name])
-
-
-def _symbols(forms: tuple[Form, ...]) -> Iterator[Symbol]:
-    left = list(forms)
-    while left:
-        form = left.pop()
-        if isinstance(form, Symbol):
-            yield form
-        elif isinstance(form, Sequence):
-            left.extend(form.items)
 
 
 def _other_columns(block: Block, columns: Mapping[str, tuple[str, str]]) -> Iterator[tuple[str, str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 from mbm.expression.algebra import ONE
@@ -17,7 +17,7 @@ from mbm.problem.likelihoods.types import Law, Truncation
 from mbm.problem.options import Options
 from mbm.problem.reading.equations import Residual
 from mbm.problem.types import Equation, EquationCase, NoiseKind
-from mbm.text.types import Diagnostic, Form, MbmError, Sequence, Span, Symbol
+from mbm.text.types import Diagnostic, Form, MbmError, Sequence, Span, Symbol, symbols_of
 from mbm.values import dataclass
 
 OPTIONS = ("distribution", "below", "above", "resolution")
@@ -117,7 +117,11 @@ def observed(
         MbmError: `model` has no meaning, or the equation is not of the kind that the errors want.
 
     """
-    named = noise is not None and _mentions(noise) and scope.lookup(MODEL, noise.span) is None
+    named = (
+        noise is not None
+        and any(each.name == MODEL for each in symbols_of(noise))
+        and scope.lookup(MODEL, noise.span) is None
+    )
     if stated.plain and not named:
         return plain(scope, True)
     own_scales = _unknown_scales(noise, scope)
@@ -195,23 +199,9 @@ def _like(model: Value, elements: tuple[Expression, ...]) -> Value:
     return Array(model.shape, elements) if isinstance(model, Array) else elements[0]
 
 
-def _symbols(form: Form) -> Iterator[Symbol]:
-    stack = [form]
-    while stack:
-        each = stack.pop()
-        if isinstance(each, Symbol):
-            yield each
-        if isinstance(each, Sequence):
-            stack.extend(each.items)
-
-
-def _mentions(form: Form) -> bool:
-    return any(each.name == MODEL for each in _symbols(form))
-
-
 def _unknown_scales(noise: Form | None, scope: Scope) -> frozenset[str]:
     """The numbers that stand in the noise and are to be estimated."""
-    found = () if noise is None else _symbols(noise)
+    found = () if noise is None else symbols_of(noise)
     return frozenset(each.name for each in found if isinstance(scope.lookup(each.name, each.span), Component))
 
 

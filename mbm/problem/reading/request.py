@@ -14,7 +14,7 @@ from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.kinds import ConstraintMethod, Gauge
-from mbm.problem.options import split_options
+from mbm.problem.options import only, split_options
 from mbm.problem.reading.declarations import Declaration
 from mbm.problem.reading.estimators import (
     METHODS,
@@ -57,11 +57,9 @@ def read_request(
 ) -> Request:
     """The request that the clauses make: at most one ``solve``, and the columns of all ``for-each``."""
     columns = tuple(_columns(work, for_each))
-    if not solves:
+    solve = only(solves, "solve")
+    if solve is None:
         return Request(for_each=columns)
-    solve = solves[0]
-    for other in solves[1:]:
-        raise MbmError(language_faults.duplicate_definition(other.span, "solve", solve.span))
     options = split_options(
         solve.items[1:],
         solve.span,

@@ -12,7 +12,7 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.joining import with_families
 from mbm.problem.naming import PRIOR
-from mbm.problem.options import Options, split_options
+from mbm.problem.options import Options, only, split_options
 from mbm.problem.reading.declarations import Declaration, components, read_declaration
 from mbm.problem.reading.named_columns import named_column
 from mbm.problem.scopes import Entry, Steps
@@ -51,11 +51,9 @@ def declare_states(
         MbmError: two clauses, no column of numbers to go over.
 
     """
-    if not clauses:
+    clause = only(clauses, "states")
+    if clause is None:
         return None
-    clause = clauses[0]
-    for other in clauses[1:]:
-        raise MbmError(language_faults.duplicate_definition(other.span, "states", clause.span))
     options = split_options(clause.items[1:], clause.span, owner="`states`", known=("over",))
     over = options.get("over")
     if over is None:

@@ -6,7 +6,7 @@ from mbm.language import faults as language_faults
 from mbm.language.coerce import integer
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
-from mbm.problem.options import split_options
+from mbm.problem.options import only, split_options
 from mbm.problem.reading.named_columns import named_column
 from mbm.problem.reading.pairs import stretch
 from mbm.problem.requests import Window
@@ -18,11 +18,9 @@ MOST_ROWS_WANTED = 1_000_000_000
 
 def read_window(work: Workspace, clauses: list[Sequence], for_each: tuple[str, ...]) -> Window | None:
     """The window that a problem asks for; ``for_each`` are the columns that choose rows besides."""
-    if not clauses:
+    clause = only(clauses, "window")
+    if clause is None:
         return None
-    clause = clauses[0]
-    for other in clauses[1:]:
-        raise MbmError(language_faults.duplicate_definition(other.span, "window", clause.span))
     options = split_options(clause.items[1:], clause.span, owner="`window`", known=("length", "step", "min-rows"))
     if len(options.positional) != 1 or not isinstance(options.positional[0], Symbol):
         raise MbmError(language_faults.bad_form(clause.span, "`window` names one column", USAGE))

@@ -10,7 +10,7 @@ from mbm.language.program import ProblemDefinition, Program
 from mbm.problem.clauses import effective_clauses
 from mbm.problem.overrides import ConstantValue
 from mbm.simulation.trials import faults
-from mbm.text.types import Bracket, Form, Keyword, MbmError, Numeral, Sequence, Span, Symbol
+from mbm.text.types import Bracket, Form, Keyword, MbmError, Numeral, Sequence, Span, Symbol, symbols_of
 
 
 def with_drawn_constants(
@@ -64,16 +64,8 @@ def _following(clause: Sequence, drawn: frozenset[str]) -> frozenset[str]:
 
 def _mentions(item: Form, names: set[str] | Mapping[str, object]) -> bool:
     """Whether the value of an entry (its second element) mentions one of some names."""
-    if not isinstance(item, Sequence) or len(item.items) < 2:
-        return False
-    stack = [item.items[1]]
-    while stack:
-        form = stack.pop()
-        if isinstance(form, Symbol) and form.name in names:
-            return True
-        if isinstance(form, Sequence):
-            stack.extend(form.items)
-    return False
+    stated = item.items[1:2] if isinstance(item, Sequence) else ()
+    return any(symbol.name in names for symbol in symbols_of(*stated))
 
 
 def _defined(item: Form) -> Form:
