@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbm.equations.grouping import groups
-from mbm.equations.selection import divided
+from mbm.equations.selection import divided, groups
 from mbm.problem.tables import Column, Provenance, Table
 
 
