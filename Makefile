@@ -11,7 +11,7 @@ PARTS ?=
 BASE ?= HEAD
 PROBLEMS ?= 5000
 
-.PHONY: help problems test lint types imports slow fuzz hostile processes tripwire bench wheel clean
+.PHONY: help problems test pytest lint types imports slow fuzz hostile processes tripwire bench wheel clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z]*\):.*## */make \1\t/p' Makefile | expand -t 16
@@ -19,7 +19,10 @@ help:  ## what can be made
 problems: $(READY)  ## solve the examples in problems/
 	@$(VENV)/bin/python problems/solve_all.py
 
-test: lint types imports  ## lint, types, import order, tests
+test: $(READY)  ## lint, types, import order, tests
+	@$(MAKE) --no-print-directory --jobs 2 lint types imports pytest
+
+pytest: $(READY)  ## the tests alone
 	$(RUN) pytest --numprocesses auto --dist worksteal --durations 25
 
 lint: $(READY)  ## style and layout of the source

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import ast
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-MODULES = {
-    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
-    for path in sorted((ROOT / "mbm").rglob("*.py"))
-}
+from tests.architecture.reading import FILES, ROOT, facts
+
+MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in FILES}
 
 
 def _imported(path: Path) -> set[str]:
     """The modules of the house that a module imports, wherever it does, also for the type checker alone."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module is not None:
-            found |= {
-                f"{node.module}.{a.name}" if f"{node.module}.{a.name}" in MODULES else node.module for a in node.names
-            }
-        elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+    for module, names in facts(path).imports:
+        whole = [f"{module}.{name}" for name in names]
+        found |= {each if each in MODULES else module for each in whole} or {module}
     return found & MODULES.keys()
 
 
@@ -40,13 +33,7 @@ def test_no_cycles() -> None:
 
 def test_relative_imports_are_not_used() -> None:
     """So that a reader, and this test, see the whole name."""
-    relative = [
-        name
-        for name, path in MODULES.items()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom) and node.level
-    ]
-    assert not relative
+    assert not [name for name, path in MODULES.items() if facts(path).relative]
 
 
 def test_nobody_inside_uses_the_front_door() -> None:

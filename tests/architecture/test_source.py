@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.architecture.reading import FILES, ROOT, facts
+
 LONGEST_FILE = 400
 LONGEST_FUNCTION = 70
 LONGEST_PACKAGE_FILE = 50
 LEFTOVERS = re.compile(r"\b(?:TO[D]O|FIX[M]E|XX[X])\b")
+DOCSTRING = re.compile(r'(?:#.*\n|\s)*r?"""')
 MACHINE_PATHS = re.compile(r"(?<![\w.)])/(?:home|root|work|Users|opt|tmp)/\w")
 """Absolute paths of somebody's computer; examples in documents use relative ones."""
 
@@ -45,20 +45,17 @@ def test_files_are_short() -> None:
 
 
 def test_functions_are_short() -> None:
-    sizes = {
-        f"{name}: {node.name}": (node.end_lineno or node.lineno) - node.lineno + 1
-        for name, text in _python("mbm")
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-    }
-    assert not {name: size for name, size in sizes.items() if size >= LONGEST_FUNCTION}
+    assert any(facts(path).functions for path in FILES)
+    assert not [
+        (path, name, size) for path in FILES for name, size in facts(path).functions if size >= LONGEST_FUNCTION
+    ]
 
 
 def test_every_module_says_what_it_is() -> None:
     silent = [
         name
         for name, text in _python("mbm", "tests", "benchmarks", "problems", "docs")
-        if text.strip() and not ast.get_docstring(ast.parse(text))
+        if text.strip() and not DOCSTRING.match(text)
     ]
     assert not silent
 
@@ -71,10 +68,10 @@ def test_packages_say_what_they_make_and_little_else() -> None:
 def test_nothing_is_validated_by_assert() -> None:
     """``python -O`` drops assertions; those that tell the type checker what holds anyway are marked."""
     bare = [
-        f"{name}:{node.lineno}"
-        for name, text in _python("mbm")
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.Assert) and "noqa: S101 - " not in text.splitlines()[node.lineno - 1]
+        f"{path}:{line}"
+        for path in FILES
+        for line in facts(path).assertions
+        if "noqa: S101 - " not in path.read_text("utf-8").splitlines()[line - 1]
     ]
     assert not bare
 
