@@ -271,8 +271,27 @@ def squared_step_to(problem: Problem, place: Linearisation, point: ConstantReals
     return total
 
 
+def place_promises(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> Integer:
+    """1 where the best place of the ranges, then the `point`, is worth following from the end at hand, 0 where it is
+    not, -1 where there is none.
+    """
+    least = best_of_ranges(problem, start, form, work)
+    if not isfinite(least):
+        return -1
+    here = work.here
+    if ended_well(work.stop) == 0:
+        return 1
+    most = inf
+    if form.stated == 1:
+        most = usual_cost(float(work.rows.data.count - problem.n))
+    away = squared_step_to(problem, here, form.point, work)
+    return worth_following(here.cost, least, away, most, here.rounding)
+
+
 def settle_lower(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> None:
     """Let the work be where the best place of the ranges leads, if that is a better minimum than the one at hand."""
+    if place_promises(problem, start, form, work) <= 0:
+        return
     data = work.rows.data
     here = work.here
     cost = here.cost
@@ -282,16 +301,6 @@ def settle_lower(problem: Problem, start: ConstantReals, form: RangeForm, work: 
     iterations = work.iterations
     evaluations = work.evaluations
     copied(problem.numbers, here.point, form.other)
-    most = inf
-    if form.stated == 1:
-        most = usual_cost(float(data.count - problem.n))
-    least = best_of_ranges(problem, start, form, work)
-    if not isfinite(least):
-        return
-    if well == 1:
-        away = squared_step_to(problem, here, form.point, work)
-        if worth_following(cost, least, away, most, rounding) == 0:
-            return
     start_solve(problem, data, 1, form.point, work)
     go_on(problem, problem.iterations + 1, work)
     iterations += work.iterations
@@ -302,12 +311,6 @@ def settle_lower(problem: Problem, start: ConstantReals, form: RangeForm, work: 
         work.stop = stop
     work.iterations = iterations
     work.evaluations = evaluations
-
-
-def place_of_ranges(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> None:
-    """The best place that the ranges of a solve that was started give, as an answer: its numbers and its cost."""
-    work.answer.results[COST] = best_of_ranges(problem, start, form, work)
-    copied(problem.numbers, form.point, work.answer.numbers)
 
 
 def solve_many(solves: Solves) -> None:

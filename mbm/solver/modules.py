@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbm.machine.from_python import module_of
 from mbm.machine.tree import Module
-from mbm.solver.batch import finish_solve, go_on, place_of_ranges, set_end, solve_many, start_solve
+from mbm.solver.batch import finish_solve, go_on, place_promises, set_end, solve_many, start_solve
 from mbm.solver.chi_square import chi_square_tails
 from mbm.solver.consensus import consensus_in_portions, consensus_many
 from mbm.solver.filter_keeping import begin_walk
@@ -20,7 +20,7 @@ from mbm.solver.tables import evaluate_rows
 
 def solver_module(lanes: int) -> Module:
     """The solver for kernels that take ``lanes`` rows at a time."""
-    solving = (start_solve, go_on, set_end, finish_solve, solve_many, place_of_ranges)
+    solving = (start_solve, go_on, set_end, finish_solve, solve_many, place_promises)
     roots = (*solving, chi_square_tails, places_of_many, poses_of_many, lag_scores)
     return module_of("solver", roots, constants={"LANES": lanes})
 

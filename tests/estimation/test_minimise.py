@@ -12,7 +12,7 @@ import pytest
 from mbm.equations.types import Reason
 from mbm.estimation.minimise import minimise as module
 from mbm.estimation.minimise.minimise import minimise, solver_name
-from mbm.estimation.minimise.native.system import one_step_suits
+from mbm.estimation.minimise.native.iteration import one_step_suits
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Method
 from mbm.text.types import MbmError

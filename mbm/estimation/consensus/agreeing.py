@@ -13,7 +13,8 @@ from mbm.estimation.consensus.forms import KnownForm, known_form
 from mbm.estimation.consensus.native import Begun, ConsensusEnds, Rooms, consensus_many
 from mbm.estimation.consensus.rules import NO_FORM, Form, Rules, rules_of
 from mbm.estimation.consensus.types import Agreed, Asked
-from mbm.estimation.minimise.native.system import NativeSystem, iteration_of, never, system_of
+from mbm.estimation.minimise.native.iteration import iteration_of
+from mbm.estimation.minimise.native.system import NativeSystem, never, system_of
 from mbm.estimation.native.code import native_code
 from mbm.estimation.search.starting import with_idle_ones
 from mbm.estimation.settings import Settings

@@ -12,8 +12,8 @@ from mbm.equations import faults
 from mbm.equations.assembly import Assembled
 from mbm.equations.metric import first_bad
 from mbm.equations.types import Correctable, Equations, Floats, Minimum, Reason
+from mbm.estimation.minimise.native.iteration import one_step_suits
 from mbm.estimation.minimise.native.minimum import native_minima, native_minimum
-from mbm.estimation.minimise.native.system import one_step_suits
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.nudging import SINGULAR, beside
@@ -161,14 +161,14 @@ def _from(equations: Equations, bound: ConstrainedEquations | None, start: Float
             return sparse_constrained_minimum(equations, start, settings)
         from mbm.estimation.minimise.constrained.solve import constrained_minimum
 
-        return constrained_minimum(bound, start, settings, _stopped(settings))
+        return constrained_minimum(bound, start, settings, stopped(settings))
     if _sparse(equations, settings):
         # Here and below: methods that few problems need are loaded by those that do, so that small ones start at once.
         from mbm.estimation.minimise.sparse import sparse_minimum
 
         found = sparse_minimum(equations, start, settings)
     else:
-        found = native_minimum(equations, start, settings, _stopped(settings))
+        found = native_minimum(equations, start, settings, stopped(settings))
     if settings.method is Method.CLOSED_FORM and found.bad_row is None:
         found = replace(found, reason=Reason.CLOSED_FORM)
     if bound is None:
@@ -178,7 +178,7 @@ def _from(equations: Equations, bound: ConstrainedEquations | None, start: Float
     return with_constraints(bound, found)
 
 
-def _stopped(settings: Settings) -> Callable[[], bool] | None:
+def stopped(settings: Settings) -> Callable[[], bool] | None:
     """What is asked between iterations; None: nobody may interrupt."""
     return settings.stopped if settings.interruption is not None else None
 

@@ -18,12 +18,13 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache, Kind
 from mbm.equations.metric import rounding_at, steps_between
 from mbm.equations.types import Floats, Minimum
-from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.minimise.minimise import minimise, stopped
+from mbm.estimation.minimise.native.minimum import compared_minimum
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
 from mbm.estimation.search.multistart import GIVEN as GIVEN_START
 from mbm.estimation.search.multistart import RANDOM
-from mbm.estimation.search.search import Found, Tally, other_minimum
+from mbm.estimation.search.search import Found, Tally, alone, other_minimum
 from mbm.estimation.search.starting import GIVEN, Beginning, blank_numbers
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
@@ -110,6 +111,22 @@ class Challenge:
             evaluations=led.evaluations,
         )
 
+    def compared(self, starts: Sequence[Beginning]) -> Found | None:
+        """What the one stated start leads to, where ranges that were recognised before lead nowhere else.
+
+        None: this is not known; all is to be looked at.
+        """
+        equations, settings = self._equations, self._settings
+        if len(starts) != 1 or not settings.iterative or not uncompared(equations, settings, starts[0].origin):
+            return None
+        if self._kind in self._cache.without_closed_form or sparse_suits(equations):
+            return None
+        ranges = self._ranges()
+        if ranges is None:
+            return None
+        found = compared_minimum(equations, starts[0].point, settings, ranges, stopped(settings))
+        return None if found is None or not found.reason.converged else alone(found, starts[0].origin)
+
     def answered(self, found: Found) -> Found:
         """``found``, or what a closed form leads to where that is a better fit.
 
@@ -121,8 +138,6 @@ class Challenge:
         solved = minimum.reason.converged and bool(np.isfinite(minimum.cost))
         if solved and self._kind in self._cache.without_closed_form and minimum.cost < self._most:
             return found
-        if solved and self._outdone(minimum):
-            return found
         form = self._form
         if form is None:
             if solved and not self._recognised:
@@ -131,7 +146,8 @@ class Challenge:
         if form is None:
             return found
         rounding = rounding_at(self._equations, minimum)
-        promising = self._promises(minimum, form.numbers, form.cost / form.allowance)
+        away = self._away(minimum, form.numbers)
+        promising = worth_following(minimum.cost, form.cost / form.allowance, away, self._most, rounding)
         if not np.isfinite(form.cost) or (minimum.reason.converged and not promising and self._led is None):
             return found
         other = self._led
@@ -143,22 +159,6 @@ class Challenge:
         )
         beaten = rescued or takes_over(minimum.cost, other.cost, rounding)
         return _beaten(self._equations, worked, other, form.origin) if beaten else worked
-
-    def _outdone(self, minimum: Minimum) -> bool:
-        """Whether ranges that were recognised before lead nowhere else; where they may, all is looked at."""
-        ranges = None if self._led is not None or sparse_suits(self._equations) else self._ranges()
-        if ranges is None:
-            return False
-        # Loaded where many data sets are solved only, so that the others start at once.
-        from mbm.estimation.minimise.native.range_places import place_of_ranges
-
-        place = place_of_ranges(self._equations, ranges, minimum.point, self._settings)
-        return place is not None and bool(np.isfinite(place[1])) and not self._promises(minimum, *place)
-
-    def _promises(self, minimum: Minimum, point: Floats, cost: float) -> bool:
-        """Whether a point of a closed form, of this cost, is worth following beside a minimum."""
-        rounding, away = rounding_at(self._equations, minimum), self._away(minimum, point)
-        return bool(worth_following(minimum.cost, cost, away, self._most, rounding))
 
     @cached_property
     def _reached(self) -> tuple[bool, tuple[Completion, ...]]:

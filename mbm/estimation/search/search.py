@@ -61,7 +61,7 @@ def search(
     is stopped answers with the best that it has reached, and says that it was interrupted.
     """
     if len(starts) == 1:
-        return _alone(minimise(equations, starts[0].point, settings, problem.span), starts[0].origin)
+        return alone(minimise(equations, starts[0].point, settings, problem.span), starts[0].origin)
     # Loaded by problems with many starts only, so that the others begin at once.
     from mbm.estimation.search.basins import equal_costs
     from mbm.estimation.search.seeker import Seeker
@@ -70,7 +70,7 @@ def search(
     seeker = Seeker(equations, settings, problem, agrees)
     basins = seeker.basins(starts)
     if not basins:
-        return _alone(seeker.polished(starts[0].point), starts[0].origin)
+        return alone(seeker.polished(starts[0].point), starts[0].origin)
     best = basins[0]
     converged = [b for b in basins if b.minimum.reason.converged]
     at_best = [b for b in converged if equal_costs(b.minimum.cost, best.minimum.cost)]
@@ -113,7 +113,8 @@ def _plain_cost(equations: Assembled, minimum: Minimum) -> float:
     return float(np.square(equations.plain_residuals(minimum.point)).sum()) if equations.lossy else minimum.cost
 
 
-def _alone(minimum: Minimum, origin: str) -> Found:
+def alone(minimum: Minimum, origin: str) -> Found:
+    """What the one start that was tried leads to."""
     return Found(
         minimum=minimum,
         alternatives=(),

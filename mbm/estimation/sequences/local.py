@@ -10,7 +10,8 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache, Group, affine
 from mbm.equations.types import Indices
 from mbm.estimation.batches.descent import data_sets
-from mbm.estimation.minimise.native.packing import Iteration, rows_of, system_arrays
+from mbm.estimation.minimise.native.iteration import Iteration
+from mbm.estimation.minimise.native.packing import rows_of, system_arrays
 from mbm.estimation.minimise.native.system import NativeSystem, kernels_of, nothing
 from mbm.estimation.native.code import NativeCode, native_code
 from mbm.values import dataclass

@@ -126,7 +126,7 @@ def estimate(
     equations = robust.equations.with_factors(robust.factors)
     ranges = partial(known_ranges(cache).of, equations, settings, stated=not problem.estimates_noise)
     challenge = Challenge(equations, settings, problem, cache, ranges)
-    found = challenge.anticipated(robust.starts)
+    found = challenge.anticipated(robust.starts) or challenge.compared(robust.starts)
     if found is None:
         found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
         found = challenge.answered(found)

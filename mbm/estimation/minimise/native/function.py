@@ -16,8 +16,9 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.forwarding import Forwarding
 from mbm.equations.types import Equations, Floats
 from mbm.estimation.minimise.constrained.types import ConstrainedEquations
+from mbm.estimation.minimise.native.iteration import iteration_of
 from mbm.estimation.minimise.native.packing import Fused, Limits, Rows, function_arrays
-from mbm.estimation.minimise.native.system import NativeSystem, iteration_of
+from mbm.estimation.minimise.native.system import NativeSystem
 from mbm.estimation.native.callbacks import KERNEL, Guard, address_of, memory
 from mbm.estimation.native.code import AnyCode, NativeCode, native_code
 from mbm.estimation.settings import Settings

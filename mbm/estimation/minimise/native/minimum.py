@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from mbm.equations.types import Equations, Floats, Minimum, Reason
 from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem, system_of
 from mbm.estimation.settings import Settings
 from mbm.solver import description as of
+
+if TYPE_CHECKING:
+    from mbm.solver.range_maps import RangeMaps
 
 Stopped: TypeAlias = Callable[[], bool]
 
@@ -55,6 +58,17 @@ def kernel_minimum(
         return None
     sure = not getattr(equations, "profiled", False)
     return minimum_at(equations, system.one(start, stopped=stopped, end="set_end"), 0, sure=sure)
+
+
+def compared_minimum(
+    equations: Equations, start: Floats, settings: Settings, ranges: RangeMaps, stopped: Stopped | None = None
+) -> Minimum | None:
+    """The same compared with the places that ``ranges`` give; None also where one of these may lead elsewhere."""
+    system = _by_kernels(equations, settings)
+    if system is None:
+        return None
+    ends = system.one(start, stopped=stopped, end="set_end", ranges=ranges)
+    return minimum_at(equations, ends, 0, sure=True) if ends.states[0, of.COMPARED] else None
 
 
 def function_minimum(

@@ -14,6 +14,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.types import Equations, Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
+from mbm.estimation.minimise.native.iteration import Iteration
 from mbm.machine.kinds import LANES
 from mbm.machine.records import slot
 from mbm.solver import description as of
@@ -46,21 +47,6 @@ class Limits:
     values: int
     jacobian: int
     equality: Mask
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Iteration:
-    """How a solve goes on: at ``most`` so many iterations, to a relative offset of ``tolerance``.
-
-    ``direct``: the one step of affine equations; the others as in `description.Problem`.
-    """
-
-    most: int
-    tolerance: float
-    direct: bool = False
-    strict: bool = True
-    rule: int = of.MARQUARDT
-    exact: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,7 +14,8 @@ from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
 from mbm.equations.whitening import Whitener
 from mbm.estimation.minimise.native.function import Remembered
-from mbm.estimation.minimise.native.packing import Iteration, rows_of, system_arrays
+from mbm.estimation.minimise.native.iteration import Iteration
+from mbm.estimation.minimise.native.packing import rows_of, system_arrays
 from mbm.estimation.minimise.native.system import ROWS_IN_PYTHON, NativeSystem
 from mbm.estimation.native.callbacks import CallbackKernels
 from mbm.estimation.native.code import AnyCode

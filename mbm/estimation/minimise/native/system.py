@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
-from mbm.equations.types import Equations, Floats, Indices
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.minimise.native.iteration import iteration_of
 from mbm.estimation.minimise.native.packing import (
     ROWS_AT_A_TIME,
-    Iteration,
     Rows,
     rows_of,
     structure_of,
@@ -27,11 +27,10 @@ from mbm.estimation.minimise.native.summing import sum_addresses, summable
 from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code
 from mbm.estimation.settings import Settings
 from mbm.machine.records import address, inside, put, slot, view
-from mbm.problem.kinds import ConstraintMethod
-from mbm.problem.types import Method
 from mbm.solver import description as of
 from mbm.solver import workspace as workspace
 from mbm.solver.batch import Solves
+from mbm.solver.range_form import RangeForm
 from mbm.solver.range_maps import RangeMaps
 from mbm.solver.workspace import Answer, Work, work_integers, work_reals
 from mbm.values import dataclass
@@ -232,21 +231,37 @@ class NativeSystem:
         """Let `Solves` have scratch of its own for what starts are compared with; the arrays that it refers to."""
         if self.ranges is None:
             return ()
-        rows = self.rows.data[:, of.DATA_HEAD + of.DataBlock.rows :: of.DATA_BLOCK].max(axis=0)
-        return hand(self.ranges, inside(solves, Solves, "form"), int(self.system[of.Problem.numbers]), int(rows.sum()))
+        return hand(self.ranges, inside(solves, Solves, "form"), int(self.system[of.Problem.numbers]), self._most_rows)
+
+    @property
+    def _most_rows(self) -> int:
+        """Rows of all blocks that a data set has at most."""
+        return int(self.rows.data[:, of.DATA_HEAD + of.DataBlock.rows :: of.DATA_BLOCK].max(axis=0).sum())
 
     def one(
-        self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None, end: str = "finish_solve"
+        self,
+        start: Floats,
+        *,
+        which: int = 0,
+        stopped: Callable[[], bool] | None = None,
+        end: str = "finish_solve",
+        ranges: RangeMaps | None = None,
     ) -> NativeEnds:
         """Solve from one start (N,); ``stopped`` is asked before each iteration: what is reached comes back.
 
-        ``end`` is the routine that answers; `set_end` leaves out what is known about the answer there.
+        ``end`` is the routine that answers; `set_end` leaves out what is known about the answer there. It has been
+        ``COMPARED`` where ``ranges`` give places, none of which may lead elsewhere.
         """
         ends = self.blank(1)
         work, begun = self.scratch(), np.ascontiguousarray(start, dtype=np.float64)
         most = 1 if stopped is not None else int(max(AT_A_TIME / self._products, 1))
         self.code.expect(self.expected)
         self._alone(begun, which, ends.arrays(), work, most, stopped or never, end)
+        if ranges is not None:
+            form = self.code.blank(RangeForm)
+            _held = hand(ranges, form, ends.numbers.shape[1], self._most_rows)
+            promises = self.code.routine("place_promises", object, object, object, object)
+            ends.states[0, of.COMPARED] = promises(self.system, begun, form, work[0]) == 0
         self.failed()
         return ends
 
@@ -293,27 +308,6 @@ def handled(equations: object) -> bool:
     if equations.rows is not None and not _whole_units(equations):
         return False
     return all(triangle_kind(w) is not None for group in groups for w in group.whiteners)
-
-
-def one_step_suits(equations: Equations) -> bool:
-    """Whether one linear step is the answer: affine residuals, no constraint, no bound and no `positive` unknown."""
-    bounded = np.isfinite(equations.lower) | np.isfinite(equations.upper) | equations.positive
-    constrained = bool(getattr(equations, "constraints", ()))
-    return equations.linear and not constrained and not bool(bounded.any())
-
-
-def iteration_of(equations: Equations, settings: Settings, *, direct: bool | None, strict: bool) -> Iteration:
-    """How equations are solved; ``direct`` and ``strict`` as in `system_of`."""
-    if direct is None:
-        direct = settings.method is Method.AUTO and one_step_suits(equations)
-    return Iteration(
-        most=0 if settings.method is Method.CLOSED_FORM else settings.max_iterations,
-        tolerance=settings.tolerance,
-        direct=direct,
-        strict=strict,
-        rule=of.RULES.get(settings.method.value, of.MARQUARDT),
-        exact=settings.constraints is ConstraintMethod.EXACT,
-    )
 
 
 def _whole_units(equations: Assembled) -> bool:
