@@ -299,6 +299,8 @@ def untested(excess: Floats, rows: Floats) -> Mask:
 def is_untested(equations: Members) -> bool:
     """The same of one solve."""
     stated = [each for _, each in likely(equations.groups)]
+    if not stated:
+        return False
     excess = sum(float(each.excess.sum()) for each in stated)
     rows = sum(len(each.excess) for each in stated)
     return bool(untested(np.array([excess]), np.array([float(rows)]))[0])

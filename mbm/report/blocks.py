@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TypeVar, overload
+from typing import TypeAlias, TypeVar, overload
 
 import numpy as np
 
+from mbm.equations.layout import Layout
 from mbm.equations.types import Indices
 from mbm.estimation.batches.remarks import REMARKED
 from mbm.estimation.batches.types import Block, Corrections
@@ -33,6 +34,10 @@ from mbm.report.types import (
 from mbm.text.types import Diagnostic
 
 T = TypeVar("T")
+K = TypeVar("K")
+
+Kind: TypeAlias = tuple[Layout, bytes]
+"""What reports of solves are told apart by that differ in more than numbers."""
 
 MOST_KINDS = 100
 """Kinds of solves whose models are kept: where members are told by name, each solve may be of its own."""
@@ -42,18 +47,24 @@ class BlockReports:
     """The solves of a block, those that were solved ``apart`` by their numbers.
 
     ``from_columns`` (K,) says which are alike but for numbers, and which constraints hold the estimates, so that
-    columns have all that is to be said of them.
+    columns have all that is to be said of them. ``models`` are the reports of those of each kind, of all blocks.
     """
 
     def __init__(
-        self, problem: Problem, block: Block, apart: Mapping[int, SolveReport], *, covariance_full: bool
+        self,
+        problem: Problem,
+        block: Block,
+        apart: Mapping[int, SolveReport],
+        models: dict[Kind, SolveReport],
+        *,
+        covariance_full: bool,
     ) -> None:
         self.problem = problem
         self.block = block
         self.apart = apart
         self._full = covariance_full
         self.from_columns: Mask = block.columns.clean & (block.columns.dof > 0)
-        self._models: dict[bytes, SolveReport] = {}
+        self._models = models
 
     def __len__(self) -> int:
         return len(self.block.which)
@@ -106,8 +117,8 @@ class BlockReports:
 
     @cached_property
     def model(self) -> SolveReport:
-        """The report of the first solve ``from_columns``, without remarks."""
-        return _unremarked(self._made(self._first))
+        """The report of a solve like the first of those ``from_columns``, without remarks."""
+        return self.like(self._first)
 
     def kind(self, place: int) -> bytes:
         """What solves ``from_columns`` are told apart by: the equations that they have rows of, the constraints that
@@ -136,10 +147,10 @@ class BlockReports:
 
     def like(self, place: int) -> SolveReport:
         """The report of a solve ``from_columns`` of the kind of another: but for numbers, that is like it."""
-        kind = self.kind(place)
+        kind = self.block.layout, self.kind(place)
         found = self._models.get(kind)
         if found is None:
-            found = self.model if kind == self.kind(self._first) else _unremarked(self._made(place))
+            found = _unremarked(self._made(place))
             kept(self._models, kind, found)
         return found
 
@@ -270,14 +281,16 @@ class ManyReports(Sequence[SolveReport]):
         return (report for _, report in sorted(found, key=lambda pair: pair[0]))
 
 
-def block_reports(problem: Problem, block: Block, *, covariance_full: bool) -> BlockReports:
+def block_reports(
+    problem: Problem, block: Block, models: dict[Kind, SolveReport], *, covariance_full: bool
+) -> BlockReports:
     """A block; reports of what was solved apart are made when they are asked for, too."""
     makers = {
         number: partial(report_of, problem, each, covariance_full=covariance_full)
         for number, each in block.apart.items()
     }
     apart = LaterByNumber(makers, block.lock)
-    return BlockReports(problem, replace(block, apart={}), apart, covariance_full=covariance_full)
+    return BlockReports(problem, replace(block, apart={}), apart, models, covariance_full=covariance_full)
 
 
 def _unremarked(report: SolveReport) -> SolveReport:
@@ -286,7 +299,7 @@ def _unremarked(report: SolveReport) -> SolveReport:
     return replace(report, diagnostics=found)
 
 
-def kept(models: dict[bytes, T], kind: bytes, model: T) -> None:
+def kept(models: dict[K, T], kind: K, model: T) -> None:
     """The ``model`` among those that are kept; all others are forgotten where these are too many."""
     if len(models) >= MOST_KINDS:
         models.clear()

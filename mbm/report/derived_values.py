@@ -113,7 +113,7 @@ def coordinate_spread(solution: Solution) -> Spread:
 
 def entry_spread(solution: Solution, every: Spread, entry: Entry, shape: tuple[int, ...]) -> Spread:
     """That of an unknown, of the ``shape`` of its sigmas; limits of angles stand about the value that is reported."""
-    found = every.at(entry.coordinates).shaped(shape)
+    found = every.each(lambda values: values[entry.coordinates].reshape(shape))
     if every.ends is not None:
         found = replace(found, ends=_ends(every.ends, lambda values: values[entry.coordinates].reshape(shape)))
     if entry.unknown.kind is not UnknownKind.ANGLE or found.lower is None or found.upper is None:

@@ -244,7 +244,7 @@ def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each)
     place = entry.coordinates
     own = entry.unknown.shape
     shape = (*leading, *(own if not entry.unknown.dimension else (entry.unknown.freedom,)))
-    bound = each.bound[place]
+    bound, spread = each.bound[place], entry_spread(solution, each.spread, entry, shape)
     return Estimate(
         quantity=quantity,
         value=repeated(numbers.reshape((*leading, *entry.unknown.shape)), steps),
@@ -254,7 +254,7 @@ def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each)
         per=entry.unknown.family.rows if entry.unknown.family is not None else None,
         at_bound=repeated(bound.reshape(shape), steps) if bool(bound.any()) else None,
         reason=each.why_missing(place),
-        spread=entry_spread(solution, each.spread, entry, shape).each(lambda values: repeated(values, steps)),
+        spread=spread.each(lambda values: repeated(values, steps)) if steps else spread,
     )
 
 

@@ -25,7 +25,7 @@ from mbm.text.types import Code, Diagnostic, MbmError
 from mbm.version import __version__
 
 if TYPE_CHECKING:
-    from mbm.report.blocks import BlockReports
+    from mbm.report.blocks import BlockReports, Kind
 
 
 @np.errstate(all="ignore")  # overflow and NaN are results here: they are found, and reported, where they matter
@@ -50,6 +50,7 @@ def result_of(
     """
     reports: list[Callable[[], SolveReport]] = []
     blocks: list[BlockReports] = []
+    models: dict[Kind, SolveReport] = {}
     alone: dict[int, Callable[[], SolveReport]] = {}
     failures: list[Failure] = []
     done = solved = 0
@@ -63,7 +64,7 @@ def result_of(
         else:
             from mbm.report.blocks import block_reports
 
-            blocks.append(block_reports(problem, part, covariance_full=covariance_full))
+            blocks.append(block_reports(problem, part, models, covariance_full=covariance_full))
             apart, count = [*part.apart.values()], len(part.which)
         done += count
         solved += count - sum(not isinstance(each, Solution | Enclosure) for each in apart)

@@ -193,7 +193,8 @@ def _promising(equations: Assembled, about: Centre) -> Floats:
     steps = (rays[:, None, :] * distances[:, :, None]).reshape(-1, rays.shape[1])
     surface = on_surface(equations, minimum) or equations
     points = _within(equations, surface.retract(np.tile(minimum.point, (len(steps), 1)), steps), minimum.point)
-    grown = _plain_costs(equations, points).reshape(distances.shape) - _plain_costs(equations, minimum.point[None])
+    found = _plain_costs(equations, np.vstack([points, minimum.point]))
+    grown = found[:-1].reshape(distances.shape) - found[-1]
     with np.errstate(invalid="ignore"):
         share = grown / (about.variance * np.square(distances))
         falls = np.concatenate([np.zeros((len(rays), 1), dtype=bool), grown[:, 1:] < grown[:, :-1]], axis=1)
@@ -231,7 +232,7 @@ def _rays(factor: Floats) -> Floats:
     known = np.flatnonzero(np.isfinite(lengths) & (lengths > 0.0))
     if not known.size:
         return np.empty((0, len(lengths)))
-    parts = np.nan_to_num(factor)
+    parts = np.where(np.isfinite(factor), factor, 0.0)
     rays = parts.T if parts.shape[1] == 1 else np.vstack([parts.T, (parts[known] / lengths[known, None]) @ parts.T])
     return np.vstack([rays, -rays])
 

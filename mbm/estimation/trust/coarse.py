@@ -15,6 +15,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Covariance, Floats, Mask, Minimum
 from mbm.estimation.trust import faults
+from mbm.estimation.trust.lags import directions
 from mbm.expression.nodes import Column
 from mbm.expression.rows import RowChoice
 from mbm.problem.tables import Table
@@ -92,7 +93,7 @@ def coarse_readings(
     columns = {group.kernel.owner: rounded_column(problem, group.kernel.owner) for group in equations.groups}
     if all(name is None for name in columns.values()) or not bool(np.isfinite(estimated.factor).all()):
         return ()
-    basis = np.linalg.qr(minimum.jacobian @ estimated.factor)[0]
+    basis = directions(equations, minimum, estimated)
     factors = np.ones(equations.count) if equations.factors is None else equations.picked(equations.factors)
     redundancy = max(equations.count - basis.shape[1], 1)
     common = float(np.sqrt(minimum.cost / redundancy)) if equations.factors is None else 1.0

@@ -28,6 +28,14 @@ def in_order(problem: Problem, owner: int) -> bool:
     return block.role is BlockRole.OBSERVATION and block.table is not None and problem.sequence is None
 
 
+def directions(equations: Assembled, minimum: Minimum, estimated: Covariance) -> Floats:
+    """The orthonormal directions (m, k) in which residuals follow the estimates; NaN where one has no number."""
+    image = minimum.jacobian @ estimated.factor
+    if not equations.lossy and estimated.variance > 0.0:  # the factor is that of the inverse normal equations
+        return np.asarray(image / np.sqrt(estimated.variance))
+    return np.linalg.qr(image)[0] if bool(np.isfinite(image).all()) else np.full(image.shape, np.nan)
+
+
 def lag_scores(code: AnyCode, residuals: Floats, basis: Floats, following: Indices) -> tuple[Floats, Floats, Floats]:
     """r, its mean and its standard deviation (…,); the latter NaN where too few rows follow one another.
 
@@ -67,10 +75,9 @@ def autocorrelation(
         if in_order(problem, group.kernel.owner) and group.rows > 1:
             places = group.first + np.arange(group.count - group.kernel.outputs)
             following[places] = places + group.kernel.outputs
-    image = minimum.jacobian @ estimated.factor
-    if not bool((following >= 0).any()) or not bool(np.isfinite(image).all()) or minimum.cost == 0.0:
+    basis = directions(equations, minimum, estimated)
+    if not bool((following >= 0).any()) or not bool(np.isfinite(basis).all()) or minimum.cost == 0.0:
         return ()
-    basis = np.linalg.qr(image)[0]
     found, expected, spread = lag_scores(solver_code(equations), minimum.residuals, basis, following)
     if not correlated(found, expected, spread):
         return ()

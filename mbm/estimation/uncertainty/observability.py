@@ -11,6 +11,9 @@ from mbm.estimation.uncertainty.freedom import free_combinations
 from mbm.solver.decisions import SHARE, decided_rank
 from mbm.values import dataclass
 
+FEW_NUMBERS = 1000
+"""Numbers in a Jacobian up to which its singular values are found in half the time without its triangle (measured)."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surface:
@@ -53,11 +56,11 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface
     if surface is not None:
         reduced = reduced @ tangent.basis
     width = reduced.shape[1]
-    if reduced.shape[0] > 2 * width > 0:
+    if reduced.shape[0] > 2 * width > 0 and reduced.size > FEW_NUMBERS:
         reduced = triangle(reduced)
     singular, right = np.zeros(0), np.zeros((0, width))
     if width and reduced.shape[0]:
-        _, singular, right = np.linalg.svd(reduced, full_matrices=True)
+        _, singular, right = np.linalg.svd(reduced, full_matrices=reduced.shape[0] < width)
     rank = decided_rank(len(singular), singular)
     free = right[rank:].T if right.size else np.eye(width)
     determined, inner = right[:rank].T, free

@@ -36,7 +36,13 @@ def without_stationary(equations: Equations, minimum: Minimum, spread: float = 1
     standard deviation would be absurd. ``spread`` is the standard deviation of the residuals.
     """
     jacobian = minimum.jacobian
-    if minimum.blocks is not None or not np.isfinite(minimum.cost) or not jacobian.size or not spread > 0.0:
+    if (
+        equations.linear
+        or minimum.blocks is not None
+        or not np.isfinite(minimum.cost)
+        or not jacobian.size
+        or not spread > 0.0
+    ):
         return minimum
     length = np.sqrt(np.einsum("mn,mn->n", jacobian, jacobian))
     coordinates = np.abs(equations.coordinates(minimum.point))
