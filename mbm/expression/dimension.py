@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import lru_cache
 from typing import TypeAlias
 
 from mbm.values import dataclass
@@ -84,6 +85,7 @@ class Dimension:
         """Whether this is a pure number."""
         return not any(self.exponents)
 
+    @lru_cache(maxsize=256)  # noqa: B019 - a small value, of which there are few
     def symbol(self) -> str:
         """The SI unit as text, such as ``m/s^2`` or ``W/m/K``; empty for a pure number.
 

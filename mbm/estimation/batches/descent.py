@@ -36,11 +36,16 @@ def solver_of(stack: Stack, settings: Settings, ranges: RangeMaps | None = None)
 
 
 def native_sets(stack: Stack, settings: Settings) -> NativeSystem | None:
-    """The equations as a native system with a data set for each solve; None where native code does not handle them."""
+    """The equations as a native system with a data set for each solve; None where native code does not handle them.
+
+    Where the rows are so many that kernels are compiled for speed, functions that sum normal equations pay as well.
+    """
     from mbm.estimation.minimise.native.system import system_of
+    from mbm.kernels.native.kernels import MANY
 
     most = [int(rows.max(initial=0)) for rows in stack.rows]
-    made = system_of(stack.equations, settings, most_rows=most)
+    often = any(group.rows >= MANY for group in stack.equations.groups)
+    made = system_of(stack.equations, settings, most_rows=most, often=often)
     return (
         None
         if made is None

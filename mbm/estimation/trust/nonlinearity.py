@@ -64,7 +64,7 @@ class IntervalEnds:
     @property
     def doubtful(self) -> Indices:
         """Positions (from 0) of the coordinates whose stated interval misses an end by more than TOLERATED."""
-        return _off(np.stack([self.lower, self.upper]), TOLERATED)
+        return _off((self.lower, self.upper), TOLERATED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -213,9 +213,10 @@ def derived_ends(
     return IntervalEnds(lower=ends[0], upper=ends[1])
 
 
-def _off(ends: Floats, limit: float) -> Indices:
+def _off(ends: Floats | tuple[Floats, Floats], limit: float) -> Indices:
     """Columns of ``ends`` (2, k) with an end that is farther from 1 than ``limit``; NaN is not."""
-    return np.flatnonzero((np.abs(ends - 1.0) > limit).any(axis=0))
+    lower, upper = ends
+    return np.asarray(((np.abs(lower - 1.0) > limit) | (np.abs(upper - 1.0) > limit)).nonzero()[0])
 
 
 def _complement(direction: Floats) -> Floats:

@@ -22,7 +22,7 @@ def unexamined(
     propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSolution, ...], found: Curvature | None
 ) -> Mapping[str, str]:
     """Reasons by what was not examined; nothing where the model is linear, or no minimum was reached."""
-    if not minimum.reason.converged:
+    if not minimum.reason.converged or (found is not None and not derived):
         return {}
     equations = propagation.equations
     straight = plainly_affine(equations) and (minimum.blocks is not None or on_surface(equations, minimum) is None)

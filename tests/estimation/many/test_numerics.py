@@ -1,10 +1,11 @@
-"""Factors of many solves at once, against those of one."""
+"""Factors of many solves at once, against those of one; solves of very many rows."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+import mbm
 from mbm.estimation.batches.factor import factors
 
 
@@ -49,3 +50,29 @@ def test_what_is_not_of_full_rank_beyond_doubt_is_not_good(spoil):
     else:
         jacobian[1, :, 2] = jacobian[1, :, 0] + (1e-9 if spoil == "nearly" else 0.0) * jacobian[1, :, 1]
     assert factors(jacobian).good.tolist() == [True, False, True]
+
+
+def test_solves_of_very_many_rows_are_those_of_gauss_and_newton():
+    """50,000 rows, from which on normal equations are summed: places from ranges, beside Gauss-Newton in NumPy."""
+    random = np.random.default_rng(5)
+    solves, stations = 1050, random.uniform(0, 10, (48, 2))
+    places = random.uniform(3, 7, (solves, 2))
+    ranges = np.linalg.norm(places[:, None] - stations, axis=2) + 0.01 * random.standard_normal((solves, 48))
+    x, y = np.tile(stations, (solves, 1)).T
+    data = {"d": {"k": np.repeat(np.arange(solves), 48), "x": x, "y": y, "r": ranges.ravel()}}
+    text = """(problem p (data d external) (unknowns (p (vector 2) :init [5 5]))
+      (observe d (= r (distance p [x y])) :sigma 0.01) (for-each k))"""
+    solved = mbm.loads(text).solve(data=data).table()
+    found = np.full((solves, 2), 5.0)
+    for _ in range(12):
+        apart = found[:, None] - stations
+        length = np.linalg.norm(apart, axis=2)
+        slopes = apart / length[:, :, None]
+        gram = np.einsum("kmi,kmj->kij", slopes, slopes)
+        pull = np.einsum("kmi,km->ki", slopes, ranges - length)
+        found += np.linalg.solve(gram, pull[:, :, None])[:, :, 0]
+    # offsets of 1e-10 standard deviations (0.002) leave far less than this, and so do roundings
+    assert np.stack([solved["p[1]"], solved["p[2]"]], axis=1) == pytest.approx(found, abs=1e-10)
+    sigma = 0.01 * np.sqrt(np.linalg.inv(gram)[:, [0, 1], [0, 1]])
+    # the curvature of the slopes between the last two steps is nothing
+    assert np.stack([solved["p[1].sigma"], solved["p[2].sigma"]], axis=1) == pytest.approx(sigma, rel=1e-9)
