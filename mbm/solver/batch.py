@@ -41,8 +41,8 @@ from mbm.solver.description import (
     DataSet,
     Problem,
 )
-from mbm.solver.equations import load_rows, residuals_at_point
-from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
+from mbm.solver.equations import cost_at_point, load_rows
+from mbm.solver.linear_algebra import add_multiple, copied, filled
 from mbm.solver.manifolds import coordinates_of
 from mbm.solver.range_form import RangeForm, best_of_ranges
 from mbm.solver.sequential import begin_steps, sequential_step
@@ -183,8 +183,7 @@ def set_end(problem: Problem, work: Work) -> None:
     filled(n, 0.0, pulls)
     if work.penalised == 1:
         residuals = work.rows.residuals
-        size = residuals_at_point(problem, work.rows, here.point, 1, 0, residuals)
-        results[COST] = dot(size, residuals, residuals)
+        results[COST] = cost_at_point(problem, work.rows, here.point, 1, 0, residuals)
         results[VIOLATION] = work.worst
         set_held(problem, results[COST], work)
         copied(constraint_count(problem, work.rows.data), work.multipliers, answer.multipliers)
@@ -220,8 +219,7 @@ def finish_solve(problem: Problem, work: Work) -> None:
         return
     results[PLAIN_COST] = results[COST]
     if lossy(problem) == 1:
-        size = residuals_at_point(problem, work.rows, point, 0, 0, residuals)
-        results[PLAIN_COST] = dot(size, residuals, residuals)
+        results[PLAIN_COST] = cost_at_point(problem, work.rows, point, 0, 0, residuals)
     count = count if work.penalised == 1 else 0
     results[CONDITION] = set_covariance(problem, triangle, sides, count, work.held, work, covariance)
     states[FREEDOM] = work.rows.data.count - work.rank

@@ -127,8 +127,13 @@ def transport(
                         column = piece.column_1
                     if j == 2:
                         column = piece.column_2
-                    if column >= 0:
-                        own[column] = value
+                    put_part(column, value, own)
+
+
+def put_part(column: Integer, value: Real, step: Reals) -> None:
+    """The part of a step in a coordinate, if that is free."""
+    if column >= 0:
+        step[column] = value
 
 
 @distinct_arrays
@@ -155,12 +160,9 @@ def put_turn(piece: Component, start: ConstantReals, end: ConstantReals, step: R
     share = 2.0
     if sine > 0.0:
         share = 2.0 * atan2(sine, w) / sine
-    if piece.column_0 >= 0:
-        step[piece.column_0] = share * x
-    if piece.column_1 >= 0:
-        step[piece.column_1] = share * y
-    if piece.column_2 >= 0:
-        step[piece.column_2] = share * z
+    put_part(piece.column_0, share * x, step)
+    put_part(piece.column_1, share * y, step)
+    put_part(piece.column_2, share * z, step)
 
 
 @distinct_arrays
@@ -179,10 +181,8 @@ def put_arc(piece: Component, start: ConstantReals, end: ConstantReals, axes: Re
     share = 1.0
     if sine > 0.0:
         share = atan2(sine, cosine) / sine
-    if piece.column_0 >= 0:
-        step[piece.column_0] = share * s
-    if piece.column_1 >= 0:
-        step[piece.column_1] = share * t
+    put_part(piece.column_0, share * s, step)
+    put_part(piece.column_1, share * t, step)
 
 
 @distinct_arrays
@@ -196,8 +196,7 @@ def step_between(problem: Problem, start: ConstantReals, end: ConstantReals, scr
     for k in range(problem.component_count):
         piece = problem.components[k]
         if piece.kind == SCALE:
-            if piece.column_0 >= 0:
-                step[piece.column_0] = log(end[piece.number_0] / start[piece.number_0])
+            put_part(piece.column_0, log(end[piece.number_0] / start[piece.number_0]), step)
         elif piece.kind == QUATERNION:
             put_turn(piece, start, end, step)
         else:

@@ -58,17 +58,23 @@ def median(count: Integer, values: Reals) -> Real:
     return 0.5 * (lower + upper)
 
 
+def squares_of_group(units: Units, squares: ConstantReals, group: Integer, found: Reals) -> Integer:
+    """The squared norms of a group's units, each over the median of its law; how many there are."""
+    count = 0
+    for u in range(units.count):
+        if units.group[u] == group:
+            found[count] = squares[u] / units.medians[u]
+            count += 1
+    return count
+
+
 def robust_variance(units: Units, dimension: Integer, squares: ConstantReals, group: Integer, scratch: Reals) -> Real:
     """``(1.4826 (1 + 5/(n − p)))² med`` of the squared norms of a group's units, each over the median of its law.
 
     n counts the residuals of all units, ``dimension`` p the unknowns of the fit; 0 without any unit. Infinite norms are
     allowed, NaN is not.
     """
-    count = 0
-    for u in range(units.count):
-        if units.group[u] == group:
-            scratch[count] = squares[u] / units.medians[u]
-            count += 1
+    count = squares_of_group(units, squares, group, scratch)
     if count == 0:
         return 0.0
     left = units.scalars - dimension

@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import fabs, inf, isfinite, log, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, distinct_arrays
-from mbm.solver.consensus_order import selected
+from mbm.solver.consensus_order import selected, squares_of_group
 from mbm.solver.consensus_records import NO_CANDIDATE, ConsensusWork, Fit
 from mbm.solver.consensus_rows import linearised, moved, spread_weights, unit_squares, unruled_square, weigh_columns
 from mbm.solver.consensus_scores import rank_of_half
@@ -181,11 +181,7 @@ def trimmed_mean(group: Integer, squares: ConstantReals, work: ConsensusWork) ->
     units = work.units
     values = work.sorted
     threshold = work.threshold
-    count = 0
-    for u in range(units.count):
-        if units.group[u] == group:
-            values[count] = squares[u] / units.medians[u]
-            count += 1
+    count = squares_of_group(units, squares, group, values)
     threshold[0] = -1.0
     threshold[1] = 0.0
     threshold[2] = float(count)

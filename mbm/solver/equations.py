@@ -23,7 +23,7 @@ from mbm.machine.words import (
     distinct_arrays,
 )
 from mbm.solver.description import NO_LOSS, Block, Problem
-from mbm.solver.linear_algebra import copied
+from mbm.solver.linear_algebra import copied, dot
 from mbm.solver.losses import root_factor
 from mbm.solver.workspace import Rows
 
@@ -264,6 +264,14 @@ def residuals_at_point(
         target[done] = 0.0
         done += 1
     return done
+
+
+def cost_at_point(
+    problem: Problem, rows: Rows, point: ConstantReals, lossy: Integer, penalised: Integer, target: Reals
+) -> Real:
+    """``rᵀ r`` of all residuals at a point, which ``target`` holds then; the rest as `residuals_at_point` has it."""
+    count = residuals_at_point(problem, rows, point, lossy, penalised, target)
+    return dot(count, target, target)
 
 
 def first_separate(problem: Problem, rows: Rows) -> Integer:

@@ -6,9 +6,8 @@ from mbm.machine.kinds import LANES
 from mbm.machine.records import view
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, distinct_arrays
 from mbm.solver.description import DATA_BLOCK, DATA_HEAD, Block, DataSet, Problem
-from mbm.solver.equations import gather, groups_of, load_rows, portion, residuals_at_point, weights_width
+from mbm.solver.equations import cost_at_point, gather, groups_of, load_rows, portion, weights_width
 from mbm.solver.filter_records import Walk
-from mbm.solver.linear_algebra import dot
 from mbm.solver.sweeps import slope_portion
 from mbm.solver.workspace import Rows
 
@@ -85,6 +84,5 @@ def step_lines(walk: Walk, point: ConstantReals) -> Integer:
 
 def step_cost(walk: Walk, point: ConstantReals) -> Real:
     """What these rows add to the cost at a point, losses included."""
-    count = residuals_at_point(walk.seen, walk.rows, point, 1, 0, walk.rows.residuals)
     walk.evaluations += 1
-    return dot(count, walk.rows.residuals, walk.rows.residuals)
+    return cost_at_point(walk.seen, walk.rows, point, 1, 0, walk.rows.residuals)

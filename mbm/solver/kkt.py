@@ -18,8 +18,8 @@ from mbm.solver.constraint_manifold import choose_free, kkt_step, set_null_space
 from mbm.solver.constraint_values import linearise, set_units
 from mbm.solver.decisions import DIFFERENCE, EXACT, LEAST_DIFFERENCE, MET, MOST_DENSE, POLISH, SETTLED, SLOW_KKT
 from mbm.solver.description import BOUNDS_AT, ROUNDING, RUNNING, SMALL_OFFSET, TOLERANCE, Problem
-from mbm.solver.equations import residuals_at_point
-from mbm.solver.linear_algebra import add_multiple, column_product, copied, dot, filled, gradient_of, symmetrised
+from mbm.solver.equations import cost_at_point
+from mbm.solver.linear_algebra import add_multiple, column_product, copied, filled, gradient_of, symmetrised
 from mbm.solver.manifolds import coordinates_of, retract
 from mbm.solver.sweeps import sweep
 from mbm.solver.trust_region import constraint_count
@@ -42,8 +42,7 @@ def set_place(
     point = place.point
     residuals = work.rows.residuals
     coordinates_of(problem, point, place.x)
-    count = residuals_at_point(problem, work.rows, point, 1, 0, residuals)
-    place.cost = dot(count, residuals, residuals)
+    place.cost = cost_at_point(problem, work.rows, point, 1, 0, residuals)
     sweep(problem, point, 0, 0, work.rows, residuals, triangle)
     linearise(problem, point, work)
     work.evaluations += 1

@@ -7,9 +7,9 @@ from math import inf, isfinite
 from mbm.machine.records import record
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.solver.description import Problem
-from mbm.solver.equations import residuals_at_point
+from mbm.solver.equations import cost_at_point
 from mbm.solver.known_rows import know_rows
-from mbm.solver.linear_algebra import add_multiple, copied, dot
+from mbm.solver.linear_algebra import add_multiple, copied
 from mbm.solver.manifolds import coordinates_of, place_coordinates
 from mbm.solver.spheres import Ranges, places_of_ranges
 from mbm.solver.steps import project
@@ -107,8 +107,7 @@ def cost_of_place(problem: Problem, k: Integer, start: ConstantReals, form: Rang
         form.point[form.places[i]] = form.found[k * m + i]
     if problem.boxed == 1 and put_inside(problem, work.rows.constants, form.point, work.x) == 0:
         return inf
-    size = residuals_at_point(problem, work.rows, form.point, 1, 0, work.rows.residuals)
-    cost = dot(size, work.rows.residuals, work.rows.residuals)
+    cost = cost_at_point(problem, work.rows, form.point, 1, 0, work.rows.residuals)
     return cost if isfinite(cost) else inf
 
 

@@ -14,7 +14,7 @@ from mbm.solver.constraint_values import evaluate, linearise, set_units
 from mbm.solver.constraints import begin_rounds
 from mbm.solver.decisions import EPSILON, LEAST_GAIN_RATIO, UNDECIDED
 from mbm.solver.description import BOUNDS_AT, NOT_FINITE_AT_START, RUNNING, Problem
-from mbm.solver.equations import residuals_at_point
+from mbm.solver.equations import cost_at_point
 from mbm.solver.kkt import polish, set_place
 from mbm.solver.linear_algebra import copied, dot, filled, gradient_of
 from mbm.solver.linearisation import set_cost_rounding
@@ -199,10 +199,10 @@ def try_length(problem: Problem, length: Real, work: Work) -> Real:
                 x[j] = bound
         place_coordinates(problem, x, work.trial)
     residuals = work.rows.residuals
-    count = residuals_at_point(problem, work.rows, work.trial, 1, 0, residuals)
+    cost = cost_at_point(problem, work.rows, work.trial, 1, 0, residuals)
     evaluate(problem, work.trial, 0, work, work.trial_values)
     work.evaluations += 1
-    found = 0.5 * dot(count, residuals, residuals) + violations(problem, work.trial_values, work)
+    found = 0.5 * cost + violations(problem, work.trial_values, work)
     return found if isfinite(found) else inf
 
 

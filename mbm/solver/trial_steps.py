@@ -10,7 +10,7 @@ from math import isfinite
 from mbm.machine.words import ConstantReals, Integer, Real
 from mbm.solver.decisions import BEND, CURVED_SHARE, UNDECIDED
 from mbm.solver.description import Problem
-from mbm.solver.equations import residuals_at_point
+from mbm.solver.equations import cost_at_point
 from mbm.solver.linear_algebra import (
     copied,
     damped_triangle,
@@ -96,6 +96,16 @@ def correct_step(
     return 1
 
 
+def cost_of_trial(problem: Problem, penalised: Integer, work: Work) -> Real:
+    """The cost at `trial`, which is what is tried now."""
+    work.tried = work.trial
+    work.residuals_tried = (work.residuals_here + 1) % 3
+    work.evaluations += 1
+    residuals = work.rows.residuals[work.residuals_tried * problem.most_residuals :]
+    work.cost_tried = cost_at_point(problem, work.rows, work.trial, 1, penalised, residuals)
+    return work.cost_tried
+
+
 def try_step(
     problem: Problem,
     work: Work,
@@ -110,13 +120,7 @@ def try_step(
         coordinates_of(problem, point, x)
         land(problem, work.rows.constants, vector, work.step_stopped, x)
         place_coordinates(problem, x, point)
-    work.tried = work.trial
-    work.residuals_tried = (work.residuals_here + 1) % 3
-    residuals = work.rows.residuals[work.residuals_tried * problem.most_residuals :]
-    count = residuals_at_point(problem, work.rows, point, 1, work.penalised, residuals)
-    work.evaluations += 1
-    cost = dot(count, residuals, residuals)
-    work.cost_tried = cost
+    cost = cost_of_trial(problem, work.penalised, work)
     if not isfinite(cost) or problem.boxed == 1 or not work.step_predicted > UNDECIDED * place.cost_rounding:
         return
     if place.cost - cost >= CURVED_SHARE * work.step_predicted:
@@ -126,9 +130,8 @@ def try_step(
     curved = work.corrected_trial
     retract(problem, place.point, work.corrected, curved)
     there = work.rows.residuals[((work.residuals_here + 2) % 3) * problem.most_residuals :]
-    count = residuals_at_point(problem, work.rows, curved, 1, work.penalised, there)
     work.evaluations += 1
-    lower = dot(count, there, there)
+    lower = cost_at_point(problem, work.rows, curved, 1, work.penalised, there)
     if lower < cost:
         work.cost_tried = lower
         work.tried = work.corrected_trial

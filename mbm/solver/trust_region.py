@@ -40,15 +40,15 @@ from mbm.solver.description import (
     DataSet,
     Problem,
 )
-from mbm.solver.equations import residuals_at_point
-from mbm.solver.linear_algebra import copied, dot, filled
+from mbm.solver.equations import cost_at_point
+from mbm.solver.linear_algebra import copied, filled
 from mbm.solver.linearisation import arrive, judge
 from mbm.solver.manifolds import coordinates_of, place_coordinates, retract
 from mbm.solver.newton import set_curvature
 from mbm.solver.step_control import radius_after, remaining
 from mbm.solver.steps import project
 from mbm.solver.sweeps import set_triangle, summed, sweep
-from mbm.solver.trial_steps import same_point, shortening, step_within, try_step
+from mbm.solver.trial_steps import cost_of_trial, same_point, shortening, step_within, try_step
 from mbm.solver.workspace import Work
 
 
@@ -84,8 +84,7 @@ def begin(
     work.stop = RUNNING
     work.evaluations += 1
     residuals = work.rows.residuals
-    count = residuals_at_point(problem, work.rows, point, 1, work.penalised, residuals)
-    place.cost = dot(count, residuals, residuals)
+    place.cost = cost_at_point(problem, work.rows, point, 1, work.penalised, residuals)
     triangle = place.triangle
     if LANES > 1:
         work.summed = summed(problem, work.rows.data)
@@ -127,13 +126,7 @@ def solve_directly(
         here = work.here
         point = work.trial
         retract(problem, here.point, here.full, point)
-        work.tried = work.trial
-        work.residuals_tried = (work.residuals_here + 1) % 3
-        residuals = work.rows.residuals[work.residuals_tried * problem.most_residuals :]
-        count = residuals_at_point(problem, work.rows, point, 1, 0, residuals)
-        work.evaluations += 1
-        cost = dot(count, residuals, residuals)
-        work.cost_tried = cost
+        cost = cost_of_trial(problem, 0, work)
         finite = 1 if isfinite(cost) else 0
         if finite == 0 or cost > here.cost + here.cost_rounding:
             break
