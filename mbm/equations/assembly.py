@@ -192,10 +192,7 @@ class Assembled:
             result[group.first : group.first + group.count] = part.ravel()
         if self.implicit is not None:
             self.implicit.add_residuals(x, result)
-        if self.factors is not None:
-            result /= self.factors
-        if self.structure is not None:
-            self.structure.make_independent(result)
+        self._divide(result)
         return result if self.rows is None else result[self.rows]
 
     def plain_jacobian(self, x: Floats) -> Floats:
@@ -209,18 +206,10 @@ class Assembled:
             lines = result[group.first : group.first + group.count]
             part = lines.reshape(group.rows, group.kernel.outputs, width)
             group.add_jacobian(x, places, part)
-            for whitener_ in group.whiteners:
-                rows = part[:, whitener_.first : whitener_.last]
-                if whitener_.weights.ndim == 2:
-                    rows *= whitener_.weights[:, :, None]
-                else:
-                    rows[...] = np.einsum("rij,rjn->rin", whitener_.weights, rows)
+            group.whiten_rows(part)
         if self.implicit is not None:
             self.implicit.add_jacobian(x, result)
-        if self.factors is not None:
-            result /= self.factors[:, None]
-        if self.structure is not None:
-            self.structure.make_independent(result)
+        self._divide(result.T)
         return result if self.rows is None else result[self.rows]
 
     def eliminated(self, group: Group) -> bool:
@@ -249,11 +238,15 @@ class Assembled:
         for group in self.groups:
             values = group.whitened(group.values_at(points))
             result[:, group.first : group.first + group.count] = values.reshape(len(points), group.count)
-        if self.factors is not None:
-            result /= self.factors
-        if self.structure is not None:
-            self.structure.make_independent(result.T)
+        self._divide(result)
         return result if self.rows is None else result[:, self.rows]
+
+    def _divide(self, whitened: Floats) -> None:
+        """Divide (…, whole) by what rows share of their noise, in place: factors of blocks, correlations of rows."""
+        if self.factors is not None:
+            whitened /= self.factors
+        if self.structure is not None:
+            self.structure.make_independent(whitened.T)
 
     def jacobian(self, x: Floats) -> Floats:
         """Derivative of ``residuals`` by a step (m, n)."""

@@ -269,6 +269,15 @@ class Group:
             return self.whiteners[0].apply(values)
         return np.concatenate([w.apply(values) for w in self.whiteners], axis=-1)
 
+    def whiten_rows(self, derivatives: Floats) -> None:
+        """Divide derivatives (rows, outputs, width) by the equations' own noise, in place."""
+        for whitener in self.whiteners:
+            lines = derivatives[:, whitener.first : whitener.last]
+            if whitener.weights.ndim == 2:
+                lines *= whitener.weights[:, :, None]
+            else:
+                lines[...] = np.einsum("rij,rjn->rin", whitener.weights, lines)
+
     def scatter(self, columns: Indices) -> Scatter:
         """Where the Jacobian goes; ``columns`` (M,) gives the column of each coordinate, -1: nowhere."""
         kernel = self.kernel

@@ -168,23 +168,21 @@ def conflicting_constraints(
 
 def near_bound(span: Span, names: Sequence[str], what: str) -> Diagnostic:
     """The scalars ``names`` of an unknown ended at ``what``: `its lower bound`, `its upper bound`, `zero`."""
-    shown = ", ".join(f"`{name}`" for name in names[:MOST_NAMES])
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     verb = "is" if len(names) == 1 else "are each"
     held = f"{verb} driven to zero, where `positive` ends" if what == "zero" else f"{verb} held at {what}"
     return Diagnostic(
         code=NEAR_BOUND,
-        message=f"{shown}{more} {held}",
+        message=f"{listed(names)} {held}",
         place=span,
         hint=NEAR_BOUND.mend,
         severity=Severity.WARNING,
     )
 
 
-def listed(names: Sequence[str]) -> str:
-    """Names in a sentence, the first `MOST_NAMES` of them."""
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    return ", ".join(f"`{name}`" for name in names[:MOST_NAMES]) + more if names else "none"
+def listed(names: Sequence[str], most: int = MOST_NAMES) -> str:
+    """Names in a sentence, the first so many of them."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(f"`{name}`" for name in names[:most]) + more if names else "none"
 
 
 def no_region(first: str, second: str, why: str) -> Diagnostic:

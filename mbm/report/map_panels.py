@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbm.report.panels import BLUE, CHI_95_2D, GREY, ORANGE, RED, Panel
+from mbm.report.panels import BLUE, CHI_95_2D, GREY, ORANGE, RED, Panel, finish
 from mbm.report.plot_data import Map
 from mbm.report.rounding import round_step
 from mbm.report.types import Floats, Mask
@@ -53,11 +53,7 @@ def draw_map(found: Map, axes_of: Floats, title: str, axes: Axes) -> None:
         axes.set_ylabel(f"y{unit}")
     axes.set_aspect("equal", adjustable="datalim")
     axes.autoscale_view()
-    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(fontsize=7, framealpha=0.8, edgecolor="none", loc="best")
+    finish(axes, legend=True)
 
 
 def _draw_edges(found: Map, at: Floats, axes: Axes) -> None:

@@ -7,6 +7,7 @@ from itertools import islice
 from math import isfinite
 
 from mbm.report.digits import plain
+from mbm.report.faults import listed
 from mbm.report.means import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, RootMean
 from mbm.report.row_data import ResidualSummary
 from mbm.report.types import Observability, SolveReport
@@ -67,9 +68,7 @@ def observability_sentences(found: Observability | None) -> Iterator[str]:
     said = {name for direction in found.unobservable for name in direction.unknowns}
     unused = [name for name in found.unused if name not in said]
     if unused:
-        names = ", ".join(f"`{name}`" for name in unused[:MOST_NAMES])
-        more = f" and {len(unused) - MOST_NAMES} more" if len(unused) > MOST_NAMES else ""
-        yield f"in no equation: {names}{more}"
+        yield f"in no equation: {listed(unused, MOST_NAMES)}"
 
 
 def residual_sentences(solve: SolveReport) -> Iterator[str]:

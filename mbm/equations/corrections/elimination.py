@@ -22,7 +22,7 @@ from mbm.equations.corrections.measured import Measured, MeasuredColumn, measure
 from mbm.equations.corrections.roots import Root, root
 from mbm.equations.corrections.sharing import check_sharing
 from mbm.equations.corrections.straight import straight_groups
-from mbm.equations.corrections.system import System, whiten_rows
+from mbm.equations.corrections.system import System
 from mbm.equations.corrections.types import CorrectedColumn, Feet, MeasuredErrors
 from mbm.equations.scatter import Scatter
 from mbm.equations.types import Floats, Indices, Mask
@@ -152,7 +152,7 @@ class Elimination:
                 group = part.at(solved.feet.corrections)
                 rows = np.zeros((group.rows, group.kernel.outputs, width))
                 group.add_jacobian(numbers, places, rows)
-                whiten_rows(group, rows)
+                group.whiten_rows(rows)
                 slopes[part.equations] = rows
             target[system.residuals] = solved.root.apply(slopes.reshape(*system.noisy.shape, width))
 

@@ -139,7 +139,7 @@ def _rows_at(part: Part, corrections: Floats, multipliers: Floats) -> Local:
     slopes = np.zeros((rows, outputs, len(found.columns)))
     count = len(found.slope_rows)
     slopes[:, found.slope_rows, found.slope_columns] = nonzeros[:, :count] * part.slope_scale
-    whiten_rows(group, slopes)
+    group.whiten_rows(slopes)
     curvature = np.zeros((rows, len(found.columns), len(found.columns)))
     if len(found.curvature_rows):
         bent = nonzeros[:, count:] * part.curvature_scale
@@ -148,16 +148,6 @@ def _rows_at(part: Part, corrections: Floats, multipliers: Floats) -> Local:
             bent[~finite.all(axis=1)] = 0.0
         curvature[:, found.curvature_rows, found.curvature_columns] = bent
     return Local(values=group.whitened(values), slopes=slopes, curvature=curvature)
-
-
-def whiten_rows(group: Group, derivatives: Floats) -> None:
-    """Divide derivatives (rows, outputs, width) by the equations' own noise, in place."""
-    for whitener in group.whiteners:
-        lines = derivatives[:, whitener.first : whitener.last]
-        if whitener.weights.ndim == 2:
-            lines *= whitener.weights[:, :, None]
-        else:
-            lines[...] = np.einsum("rij,rjn->rin", whitener.weights, lines)
 
 
 def _unwhitened(group: Group, multipliers: Floats) -> Floats:

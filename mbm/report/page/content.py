@@ -175,9 +175,14 @@ def _doubts(solve: SolveReport) -> Iterator[Block]:
     said = [*constraint_sentences(solve), *prior_sentences(solve), *_told(solve.diagnostics)]
     if not said:
         yield Paragraph("Nothing that mbm looks at speaks against the numbers.")
-    yield from (Paragraph(text, doubt=True) for text in said[:MOST_DOUBTS])
-    if len(said) > MOST_DOUBTS:
-        yield Paragraph(f"… and {len(said) - MOST_DOUBTS:,} more, which the result document lists.", doubt=True)
+    yield from doubts_told(said, MOST_DOUBTS)
+
+
+def doubts_told(said: Sequence[str], most: int) -> Iterator[Paragraph]:
+    """A paragraph for each doubt, the first so many of them."""
+    yield from (Paragraph(text, doubt=True) for text in said[:most])
+    if len(said) > most:
+        yield Paragraph(f"… and {len(said) - most:,} more, which the result document lists.", doubt=True)
 
 
 def _told(diagnostics: Iterable[Diagnostic]) -> Iterator[str]:

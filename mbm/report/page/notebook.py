@@ -7,7 +7,7 @@ from itertools import chain
 
 from mbm.report.many import statuses_in_words
 from mbm.report.noise import noise_sentences
-from mbm.report.page.content import estimates_grid, many_blocks
+from mbm.report.page.content import doubts_told, estimates_grid, many_blocks
 from mbm.report.page.html import fragment
 from mbm.report.page.types import Block, Bullets, Paragraph
 from mbm.report.sentences import (
@@ -56,9 +56,7 @@ def _one(result: Result, solve: SolveReport) -> Iterator[Block]:
         yield Bullets(said)
     remarks = chain(observability_sentences(solve.observability), constraint_sentences(solve), prior_sentences(solve))
     doubts = list(dict.fromkeys([*remarks, *map(diagnostic_sentence, solve.diagnostics)]))
-    yield from (Paragraph(each, doubt=True) for each in doubts[:MOST_DOUBTS])
-    if len(doubts) > MOST_DOUBTS:
-        yield Paragraph(f"… and {len(doubts) - MOST_DOUBTS:,} more, which the result document lists.", doubt=True)
+    yield from doubts_told(doubts, MOST_DOUBTS)
 
 
 def _several(result: Result) -> Iterator[Block]:
