@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.equations.layout import Layout
 from mbm.equations.types import Equations, Floats, Indices, Mask, Minimum
-from mbm.solver.decisions import HUGE, TINY, rounding_of_norm
+from mbm.solver.decisions import HUGE, TINY, decided_rank, rounding_of_norm
 
 
 def metric(jacobian: Floats, slopes: Floats) -> Floats:
@@ -104,3 +104,19 @@ def first_bad(values: Floats) -> int | None:
     if good.all():
         return None
     return int(np.argmin(good if good.ndim == 1 else good.all(axis=1)))
+
+
+def taken_away(slopes: Floats, equality: Mask, *, whole: bool = True) -> tuple[Floats, int, int]:
+    """Directions (q, n), as many of the first as constraints take away, and as many of these as equations do.
+
+    ``slopes`` (k, n) are of constraints that hold, dependent ones count once; ``equality`` (k,): which are equations.
+    The directions are orthonormal, with ``whole`` a basis of the space.
+    """
+    lengths = np.sqrt(np.square(slopes).sum(axis=1))
+    rows, equality = slopes[lengths > 0.0] / lengths[lengths > 0.0, None], equality[lengths > 0.0]
+    if not len(rows):
+        return np.eye(slopes.shape[1] if whole else 0, slopes.shape[1]), 0, 0
+    _, singular, directions = np.linalg.svd(rows, full_matrices=whole)
+    of_equalities = np.linalg.svd(rows[equality], compute_uv=False) if bool(equality.any()) else np.zeros(0)
+    equalities = decided_rank(len(of_equalities), of_equalities)
+    return directions, decided_rank(len(singular), singular), equalities

@@ -220,18 +220,11 @@ class Inference:
 
     def _substituted(self, term: Term, variables: list[Variable]) -> Term:
         """``term`` without ``variables``, which stand for open ones."""
-        known, unknown = term.known, dict(term.unknown)
         for variable in variables:
+            unknown = dict(term.unknown)
             exponent = unknown.pop(variable)
-            solved = self._solved[variable]
-            known = known * solved.known**exponent
-            for each, power in solved.unknown.items():
-                value = whole(unknown.get(each, 0) + power * exponent)
-                if value:
-                    unknown[each] = value
-                else:
-                    unknown.pop(each, None)
-        return Term(known, unknown)
+            term = Term(term.known, unknown).combine(self._solved[variable], exponent)
+        return term
 
     def _solve(self, term: Term) -> bool:
         """Take in ``term = no dimension``; False where that contradicts what is known."""

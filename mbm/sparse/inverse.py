@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from mbm.equations.metric import taken_away
 from mbm.equations.types import CovarianceFactor, Floats, Indices, Mask
-from mbm.solver.decisions import SHARE, decided_rank
+from mbm.solver.decisions import SHARE
 from mbm.sparse.structure import Values
 from mbm.sparse.system import Factorised
 from mbm.values import dataclass
@@ -200,15 +201,10 @@ def constrained_inverse(inverse: SparseInverse, slopes: Floats, equality: Mask) 
     """
     free = inverse.factors.plan.structure.free
     rows = np.where(inverse.zero[free], 0.0, slopes) / inverse.scale[free]
-    lengths = np.sqrt(np.square(rows).sum(axis=1))
-    rows, equality = rows[lengths > 0.0] / lengths[lengths > 0.0, None], equality[lengths > 0.0]
-    if not len(rows):
+    directions, rank, equalities = taken_away(rows, equality, whole=False)
+    if not rank:
         return Constrained(inverse=inverse)
-    _, singular, right = np.linalg.svd(rows, full_matrices=False)
-    rank = decided_rank(len(singular), singular)
-    of_equalities = np.linalg.svd(rows[equality], compute_uv=False) if bool(equality.any()) else np.zeros(0)
-    equalities = decided_rank(len(of_equalities), of_equalities)
-    basis = (right[:rank] * inverse.scale[free]).T
+    basis = (directions[:rank] * inverse.scale[free]).T
     image = inverse.solve(basis)
     factor = np.linalg.cholesky(basis.T @ image)
     taken = np.linalg.solve(factor, image.T).T

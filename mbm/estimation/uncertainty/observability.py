@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.equations.metric import metric
+from mbm.equations.metric import metric, taken_away
 from mbm.equations.triangle import triangle
 from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
 from mbm.estimation.uncertainty.freedom import free_combinations
@@ -109,14 +109,5 @@ def _tangent(surface: Surface | None, used: Indices, scale: Floats) -> _Tangent:
     """The directions along the surface, in the scaled coordinates ``used``; dependent constraints count once."""
     if surface is None:
         return _Tangent(basis=np.zeros((used.size, 0)), equalities=0, inequalities=0)
-    rows = surface.slopes[:, used] / scale[used]
-    lengths = np.sqrt(np.square(rows).sum(axis=1))
-    rows = rows[lengths > 0.0] / lengths[lengths > 0.0, None]
-    equality = surface.equality[lengths > 0.0]
-    if not len(rows):
-        return _Tangent(basis=np.eye(used.size), equalities=0, inequalities=0)
-    _, singular, right = np.linalg.svd(rows, full_matrices=True)
-    rank = decided_rank(len(singular), singular)
-    of_equalities = np.linalg.svd(rows[equality], compute_uv=False) if bool(equality.any()) else np.zeros(0)
-    equalities = decided_rank(len(of_equalities), of_equalities)
-    return _Tangent(basis=right[rank:].T, equalities=equalities, inequalities=rank - equalities)
+    directions, rank, equalities = taken_away(surface.slopes[:, used] / scale[used], surface.equality)
+    return _Tangent(basis=directions[rank:].T, equalities=equalities, inequalities=rank - equalities)
