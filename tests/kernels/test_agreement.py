@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from mbm.kernels.backends import casadi_map, numpy_stream
+from mbm.kernels.backends import casadi_map, native, numpy_stream
 from mbm.kernels.backends.automatic import InterpretingBackend
 from mbm.kernels.backends.native import NativeBackend
 from tests.symbolic.derivatives import single
@@ -84,6 +84,42 @@ def test_derivative_at_a_tie_is_the_mean_of_both_sides(text, slopes, backend):
     found = np.zeros(2)
     found[kernel.jacobian_columns] = nonzeros[0]
     assert found.tolist() == slopes
+
+
+class Shelf:
+    """A store in memory."""
+
+    def __init__(self):
+        self.held = {}
+
+    def get(self, kind, key):
+        return self.held.get((kind, key))
+
+    def put(self, kind, key, content):
+        self.held[kind, key] = content
+
+
+def test_many_rows_get_code_that_runs_fast_and_gives_the_same(monkeypatch):
+    _, kernel = single("(* (sin (* a x)) (exp b))")
+    inputs = np.random.default_rng(1).uniform(0.4, 1.4, (7, 3))
+    monkeypatch.setattr(native, "MANY", 1)
+    monkeypatch.setattr(native, "EVALUATIONS", 3 * len(inputs))
+
+    def found(store, times):
+        evaluation = NativeBackend(store).prepare(kernel, len(inputs))
+        evaluation.inputs[:] = inputs
+        pairs = [evaluation.values_and_jacobian() for _ in range(times)]
+        return [np.hstack(pair).tolist() for pair in pairs]
+
+    shelf = Shelf()
+    wanted = np.sin(inputs[:, 0] * inputs[:, 2]) * np.exp(inputs[:, 1])  # a, b, x
+    few = found(shelf, 2)
+    np.testing.assert_allclose(np.array(few[0])[:, 0], wanted, rtol=1e-14)
+    before = len(shelf.held)
+    assert found(shelf, 5) == [few[0]] * 5
+    assert len(shelf.held) == before + 1
+    assert found(shelf, 1) == few[:1]  # what is kept of it is taken at once
+    assert len(shelf.held) == before + 1
 
 
 @pytest.mark.parametrize("rows", [1, 5, 191, 192, 1500])

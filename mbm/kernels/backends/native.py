@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.kernels.native.engine import Library, compiled, hindrance, kept, vector_library
-from mbm.kernels.native.kernels import EVALUATIONS, MANY, PLAIN, KernelCode, NativeKernels
+from mbm.kernels.native.engine import Library, compiled, fetched, hindrance, kept, vector_library
+from mbm.kernels.native.kernels import EVALUATIONS, FAST, MANY, PLAIN, KernelCode, NativeKernels
 from mbm.kernels.native.sources import source_digest
 from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream, Tabulated
 from mbm.machine import blocks_of_rows
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 PORTION = 16
 """Blocks that are evaluated at a time: their inputs and outputs stay in the cache."""
 
-_LEVEL = 1
 _SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64, *[ctypes.c_void_p] * 4)
 
 
@@ -36,6 +35,32 @@ def _tables_text() -> str:
     from mbm.solver.modules import tables_module
 
     return llvm.text(tables_module(LANES))
+
+
+@dataclass(slots=True, eq=False)
+class _Tables:
+    """What evaluates kernels over tables: compiled in no time, and for speed once the rows were many.
+
+    A row costs 1.2 ns more for each number that goes in or out until then, and compiling for speed 40 ms.
+    """
+
+    _store: Store | None
+    _rows: int = 0
+    _fast: bool = False
+    _made: tuple[Library, Callable[..., int]] | None = None
+
+    def run(self, rows: int) -> Callable[..., int]:
+        """`mbm.solver.tables.evaluate_rows`, which takes addresses and a number of rows, for so many of them."""
+        self._rows += rows
+        many = self._rows >= MANY * EVALUATIONS
+        if self._made is None or (many and not self._fast):
+            name = f"tables {source_digest('solver')}"
+            library = fetched(name, self._store, FAST, compact=True)
+            self._fast = many or library is not None
+            if library is None:
+                library = kept(name, _tables_text, self._store, FAST if many else PLAIN, compact=many)
+            self._made = library, _SIGNATURE(library.address("evaluate_rows"))
+        return self._made[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,21 +96,22 @@ class _Tabulated:
     """A program for any number of rows; ``work`` is filled anew by each call."""
 
     library: Library
-    run: Callable[..., int]
+    tables: _Tables
     outputs: int
     table: NDArray[np.int64]
     work: Floats
 
     @staticmethod
-    def of(library: Library, name: str, program: Program, run: Callable[..., int]) -> _Tabulated:
+    def of(library: Library, name: str, program: Program, tables: _Tables) -> _Tabulated:
         width, outputs = len(program.inputs), len(program.outputs)
         table = np.array([library.address(name), width, outputs, 0, PORTION], dtype=np.int64)
-        return _Tabulated(library, run, outputs, table, np.empty(PORTION * LANES * (width + outputs)))
+        return _Tabulated(library, tables, outputs, table, np.empty(PORTION * LANES * (width + outputs)))
 
     def __call__(self, inputs: Floats) -> Floats:
         found = np.empty((len(inputs), self.outputs))
         place = address(found)
-        self.run(address(self.table), len(inputs), address(inputs), place, place, address(self.work))
+        run = self.tables.run(len(inputs))
+        run(address(self.table), len(inputs), address(inputs), place, place, address(self.work))
         return found
 
 
@@ -113,7 +139,7 @@ class _Stream:
             self._code = self._backend.code.of([self._kernel], MANY)
         given = np.ascontiguousarray(inputs, dtype=np.float64)
         call = _Call.of(self._kernel, self._code, given, jacobian=jacobian)
-        self._backend.run(*call.arguments)
+        self._backend.tables.run(len(inputs))(*call.arguments)
         return call
 
 
@@ -138,7 +164,7 @@ class _Evaluation:
         if call is None:
             code = self._backend.code.of([self._kernel], len(self.inputs))
             call = self._calls[jacobian] = _Call.of(self._kernel, code, self.inputs, jacobian=jacobian)
-        self._backend.run(*call.arguments)
+        self._backend.tables.run(len(self.inputs))(*call.arguments)
         return call
 
 
@@ -150,10 +176,11 @@ class NativeBackend(MachineCode):
     """
 
     code: KernelCode = field(init=False, repr=False)
-    _tables: list[tuple[Library, Callable[..., int]]] = field(default_factory=list, init=False, repr=False)
+    tables: _Tables = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "code", KernelCode(self.store))
+        object.__setattr__(self, "tables", _Tables(self.store))
 
     def prepare(self, kernel: Kernel, rows: int) -> Evaluation:
         """A table for ``rows`` rows."""
@@ -170,18 +197,9 @@ class NativeBackend(MachineCode):
         )
         library = compiled(text, self.store, PLAIN)
         return {
-            name: _Tabulated.of(library, f"program{k}", each, self.run)
+            name: _Tabulated.of(library, f"program{k}", each, self.tables)
             for k, (name, each) in enumerate(programs.items())
         }
-
-    @property
-    def run(self) -> Callable[..., int]:
-        """`mbm.solver.tables.evaluate_rows`, which takes addresses and a number of rows."""
-        if not self._tables:
-            name = f"tables {source_digest('solver')}"
-            library = kept(name, _tables_text, self.store, _LEVEL, loops=False)
-            self._tables.append((library, _SIGNATURE(library.address("evaluate_rows"))))
-        return self._tables[0][1]
 
 
 def backend(store: Store | None) -> NativeBackend:
