@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 
@@ -37,7 +38,10 @@ WALK = """
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    """Solves windows of the walk; the camera's track has nine places more in every second, which find no partner."""
+    """Solves windows of the walk, each kind once: the result, and what is `found` in it.
+
+    The camera's track has nine places more in every second, which find no partner.
+    """
     folder = tmp_path_factory.mktemp("walk")
     track = read_numbers(WALKED)
     t = track["t"]
@@ -46,9 +50,11 @@ def walk(tmp_path_factory):
     vio = {name: np.interp(between, t, track[f"vio_{name}"]).tolist() for name in "xy"}
     write_table(folder / "vio.csv", {"t": between.tolist(), **vio})
 
+    @functools.cache
     def solve(length, kind="(similarity 2)", sigma="1m", options=""):
         text = WALK.format(length=length, kind=kind, sigma=sigma, options=options)
-        return mbm.loads(text, base=folder).solve()
+        result = mbm.loads(text, base=folder).solve()
+        return result, found(result)
 
     return solve
 
@@ -84,10 +90,9 @@ def similarity(vio, ble, weights):
 @pytest.mark.parametrize("length", [60, 1000])
 def test_every_similarity_is_the_one_computed_apart(walk, length):
     vio, ble = samples()
-    result = walk(length)
+    result, solved = walk(length)
     assert [s.key["t"] for s in result.solves] == list(range(COUNT))
     assert [s.status for s in result.solves if s.key["t"] < 1] == ["skipped"]
-    solved = found(result)
     assert result.status == "ok"
     for end in range(1, COUNT):
         rows = slice(max(end - length + 1, 0), end + 1)
@@ -102,7 +107,7 @@ def test_every_similarity_is_the_one_computed_apart(walk, length):
 @pytest.mark.parametrize(("length", "end"), REFERENCE)
 def test_windows_of_the_reference(walk, length, end):
     """Computed apart by the singular value decomposition (Umeyama 1991)."""
-    scale, turn, shift, cost, _ = found(walk(length))[end]
+    scale, turn, shift, cost, _ = walk(length)[1][end]
     wanted_scale, yaw, x, y, wanted_cost = REFERENCE[length, end]
     assert abs(scale - wanted_scale) < DIGITS
     assert abs(np.angle(turn * np.exp(-1j * yaw))) < DIGITS
@@ -121,7 +126,7 @@ def rigid(vio, ble, weights):
 
 def test_every_rigid_motion_is_the_one_computed_apart(walk):
     vio, ble = samples()
-    solved = found(walk(60, kind="(pose 2)"))
+    _, solved = walk(60, kind="(pose 2)")
     for end in range(1, COUNT):
         rows = slice(max(end - 59, 0), end + 1)
         turn, shift = rigid(vio[rows], ble[rows], np.ones(end + 1 - rows.start))
@@ -148,7 +153,7 @@ def huber_similarity(vio, ble, limit):
 def test_every_similarity_under_hubers_loss_is_the_one_computed_apart(walk):
     """The paper's variant: k = 1.345 of 0.5 m."""
     vio, ble = samples()
-    solved = found(walk(60, sigma="0.5m", options=":loss (huber 1.345)"))
+    _, solved = walk(60, sigma="0.5m", options=":loss (huber 1.345)")
     for end in range(20, COUNT, 5):
         rows = slice(max(end - 59, 0), end + 1)
         turn, shift = huber_similarity(vio[rows], ble[rows], 1.345 * 0.5)

@@ -49,8 +49,20 @@ class Outside:
     clear: bool
 
 
+_KNOWN: dict[tuple[object, ...], tuple[Kind, Outside]] = {}
+"""What was found; a kind is kept as long as its identity is part of a key."""
+
+
 def outside(kind: Kind, tables: Tables, near: np.ndarray | None = None) -> Outside:
-    """The minimum from the stated start; ``near``: from there."""
+    """The minimum from the stated start; ``near``: from there. Found once for all paths that are compared with it."""
+    cells = repr({table: {name: np.asarray(c).tolist() for name, c in each.items()} for table, each in tables.items()})
+    key = id(kind), cells, None if near is None else near.tobytes()
+    if key not in _KNOWN:
+        _KNOWN[key] = kind, _outside(kind, tables, near)
+    return _KNOWN[key][1]
+
+
+def _outside(kind: Kind, tables: Tables, near: np.ndarray | None) -> Outside:
     factors = np.ones(len(kind.groups))
     found = _solved(kind, tables, factors, near)
     while kind.components:

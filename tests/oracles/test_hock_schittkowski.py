@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
 from tests.oracles.hs_problems import PROBLEMS
+from tests.oracles.kinds import Kind
 from tests.oracles.outside import faults, outside
 from tests.oracles.paths import CLAUSES, PATHS, applies, generated_c, generated_python, together
 
@@ -26,10 +29,15 @@ KNOWN = {
 }
 
 
+@functools.cache
+def kind_of(name: str) -> Kind:
+    """The same object for all answers: SciPy is asked once."""
+    return PROBLEMS[name].kind()
+
+
 def judged(name: str, answer) -> list[str]:
     """What is wrong with an answer."""
-    problem = PROBLEMS[name]
-    kind = problem.kind()
+    problem, kind = PROBLEMS[name], kind_of(name)
     cost = float((kind.residuals(answer.values) ** 2).sum())
     least, x = min(problem.minima, key=lambda minimum: abs(minimum[0] - cost))
     if abs(cost - least) > PRINTED * (1 + least):
@@ -46,8 +54,7 @@ def judged(name: str, answer) -> list[str]:
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_formulas_have_the_printed_optimum(name):
-    problem = PROBLEMS[name]
-    kind = problem.kind()
+    problem, kind = PROBLEMS[name], kind_of(name)
     for least, x in problem.minima:
         point = np.array(x, dtype=float)
         # Solutions are printed to six digits at least; the sum is flat about them but along what holds.
@@ -69,7 +76,7 @@ def test_the_published_optimum_is_reached_in_every_way(name):
 
 def wrong_on(name: str, paths) -> list[str]:
     """What is wrong on these paths."""
-    kind = PROBLEMS[name].kind()
+    kind = kind_of(name)
     found = []
     for path in paths:
         if applies(path, kind) and (name, path) not in KNOWN:
@@ -84,7 +91,7 @@ def wrong_on(name: str, paths) -> list[str]:
 @pytest.mark.parametrize(("name", "path"), sorted(KNOWN))
 def test_what_is_known_to_be_wrong_still_is(name, path):
     """So that what mends it is told to take it off the list."""
-    kind = PROBLEMS[name].kind()
+    kind = kind_of(name)
     (answer,) = PATHS[path](kind, [kind.draw(None)])
     assert judged(name, answer)
 
@@ -93,6 +100,6 @@ def test_what_is_known_to_be_wrong_still_is(name, path):
 @pytest.mark.parametrize("name", [name for name in PROBLEMS if not PROBLEMS[name].flat])
 @pytest.mark.parametrize("make", [generated_c, generated_python])
 def test_generated_solvers_reach_the_published_optimum(name, make, tmp_path):
-    kind = PROBLEMS[name].kind()
+    kind = kind_of(name)
     for answer in make(kind, [kind.draw(None)] * 2, tmp_path):
         assert judged(name, answer) == []
