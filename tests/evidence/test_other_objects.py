@@ -114,6 +114,11 @@ def test_a_cup_upside_down_looks_the_same(tmp_path):
     assert "another-solution" in [each.code.name for each in found.diagnostics]
 
 
+def test_a_descent_that_follows_a_wrong_edge_is_led_on(tmp_path):
+    """The first minimum is 2.3° beside the truth, with residuals of 12 standard deviations."""
+    assert all(check(tmp_path, "bracket", range(1)))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SHAPES)
 def test_twenty_poses(tmp_path, name):

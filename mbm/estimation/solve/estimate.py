@@ -36,6 +36,7 @@ from mbm.estimation.search.challenge import Challenge
 from mbm.estimation.search.multistart import starting_points
 from mbm.estimation.search.search import Alternative, Tally, search
 from mbm.estimation.search.solution import Solution
+from mbm.estimation.search.starting import SILHOUETTES
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, reached
@@ -128,8 +129,13 @@ def estimate(
     challenge = Challenge(equations, settings, problem, cache, ranges)
     found = challenge.anticipated(robust.starts) or challenge.compared(robust.starts)
     if found is None:
-        found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
-        found = challenge.answered(found)
+        agrees = derived_agreement(problem, binder, kernels)
+        found = challenge.answered(search(equations, robust.starts, settings, problem, agrees))
+        if SILHOUETTES in found.origin:
+            # Loaded by starts from silhouettes only, so that the others start at once.
+            from mbm.estimation.search.turning import with_turns
+
+            found = with_turns(equations, found, settings, problem, agrees)
     if any(entry.unknown.kind is UnknownKind.POSE and entry.members > 1 for entry in equations.layout.entries):
         # Loaded by families of poses only, so that the others start at once.
         from mbm.estimation.search.rival_places import with_rival_places

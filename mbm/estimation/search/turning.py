@@ -1,0 +1,100 @@
+"""A fit to measured contours that a start from silhouettes led to → the lower minima around it.
+
+A point follows the nearest edge of the outline, be it the wrong one, and a descent may end there, some degrees from the
+truth. Then neighbouring points are off alike. From poses that are turned by some degrees other edges are nearest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.metric import rounding_at
+from mbm.equations.types import Floats, Minimum
+from mbm.estimation.search.agreement import Agreement
+from mbm.estimation.search.basins import equal_costs
+from mbm.estimation.search.search import Found, Tally, search
+from mbm.estimation.search.starting import Beginning
+from mbm.estimation.settings import Settings
+from mbm.expression.nodes import Outlined
+from mbm.problem.manifold import Piece
+from mbm.problem.types import Problem
+from mbm.solver.decisions import takes_over
+
+TURN = np.radians(5.0)
+"""Of a bracket that went astray, two in three turns by 2° to 10° about an axis led to the truth."""
+
+ASTRAY = 0.5
+"""Correlation of residuals along a contour from which they are no noise; at good fits it is below 0.3."""
+
+ROUNDS = 3
+
+
+def with_turns(equations: Assembled, found: Found, settings: Settings, problem: Problem, agrees: Agreement) -> Found:
+    """``found``, or the lowest of the minima that turned poses lead to."""
+    for _ in range(ROUNDS):
+        asked = settings.starts is not None or settings.robust is not None or settings.stopped()
+        if asked or not _astray(equations, found.minimum):
+            break
+        alike = [each.minimum for each in found.alternatives if equal_costs(each.minimum.cost, found.minimum.cost)]
+        points = np.concatenate([_turned(equations, each.point) for each in (found.minimum, *alike)])
+        starts = tuple(Beginning(point=point, origin=found.origin) for point in points)
+        other = search(equations, starts, settings, problem, agrees) if len(starts) > 1 else found
+        if not other.minimum.reason.converged:
+            break
+        lower = takes_over(found.minimum.cost, other.minimum.cost, rounding_at(equations, found.minimum))
+        best = other if lower else found
+        found = replace(
+            best,
+            tally=_together(found.tally, other.tally, best.tally),
+            iterations=found.iterations + other.iterations,
+            evaluations=found.evaluations + other.evaluations,
+        )
+        if not lower:
+            break
+    return found
+
+
+def _astray(equations: Assembled, minimum: Minimum) -> bool:
+    """Whether residuals of neighbouring rows of a contour are alike: their differences are small beside them."""
+    if not minimum.reason.converged or len(minimum.residuals) != equations.count:
+        return False
+    return any(
+        float(np.square(np.diff(own)).sum()) < 2 * (1 - ASTRAY) * float(np.square(own).sum())
+        for own in _along_contours(equations, minimum.residuals)
+    )
+
+
+def _along_contours(equations: Assembled, residuals: Floats) -> Iterator[Floats]:
+    for group in equations.groups:
+        calls = (call.external for call in group.kernel.calls)
+        if any(isinstance(each, Outlined) and each.function == "contour-distance" for each in calls):
+            yield residuals[group.first : group.first + group.count]
+
+
+def _turned(equations: Assembled, point: Floats) -> Floats:
+    """The point (N,) after turns both ways of each rotation about its axes, and of each angle (T, N)."""
+    layout = equations.layout
+    turning = layout.angle.copy()
+    for curved in layout.curved:
+        if curved.piece is Piece.QUATERNION:
+            turning[curved.coordinates] = True
+    free = np.zeros(len(turning), dtype=bool)
+    free[equations.free] = True
+    steps = np.eye(len(turning))[turning & free] * TURN
+    steps = np.concatenate([steps, -steps])
+    return layout.retract(np.tile(point, (len(steps), 1)), steps)
+
+
+def _together(first: Tally | None, second: Tally | None, best: Tally | None) -> Tally | None:
+    """What was tried in both searches; the best was found as often as in the one that found it."""
+    if first is None or second is None or best is None:
+        return first or second
+    return Tally(
+        tried=first.tried + second.tried,
+        converged=first.converged + second.converged,
+        best_found=best.best_found,
+    )
