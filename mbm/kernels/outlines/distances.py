@@ -141,9 +141,7 @@ def _refined(outline: Outline, points: Floats, piece: Indices, place: Floats) ->
     first, last = outline.first[piece], outline.last[piece]
     here = outline.spots(arc[bent], place[bent])
     gap = _dot(here.x - points[bent], here.way)
-    beside = np.clip(place[bent] + np.where(place[bent] + 1e-5 > last[bent], -1e-5, 1e-5), first[bent], last[bent])
-    near = outline.spots(arc[bent], beside)
-    slope = (_dot(near.x - points[bent], near.way) - gap) / (beside - place[bent])
+    slope = _dot(here.way, here.way)  # the distance is small beside the radius of curvature, mostly
     for _ in range(FOOT_STEPS if len(bent) else 0):
         squared = _dot(here.way, here.way)
         step = -gap / np.where(slope > 0.05 * squared, slope, squared)

@@ -168,9 +168,12 @@ class Outline:
         for _ in range(_FOLD_STEPS):
             tilt = np.einsum("ij,ij->i", table[:, 7:9], across)
             step = -jacobian(table) / tilt
+            longest = np.abs(step).max(initial=0.0)
+            if longest < 1e-12:
+                break
             at = at + step[:, None] * across
             table = self.surveyor.table(sheet, "geometry", at, inputs)
-            if np.abs(step).max(initial=0.0) < 1e-9:  # what is left is of the order of its square
+            if longest < 1e-6:  # what is left is of the order of its square
                 break
         tilt = np.einsum("ij,ij->i", table[:, 7:9], across)
         drift = -np.einsum("ij,ij->i", table[:, 7:9], chord) / tilt
