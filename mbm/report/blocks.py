@@ -77,8 +77,7 @@ class BlockReports:
         if not self.from_columns[place] or not self.complete:
             return self._made(place)
         report = filled(self.like(place), self.items, self.corrected(place), self.problem, self.block, place)
-        diagnostics = (*self.remarks(place), *report.diagnostics)
-        return replace(report, raw_residuals=lambda: self.raw_residuals(place), diagnostics=diagnostics)
+        return replace(_said(report, self.remarks(place)), raw_residuals=lambda: self.raw_residuals(place))
 
     def remarks(self, place: int) -> tuple[Diagnostic, ...]:
         """The warnings about the solve at a place that its numbers alone give rise to."""
@@ -210,8 +209,7 @@ class BlockReports:
             found = self.apart.get(begin + place)
             if found is None:
                 like = self.like(place)
-                diagnostics = (*self.remarks(place), *like.diagnostics)
-                found = replace(like, key=self.key(place), diagnostics=diagnostics)
+                found = replace(_said(like, self.remarks(place)), key=self.key(place))
             yield int(self.block.places[place]), found
 
     def statuses(self) -> list[SolveStatus]:
@@ -295,8 +293,15 @@ def block_reports(
 
 def _unremarked(report: SolveReport) -> SolveReport:
     """A report without the warnings that its own numbers give rise to."""
-    found = tuple(each for each in report.diagnostics if each.code.name not in REMARKED)
-    return replace(report, diagnostics=found)
+    found = report.examined()
+    others = tuple(each for each in found.diagnostics if each.code.name not in REMARKED)
+    return replace(report, examination=replace(found, diagnostics=others))
+
+
+def _said(report: SolveReport, remarks: tuple[Diagnostic, ...]) -> SolveReport:
+    """A report with further warnings before its own."""
+    found = report.examined()
+    return replace(report, examination=replace(found, diagnostics=(*remarks, *found.diagnostics)))
 
 
 def kept(models: dict[K, T], kind: K, model: T) -> None:

@@ -13,10 +13,10 @@ import numpy as np
 from mbm.equations.layout import Entry, half_turns
 from mbm.equations.spreads import Followed
 from mbm.equations.types import NoiseState, Reason
-from mbm.estimation.search.solution import DerivedSolution, Solution
+from mbm.estimation.search.solution import DerivedSolution, Solution, no_profiles
 from mbm.problem.types import Problem, UnknownKind
 from mbm.report.quantities import keys_over
-from mbm.report.spreads import Spread
+from mbm.report.spreads import Ends, Spread
 from mbm.report.types import DerivedValue, Floats, Mask, Quantity
 
 NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
@@ -83,12 +83,9 @@ def _noise_alone(solution: Solution, found: DerivedSolution, missing: Mask) -> s
     return None if bool(found.gradient[missing.ravel()][:, loose].any()) else untold_noise(solution)
 
 
-Ends = Callable[[float], tuple[Floats, Floats]]
-
-
 def coordinate_spread(solution: Solution) -> Spread:
     """That of all coordinates (M,) of the unknowns."""
-    limits, followed = solution.limited, solution.profiles()
+    limits = solution.limited
 
     def every(values: Floats, other: float) -> Floats:
         whole = np.full(len(solution.layout.number), other)
@@ -98,8 +95,10 @@ def coordinate_spread(solution: Solution) -> Spread:
     found = Spread(
         dof=every(solution.freedom.dof, np.inf),
         inflation=every(solution.freedom.inflation, 1.0),
-        ends=None if followed is None else _ends(followed.of_coordinates, lambda values: every(values, np.nan)),
+        ends=_ends(solution, len(solution.free), lambda found, level: found.of_coordinates(level)),
     )
+    if found.ends is not None:
+        found = replace(found, ends=_changed(found.ends, lambda values: every(values, np.nan)))
     if limits is None:
         return found
     return replace(
@@ -115,7 +114,7 @@ def entry_spread(solution: Solution, every: Spread, entry: Entry, shape: tuple[i
     """That of an unknown, of the ``shape`` of its sigmas; limits of angles stand about the value that is reported."""
     found = every.each(lambda values: values[entry.coordinates].reshape(shape))
     if every.ends is not None:
-        found = replace(found, ends=_ends(every.ends, lambda values: values[entry.coordinates].reshape(shape)))
+        found = replace(found, ends=_changed(every.ends, lambda values: values[entry.coordinates].reshape(shape)))
     if entry.unknown.kind is not UnknownKind.ANGLE or found.lower is None or found.upper is None:
         return found
     numbers = solution.numbers[entry.range].reshape(shape)
@@ -125,20 +124,30 @@ def entry_spread(solution: Solution, every: Spread, entry: Entry, shape: tuple[i
 
 def derived_spread(solution: Solution, one: DerivedSolution, shape: tuple[int, ...]) -> Spread:
     """That of a derived quantity, of the ``shape`` of its sigmas."""
-    followed = solution.profiles()
     found = Spread(dof=one.freedom.dof, inflation=one.freedom.inflation).shaped(shape)
-    return found if followed is None else replace(found, ends=_ends_of_derived(followed, one.owner, shape))
+    ends = _ends(solution, found.dof.size, lambda found, level: found.of_derived(one.owner, level))
+    return found if ends is None else replace(found, ends=_changed(ends, lambda values: values.reshape(shape)))
 
 
-def _ends_of_derived(followed: Followed, owner: int, shape: tuple[int, ...]) -> Ends:
-    return _ends(lambda level: followed.of_derived(owner, level), lambda values: values.reshape(shape))
-
-
-def _ends(followed: Ends, change: Callable[[Floats], Floats]) -> Ends:
-    """The same ends in other arrays."""
+def _ends(solution: Solution, count: int, ask: Callable[[Followed, float], tuple[Floats, Floats]]) -> Ends | None:
+    """The ends of ``count`` intervals, looked for when they are asked for; None where they never are."""
+    if solution.profiles is no_profiles:
+        return None
 
     def ends(level: float) -> tuple[Floats, Floats]:
-        below, above = followed(level)
-        return change(below), change(above)
+        with solution.lock:
+            followed = solution.profiles()
+        none = np.full(count, np.nan)
+        return (none, none) if followed is None else ask(followed, level)
 
     return ends
+
+
+def _changed(ends: Ends, change: Callable[[Floats], Floats]) -> Ends:
+    """The same ends in other arrays."""
+
+    def changed(level: float) -> tuple[Floats, Floats]:
+        below, above = ends(level)
+        return change(below), change(above)
+
+    return changed

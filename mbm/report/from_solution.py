@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from functools import cache as cached
 
 import numpy as np
 
@@ -47,6 +48,7 @@ from mbm.report.types import (
     Alternative,
     ConstraintReport,
     Estimate,
+    Examined,
     Floats,
     Mask,
     Observability,
@@ -117,17 +119,24 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         priors=prior_reports(problem, solution),
         corrections=correction_reports(solution),
         constraints=constraints,
-        alternatives=tuple(_alternative(solution, how, each) for each in solution.alternatives()),
         hypotheses=tuple(_hypothesis(solution, how, each) for each in solution.hypotheses),
         followed=solution.followed,
         starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),
         coverage=problem.request.coverage,
+        examination=cached(guarded(solution.lock, lambda: _examined(problem, solution, how))),
+    )
+
+
+@np.errstate(all="ignore")  # overflow and NaN are results here, as in the solve
+def _examined(problem: Problem, solution: Solution, how: Shown) -> Examined:
+    return Examined(
+        alternatives=tuple(_alternative(solution, how, each) for each in solution.alternatives()),
         not_examined=solution.unexamined(),
         diagnostics=(
             *solution.diagnostics,
             *solution.doubts(),
-            *_near_bounds(solution, names),
-            *constraint_diagnostics(problem, solution, names),
+            *_near_bounds(solution, how.names),
+            *constraint_diagnostics(problem, solution, how.names),
         ),
     )
 
@@ -140,7 +149,7 @@ def failure_report(failure: Failure) -> SolveReport:
         message=f"nothing was solved: {first.message}",
         key=dict(failure.key),
         reasons=nothing_known("nothing was solved"),
-        diagnostics=failure.diagnostics,
+        examination=Examined(diagnostics=failure.diagnostics),
     )
 
 

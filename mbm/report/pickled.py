@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Generic, TypeVar
 
+import numpy as np
+
 from mbm.report.spreads import Floats, Spread
 from mbm.report.types import Alternative, DerivedValue, Estimate, FreeDirection, Observability, Result, SolveReport
 from mbm.values import dataclass
@@ -79,7 +81,6 @@ def _solve(solve: SolveReport) -> SolveReport:
         row_data=Made(dict(solve.row_data())),
         plot_data=solve.pictures(),
         map_data=solve.maps(),
-        alternatives=tuple(_alternative(each, solve.coverage) for each in solve.alternatives),
         pieces=tuple(
             replace(
                 each,
@@ -89,7 +90,11 @@ def _solve(solve: SolveReport) -> SolveReport:
             for each in solve.pieces
         ),
         hypotheses=tuple(_alternative(each, solve.coverage) for each in solve.hypotheses),
-        not_examined=dict(solve.not_examined),
+        examination=replace(
+            solve.examined(),
+            alternatives=tuple(_alternative(each, solve.coverage) for each in solve.alternatives),
+            not_examined=dict(solve.not_examined),
+        ),
         made_from=None,
     )
 
@@ -106,7 +111,9 @@ def _items(items: Iterable[Item], coverage: float) -> Iterable[Item]:
 def _spread(spread: Spread, coverage: float) -> Spread:
     if spread.ends is None or isinstance(spread.ends, KeptEnds):
         return spread
-    return replace(spread, ends=KeptEnds({level: spread.ends(level) for level in sorted({*LEVELS, coverage})}))
+    kept = {level: spread.ends(level) for level in sorted({*LEVELS, coverage})}
+    nowhere = all(bool(np.isnan(each).all()) for pair in kept.values() for each in pair)
+    return replace(spread, ends=None if nowhere else KeptEnds(kept))
 
 
 def _observability(found: Observability) -> Observability:

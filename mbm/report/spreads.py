@@ -26,7 +26,7 @@ class Spread:
     interval is wider than these say; ``lower`` and ``upper`` are hard limits of the value (None: there are none), and
     ``step`` leads to where it would be without a limit that holds it, with the standard deviation ``free``. The step is
     infinite where that is not known, NaN where no limit holds it;
-    ``ends`` finds intervals where the curvature of the model misplaces the linear ones (None: it does nowhere).
+    ``ends`` finds intervals where the curvature of the model misplaces the linear ones (None: nobody looks).
     """
 
     dof: Floats

@@ -264,6 +264,15 @@ class Piece:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Examined:
+    """What a look around a minimum finds: other minima, what was not looked at of intervals and why, and doubts."""
+
+    alternatives: tuple[Alternative, ...] = ()
+    not_examined: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    diagnostics: tuple[Diagnostic, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolveReport:
     """One solve.
 
@@ -274,7 +283,7 @@ class SolveReport:
     ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for; of each
     observation ``raw_residuals`` are said and ``row_data`` held; ``made_from`` gives what was solved and how.
     ``hypotheses`` are those of a filter at the last step, ``followed`` how many there were after each; ``considered``
-    are uncertain constants; ``not_examined`` says what was not looked at of intervals, and why.
+    are uncertain constants. ``examination`` is made when it is asked for.
     """
 
     status: SolveStatus
@@ -307,16 +316,33 @@ class SolveReport:
     priors: tuple[PriorReport, ...] = ()
     corrections: tuple[CorrectionReport, ...] = ()
     constraints: tuple[ConstraintReport, ...] = ()
-    alternatives: tuple[Alternative, ...] = ()
     pieces: tuple[Piece, ...] = ()
     hypotheses: tuple[Alternative, ...] = ()
     followed: tuple[int, ...] = ()
     starts: StartsTally | None = None
     coverage: float = 0.95
-    not_examined: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    diagnostics: tuple[Diagnostic, ...] = ()
+    examination: Examined | Callable[[], Examined] = field(default_factory=lambda: Examined())
     considered: tuple[ConsideredConstant, ...] = ()
     made_from: Callable[[], tuple[Problem, Solution]] | None = None
+
+    def examined(self) -> Examined:
+        """What a look around the minimum finds, made now if it was left for later."""
+        return self.examination() if callable(self.examination) else self.examination
+
+    @property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """The other minima."""
+        return self.examined().alternatives
+
+    @property
+    def not_examined(self) -> Mapping[str, str]:
+        """What was not looked at of intervals, and why."""
+        return self.examined().not_examined
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """What speaks against trusting the numbers."""
+        return self.examined().diagnostics
 
     def rows(self) -> tuple[ResidualRow, ...]:
         """The residuals, made now if they were left for later."""

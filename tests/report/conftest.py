@@ -14,6 +14,7 @@ from mbm.report.types import (
     CovarianceMatrix,
     DerivedValue,
     Estimate,
+    Examined,
     FreeDirection,
     Kind,
     Observability,
@@ -111,7 +112,11 @@ def tag() -> SolveReport:
         },
         residual_rows=lambda: rows("ranges"),
         priors=(PriorReport(name="p[3]", value=0.74, mean=0.7, sigma=0.01, residual=4.0),),
-        diagnostics=(Diagnostic(code=NEAR_BOUND, message="`p[3]` is near its upper bound", severity=Severity.WARNING),),
+        examination=Examined(
+            diagnostics=(
+                Diagnostic(code=NEAR_BOUND, message="`p[3]` is near its upper bound", severity=Severity.WARNING),
+            )
+        ),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.estimation.solve import estimate
 from mbm.report.later import LaterByNumber, LaterReports
 from mbm.report.types import SolveReport, SolveStatus
 
@@ -65,6 +66,24 @@ def test_what_is_doubted_is_said_after_other_solves() -> None:
     assert "autocorrelated-residuals" in {each.code.name for each in kept.diagnostics}
     again = pickle.loads(pickle.dumps(kept))  # noqa: S301 - its own
     assert said(again) == said(kept)
+
+
+def test_estimates_are_read_without_a_look_around(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[str] = []
+    for name in ("curvature", "doubts", "unexamined"):
+        found = getattr(estimate, name)
+        monkeypatch.setattr(estimate, name, lambda *given, f=found, n=name: (looked.append(n), f(*given))[1])
+    compiled = mbm.loads(
+        "(problem p (data d external) (unknowns (a :init 1)) (observe d (= y (exp (* a x)))))"
+    ).compile(data={"d": {"x": [1.0, 2.0], "y": [2.0, 4.0]}})
+    solved = compiled.solve(data={"d": {"x": [1.0, 2.0, 3.0], "y": [2.1, 4.2, 7.9]}})
+    assert solved.status == "ok"
+    assert 0.6 < float(solved["a"].value) < 0.8
+    assert float(solved["a"].sigma) > 0
+    assert looked == []
+    assert solved.diagnostics == solved.diagnostics
+    assert solved.first.not_examined == {}
+    assert sorted(looked) == ["curvature", "doubts", "unexamined"]  # once each
 
 
 def test_each_report_is_made_once() -> None:

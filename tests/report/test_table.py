@@ -13,6 +13,7 @@ import mbm
 from mbm.report.table import table
 from mbm.report.types import (
     Estimate,
+    Examined,
     FreeDirection,
     Kind,
     Observability,
@@ -128,7 +129,9 @@ def test_an_unsolved_problem_says_why(tag: SolveReport, tag_result: Result) -> N
 
 def test_a_cause_that_is_a_diagnostic_is_said_once(tag: SolveReport, tag_result: Result) -> None:
     cause = replace(tag.diagnostics[0], message="no values meet all of `far`, `near`")
-    solve = replace(tag, status=SolveStatus.INFEASIBLE, message=cause.message, diagnostics=(cause,))
+    solve = replace(
+        tag, status=SolveStatus.INFEASIBLE, message=cause.message, examination=Examined(diagnostics=(cause,))
+    )
     lines = table(replace(tag_result, solves=(solve,))).splitlines()
     assert lines[0] == "tag.mbm: problem `tag`: infeasible"
     assert lines[1] == f"warning[{cause.code.name}]: {cause.message}"
