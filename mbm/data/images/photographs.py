@@ -27,7 +27,7 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.data.images.boards import Found
-    from mbm.data.images.fitting import Floats, Grey
+    from mbm.data.images.fitting import Fitted, Floats, Grey
 
 PHOTO = "photo"
 """The column that names the photograph: the name of its file without folder and ending."""
@@ -60,7 +60,11 @@ class Board:
     more: Mapping[str, Floats] = field(default_factory=dict)
 
 
-BLURRED = "it is there, but too blurred for any of its points to be measured"
+BLURRED = "it is there, but too blurred for most of its points to be measured"
+
+WIDE_BLUR = 2.0
+"""Standard deviation in px of a blur from which it may be what keeps points from being measured. Where few of them are
+left then, these are those whose noise makes them look sharper: errors of twice what they state."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,10 +201,16 @@ def _seen(name: str, path: Path, board: Board, room: Room) -> _Seen:
             found = board.find(file.decoded())
         except faults.NoBoardError as error:
             reason = error.reason
-    whole = found if found is not None and found.fitted.good.any() else None
+    whole = None if found is None or _blurred(found.fitted) else found
     if found is not None and whole is None:
         reason = BLURRED
     return _Seen(name=name, path=path.as_posix(), sha256=file.sha256, pixels=file.pixels, found=whole, reason=reason)
+
+
+def _blurred(fitted: Fitted) -> bool:
+    """Whether no point could be measured, or most could not and the others are much blurred, as patterns tell last."""
+    good = fitted.good
+    return not good.any() or bool(good.mean() < 0.5 and np.median(fitted.parameters[good, -1]) > np.log(WIDE_BLUR))
 
 
 def _columns(shown: str, seen: Sequence[_Seen], board: Board) -> Iterator[Column]:
