@@ -35,7 +35,8 @@ class Readings:
     ``plain`` whiten the equations as they are written; ``uncounted`` (outputs,) are residuals that are no part of χ²,
     ``shifted`` those of them that are `SHIFT` too large. ``surprise`` (rows,) is −log L_max, ``excess`` (rows,) by how
     much the deviance of a row is expected to be more than that of a normal reading; infinite where its distribution is
-    another one. ``free``: a scale has unknowns of its own.
+    another one. ``limits`` (rows,) are only limits of values. ``scales`` are unknowns that scales have of their own,
+    ``rounded``: one of rounded readings is.
     """
 
     plain: tuple[Whitener, ...]
@@ -43,7 +44,9 @@ class Readings:
     shifted: Mask
     surprise: Floats
     excess: Floats
-    free: bool
+    limits: Mask
+    scales: tuple[str, ...]
+    rounded: bool
 
 
 def readings(
@@ -59,7 +62,7 @@ def readings(
     uncounted: list[bool] = []
     shifted: list[bool] = []
     surprise, offset = np.zeros(1 if positions is None else len(positions)), 0
-    excess = surprise
+    excess, limits = surprise, np.zeros(len(surprise), dtype=bool)
     for equation in case.equations:
         errors, size = equation.likelihood, len(equation.components)
         if errors is None:
@@ -69,19 +72,22 @@ def readings(
         else:
             given = _Given(equation, errors, table, positions, tables)
             surprise = surprise + given.surprise()
-            excess = excess + given.excess()
+            excess, limits = excess + given.excess(), limits | given.limited()
             spread = replace(equation, noise=errors.spread, noise_kind=NoiseKind.SIGMA)
             plain.append(whitener(spread, offset, table, positions, tables))
             uncounted += [i >= size for i in range(len(errors.residuals))]
             shifted += [size <= i < 2 * size for i in range(len(errors.residuals))]
         offset += size
+    scaled = [each.likelihood for each in case.equations if each.likelihood is not None and each.likelihood.scales]
     return Readings(
         plain=tuple(plain),
         uncounted=np.array(uncounted, dtype=bool),
         shifted=np.array(shifted, dtype=bool),
         surprise=surprise,
         excess=excess,
-        free=any(each.likelihood is not None and each.likelihood.free for each in case.equations),
+        limits=limits,
+        rounded=any(each.truncation is not None and each.truncation.step is not None for each in scaled),
+        scales=tuple(dict.fromkeys(name for each in scaled for name in each.scales)),
     )
 
 
@@ -129,7 +135,7 @@ class _Given:
     def excess(self) -> Floats:
         """By how much the deviance of a count is expected to be more than 1: 1/6μ (McCullagh and Nelder 1989)."""
         measured = self._numbers(self._errors.measured)
-        if self._errors.law is Law.NORMAL and self._errors.truncation is None and not self._errors.free:
+        if self._errors.law is Law.NORMAL and self._errors.truncation is None and not self._errors.scales:
             return np.zeros(measured.shape[1])
         if not self._errors.law.counts:
             return np.full(measured.shape[1], np.inf)
@@ -151,10 +157,13 @@ class _Given:
             step = self._numbers((stated.step,))[0]
             self._refuse(~((step > 0) & np.isfinite(step)), "a step of `{:g}` is no `:resolution`", step)
             each = -_log_middle(0.5 * step / scale)
-        for limit in (stated.below, stated.above):
-            if limit is not None:
-                each = np.where(self._numbers((limit,)) != 0.0, 0.0, each)
-        return np.asarray(each.sum(axis=0))
+        return np.asarray(np.where(self.limited(), 0.0, each).sum(axis=0))
+
+    def limited(self) -> Mask:
+        """Which readings (rows,) are limits of the values."""
+        stated = self._errors.truncation
+        limits = () if stated is None else tuple(e for e in (stated.below, stated.above) if e is not None)
+        return np.asarray((self._numbers(limits) != 0.0).any(axis=0))
 
     def _numbers(self, nodes: tuple[Expression, ...]) -> Floats:
         """Numbers (k, rows) that are known."""

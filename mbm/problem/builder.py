@@ -37,6 +37,7 @@ from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.previous import Earlier, looking_back, previous
 from mbm.problem.reading.request import read_request, trusting
+from mbm.problem.reading.scales import with_scales
 from mbm.problem.reading.sources import DataClause, Formats, in_join_order, plan_of, read_source, refuse_overwriting
 from mbm.problem.reading.states import Declared, declare_states, first_states
 from mbm.problem.reading.unions import check_members, check_units
@@ -78,7 +79,7 @@ def elaborate(
         MbmError: every error found; clauses are independent, so several may be reported.
 
     """
-    clauses = effective_clauses(program, definition)
+    clauses = with_scales(effective_clauses(program, definition))
     tables: dict[str, Table] = {}
     log = ModelLog()
     session = _session(program, front, tables, log, FUNCTIONS if _all(clauses, "states") else {})

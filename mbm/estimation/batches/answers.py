@@ -67,7 +67,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     chi2_p = np.full(len(which), np.nan) if lossy else tails
     undoubted = _undoubted(problem, portion, ends, found, spread, derived, residuals, surface)
     undoubted &= ~coarsely_read(problem, stack, which, portion, residuals, found.basis, noise)
-    degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom)
+    degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom, counts)
     limited = limited_columns(portion, None if surface is None else surface[0], ends.points, rooted, spread, residuals)
     counting = counted(portion, residuals)
     return Columns(

@@ -17,12 +17,15 @@ from mbm.values import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Counted:
-    """What K solves count: χ² and the number of its residuals, log L (None: no likelihood), and whether χ² is none."""
+    """What K solves count: χ² and the number of its residuals, log L (None: no likelihood), whether χ² is none, and how
+    many rows with an unknown scale are ``limits``.
+    """
 
     cost: Floats
     rows: Indices
     log_likelihood: Floats | None
     untested: Mask
+    limits: Floats
 
     def tested(self, scattered: Floats) -> Floats:
         """What stands against χ² (K,): ``scattered`` where there is no likelihood."""
@@ -42,8 +45,8 @@ def counted_of(stack: Stack, which: range, residuals: Floats, rows: Indices) -> 
     squares = np.square(residuals)
     cost, none = squares.sum(axis=1), np.zeros(len(residuals), dtype=bool)
     if not stack.equations.likely:
-        return Counted(cost=cost, rows=rows, log_likelihood=None, untested=none)
-    surprise, excess, lines = np.zeros(len(cost)), np.zeros(len(cost)), np.zeros(len(cost))
+        return Counted(cost=cost, rows=rows, log_likelihood=None, untested=none, limits=np.zeros(len(cost)))
+    surprise, excess, lines, limits = (np.zeros(len(cost)) for _ in range(4))
     whole, taken = cost, np.zeros(len(cost), dtype=np.int64)
     every: dict[int, Readings] = {group.number: stated for group, stated in likely(stack.equations.groups)}
     for number, group in enumerate(stack.equations.groups):
@@ -63,8 +66,11 @@ def counted_of(stack: Stack, which: range, residuals: Floats, rows: Indices) -> 
             surprise -= 0.5 * SHIFT * int(stated.shifted.sum()) * count
             excess += np.bincount(solve, weights=stated.excess[places], minlength=len(cost))
             lines += count
+            if stated.scales:
+                limits += np.bincount(solve, weights=stated.limits[places], minlength=len(cost))
         taken += count * outputs
-    return Counted(cost=cost, rows=rows, log_likelihood=-0.5 * whole - surprise, untested=untested(excess, lines))
+    log_likelihood, none = -0.5 * whole - surprise, untested(excess, lines)
+    return Counted(cost=cost, rows=rows, log_likelihood=log_likelihood, untested=none, limits=limits)
 
 
 def _roots(weights: Floats) -> Floats:

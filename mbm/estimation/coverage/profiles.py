@@ -28,7 +28,8 @@ class Profiles:
     """Intervals by profile around a minimum: of coordinates with the ``freedom`` (n,), of quantities with ``derived``.
 
     Both answer how far the ends of intervals of a level lie below and above; NaN where the linear interval is right,
-    infinite where there is no end. The ``lock`` is that of a `Solution`.
+    infinite where there is no end. The ``lock`` is that of a `Solution`. ``scaled``: one scale of a likelihood is an
+    unknown, which the profile follows too.
     """
 
     curvature: Curvature
@@ -36,6 +37,7 @@ class Profiles:
     freedom: Freedom
     derived: Mapping[int, Freedom]
     lock: AbstractContextManager[object]
+    scaled: bool = False
     _found: dict[tuple[int | None, float], tuple[Floats, Floats]] = field(default_factory=dict)
 
     def of_coordinates(self, level: float) -> tuple[Floats, Floats]:
@@ -58,7 +60,7 @@ class Profiles:
     def _coordinates(self, level: float) -> tuple[Floats, Floats]:
         around = self.curvature.around
         below, above = (np.full(len(self.sigma), np.nan) for _ in range(2))
-        reach = _reach(level, self.freedom)
+        reach = self._reach(level, self.freedom)
         bent = self.curvature.bent
         if bent is not None:
             for doubtful in bent.ends.doubtful[: most_followed(around)].tolist():
@@ -73,7 +75,7 @@ class Profiles:
 
     def _derived(self, owner: int, level: float) -> tuple[Floats, Floats]:
         freedom = self.derived[owner]
-        reach = _reach(level, freedom).ravel()
+        reach = self._reach(level, freedom).ravel()
         below, above = (np.full(len(reach), np.nan) for _ in range(2))
         for one in self.curvature.derived:
             if one.owner == owner:
@@ -86,6 +88,18 @@ class Profiles:
                     below[place], above[place] = followed_ends(self.curvature.around, one, doubtful, far, ACCURACY)
         return below, above
 
+    def _reach(self, level: float, freedom: Freedom) -> Floats:
+        """By how many deviations the root of the cost may grow.
+
+        Where n readings tell a scale, the cost at t of ν degrees of freedom has grown by n log(1 + t²/ν): the scale
+        grows with the misfit. The inflation is √(n/ν).
+        """
+        factors = coverage_factors(level, freedom.dof)
+        if not self.scaled:
+            return factors * freedom.inflation
+        count = freedom.dof * np.square(freedom.inflation)
+        return np.sqrt(count * np.log1p(np.square(factors) / freedom.dof))
+
 
 def profiles(
     found: Curvature | None,
@@ -93,13 +107,11 @@ def profiles(
     freedom: Freedom,
     derived: tuple[DerivedSolution, ...],
     lock: AbstractContextManager[object],
+    *,
+    scaled: bool,
 ) -> Profiles | None:
     """What follows the intervals that curvature misplaces; None where it misplaces none."""
     if found is None or not (found.ends.doubtful.size or any(one.ends.doubtful.size for one in found.derived)):
         return None
     freedoms = {one.owner: one.freedom for one in derived}
-    return Profiles(curvature=found, sigma=sigma, freedom=freedom, derived=freedoms, lock=lock)
-
-
-def _reach(level: float, freedom: Freedom) -> Floats:
-    return coverage_factors(level, freedom.dof) * freedom.inflation
+    return Profiles(curvature=found, sigma=sigma, freedom=freedom, derived=freedoms, lock=lock, scaled=scaled)

@@ -213,7 +213,9 @@ def answered(
         sigma_known=outcome.sigma_known,
         limited=limited(weighted, minimum, outcome.covariance),
         freedom=freedom,
-        profiles=cached(lambda: profiles(bent(), outcome.covariance.sigma, freedom, derived, lock)),
+        profiles=cached(
+            lambda: profiles(bent(), outcome.covariance.sigma, freedom, derived, lock, scaled=outcome.freedoms.scaled)
+        ),
         unused=unused,
         corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
         method=solver_name(equations, run.settings),

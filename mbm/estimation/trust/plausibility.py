@@ -248,7 +248,7 @@ def vanishing_scales(
         sigma[equations.free] = covariance.sigma
     found: list[Diagnostic] = []
     for group in equations.groups:
-        if group.readings is None or not group.readings.free or group.role is not BlockRole.OBSERVATION:
+        if group.readings is None or not group.readings.scales or group.role is not BlockRole.OBSERVATION:
             continue
         block, count = problem.blocks[group.kernel.owner], len(layout.number)
         scales = np.flatnonzero(mentioned((group,), count) & ~mentioned((group.written,), count))

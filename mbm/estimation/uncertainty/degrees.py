@@ -16,6 +16,7 @@ from math import inf
 import numpy as np
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.likelihoods import likely
 from mbm.equations.metric import column_norms
 from mbm.equations.spreads import Freedom
 from mbm.equations.types import Covariance, Floats, Mask, Minimum, Noise, NoiseState, Observability
@@ -53,6 +54,11 @@ FEW_SCALED = 30.0
 """Degrees of freedom below which intervals fall short where a scale is an unknown of a likelihood: that of greatest
 likelihood is low by the root of ν/n, so that a mean and slope of 30 exact readings are held in 93 %."""
 
+FEW_TOLD, FEW_ROUNDED = 4.0, 15.0
+"""The same where one unknown is all there is to the scales, and Student's t takes account of it, and where such
+readings are rounded. Simulated lines with 6 readings of which two are limits are held in 92.7 %, with 8 in 94.3 to
+95 %; a mean of rounded readings whose noise is 0.6 steps, in 90 % with 8 readings and 94 % with 20."""
+
 BALANCING = 20
 """Rounds in which weights are brought to where each row tells as much as any other."""
 
@@ -73,7 +79,31 @@ def enough(equations: Assembled, *, consensus: bool) -> float:
 
 def scaled(equations: Assembled) -> bool:
     """Whether scales of likelihoods are among the unknowns."""
-    return any(group.readings is not None and group.readings.free for group in equations.groups)
+    return any(group.readings is not None and group.readings.scales for group in equations.groups)
+
+
+def scaled_blocks(equations: Assembled) -> tuple[int, ...]:
+    """The blocks whose scale is one unknown that all of them share; none where there are several, or none."""
+    stated = [(group.kernel.owner, group.readings) for group in equations.groups if group.readings is not None]
+    names = {name for _, each in stated for name in each.scales}
+    return tuple({owner: None for owner, each in stated if each.scales}) if len(names) == 1 else ()
+
+
+def few_told(equations: Assembled) -> float:
+    """Degrees of freedom that tell the one unknown scale well enough."""
+    return FEW_ROUNDED if any(each.rounded for _, each in likely(equations.groups)) else FEW_TOLD
+
+
+def of_scale(rows: Floats, limits: Floats, told: Floats) -> tuple[Floats, Floats]:
+    """Degrees of freedom and inflation (K,) where so many ``rows`` (K,) have one unknown scale.
+
+    ``told`` (K,) is how much they tell of all unknowns, the squares of their images. The scale of greatest likelihood
+    is low as if none of n rows had gone into the other p unknowns: by the root of n/(n − p), beside Student's t of
+    n − p degrees of freedom. That is exact for normal readings of a linear model, and what simulated lines with
+    Student's distribution want from 6 readings on. ``limits`` (K,) of the rows say next to nothing of a scale.
+    """
+    share = np.maximum(rows - np.maximum(told - 1.0, 0.0), LEAST) / rows
+    return np.maximum((rows - limits) * share, LEAST), np.sqrt(1.0 / share)
 
 
 def common(dof: float, shape: tuple[int, ...], inflation: float = 1.0) -> Freedom:
@@ -204,7 +234,8 @@ class Freedoms:
     ``grams``, ``scatter`` and ``products`` as `of_parameters` does. ``estimated`` are the blocks of each of these
     groups or parameters, or those whose noise has ``dof`` (none: all have).
     ``few``: under losses, or of scales that are unknowns, these are not enough. ``misfit`` is χ² for each degree of
-    freedom, where grams or an ``inflation`` of all alike need it. No quantity has more than ``most``.
+    freedom, where grams or an ``inflation`` of all alike need it. No quantity has more than ``most``. ``scaled``: one
+    scale of a likelihood is an unknown.
     """
 
     dof: float
@@ -218,6 +249,7 @@ class Freedoms:
     misfit: float = 1.0
     inflation: float = 1.0
     most: float = inf
+    scaled: bool = False
 
     @property
     def poor(self) -> bool:
@@ -281,6 +313,8 @@ def freedoms(
     every = sum(map(len, rows)) == equations.count
     vanished = _vanished(equations, minimum, observed, noises)
     if not (told or equations.lossy):
+        if (sharing := scaled_blocks(equations)) and minimum.blocks is None:
+            return _of_scale(equations, minimum, covariance, sharing)
         few = scaled(equations) and dof < FEW_SCALED
         inflation = max(misfit, 1.0) ** 0.5 if vanished < inf else 1.0
         return Freedoms(dof=vanished, factor=covariance.factor, few=few, inflation=inflation)
@@ -317,3 +351,14 @@ def _vanished(
             if alone and int(np.linalg.matrix_rank(minimum.jacobian[rows])) == len(rows):
                 least = min(least, max(float(len(rows) - alone), LEAST))
     return least
+
+
+def _of_scale(equations: Assembled, minimum: Minimum, covariance: Covariance, blocks: tuple[int, ...]) -> Freedoms:
+    """Those where some ``blocks`` share one unknown scale."""
+    lines = np.concatenate([equations.block_rows(block) for block in blocks])
+    told = float(np.square(minimum.jacobian[lines] @ covariance.factor).sum())
+    count = sum(len(equations.noise_rows(block)) for block in blocks)
+    limits = sum(int(each.limits.sum()) for _, each in likely(equations.groups) if each.scales)
+    dof, inflation = (float(each[0]) for each in of_scale(*(np.array([each]) for each in (count, limits, told))))
+    few = dof < few_told(equations)
+    return Freedoms(dof=dof, factor=covariance.factor, few=few, inflation=inflation, scaled=True)

@@ -15,11 +15,6 @@ LIKELIHOOD_NOT_HERE = Code(
     " that they do not go with: another option, an equation of several components, or a method of solving.",
     "Do what the message says: leave one of the two out, or write the equation as it wants it.",
 )
-SIGMA_WANTED = Code(
-    "sigma-wanted",
-    "The distribution, limits or rounding of a reading need to know how far it scatters.",
-    "Give `:sigma FORM`.",
-)
 NOT_A_COUNT = Code(
     "not-a-count",
     "A reading of `:distribution poisson` or `(binomial n)` is no count, or its n, degrees of freedom or step is none.",
@@ -47,15 +42,6 @@ def bad_distribution(span: Span, what: str) -> Diagnostic:
 def likelihood_not_here(span: Span, what: str, why: str, hint: str) -> Diagnostic:
     """``what`` (an option) does not go with something else; ``why`` says so."""
     return Diagnostic(code=LIKELIHOOD_NOT_HERE, message=f"{what} {why}", place=span, hint=hint)
-
-
-def sigma_wanted(span: Span, what: str, unknown: bool) -> Diagnostic:
-    """Errors of a stated form, of unknown size."""
-    why = "takes no unknown factor" if unknown else "needs a `:sigma`"
-    hint = "give `:sigma FORM`, the standard deviation before rounding; of `student` the scale"
-    if unknown:
-        hint = "make the scale an unknown, `(s positive :init 1)`, and write `:sigma s`"
-    return Diagnostic(code=SIGMA_WANTED, message=f"{what} {why}", place=span, hint=hint)
 
 
 def not_a_count(span: Span, what: str, place: Place | None) -> Diagnostic:

@@ -17,7 +17,7 @@ class Errors:
     """What is stated: ``off`` is model − measured, ``sigma`` the scale of each component, or the matrix row by row.
 
     ``reference`` is ``sigma`` with the measurement in place of the model, where the model occurs in it (None: it does
-    not), and 1 in place of unknowns that are its own (``free``: there are some). ``inverse``: the matrix is that of
+    not), and 1 in place of unknowns that are its own (``scales`` names them). ``inverse``: the matrix is that of
     ``:information``.
     """
 
@@ -31,7 +31,12 @@ class Errors:
     law: Law = Law.NORMAL
     parameter: Expression | None = None
     truncation: Truncation | None = field(default=None)
-    free: bool = False
+    scales: tuple[str, ...] = ()
+
+    @property
+    def free(self) -> bool:
+        """Whether unknowns of its own decide the scale."""
+        return bool(self.scales)
 
 
 def likelihood(errors: Errors) -> Likelihood:
@@ -164,7 +169,7 @@ def _made(errors: Errors, residuals: Sequence[Term], information: Sequence[Term]
         spread=tuple(each.node for each in spread),
         parameter=errors.parameter,
         truncation=errors.truncation,
-        free=errors.free,
+        scales=errors.scales,
     )
 
 

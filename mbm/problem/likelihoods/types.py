@@ -50,7 +50,7 @@ class Likelihood:
 
     ``law`` has the ``parameter`` n or the degrees of freedom. ``measured`` and ``spread`` (standard deviations, those
     of the measured values where the model decides) are known before the solve; ``model`` is the expectation, or the
-    location. ``free``: the scale has unknowns of its own, which stand as 1 in ``spread``.
+    location. ``scales`` are unknowns that the scale has of its own, which stand as 1 in ``spread``.
     """
 
     law: Law
@@ -62,7 +62,7 @@ class Likelihood:
     spread: tuple[Expression, ...]
     parameter: Expression | None = None
     truncation: Truncation | None = None
-    free: bool = False
+    scales: tuple[str, ...] = ()
 
     @property
     def normal(self) -> bool:

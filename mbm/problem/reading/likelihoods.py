@@ -52,8 +52,8 @@ class StatedErrors:
         return f"`:{self.limits[0][0]}`" if self.limits else f"`:distribution {self.law.value}`"
 
 
-def stated_errors(options: Options, *, factor: bool, sigma: bool) -> StatedErrors:
-    """What the ``options`` of an observation say; ``factor``: its noise is unknown; ``sigma``: some noise is stated.
+def stated_errors(options: Options, *, sigma: bool) -> StatedErrors:
+    """What the ``options`` of an observation say; ``sigma``: some noise is stated.
 
     Raises:
         MbmError: no such distribution, or it stands beside what it does not go with.
@@ -79,8 +79,6 @@ def stated_errors(options: Options, *, factor: bool, sigma: bool) -> StatedError
     if law.counts and sigma:
         hint = "leave the noise out: a count tells its own"
         raise MbmError(_not_here(found, "takes no `:sigma`", hint))
-    if not law.counts and factor:
-        raise MbmError(faults.sigma_wanted(found.span, found.called, unknown=options.get("sigma") is not None))
     return found
 
 
@@ -157,7 +155,7 @@ def observed(
         law=stated.law,
         parameter=own[0],
         truncation=own[1],
-        free=bool(own_scales),
+        scales=tuple(sorted(own_scales)),
     )
     return replace(made, noise=(ONE,) * len(seen) if stated.law.counts else made.noise, likelihood=likelihood(errors))
 
@@ -170,7 +168,7 @@ def refuse_two_scales(noise: Form, cases: list[EquationCase]) -> None:
 
     """
     for each in (equation for case in cases for equation in case.equations):
-        if each.likelihood is not None and each.likelihood.free:
+        if each.likelihood is not None and each.likelihood.scales:
             hint = "leave `unknown` out: the noise has a scale of its own"
             why = "does not go with an unknown in the noise"
             raise MbmError(faults.likelihood_not_here(noise.span, "`unknown`", why, hint))

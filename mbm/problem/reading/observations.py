@@ -42,7 +42,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
         raise MbmError(language_faults.bad_form(clause.span, "`observe` has no equation", USAGE))
     kind, form, factor = stated_noise(options)
     noisy = any(options.get(each) is not None for each in NOISE)
-    stated = likelihoods.stated_errors(options, factor=factor, sigma=noisy)
+    stated = likelihoods.stated_errors(options, sigma=noisy)
     factor &= not stated.law.counts
     exact = form is None and options.get("errors") is not None and options.get("sigma") is None
 

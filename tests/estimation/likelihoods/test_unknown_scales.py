@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.stats import linregress, norm
+from scipy.stats import t as student
 
 import mbm
 from mbm.cli.main import run
@@ -258,14 +259,60 @@ def test_many_problems_with_scales_of_their_own() -> None:
             assert float(one[name].sigma) == pytest.approx(float(alone[name].sigma), rel=1e-7)
 
 
-@pytest.mark.parametrize("rows", [12, 60])
-def test_a_scale_of_few_rows_is_doubted(rows: int) -> None:
-    """Of n exact readings the intervals hold the line in P(|t| < 1.96 √(ν/n)): 91 % of 12, 94 % of 60."""
+@pytest.mark.parametrize("rows", [5, 12])
+def test_intervals_of_exact_readings_are_students(rows: int) -> None:
+    """Whatever the scale is called: those of a straight line by least squares, with n − 2 degrees of freedom."""
     x = np.linspace(0, 1, rows)
     y = 1 + 2 * x + 0.1 * np.random.default_rng(0).standard_normal(rows)
     keys = np.repeat([1.0, 2, 3, 4, 5, 6, 7, 8, 9, 10], rows)
     text = f"{LINE} :sigma s :below (< y -9))"
     one = mbm.loads(f"(problem p {table(x=x, y=y)} {text})").solve()
     many = mbm.loads(f"(problem p {table(k=keys, x=np.tile(x, 10), y=np.tile(y, 10))} {text} (for-each k))").solve()
-    for solve in (one.solves[0], *many.solves):
-        assert ("small-sample" in [each.code.name for each in solve.diagnostics]) == (rows == 12)
+    fit = linregress(x, y)
+    reach = student.ppf(0.975, rows - 2)
+    wanted = {
+        "a": np.array([-1, 1]) * reach * fit.intercept_stderr + fit.intercept,
+        "b": np.array([-1, 1]) * reach * fit.stderr + fit.slope,
+    }
+    for solve in (one.document()["solves"][0], *many.document()["solves"]):
+        for name, ends in wanted.items():
+            # the ends of a profile are found to 1e-3 of their distance
+            assert solve["estimates"][name]["interval"] == pytest.approx(ends, abs=1e-3 * np.ptp(ends))
+            assert solve["estimates"][name]["dof"] == pytest.approx(rows - 2, rel=1e-9)
+        assert ("small-sample" in [each["code"] for each in solve["diagnostics"]]) == (rows == 5)
+
+
+SAME = {
+    ":sigma unknown :below (< y 4)": ":sigma s :below (< y 4)",
+    ":below (< y 4)": ":sigma s :below (< y 4)",
+    ":sigma unknown :distribution (student 4)": ":sigma s :distribution (student 4)",
+    ":sigma (unknown (* 2 x)) :resolution 0.5": ":sigma (* s 2 x) :resolution 0.5",
+}
+
+
+@pytest.mark.parametrize("options", SAME)
+def test_unknown_noise_is_a_scale_among_the_unknowns(options: str) -> None:
+    data, unknowns = table(x=X, y=SIZES), "(unknowns (a :init 0.3) (b :init 2))"
+    short = mbm.loads(f"(problem p {data} {unknowns} (observe t (= y (+ a (* b x))) {options}))").solve()
+    long = mbm.loads(f"(problem p {data} {LINE} {SAME[options]}))").solve()
+    for name in ("a", "b", "s"):
+        own = "t-sigma" if name == "s" else name
+        assert float(short[own].value) == pytest.approx(float(long[name].value), rel=1e-6)
+        assert float(short[own].sigma) == pytest.approx(float(long[name].sigma), rel=1e-5)
+
+
+def test_clauses_share_a_scale() -> None:
+    """Readings that are no limits, in a clause of their own: as if they stood in one."""
+    unknowns = "(unknowns (a :init 0.3) (b :init 2))"
+    equation = "(= y (+ a (* b x)))"
+    apart = f"""(observe t {equation} :sigma (unknown 1 :as q) :above (> y 9) :when (> y 9))
+        (observe rest t {equation} :sigma (unknown 1 :as q) :when (<= y 9))"""
+    together = f"(observe t {equation} :sigma unknown :above (> y 9))"
+    found, wanted = (
+        mbm.loads(f"(problem p {table(x=X, y=SIZES)} {unknowns} {clauses})").solve() for clauses in (apart, together)
+    )
+    assert float(found["q"].value) == pytest.approx(float(wanted["t-sigma"].value), rel=1e-6)
+    assert float(found["b"].sigma) == pytest.approx(float(wanted["b"].sigma), rel=1e-5)
+    assert found.document()["solves"][0]["estimates"]["b"]["dof"] == pytest.approx(
+        wanted.document()["solves"][0]["estimates"]["b"]["dof"], rel=1e-6
+    )
