@@ -26,6 +26,7 @@ from mbm.estimation.batches.solve import NOTHING, Apart, Past, Together
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.suits import asks_for_one_search, suits
 from mbm.estimation.batches.types import Begun, Block, Descent, Ends, Solver
+from mbm.estimation.consensus.known_ranges import known_ranges
 from mbm.estimation.search.challenge import kind_of
 from mbm.estimation.search.solution import Alone, Solution
 from mbm.estimation.settings import Settings
@@ -37,7 +38,6 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.estimation.batches.forms import Formed
-    from mbm.estimation.consensus.recognised import Recognised
     from mbm.solver.range_maps import RangeMaps
 
 
@@ -172,24 +172,21 @@ def _made(
         return None  # members that nothing is said of keep what they were in the window before
 
     @kept
-    def known() -> Recognised | None:
-        from mbm.estimation.batches.forms import recognised_in
-
-        return recognised_in(bound.exactly(), part.first.uncorrected(), settings)
-
-    @kept
     def form() -> Formed | None:
-        from mbm.estimation.batches.forms import formed
+        from mbm.estimation.batches.forms import formed, recognised_in
 
-        found = known()
+        found = recognised_in(bound.exactly(), part.first.uncorrected(), settings)
         return None if found is None else formed(bound.exactly(), found, settings)
 
     def ranges() -> RangeMaps | None:
+        from mbm.estimation.starts.closed_forms.thinning import ENOUGH
+
         plain = not (bound.equations.linear or bound.equations.constraints or bound.equations.lossy)
         plain = plain and not bound.equations.likely
-        found = known() if plain and kind_of(part.first) not in cache.without_closed_form else None
-        ranges = None if found is None else found.ranges(stated=not problem.estimates_noise)
-        return ranges if ranges is not None and ranges.whole else None
+        known = plain and kind_of(part.first) not in cache.without_closed_form
+        if not known or int(bound.rows.max(initial=0)) > ENOUGH:
+            return None
+        return known_ranges(cache).of(part.first, settings, stated=not problem.estimates_noise, many=True)
 
     before = None if window is None else _before(part.sets, window.min_rows)
     closed = _Closed(form=form, ranges=ranges)

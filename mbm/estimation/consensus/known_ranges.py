@@ -20,12 +20,15 @@ class KnownRanges:
     def __init__(self) -> None:
         self._found: dict[object, int | RangeMaps | None] = {}
 
-    def of(self, equations: Assembled, settings: Settings, *, stated: bool) -> RangeMaps | None:
-        """The ranges that give all numbers of equations without losses and constraints, if that is known of them."""
+    def of(self, equations: Assembled, settings: Settings, *, stated: bool, many: bool = False) -> RangeMaps | None:
+        """The ranges that give all numbers of equations without losses and constraints, if that is known of them.
+
+        ``many``: they are those of one of many data sets, so that it pays to find out at once.
+        """
         key = tuple((g.number, g.shared) for g in equations.groups), equations.free.tobytes()
         found = self._found.get(key, 0)
         if isinstance(found, int):
-            found = found + 1 if found + 1 < OFTEN else _recognised(equations, settings, stated=stated)
+            found = found + 1 if not many and found + 1 < OFTEN else _recognised(equations, settings, stated=stated)
             self._found[key] = found
         if not isinstance(found, RangeMaps):
             return None
