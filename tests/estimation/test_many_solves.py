@@ -77,3 +77,20 @@ def test_kernels_of_every_size_are_not_kept_for_ever(monkeypatch):
     cache.evaluation(0, None, 60)  # 150 rows: the others are given up
     assert cache.evaluation(0, None, 40) is not first
     assert backend.prepared == [40, 50, 60, 40]
+
+
+def test_data_sets_of_other_sizes_and_weights_follow_one_another():
+    """Lines one after the other by one compiled problem, each as the weighted normal equations have it."""
+    random = np.random.default_rng(7)
+    text = """(problem p (data d external) (unknowns (a :init 0) (b :init 0))
+      (observe d (= y (+ a (* b x))) :sigma s))"""
+    compiled = None
+    for rows in (5, 9, 9, 5, 5, 30):
+        x, y, s = random.uniform(0, 5, rows), random.normal(size=rows), random.uniform(0.5, 2, rows)
+        compiled = compiled or mbm.loads(text).compile(data={"d": {"x": x, "y": y, "s": s}})
+        solved = compiled.solve(data={"d": {"x": x, "y": y, "s": s}})
+        slopes = np.column_stack([np.ones(rows), x]) / s[:, None]
+        inverse = np.linalg.inv(slopes.T @ slopes)
+        # a condition below 30 loses its square of the roundings
+        assert [solved["a"].value, solved["b"].value] == pytest.approx(inverse @ slopes.T @ (y / s), abs=1e-11)
+        assert [solved["a"].sigma, solved["b"].sigma] == pytest.approx(np.sqrt(np.diag(inverse)), rel=1e-11)

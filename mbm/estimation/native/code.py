@@ -161,6 +161,7 @@ class NativeCode:
         self._callbacks: dict[tuple[int, ...], CallbackKernels] = {}
         self.sums: dict[object, NormalKernels] = {}
         self.systems: dict[object, Described] = {}
+        self.latest: object = None  # what `system_of` keeps of the last system
 
     @property
     def solver(self) -> AnyCode:

@@ -20,9 +20,9 @@ from mbm.estimation.minimise.native.packing import (
     rows_of,
     structure_of,
     system_arrays,
-    triangle_kind,
 )
 from mbm.estimation.minimise.native.range_maps import hand
+from mbm.estimation.minimise.native.suited import alike, handled
 from mbm.estimation.minimise.native.summing import sum_addresses, summable
 from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code
 from mbm.estimation.settings import Settings
@@ -38,10 +38,6 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.estimation.native.callbacks import CallbackKernels
     from mbm.kernels.native.kernels import NativeKernels
-
-MOST_COORDINATES = 80
-"""Beyond, calling kernels gains a fifth at most over asking for all residuals at once, and a batch loses by it: what it
-says of each answer takes longer than LAPACK does."""
 
 AT_A_TIME = 2e8
 """Products in one call, about a tenth of a second: between calls the user may interrupt."""
@@ -296,28 +292,6 @@ def scratch_sizes(header: bytes) -> tuple[int, int]:
     return int(work_reals(problem)), int(work_integers(problem))
 
 
-def handled(equations: object) -> bool:
-    """Whether equations are such as the native solver knows."""
-    if not isinstance(equations, Assembled) or equations.implicit is not None or equations.dimension == 0:
-        return False
-    if equations.dimension > MOST_COORDINATES or equations.count == 0 or equations.structure is not None:
-        return False
-    groups = (*equations.groups, *equations.constraints)
-    if any(group.sampled for group in groups) or not all(group.kernel.outputs for group in groups):
-        return False
-    if equations.rows is not None and not _whole_units(equations):
-        return False
-    return all(triangle_kind(w) is not None for group in groups for w in group.whiteners)
-
-
-def _whole_units(equations: Assembled) -> bool:
-    """Whether the residuals picked are all those of some units."""
-    units = equations.every_unit
-    sizes = np.bincount(units)
-    found = np.bincount(units[equations.rows], minlength=len(sizes))
-    return bool(((found == 0) | (found == sizes)).all())
-
-
 def system_of(
     equations: Assembled,
     settings: Settings,
@@ -337,6 +311,10 @@ def system_of(
     and to sum the normal equations of others from fewer rows on.
     ``kept``: the description is looked up, and kept for equations of the same structure.
     """
+    asked = settings, direct, strict
+    latest = native_code(equations.groups[0].cache).latest if equations.groups and kept and not often else None
+    if isinstance(latest, _Latest) and latest.asked == asked and most_rows is None and alike(latest.of, equations):
+        return latest.system(rows_of(equations))
     groups = (*equations.groups, *equations.constraints) if handled(equations) else ()
     if not groups:
         return None
@@ -374,14 +352,34 @@ def system_of(
         known = Described(rows=tuple(room), system=system, constants=constants, fused=fused)
         if kept:
             code.systems[key] = known
-    return NativeSystem(
-        system=known.system,
-        constants=known.constants,
-        rows=rows_of(equations),
-        code=code.solver,
-        held=(kernels, known, code),
-        failed=nothing if guard is None else guard.raise_failure,
-    )
+    held, failed = (kernels, known, code), nothing if guard is None else guard.raise_failure
+    made = _Latest(of=equations, asked=asked, known=known, code=code.solver, held=held, failed=failed)
+    if kept and not often and most_rows is None:
+        code.latest = made
+    return made.system(rows_of(equations))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Latest:
+    """What a system was made of, for the next equations that differ ``of`` these in their data alone."""
+
+    of: Assembled
+    asked: tuple[object, ...]
+    known: Described
+    code: AnyCode
+    held: object
+    failed: Callable[[], None]
+
+    def system(self, rows: Rows) -> NativeSystem:
+        """The system with the rows of a data set."""
+        return NativeSystem(
+            system=self.known.system,
+            constants=self.known.constants,
+            rows=rows,
+            code=self.code,
+            held=self.held,
+            failed=self.failed,
+        )
 
 
 def kernels_of(
