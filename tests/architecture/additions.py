@@ -102,7 +102,7 @@ READER = Reader(name="semicolons", extensions=(".semicolons",), read=read)
 """A file format."""
 
 FIELD = {
-    "mbm/report/types.py": (("    robust_cost: float | None = None", "    norm: float | None = None\n"),),
+    "mbm/report/types.py": (("    log_likelihood: float | None = None", "    norm: float | None = None\n"),),
     "mbm/report/numbers.py": (
         (
             '    SummaryNumber(name="robust_cost"',
