@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import inf, isfinite
 
 from mbm.machine.kinds import LANES
-from mbm.machine.records import Reference, record, view
-from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real
+from mbm.machine.records import view
+from mbm.machine.words import ConstantReals, Integer, Integers, Real
 from mbm.solver.active_bounds import release_inactive
 from mbm.solver.constraint_values import tell_equations
 from mbm.solver.constraints import begin_rounds, next_round, set_held
@@ -44,33 +44,14 @@ from mbm.solver.description import (
 from mbm.solver.equations import cost_at_point, load_rows
 from mbm.solver.linear_algebra import add_multiple, copied, filled
 from mbm.solver.manifolds import coordinates_of
-from mbm.solver.range_form import RangeForm, best_of_ranges
+from mbm.solver.range_form import best_of_ranges
 from mbm.solver.sequential import begin_steps, sequential_step
 from mbm.solver.sweeps import sweep
 from mbm.solver.trust_region import begin, constraint_count, iterate, solve_directly
-from mbm.solver.workspace import Answer, Linearisation, Work, share_out
+from mbm.solver.workspace import Linearisation, RangeForm, Solves, Work, share_out
 
 SURE = 1e4
 """A squared condition up to which sums of products give variances to 1e-10: with errors of a few eps √rows."""
-
-
-@record
-class Solves:
-    """Solves ``first … last`` of a batch."""
-
-    problem: Reference[Problem]
-    work: Reference[Work]
-    """The scratch of one thread."""
-    first: Integer
-    last: Integer
-    data: ConstantIntegers
-    which: ConstantIntegers
-    """The data set of each."""
-    starts: ConstantReals
-    answers: Answer
-    """Of the whole batch."""
-    form: RangeForm
-    """What starts are compared with, if anything."""
 
 
 def start_solve(

@@ -4,45 +4,15 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
-from mbm.machine.records import record
-from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.machine.words import ConstantReals, Integer, Real, Reals
 from mbm.solver.description import Problem
 from mbm.solver.equations import cost_at_point
 from mbm.solver.known_rows import know_rows
 from mbm.solver.linear_algebra import add_multiple, copied
 from mbm.solver.manifolds import coordinates_of, place_coordinates
-from mbm.solver.spheres import Ranges, places_of_ranges
+from mbm.solver.spheres import places_of_ranges
 from mbm.solver.steps import project
-from mbm.solver.workspace import Rows, Work
-
-
-@record
-class RangeForm:
-    """What is known of the rows of all data sets of a problem, if ranges give all numbers that are estimated."""
-
-    ranges: Ranges
-    """Those of the data set at hand; ``d`` is 0 where there is no such form."""
-    rooted: Integer
-    """1: the maps give the root of e: a known height above the stations."""
-    stated: Integer
-    """1: the noise is stated, so that the cost tells a bad fit."""
-    places: ConstantIntegers
-    """Where the coordinates of p, then b, stand among the numbers (m,)."""
-    map_places: ConstantIntegers
-    maps: ConstantReals
-    """Of each type of unit of all blocks of residuals, as `known_rows` has them."""
-    fixed_count: Integer
-    fixed: ConstantIntegers
-    """Numbers that are not estimated: the maps take them as further parameters."""
-    values: ConstantReals
-    held: Integer
-    """1: the maps hold where they are the ``values`` only."""
-    found: Reals
-    """Places that fit, (`spheres.MOST_PLACES`, m)."""
-    point: Reals
-    """The best of them, and all other numbers (numbers,) …"""
-    other: Reals
-    """… and room for one more point (numbers,)."""
+from mbm.solver.workspace import RangeForm, Rows, Work
 
 
 def load_ranges(problem: Problem, rows: Rows, start: ConstantReals, form: RangeForm) -> None:

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
-from mbm.machine.records import record
 from mbm.machine.words import ConstantReals, Integer, Integers, Real, Reals
 from mbm.solver.linear_algebra import add_multiple, append_rows, copied, dot, filled
 from mbm.solver.minimal_spheres import PARALLEL
 from mbm.solver.rank_deficient import singular_values
-
-MOST_PLACES = 3
+from mbm.solver.workspace import MOST_PLACES, Ranges
 
 FLAT = 1e-6
 """Extent of the stations across their plane (or line) beside the extent along it, below which they count as flat."""
@@ -30,28 +28,6 @@ AT_A_TIME = 16
 """Rows that are triangularised together."""
 
 CHUNK_AT = 81
-SCRATCH = 161
-"""Numbers of scratch for four unknowns: six vectors, two matrices, a triangle, and the rows of a chunk."""
-
-
-@record
-class Ranges:
-    """Rows that say ``√(|p − s|² + e) = l + β b``, for a place p of ``d`` coordinates and an offset b."""
-
-    d: Integer
-    """2 or 3; 0: there is no closed form."""
-    offset: Integer
-    """1: b is unknown; 0: it is nothing."""
-    even: Integer
-    """1: the sign of b is open, and taken positive."""
-    rows: Integer
-    spheres: Reals
-    """Of each row s (d,), l, e and β: (rows, d + 3); NaN where nothing is known."""
-    weights: Reals
-    """One over the standard deviation of each row, 0: it takes no part; `places_of_ranges` makes it that of the squared
-    range, but for a common factor."""
-    scratch: Reals
-    """`SCRATCH` numbers."""
 
 
 def weigh_squares(ranges: Ranges) -> None:

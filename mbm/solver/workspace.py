@@ -6,6 +6,12 @@ from mbm.machine.records import Reference, integers_in, lay_out, reals_in, recor
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.solver.description import DataSet, Problem
 
+MOST_PLACES = 3
+"""Places that ranges give."""
+
+SCRATCH = 161
+"""Numbers of scratch for ranges with four unknowns: six vectors, two matrices, a triangle, and the rows of a chunk."""
+
 
 @record
 class Rows:
@@ -240,6 +246,74 @@ class Work:
     nearest: Reals = sized("n")
     onward: Reals = sized("n")
     normal: Reals = sized("n")
+
+
+@record
+class Ranges:
+    """Rows that say ``√(|p − s|² + e) = l + β b``, for a place p of ``d`` coordinates and an offset b."""
+
+    d: Integer
+    """2 or 3; 0: there is no closed form."""
+    offset: Integer
+    """1: b is unknown; 0: it is nothing."""
+    even: Integer
+    """1: the sign of b is open, and taken positive."""
+    rows: Integer
+    spheres: Reals
+    """Of each row s (d,), l, e and β: (rows, d + 3); NaN where nothing is known."""
+    weights: Reals
+    """One over the standard deviation of each row, 0: it takes no part; `places_of_ranges` makes it that of the squared
+    range, but for a common factor."""
+    scratch: Reals
+    """`SCRATCH` numbers."""
+
+
+@record
+class RangeForm:
+    """What is known of the rows of all data sets of a problem, if ranges give all numbers that are estimated."""
+
+    ranges: Ranges
+    """Those of the data set at hand; ``d`` is 0 where there is no such form."""
+    rooted: Integer
+    """1: the maps give the root of e: a known height above the stations."""
+    stated: Integer
+    """1: the noise is stated, so that the cost tells a bad fit."""
+    places: ConstantIntegers
+    """Where the coordinates of p, then b, stand among the numbers (m,)."""
+    map_places: ConstantIntegers
+    maps: ConstantReals
+    """Of each type of unit of all blocks of residuals, as `known_rows` has them."""
+    fixed_count: Integer
+    fixed: ConstantIntegers
+    """Numbers that are not estimated: the maps take them as further parameters."""
+    values: ConstantReals
+    held: Integer
+    """1: the maps hold where they are the ``values`` only."""
+    found: Reals
+    """Places that fit, (`MOST_PLACES`, m)."""
+    point: Reals
+    """The best of them, and all other numbers (numbers,) …"""
+    other: Reals
+    """… and room for one more point (numbers,)."""
+
+
+@record
+class Solves:
+    """Solves ``first … last`` of a batch."""
+
+    problem: Reference[Problem]
+    work: Reference[Work]
+    """The scratch of one thread."""
+    first: Integer
+    last: Integer
+    data: ConstantIntegers
+    which: ConstantIntegers
+    """The data set of each."""
+    starts: ConstantReals
+    answers: Answer
+    """Of the whole batch."""
+    form: RangeForm
+    """What starts are compared with, if anything."""
 
 
 def work_reals(problem: Problem) -> Integer:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbm.solver.spheres import MOST_PLACES, SCRATCH, Ranges, places_of_ranges
+from mbm.solver.spheres import places_of_ranges
+from mbm.solver.workspace import MOST_PLACES, SCRATCH, Ranges
 
 EXACT = 1e-9
 """Squares of distances lose half the digits of what is small beside them; the scenes are of the size of one to ten."""

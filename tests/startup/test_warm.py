@@ -127,7 +127,7 @@ SELDOM = (
     *(
         "mbm.estimation.search.basins",
         "mbm.estimation.search.seeker",
-        "mbm.estimation.search.seeker",
+        "mbm.solver.batch",
         "mbm.equations.windows",
     ),
     *(

@@ -9,7 +9,7 @@ from mbm.emit.c.text import doubles, longs
 from mbm.emit.types import Blueprint
 from mbm.problem.types import BlockRole
 from mbm.solver.range_maps import RangeMaps
-from mbm.solver.spheres import MOST_PLACES, SCRATCH
+from mbm.solver.workspace import MOST_PLACES, SCRATCH
 
 
 def range_constants(ranges: RangeMaps) -> str:

@@ -26,7 +26,7 @@ from mbm.scales import SI, Scale
 from mbm.solver import consensus_records as c
 from mbm.solver import description
 from mbm.solver.range_maps import RangeMaps
-from mbm.solver.spheres import MOST_PLACES, SCRATCH
+from mbm.solver.workspace import MOST_PLACES, SCRATCH
 
 _DESCRIPTION = (
     "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "DATA_HEAD", "DATA_BLOCK", "RESULTS",

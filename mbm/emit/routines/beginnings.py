@@ -10,8 +10,8 @@ from mbm.solver.decisions import takes_over
 from mbm.solver.description import Problem
 from mbm.solver.equations import load_rows
 from mbm.solver.linear_algebra import copied
-from mbm.solver.range_form import RangeForm, cost_of_place, find_places
-from mbm.solver.workspace import Work
+from mbm.solver.range_form import cost_of_place, find_places
+from mbm.solver.workspace import RangeForm, Work
 
 
 def begin_at_ranges(problem: Problem, start: Reals, form: RangeForm, work: Work) -> Integer:

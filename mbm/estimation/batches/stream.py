@@ -22,9 +22,9 @@ from mbm.estimation.settings import Settings
 from mbm.machine.records import put
 from mbm.problem.types import Problem, UnknownKind
 from mbm.solver import description as of
-from mbm.solver.batch import Solves
 from mbm.solver.decisions import usual_cost
 from mbm.solver.range_maps import RangeMaps
+from mbm.solver.workspace import Solves
 from mbm.values import dataclass
 
 if TYPE_CHECKING:

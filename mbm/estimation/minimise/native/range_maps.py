@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.machine.records import inside, put
-from mbm.solver.range_form import RangeForm
 from mbm.solver.range_maps import RangeMaps
-from mbm.solver.spheres import MOST_PLACES, SCRATCH, Ranges
+from mbm.solver.workspace import MOST_PLACES, SCRATCH, RangeForm, Ranges
 
 
 def hand(ranges: RangeMaps, form: Any, numbers: int, rows: int) -> tuple[NDArray[Any], ...]:

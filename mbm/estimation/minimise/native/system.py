@@ -29,10 +29,8 @@ from mbm.estimation.settings import Settings
 from mbm.machine.records import address, inside, put, slot, view
 from mbm.solver import description as of
 from mbm.solver import workspace as workspace
-from mbm.solver.batch import Solves
-from mbm.solver.range_form import RangeForm
 from mbm.solver.range_maps import RangeMaps
-from mbm.solver.workspace import Answer, Work, work_integers, work_reals
+from mbm.solver.workspace import Answer, RangeForm, Solves, Work, work_integers, work_reals
 from mbm.values import dataclass
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.machine.records import put
-from mbm.solver.spheres import MOST_PLACES, SCRATCH, Ranges
+from mbm.solver.workspace import MOST_PLACES, SCRATCH, Ranges
 from mbm.values import dataclass
 
 DROWNING = 1e8
