@@ -42,25 +42,26 @@ class _Tables:
     """What evaluates kernels over tables: compiled in no time, and for speed once the rows were many.
 
     A row costs 1.2 ns more for each number that goes in or out until then, and compiling for speed 40 ms.
+    What was made stays: a thread may be in it.
     """
 
     _store: Store | None
     _rows: int = 0
     _fast: bool = False
-    _made: tuple[Library, Callable[..., int]] | None = None
+    _made: list[tuple[Library, Callable[..., int]]] = field(default_factory=list)
 
     def run(self, rows: int) -> Callable[..., int]:
         """`mbm.solver.tables.evaluate_rows`, which takes addresses and a number of rows, for so many of them."""
         self._rows += rows
         many = self._rows >= MANY * EVALUATIONS
-        if self._made is None or (many and not self._fast):
+        if not self._made or (many and not self._fast):
             name = f"tables {source_digest('solver')}"
             library = fetched(name, self._store, FAST, compact=True)
             self._fast = many or library is not None
             if library is None:
                 library = kept(name, _tables_text, self._store, FAST if many else PLAIN, compact=many)
-            self._made = library, _SIGNATURE(library.address("evaluate_rows"))
-        return self._made[1]
+            self._made.append((library, _SIGNATURE(library.address("evaluate_rows"))))
+        return self._made[-1][1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
