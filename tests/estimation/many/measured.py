@@ -19,7 +19,7 @@ def text(unknowns, equation, rest="", each="(for-each k)", more=""):
     return HEAD.format(unknowns=unknowns, equation=equation, rest=rest, each=each, more=more)
 
 
-def lines(groups=18, rows=12, seed=21, spread=1.0):
+def lines(groups=10, rows=12, seed=21, spread=1.0):
     """Points about lines whose slope changes from group to group, in any order, some with fewer; others beside.
 
     ``spread`` times the errors that are stated: 0.1 in x, 0.2 in y; in z 0.1.
@@ -43,7 +43,7 @@ def lines(groups=18, rows=12, seed=21, spread=1.0):
     return {"d": {name: column[mixed] for name, column in columns.items()}}
 
 
-def circles(groups=18, rows=14, seed=22, gross=0.0, noise=0.02):
+def circles(groups=10, rows=14, seed=22, gross=0.0, noise=0.02):
     """Points about circles of radius 2 that move, ``gross`` of them half a metre off, with deviations ``s``, ``e``."""
     generator = np.random.default_rng(seed)
     group = np.repeat(np.arange(groups), rows)
@@ -55,7 +55,7 @@ def circles(groups=18, rows=14, seed=22, gross=0.0, noise=0.02):
     return {"d": {"k": group, "t": 0.1 * group, "x": x, "y": y, **deviations}}
 
 
-def marks(groups=25, seed=23, twice=False):
+def marks(groups=12, seed=23, twice=False):
     """Distances from a place to marks, whose positions have errors, once to each (to one of them ``twice``)."""
     generator = np.random.default_rng(seed)
     at = np.column_stack([generator.uniform(0, 10, 9), generator.uniform(0, 10, 9)])
@@ -71,7 +71,7 @@ def marks(groups=25, seed=23, twice=False):
     }
 
 
-def far(groups=20):
+def far(groups=12):
     """Circles the last of which have points near their centres, whose corrections take a search."""
     data = circles(groups)["d"]
     lost = (data["k"] >= groups - 3) & (np.arange(len(data["k"])) % 14 == 5)
