@@ -230,7 +230,7 @@ class Assembled:
                 found[k] = self.residuals(points[k])
             return found
         plain = self.plain_residuals_at(points)
-        return np.stack([rooted_residuals(self, each) for each in plain]) if self.lossy else plain
+        return rooted_residuals(self, plain) if self.lossy else plain
 
     def plain_residuals_at(self, points: Floats) -> Floats:
         """The same without losses and corrections of measured columns."""
@@ -356,10 +356,10 @@ class Assembled:
 
 
 def rooted_residuals(equations: Assembled, plain: Floats) -> Floats:
-    """Residuals (m,) with the losses of their units, in square-root form."""
+    """Residuals (…, m) with the losses of their units, in square-root form."""
     result = plain.copy()
     for loss, lines in loss_lines(equations):
-        result[lines] = rooted(loss, plain[lines])
+        result[..., lines] = rooted(loss, plain[..., lines])
     return result
 
 

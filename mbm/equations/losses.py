@@ -69,10 +69,13 @@ class LossFunction:
         """tr Dψ of residuals of so many components."""
         return of_arrays(loss_trace)(self.number, squares, self.scale, self.shape, components)
 
-    def root_factors(self, squares: Floats) -> tuple[Floats, Floats]:
-        """``q = √(ρ(s)/s)`` and dq/ds, so that ``r̃ = q r`` has ``|r̃|² = ρ(s)``."""
-        factor = of_arrays(formulas.root_factor)(self.number, squares, self.scale, self.shape)
-        return factor, of_arrays(formulas.root_slope)(self.number, squares, self.scale, self.shape, factor)
+    def root_factor(self, squares: Floats) -> Floats:
+        """``q = √(ρ(s)/s)``, so that ``r̃ = q r`` has ``|r̃|² = ρ(s)``."""
+        return of_arrays(formulas.root_factor)(self.number, squares, self.scale, self.shape)
+
+    def root_slope(self, squares: Floats, factor: Floats) -> Floats:
+        """dq/ds where the ``factor`` is q."""
+        return of_arrays(formulas.root_slope)(self.number, squares, self.scale, self.shape, factor)
 
 
 def loss_function(asked: Loss, components: int) -> LossFunction:
@@ -88,14 +91,15 @@ def loss_function(asked: Loss, components: int) -> LossFunction:
 
 
 def rooted(loss: LossFunction, residuals: Floats) -> Floats:
-    """``r̃ = r √(ρ(s)/s)`` for each unit; ``residuals`` (units, components), whitened."""
-    factor, _ = loss.root_factors(np.square(residuals).sum(axis=1))
-    return np.asarray(residuals * factor[:, None])
+    """``r̃ = r √(ρ(s)/s)`` for each unit; ``residuals`` (…, components), whitened."""
+    return np.asarray(residuals * loss.root_factor(np.square(residuals).sum(axis=-1))[..., None])
 
 
 def rooted_jacobian(loss: LossFunction, residuals: Floats, jacobian: Floats) -> Floats:
     """dr̃/dx = q J + 2 q' r (rᵀJ), exact; ``jacobian`` (units, components, n) belongs to the plain ``residuals``."""
-    factor, change = loss.root_factors(np.square(residuals).sum(axis=1))
+    squares = np.square(residuals).sum(axis=1)
+    factor = loss.root_factor(squares)
+    change = loss.root_slope(squares, factor)
     along = np.einsum("uk,ukn->un", residuals, jacobian)
     bent = (2.0 * change[:, None] * residuals)[:, :, None] * along[:, None, :]
     return np.asarray(factor[:, None, None] * jacobian + bent)

@@ -62,7 +62,8 @@ def test_values_weights_and_slopes(solver, kind, shape, scale):
 @pytest.mark.parametrize(("kind", "shape"), CASES)
 def test_square_root_form(solver, kind, shape):
     loss, rho = LossFunction(kind=kind, scale=1.345, shape=shape), formula(kind, shape, 1.345)
-    factors, changes = loss.root_factors(SQUARES)
+    factors = loss.root_factor(SQUARES)
+    changes = loss.root_slope(SQUARES, factors)
     for s, together, change in zip(SQUARES.tolist(), factors.tolist(), changes.tolist(), strict=True):
         with mpmath.workdps(60):
 
