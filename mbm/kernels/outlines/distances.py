@@ -18,7 +18,7 @@ from mbm.values import dataclass
 CHORDS = 2
 """Parts that a span of a curved arc is cut into for the search."""
 
-FEW_CHORDS, LOOKED_AT = 16, 4
+FEW_CHORDS, LOOKED_AT = 96, 4
 """Chords of which all are looked at; and those of more that are looked at first."""
 
 TOGETHER = 500_000

@@ -57,6 +57,7 @@ class Outlines:
         self._kept: OrderedDict[tuple[Figure, bytes], Outline | NoOutline] = OrderedDict()
         self._measured: OrderedDict[tuple[str, Figure, bytes], Measured] = OrderedDict()
         self._last: tuple[Outline, Floats, Feet] | None = None
+        self._runs: tuple[Floats, list[Indices | slice]] | None = None
         self._lock = RLock()
 
     def know(self, figure: Figure, sheets: tuple[SheetPrograms, ...]) -> None:
@@ -128,9 +129,11 @@ class Outlines:
     def _outlines(
         self, figure: Figure, arguments: Floats
     ) -> Iterator[tuple[Indices | slice, Outline | NoOutline, tuple[Figure, bytes]]]:
-        """The rows of each outline."""
+        """The rows of each outline; those of the last arguments are known, if these are asked for again."""
         table = arguments[:, : figure.size]
-        for rows in _alike(table):
+        if self._runs is None or self._runs[0] is not arguments:
+            self._runs = arguments, _alike(table)
+        for rows in self._runs[1]:
             numbers = table[rows][0].copy()
             key = figure, numbers.tobytes()
             if key not in self._kept:
