@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import mbm
+from mbm.estimation.starts.silhouettes.hulls import corners_between
 
 pytest.importorskip("shapely")
 
@@ -47,6 +48,22 @@ def apart(R: np.ndarray, S: np.ndarray) -> float:
 
 def random_rotation(seed: int) -> np.ndarray:
     return Rotation.random(random_state=np.random.default_rng(seed)).as_matrix()
+
+
+def test_corners_that_were_left_out_of_a_contour_belong_to_its_hull():
+    """Points stand on a square but for 6 px about its corners; those of a circle have no corner between them."""
+    side = np.arange(-44.0, 45.0, 4.0)
+    edge = np.full_like(side, 50.0)
+    square = np.concatenate(
+        [np.stack(each, 1) for each in ((side, -edge), (edge, side), (-side, edge), (-edge, -side))]
+    )
+    corners = corners_between(square)
+    np.testing.assert_allclose(sorted(map(tuple, corners)), [(-50, -50), (-50, 50), (50, -50), (50, 50)], atol=1e-9)
+    turn = np.linspace(0, 2 * np.pi, 80, endpoint=False)
+    circle = 50 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    assert len(corners_between(circle)) == 0
+    shuffled = np.random.default_rng(0).permutation(square)
+    assert len(corners_between(shuffled)) == 0
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -44,6 +44,13 @@ def support(places: Floats, ways: Floats) -> Floats:
     return np.concatenate(parts)
 
 
+BESIDE = 0.1
+"""Of the extent of a contour: points that follow each other along it are nearer."""
+
+GAP = 1.5
+"""Usual distances of points: a wider one may have a corner in it."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Hulls:
     """What a picture's shape looks like at points (S, N) of all unknown numbers.
@@ -114,9 +121,32 @@ class Hulls:
         return 2 * self.size / max(float(np.ptp(places[..., 2], axis=1).max()), NEAREST_DEPTH * 1e-3)
 
 
+def corners_between(points: Floats) -> Floats:
+    """The corners (k, 2) of a contour between points (n, 2) that follow each other along it, but for a gap.
+
+    Beside corners nothing can be measured, and without them the hull is too small. A corner is where the lines through
+    the points before and behind the gap meet. Points in another order have none.
+    """
+    after = np.roll(points, -1, axis=0)
+    gaps = np.linalg.norm(after - points, axis=1)
+    usual = float(np.median(gaps))
+    if not 0 < usual < BESIDE * float(np.ptp(points, axis=0).max()):
+        return points[:0]
+    before, ahead = points - np.roll(points, 2, axis=0), np.roll(points, -3, axis=0) - after
+    turn = before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0]
+    way = after - points
+    with np.errstate(all="ignore"):
+        on = (way[:, 0] * ahead[:, 1] - way[:, 1] * ahead[:, 0]) / turn
+        back = (way[:, 0] * before[:, 1] - way[:, 1] * before[:, 0]) / turn
+        reach = np.maximum(on * np.linalg.norm(before, axis=1), -back * np.linalg.norm(ahead, axis=1))
+    own = (gaps > GAP * usual) & (on > 0) & (back < 0) & (reach < gaps)
+    return np.asarray(points[own] + on[own, None] * before[own])
+
+
 def hulls_of(picture: Picture, layout: Layout, open_ones: Mask) -> Hulls:
     """Those of a picture of which the coordinates ``open_ones`` (M,) are sought."""
-    flat = np.column_stack([picture.points, np.zeros(len(picture.points))])
+    points = np.concatenate([picture.points, corners_between(picture.points)])
+    flat = np.column_stack([points, np.zeros(len(points))])
     wanted = support(flat[None], IN_IMAGE)[0]
     return Hulls(
         picture=picture,
