@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 
 @np.errstate(all="ignore")
-def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> Columns:
-    """The answers of some consecutive solves."""
+def answers(problem: Problem, stack: Stack, which: range, descent: Descent, *, examined_alone: bool) -> Columns:
+    """The answers of some consecutive solves; where they are ``examined_alone``, no column says all of a solve."""
     began, ends = perf_counter(), descent(which)
     portion = Portion(stack, which, ends.kept, ends.factors)
     count = stack.residuals[which.start : which.stop] if ends.kept is None else ends.kept.count
@@ -66,7 +66,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     tails = _tails(stack, cost if lossy else counts.tested(scattered), freedom, solved & ~counts.untested & known)
     chi2_p = np.full(len(which), np.nan) if lossy else tails
     undoubted = _undoubted(problem, portion, ends, found, spread, derived, residuals, surface)
-    undoubted &= ~coarsely_read(problem, stack, which, portion, residuals, found.basis, noise)
+    undoubted &= ~(examined_alone | coarsely_read(problem, stack, which, portion, residuals, found.basis, noise))
     degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom, counts)
     limited = limited_columns(portion, None if surface is None else surface[0], ends.points, rooted, spread, residuals)
     counting = counted(portion, residuals)

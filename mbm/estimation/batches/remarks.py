@@ -12,7 +12,7 @@ from mbm.estimation.batches.types import Remarks
 from mbm.estimation.minimise.native.tails import solver_code
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.lags import correlated, in_order, lag_scores
-from mbm.estimation.trust.plausibility import improbable, improbable_noise
+from mbm.estimation.trust.plausibility import improbable, improbable_noise, overstated
 from mbm.problem.types import Problem
 from mbm.text.types import Diagnostic
 
@@ -52,9 +52,11 @@ def remarks(
         lag, expected, spread = lag_scores(
             solver_code(stack.equations), rooted_residuals(portion, residuals), basis, following
         )
+        over = overstated(tail, sigma0)
         for place in np.flatnonzero(correlated(lag, expected, spread)).tolist():
             numbers = (float(each[place]) for each in (lag, expected, spread))
-            add(place, faults.autocorrelated_residuals(problem.span, *numbers))
+            small = bool(over[place])
+            add(place, faults.autocorrelated_residuals(problem.span, *numbers, overstated=small))
     said = faults.small_sample(problem.span) if poor.any() else None
     for place in np.flatnonzero(poor).tolist():
         if said is not None:

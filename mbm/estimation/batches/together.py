@@ -32,7 +32,7 @@ from mbm.estimation.search.solution import Alone, Solution
 from mbm.estimation.settings import Settings
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import Table
-from mbm.problem.types import Problem
+from mbm.problem.types import Problem, UnknownKind
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -170,6 +170,9 @@ def _made(
         return None
     if window is not None and _idle(bound):
         return None  # members that nothing is said of keep what they were in the window before
+    elsewhere = _may_lie_elsewhere(part, settings)
+    if elsewhere and (window is not None or _missing(bound, part.points).any()):
+        return None  # the best of the places is the answer, unless a start is stated
 
     @kept
     def form() -> Formed | None:
@@ -193,7 +196,8 @@ def _made(
     descent = _descent(problem, bound, part.first, part.points, before, closed, settings)
     if descent is None:
         return None
-    answered = partial(answers, problem, bound, descent=descent)
+    alone = elsewhere or _may_be_correlated(problem, bound, settings)
+    answered = partial(answers, problem, bound, descent=descent, examined_alone=alone)
     beside = sample(problem, kernels, part, settings, cache, answered)
     return Together(
         problem=problem,
@@ -207,6 +211,27 @@ def _made(
         form=form,
         places=part.which,
     )
+
+
+def _may_lie_elsewhere(part: Part, settings: Settings) -> bool:
+    """Whether the poses of a solve may be moved as one to another minimum, which is looked for in each solve alone."""
+    if not any(entry.unknown.kind is UnknownKind.POSE for entry in part.bound.equations.layout.entries):
+        return False
+    # Loaded by poses only, so that the others start at once.
+    from mbm.estimation.search.rival_places import may_lie_elsewhere
+
+    return part.bound.errors is None and may_lie_elsewhere(part.bound.equations, settings)
+
+
+def _may_be_correlated(problem: Problem, bound: Stack, settings: Settings) -> bool:
+    """Whether rows of a solve may follow one another in a chain, which is tested for each solve alone."""
+    if all(unknown.family is None for unknown in problem.unknowns) and not any(b.earlier for b in problem.blocks):
+        return False
+    # Loaded by families and `previous` only, so that the others start at once.
+    from mbm.estimation.trust.chains import may_be_correlated
+
+    plain = settings.robust is None and bound.errors is None
+    return plain and may_be_correlated(problem, bound.equations, int(bound.residuals.max(initial=0)))
 
 
 def _descent(

@@ -29,6 +29,7 @@ from mbm.estimation.starts.closed_forms.motions import origin, product, stepped
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES, relates
 from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.problem.types import UnknownKind
+from mbm.values import dataclass
 
 ENOUGH_UNITS = 600
 """Equations in rows that the motion is judged by."""
@@ -69,11 +70,22 @@ def aligned(equations: Assembled, numbers: Floats, settings: Settings) -> tuple[
     return tuple((each, origin_of) for each in Tree(part, entry, found.numbers, linear).laid(settings))
 
 
-def laid_elsewhere(equations: Assembled, point: Floats, settings: Settings) -> tuple[Floats, ...]:
-    """All numbers (N,) with the family of poses moved as one to where it fits nearly as well as at a point (N,).
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Movable:
+    """A family of poses between which motions are measured, the groups ``apart`` that are not of these, but of the
+    poses or of ``others``: coordinates (M,) that are solved for with each motion of the family.
+    """
 
-    None where no motions between members are measured, fewer than three of them are felt by other equations, or more
-    than `MOST_OTHERS` coordinates stand in these beside them: they are solved for with each motion that is tried.
+    entry: Entry
+    apart: tuple[Group, ...]
+    others: Mask
+
+
+def movable(equations: Assembled) -> Movable | None:
+    """The largest family of poses, if it may be moved as one.
+
+    None where no motions between members are measured, fewer than three are felt by other equations, or more than
+    `MOST_OTHERS` coordinates stand in these beside them.
     """
     families = [
         e
@@ -82,24 +94,28 @@ def laid_elsewhere(equations: Assembled, point: Floats, settings: Settings) -> t
     ]
     entry = max(families, key=lambda e: e.members, default=None)
     if entry is None:
-        return ()
+        return None
     graph = [group for group in equations.groups if group.rows and relates(group, entry)]
     apart = [group for group in equations.groups if group.rows and not relates(group, entry)]
-    own, of_others = (np.zeros(len(equations.layout.number), dtype=bool) for _ in range(2))
+    own, others = (np.zeros(len(equations.layout.number), dtype=bool) for _ in range(2))
     own[entry.coordinates] = True
     beside = [group for group in apart if own[group.columns].any()]
     if not graph or not beside:
-        return ()
-    of_others[np.concatenate([np.unique(group.columns) for group in beside])] = True
-    of_others[np.concatenate([np.unique(group.columns) for group in graph])] = False
-    of_others[entry.coordinates] = False
-    of_others &= np.isin(np.arange(len(of_others)), equations.free)
-    if of_others.sum() > MOST_OTHERS:
-        return ()
-    apart = [group for group in apart if (own | of_others)[group.columns].any()]
-    part = excerpt(equations, np.flatnonzero(of_others), _some_units(apart, settings.seed))
-    tree = Tree(part, entry, point, affine_coordinates(part, of_others))
-    return tree.elsewhere(settings) if tree.felt >= LEAST_FELT else ()
+        return None
+    others[np.concatenate([np.unique(group.columns) for group in beside])] = True
+    felt = (others & own)[entry.coordinates].reshape(entry.members, -1).any(axis=1).sum()
+    others[np.concatenate([np.unique(group.columns) for group in graph])] = False
+    others[entry.coordinates] = False
+    others &= np.isin(np.arange(len(others)), equations.free)
+    if others.sum() > MOST_OTHERS or felt < LEAST_FELT:
+        return None
+    return Movable(entry=entry, apart=tuple(g for g in apart if (own | others)[g.columns].any()), others=others)
+
+
+def laid_elsewhere(equations: Assembled, tree: Movable, point: Floats, settings: Settings) -> tuple[Floats, ...]:
+    """All numbers (N,) with the family of poses moved as one to where it fits nearly as well as at a point (N,)."""
+    part = excerpt(equations, np.flatnonzero(tree.others), _some_units(tree.apart, settings.seed))
+    return Tree(part, tree.entry, point, affine_coordinates(part, tree.others)).elsewhere(settings)
 
 
 def _loose_family(equations: Assembled, numbers: Floats) -> Entry | None:
@@ -112,7 +128,7 @@ def _loose_family(equations: Assembled, numbers: Floats) -> Entry | None:
     return loose[0] if len(loose) == 1 else None
 
 
-def _some_units(groups: list[Group], seed: int) -> Indices:
+def _some_units(groups: Sequence[Group], seed: int) -> Indices:
     """Units of the groups, at most so many of each, drawn at random."""
     generator = np.random.default_rng(seed)
     found = []
@@ -170,11 +186,6 @@ class Tree:
         self._felt = np.flatnonzero(inside[entry.range].reshape(entry.members, size).any(axis=1))
         self._places = entry.offset + self._felt[:, None] * size + np.arange(size)
         self.reach = float(np.ptp(self._about[:, -self._dimension :], axis=0).max())
-
-    @property
-    def felt(self) -> int:
-        """How many poses the equations speak of."""
-        return len(self._felt)
 
     @np.errstate(all="ignore")
     def laid(self, settings: Settings) -> tuple[Floats, ...]:

@@ -36,7 +36,7 @@ from mbm.estimation.search.challenge import Challenge
 from mbm.estimation.search.multistart import starting_points
 from mbm.estimation.search.search import Alternative, Tally, search
 from mbm.estimation.search.solution import Solution
-from mbm.estimation.search.starting import SILHOUETTES
+from mbm.estimation.search.starting import GIVEN, SILHOUETTES
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, reached
@@ -136,11 +136,11 @@ def estimate(
             from mbm.estimation.search.turning import with_turns
 
             found = with_turns(equations, found, settings, problem, agrees)
-    if any(entry.unknown.kind is UnknownKind.POSE and entry.members > 1 for entry in equations.layout.entries):
+    if _places_poses(equations) and found.origin != GIVEN:
         # Loaded by families of poses only, so that the others start at once.
         from mbm.estimation.search.rival_places import with_rival_places
 
-        found = with_rival_places(equations, found, settings, problem)
+        found = with_rival_places(equations, found, settings, problem, tables)
     end = reached(problem, robust, settings, found)
     run = Run(
         problem=problem, kernels=kernels, tables=tables, key=key, settings=settings, equations=equations, binder=binder
@@ -184,7 +184,7 @@ def answered(
     whole = weighted.everything().plain_residuals(minimum.point)
     freedom = outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
     bent = cached(lambda: curvature(propagation, minimum, derived))
-    beside = cached(lambda: _others(run, end, minimum, outcome, alone=tally is None))
+    beside = cached(lambda: _others(run, end, minimum, outcome, alone=tally is None, origin=origin))
     said = (*robust.diagnostics, *(against := contradictions(problem, run.tables, weighted, minimum, observed)))
     return Solution(
         key=run.key,
@@ -236,7 +236,7 @@ def _influence(outcome: Statistics, robust: Prepared) -> Influence:
 
 
 def _others(
-    run: Run, end: Reached, minimum: Minimum, outcome: Statistics, *, alone: bool
+    run: Run, end: Reached, minimum: Minimum, outcome: Statistics, *, alone: bool, origin: str
 ) -> tuple[tuple[Alternative, ...], tuple[Diagnostic, ...]]:
     """The other minima, looked for beside the one where a start was ``alone``, and what is to be said of them."""
     equations = end.equations
@@ -251,8 +251,17 @@ def _others(
     if alone:
         agrees = derived_agreement(run.problem, run.binder, run.kernels)
         others = (*others, *minima_beside(equations, about, run.settings, run.problem, agrees))
+    if alone and origin == GIVEN and _places_poses(equations):
+        # Likewise.
+        from mbm.estimation.search.rival_places import places_beside
+
+        others = places_beside(equations, about, others, run.settings, run.problem)
     others = facing(run.problem, run.tables, equations, minimum, others)
     return others, rivals(run.problem, equations, minimum, others, about.most)
+
+
+def _places_poses(equations: Assembled) -> bool:
+    return any(each.unknown.kind is UnknownKind.POSE and each.members > 1 for each in equations.layout.entries)
 
 
 def _confirmed(equations: Assembled, minimum: Minimum) -> Minimum:

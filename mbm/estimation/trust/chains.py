@@ -8,7 +8,7 @@ is nearly exact).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -50,16 +50,14 @@ class Chain:
 
 
 @np.errstate(all="ignore")
-def correlated_chains(problem: Problem, equations: Assembled, minimum: Minimum) -> tuple[Diagnostic, ...]:
-    """A warning that names the clause whose errors are most alike along its rows, if independent noise is not so."""
-    forced = minimum.constraints is not None and bool(minimum.constraints.forcing.any())
-    odd = equations.rows is not None or equations.likely or equations.lossy or equations.structure is not None
-    if forced or odd or equations.implicit is not None or not LEAST_ROWS <= equations.count <= MOST_ROWS:
-        return ()
-    chains = [each for each in _chains(problem, equations) if len(each.places) >= LEAST_ROWS]
-    if not chains or len(minimum.residuals) != equations.count:
-        return ()
-    draws = _draws(minimum)
+def correlated_chains(
+    problem: Problem, minimum: Minimum, chains: Sequence[Chain], *, overstated: bool
+) -> tuple[Diagnostic, ...]:
+    """A warning that names the clause whose errors are most alike along its rows, if independent noise is not so.
+
+    ``overstated``: chi² says that the stated noise is too large.
+    """
+    draws = _draws(minimum) if chains else None
     if draws is None:
         return ()
     worst: tuple[float, Chain, float, Floats] | None = None
@@ -81,7 +79,26 @@ def correlated_chains(problem: Problem, equations: Assembled, minimum: Minimum) 
     _, chain, decay, (found_one, expected, spread_one) = worst
     block = problem.blocks[chain.owner]
     carried = block.role is BlockRole.TRANSITION
-    return (faults.correlated_chain(block.span, block.name, (found_one, expected, spread_one), decay, carried=carried),)
+    sums_of_it = found_one, expected, spread_one
+    said = faults.correlated_chain(block.span, block.name, sums_of_it, decay, carried=carried, overstated=overstated)
+    return (said,)
+
+
+def tested_chains(problem: Problem, equations: Assembled, minimum: Minimum) -> tuple[Chain, ...]:
+    """The chains at a minimum that are long enough to be tested."""
+    forced = minimum.constraints is not None and bool(minimum.constraints.forcing.any())
+    here = len(minimum.residuals) == equations.count and not forced
+    if not here or not may_be_correlated(problem, equations, equations.count):
+        return ()
+    return tuple(each for each in _chains(problem, equations) if len(each.places) >= LEAST_ROWS)
+
+
+def may_be_correlated(problem: Problem, equations: Assembled, count: int) -> bool:
+    """Whether data sets of ``count`` residuals are tested, by the form of their equations; these may be of many."""
+    odd = equations.rows is not None or equations.likely or equations.lossy or equations.structure is not None
+    if odd or equations.implicit is not None or not LEAST_ROWS <= count <= MOST_ROWS:
+        return False
+    return any(_may_follow(problem, equations, group) for group in equations.groups)
 
 
 def _beyond(away: float, highest: Floats, compared: int) -> bool:
@@ -130,7 +147,7 @@ def _chains(problem: Problem, equations: Assembled) -> Iterator[Chain]:
     """The clauses whose rows follow one another."""
     series: dict[tuple[int, int], list[tuple[Floats, Indices]]] = {}
     for group in equations.groups:
-        if not group.rows or not group.kernel.outputs:
+        if not group.kernel.outputs or not _may_follow(problem, equations, group):
             continue
         order = _order(problem, equations, group)
         kept = np.flatnonzero(np.isfinite(order))
@@ -144,18 +161,22 @@ def _chains(problem: Problem, equations: Assembled) -> Iterator[Chain]:
 
 def _order(problem: Problem, equations: Assembled, group: Group) -> Floats:
     """Where each row (rows,) stands in its chain; NaN where it is a link of none."""
-    block = problem.blocks[group.kernel.owner]
-    if block.role not in (BlockRole.TRANSITION, BlockRole.OBSERVATION):
-        return np.full(group.rows, np.nan)
     for entry in equations.layout.entries:
         ends = _ends(group, entry)
         if ends is not None:
             first, second = ends
             neighbours = behind_one_another(entry, first, second)
             return np.where(neighbours, np.minimum(first, second), np.nan)
-    if block.earlier and group.positions is not None:
-        return np.asarray(group.positions, dtype=np.float64)
-    return np.full(group.rows, np.nan)
+    earlier = problem.blocks[group.kernel.owner].earlier
+    return np.full(group.rows, np.nan) if group.positions is None or not earlier else group.positions.astype(float)
+
+
+def _may_follow(problem: Problem, equations: Assembled, group: Group) -> bool:
+    """Whether rows of a group may follow one another, by their form."""
+    block = problem.blocks[group.kernel.owner]
+    if block.role not in (BlockRole.TRANSITION, BlockRole.OBSERVATION) or not group.rows:
+        return False
+    return bool(block.earlier) or any(_ends(group, entry) is not None for entry in equations.layout.entries)
 
 
 def _ends(group: Group, entry: Entry) -> tuple[Indices, Indices] | None:

@@ -77,14 +77,25 @@ def contradicting_rows(
     )
 
 
-def autocorrelated_residuals(span: Span, found: float, expected: float, spread: float) -> Diagnostic:
-    """The correlation of neighbours, and what independent noise lets expect of it."""
+def _too_small(*, overstated: bool) -> str:
+    """What positive correlation means; where chi² is too small, the deviations that are stated may hold yet."""
+    if overstated:
+        return "were the stated noise as small as the residuals are, the standard deviations would be too small"
+    return "the standard deviations are too small"
+
+
+def autocorrelated_residuals(
+    span: Span, found: float, expected: float, spread: float, *, overstated: bool
+) -> Diagnostic:
+    """The correlation of neighbours, and what independent noise lets expect of it; ``overstated``: the stated noise is
+    too large.
+    """
     how = "alike" if found > expected else "opposed"
     return Diagnostic(
         code=AUTOCORRELATED_RESIDUALS,
         message=f"residuals of successive rows are {how}: their correlation is {found:.2f}, that of independent noise "
         f"would be {expected:.2f} ± {spread:.2f}; "
-        + ("the standard deviations are too small" if found > expected else "the standard deviations mislead"),
+        + (_too_small(overstated=overstated) if found > expected else "the standard deviations mislead"),
         place=span,
         hint=AUTOCORRELATED_RESIDUALS.mend,
         severity=Severity.WARNING,
@@ -92,12 +103,13 @@ def autocorrelated_residuals(span: Span, found: float, expected: float, spread: 
 
 
 def correlated_chain(
-    span: Span, name: str, sums: tuple[float, float, float], decay: float, *, carried: bool
+    span: Span, name: str, sums: tuple[float, float, float], decay: float, *, carried: bool, overstated: bool
 ) -> Diagnostic:
     """The rows of the clause ``name`` follow one another, and their errors are positively correlated.
 
     ``sums`` is a sum of products of residuals with those before, weighted by ``decay``, and its mean and standard
-    deviation with independent noise. ``carried``: they are the transitions of a state.
+    deviation with independent noise. ``carried``: they are the transitions of a state; ``overstated``: the stated
+    noise is too large.
     """
     found, expected, spread = sums
     reach = "neighbouring steps" if decay == 0.0 else f"steps up to some {round(1.0 / (1.0 - decay))} apart"
@@ -112,8 +124,8 @@ def correlated_chain(
     return Diagnostic(
         code=AUTOCORRELATED_RESIDUALS,
         message=f"errors of {where} are positively correlated at {reach}: their residuals' weighted "
-        f"products sum to {found:.3g} of their squares, with independent noise to {expected:.3g} ± {spread:.2g}; the "
-        "standard deviations are too small",
+        f"products sum to {found:.3g} of their squares, with independent noise to {expected:.3g} ± {spread:.2g}; "
+        + _too_small(overstated=overstated),
         place=span,
         hint=mend,
         severity=Severity.WARNING,

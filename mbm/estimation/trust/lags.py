@@ -60,9 +60,18 @@ def correlated(found: Floats, expected: Floats, spread: Floats, share: float = 0
 
 @np.errstate(all="ignore")
 def autocorrelation(
-    problem: Problem, equations: Assembled, minimum: Minimum, estimated: Covariance
+    problem: Problem,
+    equations: Assembled,
+    minimum: Minimum,
+    estimated: Covariance,
+    tested: Indices,
+    *,
+    overstated: bool,
 ) -> tuple[Diagnostic, ...]:
-    """A warning where residuals at a minimum are correlated along the rows."""
+    """A warning where residuals at a minimum are correlated along the rows, but for places that are ``tested`` (k,).
+
+    ``overstated``: chi² says that the stated noise is too large.
+    """
     if (
         minimum.blocks is not None
         or equations.rows is not None
@@ -75,10 +84,12 @@ def autocorrelation(
         if in_order(problem, group.kernel.owner) and group.rows > 1:
             places = group.first + np.arange(group.count - group.kernel.outputs)
             following[places] = places + group.kernel.outputs
+    following[tested] = -1
     basis = directions(equations, minimum, estimated)
     if not bool((following >= 0).any()) or not bool(np.isfinite(basis).all()) or minimum.cost == 0.0:
         return ()
     found, expected, spread = lag_scores(solver_code(equations), minimum.residuals, basis, following)
     if not correlated(found, expected, spread):
         return ()
-    return (faults.autocorrelated_residuals(problem.span, float(found), float(expected), float(spread)),)
+    sums = float(found), float(expected), float(spread)
+    return (faults.autocorrelated_residuals(problem.span, *sums, overstated=overstated),)

@@ -68,7 +68,7 @@ def doubts(
         found += _nonlinear(equations, bent.ends)
         found += _nonlinear_derived(propagation, bent.derived)
     found += _noise(problem, equations, outcome)
-    found += _correlated(problem, equations, minimum, outcome.covariance)
+    found += _correlated(problem, equations, minimum, outcome)
     found += coarse_readings(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if equations.likely:  # loaded by problems with likelihoods only
         found += vanishing_scales(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
@@ -82,28 +82,28 @@ def doubts(
 
 
 def _correlated(
-    problem: Problem, equations: Assembled, minimum: Minimum, estimated: Covariance
+    problem: Problem, equations: Assembled, minimum: Minimum, outcome: Statistics
 ) -> tuple[Diagnostic, ...]:
-    """Errors that are alike along the rows: of relative rows first, as these name their clause."""
+    """Errors that are alike along the rows: of chains first, as these name their clause, then of the other rows."""
+    tested, sigma0, tail = np.empty(0, dtype=np.int64), outcome.fit.sigma0, _tail(problem, equations, outcome)
+    over = sigma0 is not None and tail is not None and bool(overstated(tail, sigma0))
     families = any(entry.members > 1 for entry in equations.layout.entries)
     if families or any(block.earlier for block in problem.blocks):
         # Loaded by problems with families, states and `previous` only, so that the others start at once.
-        from mbm.estimation.trust.chains import correlated_chains
+        from mbm.estimation.trust.chains import correlated_chains, tested_chains
 
-        found = correlated_chains(problem, equations, minimum)
+        chains = tested_chains(problem, equations, minimum)
+        found = correlated_chains(problem, minimum, chains, overstated=over)
         if found:
             return found
-    return autocorrelation(problem, equations, minimum, estimated)
+        tested = np.concatenate([tested, *(each.places.ravel() for each in chains)])
+    return autocorrelation(problem, equations, minimum, outcome.covariance, tested, overstated=over)
 
 
 def _noise(problem: Problem, equations: Assembled, outcome: Statistics) -> Iterator[Diagnostic]:
     """The χ² of the residuals against the stated noise."""
-    fit, tail = outcome.fit, outcome.fit.chi2_p
-    if fit.sigma0 is None:
-        return
-    if equations.lossy and equations.rows is None and not (equations.likely or problem.estimates_noise):
-        tail = chi_square_tail(fit.cost, fit.dof)
-    if tail is None:
+    fit, tail = outcome.fit, _tail(problem, equations, outcome)
+    if fit.sigma0 is None or tail is None:
         return
     if tail < IMPROBABLE and not equations.lossy:
         yield faults.noise_against_data(problem.span, fit.sigma0, tail)
@@ -111,13 +111,25 @@ def _noise(problem: Problem, equations: Assembled, outcome: Statistics) -> Itera
         yield improbable_noise(problem.span, fit.sigma0, tail)
 
 
+def _tail(problem: Problem, equations: Assembled, outcome: Statistics) -> float | None:
+    """P of a χ² as large; under losses, which make it smaller, too."""
+    fit = outcome.fit
+    tested = not equations.lossy or equations.rows is not None or equations.likely or problem.estimates_noise
+    return fit.chi2_p if tested or fit.sigma0 is None else chi_square_tail(fit.cost, fit.dof)
+
+
 def improbable(tail: Floats, sigma0: Floats, *, lossy: bool) -> Mask:
     """Where χ² is among the largest or smallest that the stated noise makes; ``tail`` is P of one as large.
 
     Under losses large residuals are expected, and only small ones improbable.
     """
-    small = (1.0 - tail < UNLIKELY) & (sigma0 > MADE_UP)
+    small = overstated(tail, sigma0)
     return np.asarray(small if lossy else small | ((tail < UNLIKELY) & (tail >= IMPROBABLE)))
+
+
+def overstated(tail: Floats | float, sigma0: Floats | float) -> Mask:
+    """Where χ² is among the smallest that the stated noise makes."""
+    return np.asarray((np.subtract(1.0, tail) < UNLIKELY) & np.greater(sigma0, MADE_UP))
 
 
 def improbable_noise(span: Span, sigma0: float, tail: float) -> Diagnostic:

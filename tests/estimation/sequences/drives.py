@@ -38,3 +38,13 @@ def drive(seed, steps=120, nodes=4, straight=False):
         "ranges": {"k": k, "node": node, "range": heard + SIGMA_RANGE * g.normal(size=steps)},
     }
     return true, places, gains, offsets, tables
+
+
+def twelve(tables):
+    """The tables twelve times, told apart by the column ``run``, with keys of places that are each run's own."""
+    many = {}
+    for name, table in tables.items():
+        run = np.repeat(np.arange(12), len(next(iter(table.values()))))
+        many[name] = {c: np.tile(values, 12) + 1000 * run * (c in ("k", "from", "to")) for c, values in table.items()}
+        many[name]["run"] = run
+    return many

@@ -7,6 +7,7 @@ import pytest
 
 import mbm
 from mbm.estimation.trust.chains import sums
+from tests.estimation.sequences.drives import twelve
 
 WALK = """(problem walk (data fixes external) (data odo external)
   (states :over k (x :init 0 :sigma 10))
@@ -16,6 +17,10 @@ FAMILY = """(problem walk (data places external :key k) (data fixes external) (d
   (unknowns (x :per places :init 0))
   (observe odo (= d (- (x to) (x from))) :sigma 0.1)
   (observe fixes (= y (x k)) :sigma {sigma}))"""
+
+
+EARLIER = """(problem lagged (data d external) (unknowns (a :init 1))
+  (observe d (= y (* a (previous u))) :sigma {sigma}))"""
 
 
 def walk(seed, drift, count=80, every=4, sigma=0.3):
@@ -81,6 +86,16 @@ def test_of_long_chains_as_well(drift, expected):
     assert bool(told(FAMILY, walk(2, drift, count=1200)[FAMILY])) == expected
 
 
+@pytest.mark.parametrize("drift", [0.0, 0.7])
+def test_of_each_of_many_keys_as_of_one(drift):
+    data = walk(1, drift)[FAMILY]
+    one = mbm.loads(FAMILY.format(sigma=0.3)).solve(data=data).first
+    each = mbm.loads(FAMILY.format(sigma=0.3)[:-1] + " (for-each run))").solve(data=twelve(data))
+    said = [[told.message for told in solve.diagnostics] for solve in (one, *each.solves)]
+    assert said == 13 * [said[0]]
+    assert any("errors of `odo` are positively correlated" in message for message in said[0]) == (drift > 0.0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "every"), [(30, 3), (60, 4)])
 def test_by_chance_in_one_of_a_hundred(count, every):
@@ -91,3 +106,31 @@ def test_by_chance_in_one_of_a_hundred(count, every):
         solve = compiled.solve(data=walk(seed, 0.0, count, every, 1.0)[WALK]).first
         found += any(each.code.name == "autocorrelated-residuals" for each in solve.diagnostics)
     assert found <= 10 + 4 * np.sqrt(1000 * 0.01 * 0.99)
+
+
+@pytest.mark.slow
+def test_rows_with_previous_are_tested_once():
+    """Of 1,000 runs 1 % and its four standard deviations; with the test of neighbours in addition it were 4 %."""
+    compiled = mbm.loads(EARLIER.format(sigma=0.1)).compile()
+    found = 0
+    for seed in range(1000):
+        g = np.random.default_rng(seed)
+        u = g.normal(size=40)
+        y = np.concatenate([[0.0], u[:-1]]) + 0.1 * g.normal(size=40)
+        solve = compiled.solve(data={"d": {"u": u, "y": y}}).first
+        found += any(each.code.name == "autocorrelated-residuals" for each in solve.diagnostics)
+    assert found <= 10 + 4 * np.sqrt(1000 * 0.01 * 0.99)
+
+
+@pytest.mark.parametrize("text", [WALK, FAMILY, EARLIER])
+@pytest.mark.parametrize(("factor", "small"), [(1.0, True), (50.0, False)])
+def test_deviations_are_not_called_too_small_where_the_noise_is_stated_too_large(text, factor, small):
+    if text is EARLIER:
+        u = np.ones(80)
+        data = {"d": {"u": u, "y": 1 + 0.1 * np.sin(np.arange(80) / 5)}}
+        (warning,) = told(text, data, 0.05 * factor)
+    else:
+        data = walk(1, drift=2.0)[text]
+        (warning,) = told(text.replace(":sigma 0.1", f":sigma {0.1 * factor}"), data, 0.3 * factor)
+    assert ("the standard deviations are too small" in warning.message) == small
+    assert ("were the stated noise as small" in warning.message) != small

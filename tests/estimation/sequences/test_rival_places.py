@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import mbm
-from tests.estimation.sequences.drives import SIGMA_RANGE, drive
+from tests.estimation.sequences.drives import SIGMA_RANGE, drive, twelve
 
 TABLES = """(data poses external :key k) (data steps external)
   (data nodes external :key node) (data ranges external :with (nodes node))"""
@@ -96,6 +96,22 @@ def test_the_mirror_image_past_two_nodes_is_told(seed, start):
     assert told(result.first)
     both = [result.cost, result.alternatives[0].cost]
     assert both == pytest.approx(costs if start and seed == 2 else sorted(costs), rel=1e-6)
+
+
+@pytest.mark.parametrize("start", ["", ":init (pose2 poses.x poses.y poses.a)"])
+def test_of_each_of_many_keys_as_of_one(start):
+    true, places, tables = straight(2, 2, steps=25)
+    image = mirrored(true, places)
+    tables["poses"] |= {"x": image[:, 0], "y": image[:, 1], "a": image[:, 2]}
+    nodes = tables.pop("nodes")
+    text = FAMILY.format(start=start, radios="", range="(distance (translation (T k)) [nodes.x nodes.y])")
+    one = mbm.loads(text).solve(data=tables | {"nodes": nodes})
+    each = mbm.loads(text[:-1] + " (for-each run))").solve(data=twelve(tables) | {"nodes": nodes})
+    assert told(one.first)
+    for solve in each.solves:
+        assert told(solve)
+        both = [solve.cost, solve.alternatives[0].cost]
+        assert both == pytest.approx([one.cost, one.alternatives[0].cost], rel=1e-6)
 
 
 def test_a_third_node_beside_their_line_excludes_it():
