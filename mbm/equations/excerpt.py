@@ -25,7 +25,7 @@ def excerpt(equations: Assembled, columns: Indices, units: Indices) -> Assembled
         per_row = len(group.whiteners)
         inside = chosen[(chosen >= group.first_unit) & (chosen < group.first_unit + per_row * group.rows)]
         rows = np.unique((inside - group.first_unit) // per_row) if per_row else np.empty(0, dtype=np.int64)
-        own = replace(_with_rows(group, rows), first=first, first_unit=first_unit)
+        own = replace(with_rows(group, rows), first=first, first_unit=first_unit)
         kept.append(np.isin(group.units[rows], inside).ravel())
         lines.append((group.first + rows[:, None] * group.kernel.outputs + np.arange(group.kernel.outputs)).ravel())
         groups.append(own)
@@ -51,7 +51,7 @@ def excerpt(equations: Assembled, columns: Indices, units: Indices) -> Assembled
     return found.kept(picked)
 
 
-def _with_rows(group: Group, rows: Indices) -> Group:
+def with_rows(group: Group, rows: Indices) -> Group:
     """The group with some of its rows."""
     return replace(
         group,

@@ -27,7 +27,7 @@ from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
 from mbm.solver.manifolds import retract
 
 KNOWN_BEFORE = 1e-24
-"""A variance that is this share of all variances is the rounding of a cut before, and no measurement."""
+"""A variance that is this share of all variances is the rounding of a cut before: there is nothing left to cut."""
 
 
 def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) -> None:
@@ -38,7 +38,8 @@ def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) 
     for i in range(n):
         direction[i] = dot(n, walk.factor[i * n :], slope)
         square += direction[i] * direction[i]
-    if not square > 0.0 or not isfinite(square + value):
+    known = KNOWN_BEFORE * dot(n * n, walk.factor, walk.factor) * dot(n, slope, slope)
+    if not square > known or not isfinite(square + value):
         return
     deviation = sqrt(square)
     distance = -value / deviation
@@ -49,8 +50,9 @@ def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) 
             return
         shift = cut_mean(distance)
         left = sqrt(cut_variance(distance))
-    elif square > KNOWN_BEFORE * dot(n * n, walk.factor, walk.factor) * dot(n, slope, slope):
+    else:
         walk.last_cost += distance * distance
+        walk.last_equations += 1
     filled(n, 0.0, walk.along)
     for i in range(n):
         add_multiple(n, direction[i] / deviation, walk.factor[i * n :], walk.along)
@@ -127,6 +129,7 @@ def cut_step(walk: Walk, first: Integer) -> None:
     """All cuts of the step whose rows are loaded, in their order; each is linearised where those before have led."""
     chain = walk.chain
     problem = walk.seen
+    walk.last_equations = 0
     if chain.cut == 1:
         cut_bounds(walk, first)
     inputs = 0

@@ -21,6 +21,8 @@ def begin_walk(walk: Walk) -> None:
     walk.settled = 1
     walk.unsettled = 0
     walk.left_cost = 0.0
+    walk.last_equations = 0
+    walk.equations = 0
     walk.open_count = 0
 
 
@@ -31,6 +33,7 @@ def keep_step(walk: Walk, k: Integer) -> None:
     copied(chain.numbers, walk.point, walk.points[place * chain.numbers :])
     copied(chain.n * chain.n, walk.factor, walk.factors[place * chain.n * chain.n :])
     walk.costs[place] = walk.last_cost
+    walk.equations += walk.last_equations
     walk.opens[place] = walk.open_count
     for j in range(chain.n):
         walk.touched[place * chain.n + j] = 0

@@ -105,6 +105,10 @@ class Walk:
     failed: Integer
     """0; else 1 + the step where something was not finite, or a transition did not lead anywhere."""
     last_cost: Real
+    last_equations: Integer
+    """How many equations among the constraints of the step have told something that was not known …"""
+    equations: Integer
+    """… and of all steps so far."""
     iterations: Integer
     evaluations: Integer
     settled: Integer

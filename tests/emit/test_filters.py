@@ -84,6 +84,12 @@ TABLES = """
   (dynamics (= (next x) (+ x (* v (last s w))) :sigma (first s w)) (random-walk v :sigma 0.1))
   (observe z (= y (- (* g x (last s h)) c)) :sigma (last s w)) (solve :method truncated-ekf))"""
 """Rows of tables without steps, bounds, what is fixed or certain."""
+STILL = """
+(problem still (data z external)
+  (states :over k (x :init 0 :sigma 1) (a :init 1 :sigma 0.1) (b :init 0.5 :sigma 0.1))
+  (dynamics (random-walk x :sigma 0.1) (static a) (static b))
+  (observe z (= y (+ (* a x) b)) :sigma 0.1) (constraints (= (+ (^ a 2) (^ b 2)) 1.25)) (solve :method ekf))"""
+"""An equation that says the same at each step."""
 
 SHAPES = {
     "iterated, members, kinds": sequences.stations("iterated-ekf"),
@@ -120,6 +126,7 @@ MORE = {
     "names": (WALK, {"frame": {"chain": [1, 2, 3], "step": [1, 2, 3]}}),
     "nothing known": plain(OPEN, y=noisy),
     "exact": plain(THROWN, y=noisy),
+    "an equation of what does not move": plain(STILL, y=noisy),
     "units and loss": (UNITS, {"z": {"ms": [0.1, 0.3, 0.7], "mm": [3.0, 5.0, 2.0]}}),
 }
 

@@ -106,11 +106,15 @@ def test_numbers_beside_which_no_pose_stands_are_not_solved_for_with_each_motion
             super().__init__(part, entry, numbers, linear)
 
     monkeypatch.setattr(aligning, "Tree", Asked)
-    found = mbm.loads("""(problem walk
+    found = (
+        mbm.loads("""(problem walk
       (data gps (table (t x a) (0 0.1 0.1) (1 1.2 0.2) (2 1.9 0.2) (3 3.1 0.3)))
       (states :over t (p :init 0 :sigma 10) (T (pose 2) :init (pose2 0 0 0) :sigma 1))
       (dynamics (random-walk p :sigma 1) (random-walk T :sigma 0.1))
       (observe gps (= x p) :sigma 0.3)
-      (observe turned gps (= a (heading T)) :sigma 1))""").solve().first.alternatives
+      (observe turned gps (= a (heading T)) :sigma 1))""")
+        .solve()
+        .first.alternatives
+    )
     assert found == ()
     assert [linear for linear, _ in asked] == [0]

@@ -229,7 +229,7 @@ def _fit(walked: Walked, reason: Reason) -> Fit:
     rows = int(seen.residuals[: track.made].sum())
     rank = int(walked.prior.open.sum()) - (int(track.opens[track.made - 1]) if track.made else 0)
     lossy = walked.solved.equations.lossy
-    found = fit_statistics(track.cost, rows, rank, noise_stated=not lossy, equalities=seen.equalities)
+    found = fit_statistics(track.cost, rows, rank, noise_stated=not lossy, equalities=track.equations)
     return found if reason.converged else Fit(cost=found.cost, dof=found.dof, sigma0=found.sigma0, chi2_p=None)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.excerpt import with_rows
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
 from mbm.estimation.minimise.native.packing import triangle_kind
@@ -21,9 +22,11 @@ from mbm.estimation.sequences.local import Local, local
 from mbm.estimation.sequences.noise import Spreads, spread_of
 from mbm.estimation.sequences.places import NOT_OF_A_STEP, Places, step_layout, transition_layout
 from mbm.estimation.sequences.walk import Chained
+from mbm.problem.kinds import ConstraintKind
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Problem
+from mbm.symbolic.types import ColumnInput
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -78,6 +81,8 @@ def lowered(
             priors.append(group)
         elif block.role is BlockRole.CONSTRAINT and of_no_step(group, block, places, sequence, tables):
             undivided.append((group, equal))
+        elif block.role is BlockRole.CONSTRAINT and says_the_same(group, block, places):
+            undivided.append((with_rows(group, np.arange(1)), equal))
         else:
             rows = _by_step(group, equal, steps_of(group, block, places, sequence, tables), steps)
             (limits if block.role is BlockRole.CONSTRAINT else seen).append(rows)
@@ -146,6 +151,13 @@ def of_no_step(group: Group, block: Block, places: Places, sequence: Sequence, t
     """Whether no row mentions what moves, or belongs to a step."""
     stepped = block.table is not None and sequence.column in tables[block.table].columns
     return not stepped and bool((places.step_of_number[group.index] == NOT_OF_A_STEP).all())
+
+
+def says_the_same(group: Group, block: Block, places: Places) -> bool:
+    """Whether an equation says the same of what does not move at each step: it tells something once."""
+    same = not any(isinstance(each, ColumnInput) for each in group.kernel.parameters)
+    still = bool(group.rows) and bool((places.step_of_number[group.index] == NOT_OF_A_STEP).all())
+    return same and still and block.constraint is ConstraintKind.EQUAL
 
 
 def steps_of(group: Group, block: Block, places: Places, sequence: Sequence, tables: Mapping[str, Table]) -> Indices:

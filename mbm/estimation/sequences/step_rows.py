@@ -15,7 +15,7 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.minimise.native.packing import weights_of
 from mbm.estimation.native.code import native_code
 from mbm.estimation.sequences import faults
-from mbm.estimation.sequences.lowering import of_no_step
+from mbm.estimation.sequences.lowering import of_no_step, says_the_same
 from mbm.estimation.sequences.noise import Spreads, spread_of
 from mbm.estimation.sequences.places import NOT_OF_A_STEP
 from mbm.estimation.sequences.room import GroupRows
@@ -231,12 +231,13 @@ def whens(begun: Begun) -> tuple[str, ...]:
 
 
 def _when(group: Group, block: Block, begun: Begun) -> str:
-    tables, sequence = begun.tables, begun.sequence
-    if block.table is not None and sequence.column in tables[block.table].columns:
-        return ALWAYS
-    whole = next(g for g in (*begun.equations.groups, *begun.equations.constraints) if g.number == group.number)
-    unstepped = block.role is BlockRole.CONSTRAINT and of_no_step(whole, block, begun.places, sequence, tables)
-    return BEGINNING if unstepped else FIRST
+    tables, sequence, places = begun.tables, begun.sequence, begun.places
+    if block.role is BlockRole.CONSTRAINT:
+        whole = next(g for g in begun.equations.constraints if g.number == group.number)
+        if of_no_step(whole, block, places, sequence, tables) or says_the_same(whole, block, places):
+            return BEGINNING
+    stepped = block.table is not None and sequence.column in tables[block.table].columns
+    return ALWAYS if stepped else FIRST
 
 
 def _inputs(kernel: Kernel) -> tuple[tuple[int, str], ...]:

@@ -91,6 +91,7 @@ class Track:
     ``followed`` (T,) hypotheses there were, and those of the last step are the ``crowd``, that of least cost first.
     ``touched`` (T, n) are the coordinates that open directions touch.
 
+    So many ``equations`` among the constraints told something that was not known before.
     ``made`` steps were made: fewer than T where something was not finite at the next, or the user interrupted.
     """
 
@@ -105,6 +106,7 @@ class Track:
     made: int
     failed: bool
     settled: bool
+    equations: int
     iterations: int
     evaluations: int
 
@@ -244,6 +246,7 @@ class Memory:
             made=made,
             failed=bool(self._get("failed")),
             settled=bool(self._get("settled")) and not self._get("unsettled"),
+            equations=self._get("equations"),
             iterations=self._get("iterations"),
             evaluations=self._get("evaluations"),
         )

@@ -1,0 +1,85 @@
+"""Equations among the constraints that say the same of what does not move at each step: they tell something once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+import mbm
+
+TEXT = """(problem p (data d external) (data before external)
+  (states :over t (a :init (first before a0) :sigma {sigma}) (b :init (first before b0) :sigma {sigma}))
+  (dynamics (static a) (static b))
+  (observe d (= y (+ a (* b x))) :sigma 0.1)
+  (constraints (= {equation}))
+  (solve :method {method}))"""
+LINEAR, ROUND = ("(+ a b) 1.5", 0.5), ("(+ (^ a 2) (^ b 2)) 1.25", 0.03)
+METHODS = ("ekf", "iterated-ekf", "ekf :hypotheses 3")
+
+
+def drawn(seed, sigma):
+    """Five readings of a line with a = 1 and b = 0.5, and what is known of these before."""
+    g = np.random.default_rng(seed)
+    a, b = np.array([1.0, 0.5]) + sigma * g.normal(size=2)
+    x = g.uniform(-1, 1, 5)
+    return {
+        "d": {"t": np.arange(5), "x": x, "y": 1 + 0.5 * x + 0.1 * g.normal(size=5)},
+        "before": {"a0": [a], "b0": [b]},
+    }
+
+
+def solved(equation, sigma, method, data):
+    return mbm.loads(TEXT.format(equation=equation, sigma=sigma, method=method)).solve(data=data)
+
+
+def least_squares(data, sigma):
+    """Estimates, deviations and cost with a + b = 1.5, of one unknown: b = 1.5 - a."""
+    x, y, known = data["d"]["x"], data["d"]["y"], data["before"]
+    slopes = np.concatenate([[1 / sigma, -1 / sigma], (1 - x) / 0.1])
+    values = np.concatenate([[known["a0"][0] / sigma, (known["b0"][0] - 1.5) / sigma], (y - 1.5 * x) / 0.1])
+    a = slopes @ values / (slopes @ slopes)
+    return a, 1 / np.sqrt(slopes @ slopes), np.square(values - slopes * a).sum()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_filter_says_what_least_squares_says(method):
+    data = drawn(3, 0.5)
+    found = solved(*LINEAR, method, data)
+    a, sigma, cost = least_squares(data, 0.5)
+    assert [found["a"].value[-1], found["b"].value[-1]] == pytest.approx([a, 1.5 - a], rel=1e-9)
+    assert [found["a"].sigma[-1], found["b"].sigma[-1]] == pytest.approx([sigma, sigma], rel=1e-9)
+    assert found.cost == pytest.approx(cost, rel=1e-9)
+    assert found.first.dof == 6  # five rows, one equation, and nothing without a prior
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_equation_that_bends_leaves_the_other_direction_open(method):
+    """Linearised anew at each step it took all directions away one after the other, down to deviations of zero."""
+    data = drawn(3, ROUND[1])
+    found, batch = solved(*ROUND, method, data), solved(*ROUND, "batch", data)
+    assert found.first.dof == batch.first.dof == 6
+    sigma = np.ravel(batch["a"].sigma)[-1]
+    # the tangent where the prior is, 0.03 away, is turned by 0.03 / 0.5 of what a takes of it
+    assert found["a"].sigma[-1] == pytest.approx(sigma, rel=0.1)
+    assert found["a"].value[-1] == pytest.approx(np.ravel(batch["a"].value)[-1], abs=0.2 * sigma)
+
+
+def test_a_stream_says_the_same():
+    data = drawn(3, ROUND[1])
+    problem = mbm.loads(TEXT.format(equation=ROUND[0], sigma=ROUND[1], method="ekf"))
+    whole = problem.solve(data=data)["a"]
+    stream = problem.compile(data=data).stream()
+    for t, x, y in zip(*data["d"].values(), strict=True):
+        last = stream.step({"d": {"t": t, "x": x, "y": y}})
+    assert last["a"].value == pytest.approx(whole.value[-1], rel=1e-12)
+    assert last["a"].sigma == pytest.approx(whole.sigma[-1], rel=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [LINEAR, ROUND])
+def test_chi_square_of_a_thousand_runs(case):
+    """Probabilities are uniform (Kolmogorov and Smirnov, at 0.1 %)."""
+    compiled = mbm.loads(TEXT.format(equation=case[0], sigma=case[1], method="ekf")).compile()
+    tails = [compiled.solve(data=drawn(seed, case[1])).first.chi2_p for seed in range(1000)]
+    assert kstest(tails, "uniform").pvalue > 1e-3
