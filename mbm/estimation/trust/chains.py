@@ -8,7 +8,7 @@ is nearly exact).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -37,6 +37,9 @@ LEAST_ROWS, MOST_ROWS = 20, 100_000
 CHECKED = 1e-4
 """Mean square of what independent noise leaves of a residual below which no other row checks it."""
 
+SCALINGS = 6
+"""Times that the noise is scaled to what residuals tell; then scales of the pose graph Manhattan change by 1 %."""
+
 RIDGE = 1e-12
 """What the normal equations of free directions are held by, as a share of their diagonal."""
 
@@ -49,21 +52,50 @@ class Chain:
     places: Indices
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alike:
+    """The standardised sum of a chain that is the farthest from those of independent noise.
+
+    ``sums`` (3,) are the sum, and the mean and standard deviation of those of the draws.
+    """
+
+    away: float
+    chain: Chain
+    decay: float
+    sums: Floats
+
+
 @np.errstate(all="ignore")
 def correlated_chains(
-    problem: Problem, minimum: Minimum, chains: Sequence[Chain], *, overstated: bool
+    problem: Problem, equations: Assembled, minimum: Minimum, chains: Sequence[Chain], *, overstated: bool
 ) -> tuple[Diagnostic, ...]:
     """A warning that names the clause whose errors are most alike along its rows, if independent noise is not so.
 
-    ``overstated``: chi² says that the stated noise is too large.
+    ``overstated``: chi² says that the stated noise is too large. Then the draws are repeated with the noise that the
+    residuals tell of each clause and coordinate: those of one that is stated too small beside others follow the noise
+    of these, and are alike. Where chi² is large, a drift may be why, and the noise is left as it is stated.
     """
-    draws = _draws(minimum) if chains else None
-    if draws is None:
+    left = _left_of(minimum) if chains else None
+    if left is None:
         return ()
-    worst: tuple[float, Chain, float, Floats] | None = None
+    most_alike = _most_alike(minimum.residuals, chains, left(_noise(minimum)))
+    if most_alike is not None and overstated:
+        scales = _scales(minimum.residuals, _kinds(equations, chains), left)
+        most_alike = _most_alike(minimum.residuals, chains, left(scales[:, None] * _noise(minimum)))
+    if most_alike is None:
+        return ()
+    block = problem.blocks[most_alike.chain.owner]
+    carried = block.role is BlockRole.TRANSITION
+    found, decay = most_alike.sums, most_alike.decay
+    return (faults.correlated_chain(block.span, block.name, found, decay, carried=carried, overstated=overstated),)
+
+
+def _most_alike(residuals: Floats, chains: Sequence[Chain], draws: Floats) -> Alike | None:
+    """What is beyond chance, as ``draws`` (m, draws) of the residuals (m,) have it."""
+    worst: Alike | None = None
     highest, compared = np.full(draws.shape[1], -np.inf), 0
     for each in chains:
-        own, drawn = minimum.residuals[each.places], draws[each.places]
+        own, drawn = residuals[each.places], draws[each.places]
         checked = np.square(drawn).mean(axis=(0, 2)) > CHECKED
         for decay in DECAYS:
             found, chance = sums(own[:, checked, None], decay)[:, 0], sums(drawn[:, checked], decay)
@@ -72,16 +104,42 @@ def correlated_chains(
             away = (found - mean) / spread
             compared += len(away)
             k = int(np.argmax(away)) if len(away) else 0
-            if len(away) and (worst is None or away[k] > worst[0]):
-                worst = float(away[k]), each, decay, np.array([found[k], mean[k], spread[k]])
-    if worst is None or not _beyond(worst[0], highest, compared):
-        return ()
-    _, chain, decay, (found_one, expected, spread_one) = worst
-    block = problem.blocks[chain.owner]
-    carried = block.role is BlockRole.TRANSITION
-    sums_of_it = found_one, expected, spread_one
-    said = faults.correlated_chain(block.span, block.name, sums_of_it, decay, carried=carried, overstated=overstated)
-    return (said,)
+            if len(away) and (worst is None or away[k] > worst.away):
+                told = np.array([found[k], mean[k], spread[k]])
+                worst = Alike(away=float(away[k]), chain=each, decay=decay, sums=told)
+    return worst if worst is not None and _beyond(worst.away, highest, compared) else None
+
+
+def _kinds(equations: Assembled, chains: Sequence[Chain]) -> Indices:
+    """Residuals (m,) of one clause and coordinate have one number, links of a chain another one than other rows.
+
+    Those of too few rows to tell their noise have one together.
+    """
+    found = np.zeros(equations.count, dtype=np.int64)
+    for group in equations.groups:
+        if group.rows >= LEAST_ROWS:
+            outputs = np.arange(group.kernel.outputs)
+            numbers = 1 + group.kernel.owner + len(equations.groups) * outputs
+            found[group.first : group.first + group.count] = np.tile(numbers, group.rows)
+    apart = found.max(initial=0) + 1
+    for each in chains:
+        found[each.places] += apart
+    return np.unique(found, return_inverse=True)[1]
+
+
+def _scales(residuals: Floats, kinds: Indices, left: Callable[[Floats], Floats]) -> Floats:
+    """Factors (m,) of the noise, one for each of the ``kinds`` (m,), of which as large residuals are left as there are.
+
+    Each factor is multiplied until they are, as in the estimation of variance components (Förstner 1979), but with
+    the weights of the fit.
+    """
+    noise = np.random.default_rng(1).normal(size=(len(residuals), FEW_DRAWS))
+    seen = np.bincount(kinds, np.square(residuals))
+    scales = np.ones(len(seen))
+    for _ in range(SCALINGS):
+        expected = np.bincount(kinds, np.square(left(scales[kinds, None] * noise)).mean(axis=1))
+        scales *= np.sqrt(np.where(expected > 0.0, seen / expected, 1.0))
+    return scales[kinds]
 
 
 def tested_chains(problem: Problem, equations: Assembled, minimum: Minimum) -> tuple[Chain, ...]:
@@ -121,8 +179,14 @@ def sums(residuals: Floats, decay: float) -> Floats:
     return np.asarray((residuals * before).sum(axis=0) / np.square(residuals).sum(axis=0))
 
 
-def _draws(minimum: Minimum) -> Floats | None:
-    """What independent noise leaves as residuals (m, draws), each draw a column; None if nothing can be solved."""
+def _noise(minimum: Minimum) -> Floats:
+    """Draws (m, draws) of the residuals' independent noise."""
+    count = len(minimum.residuals)
+    return np.random.default_rng(0).normal(size=(count, DRAWS if count <= LARGE else FEW_DRAWS))
+
+
+def _left_of(minimum: Minimum) -> Callable[[Floats], Floats] | None:
+    """What noise (m, draws) leaves as residuals; None if nothing can be solved."""
     from scipy.sparse import csr_array, diags_array
     from scipy.sparse.linalg import splu
 
@@ -131,16 +195,16 @@ def _draws(minimum: Minimum) -> Floats | None:
         return None
     columns = minimum.jacobian[:, free]
     J = csr_array(columns).tocsc()
-    count = J.shape[0]
-    noise = np.random.default_rng(0).normal(size=(count, DRAWS if count <= LARGE else FEW_DRAWS))
     normal = J.T @ J
     diagonal = normal.diagonal()
+    if not bool(np.isfinite(diagonal).all()):
+        return None
     held = (normal + diags_array(np.where(diagonal > 0.0, RIDGE * diagonal, 1.0))).tocsc()
     try:
-        found = noise - J @ splu(held).solve(J.T @ noise)
+        factor = splu(held)
     except RuntimeError:  # what no ridge holds
         return None
-    return found if bool(np.isfinite(found).all()) else None
+    return lambda noise: np.asarray(noise - J @ factor.solve(J.T @ noise))
 
 
 def _chains(problem: Problem, equations: Assembled) -> Iterator[Chain]:

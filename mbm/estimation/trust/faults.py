@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mbm.equations.types import Floats
 from mbm.text.types import Code, Diagnostic, Label, Severity, Span
 
 CONTRADICTING_ROWS = Code(
@@ -103,7 +104,7 @@ def autocorrelated_residuals(
 
 
 def correlated_chain(
-    span: Span, name: str, sums: tuple[float, float, float], decay: float, *, carried: bool, overstated: bool
+    span: Span, name: str, sums: Floats, decay: float, *, carried: bool, overstated: bool
 ) -> Diagnostic:
     """The rows of the clause ``name`` follow one another, and their errors are positively correlated.
 

@@ -93,7 +93,7 @@ def _correlated(
         from mbm.estimation.trust.chains import correlated_chains, tested_chains
 
         chains = tested_chains(problem, equations, minimum)
-        found = correlated_chains(problem, minimum, chains, overstated=over)
+        found = correlated_chains(problem, equations, minimum, chains, overstated=over)
         if found:
             return found
         tested = np.concatenate([tested, *(each.places.ravel() for each in chains)])
