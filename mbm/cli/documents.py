@@ -23,6 +23,19 @@ _DIAGNOSTIC = frozenset({"severity", "code", "message", "hint"})
 _CACHE = frozenset({"path", "entries", "bytes", "kinds"})
 
 
+def refuse_standard_output(path: str | Path) -> None:
+    """Refuse to write a file or folder of the name ``-``.
+
+    Raises:
+        MbmError: not-writable.
+
+    """
+    if str(path) == STANDARD_OUTPUT:
+        from mbm.files.faults import not_writable
+
+        raise MbmError(not_writable(path, "only `--json -` goes to standard output"))
+
+
 def check_document(destination: str | None, reads: Iterable[Read]) -> None:
     """Whether diagnostics, or what the cache holds, may be written to a destination of ``--json``, before they are.
 

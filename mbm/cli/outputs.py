@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import StringIO
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
-from mbm.cli.documents import STANDARD_OUTPUT
+from mbm.cli.documents import STANDARD_OUTPUT, refuse_standard_output
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.options import Terminal, problem_at, reads_so_far, terminal
 from mbm.cli.output import write_bytes
@@ -68,16 +68,13 @@ def check_outputs(outputs: Iterable[Output], reads: Iterable[Read]) -> None:
     outputs = tuple(outputs)
     if not outputs:
         return
-    from mbm.files.faults import not_writable
     from mbm.files.targets import refuse_twice
     from mbm.files.writing import checked_target
 
     reads, targets, wrong = tuple(reads), [], list[Diagnostic]()
     for output in outputs:
-        if output.path == STANDARD_OUTPUT:
-            wrong.append(not_writable(output.path, "only `--json -` goes to standard output"))
-            continue
         try:
+            refuse_standard_output(output.path)
             targets.append(checked_target(output.path, reads=reads, allowed=output.allowed))
         except MbmError as error:
             wrong.extend(error.diagnostics)
@@ -198,6 +195,7 @@ def _picture(path: str, draw: Callable[[Any], Any] | None = None) -> Callable[[A
     """What draws a result, or an answer with ``draw``, in the format that the name of a file says."""
     from mbm.report import plots
 
+    refuse_standard_output(path)
     ending = plots.format_of(path)
     return lambda found: plots.figure_bytes((draw or plots.draw)(found), ending)
 
@@ -207,5 +205,6 @@ def _overlay(path: str) -> Callable[[Result], bytes]:
     from mbm.report.plots import format_of
     from mbm.report.view.wishes import overlay_bytes
 
+    refuse_standard_output(path)
     ending = format_of(path)
     return lambda result: overlay_bytes(result, ending)

@@ -243,7 +243,8 @@ class Workspace:
         """The conditions of the row at hand."""
         items = self._condition_items(form, scope, count)
         if len(items) != count:
-            raise MbmError(language_faults.length_clash(form.span, f"{len(items)} conditions", f"{count} components"))
+            conditions = f"a list of {len(items)} conditions"
+            raise MbmError(language_faults.length_clash(form.span, conditions, f"{count} components"))
         found = tuple(_as_expression(condition(item, form.span), form.span) for item in items)
         self.refuse_unknowns(found, form.span, wanted)
         return found

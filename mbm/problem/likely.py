@@ -44,6 +44,7 @@ def refused_likelihoods(problem: Problem) -> Iterator[Diagnostic]:
         for holds, what, hint in (*why, joined) if found is not None else ():
             if holds and found is not None:
                 said = f"of `{block.name}` does not go with {what}"
+                hint = faults.NEVER_FAR_OUT if found.truncation is not None and what == robust else hint
                 yield faults.likelihood_not_here(block.span, called(found), said, hint)
 
 

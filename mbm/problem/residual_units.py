@@ -14,7 +14,7 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, NoiseKind
 
 _RADIAN = TAKE_PREFIXES["rad"]
-_NO_TURNS = frozenset({"px", "%", "ppm", "ppb"})
+NO_TURNS = frozenset({"px", "%", "ppm", "ppb"})
 """Pure numbers that are no angles."""
 _WRITTEN = re.compile(r"[\d.](?P<unit>[^\W\d]+|%)$")
 
@@ -51,7 +51,7 @@ def _unit(equation: Equation, place: int, dimension: Dimension | None, tables: M
     dimension = NONE if turns else dimension
 
     def suits(unit: Unit) -> bool:
-        return dimension in (None, unit.dimension) and not (turns and unit.symbol in _NO_TURNS)
+        return dimension in (None, unit.dimension) and not (turns and unit.symbol in NO_TURNS)
 
     stated = {unit.symbol: unit for unit in _measured(equation, place, tables) if suits(unit)}
     if len(stated) == 1:

@@ -37,7 +37,7 @@ from mbm.report.freedom import common_directions, free_directions
 from mbm.report.inputs import StartsTally
 from mbm.report.later import guarded
 from mbm.report.maps import maps_of
-from mbm.report.noise import noise_reports
+from mbm.report.noise import noise_reports, noise_units
 from mbm.report.numbers import nothing_known, numbers_of
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import Shown, repeated, shown
@@ -109,6 +109,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         derived_covariance=derived_covariance(solution, derived, unknown, full=covariance_full),
         observability=_observability(solution, names) if reached else None,
         noise=noise_reports(problem, solution.noise),
+        noise_units=noise_units(problem),
         residual_summaries=residual_summaries(problem, solution),
         raw_residuals=guarded(solution.lock, lambda: of_solution(problem, solution)),
         made_from=lambda: (problem, solution),

@@ -8,6 +8,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mbm.equations.types import Noise, NoiseState
+from mbm.expression.nodes import Number
+from mbm.expression.units import Unit
+from mbm.problem.residual_units import NO_TURNS
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.digits import plain
 
@@ -36,8 +39,27 @@ def noise_reports(problem: Problem, noises: Mapping[int, Noise]) -> dict[str, No
     return found
 
 
-def noise_sentences(noises: Mapping[str, NoiseReport]) -> Iterator[str]:
-    """What was estimated, in words."""
+def noise_units(problem: Problem) -> dict[str, str]:
+    """The SI units of factors that are standard deviations: `:sigma unknown` of equations of one unit."""
+    found: dict[str, str] = {}
+    for block in problem.blocks:
+        equations = [equation for case in block.cases for equation in case.equations]
+        plain_ones = all(
+            isinstance(each, Number) and each.dimension is None for equation in equations for each in equation.noise
+        )
+        if block.role is BlockRole.OBSERVATION and block.unknown_factor and plain_ones:
+            units = {"" if unit is None else _in_si(unit) for equation in equations for unit in equation.units}
+            found.setdefault(block.factor_name, units.pop() if len(units) == 1 else "")
+    return found
+
+
+def _in_si(unit: Unit) -> str:
+    si = unit.symbol if unit.scale.is_si else unit.dimension.symbol()
+    return si if si or unit.symbol in NO_TURNS else "rad"
+
+
+def noise_sentences(noises: Mapping[str, NoiseReport], units: Mapping[str, str]) -> Iterator[str]:
+    """What was estimated, in words, with the ``units`` of factors as `noise_units` has them."""
     for clause, noise in noises.items():
         if isinstance(noise, Mapping):
             if "covariance" in noise:
@@ -48,7 +70,8 @@ def noise_sentences(noises: Mapping[str, NoiseReport]) -> Iterator[str]:
             text = f"{text} {plain(noise['rho'], 3)}"
             yield text if factor is None else f"{text}, noise factor {plain(factor, 4)}"
         elif noise is not None:
-            yield f"noise of `{clause}` estimated from its residuals: factor {plain(noise, 4)}"
+            unit = units.get(clause, "") if noise else ""
+            yield f"noise of `{clause}` estimated from its residuals: factor {plain(noise, 4)} {unit}".rstrip()
 
 
 def _spreads(noise: Mapping[str, Any]) -> str:

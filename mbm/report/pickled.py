@@ -75,6 +75,7 @@ def _solve(solve: SolveReport) -> SolveReport:
         derived=tuple(_items(solve.derived, solve.coverage)),
         observability=None if solve.observability is None else _observability(solve.observability),
         noise=dict(solve.noise),
+        noise_units=dict(solve.noise_units),
         residual_summaries=dict(solve.residual_summaries),
         raw_residuals=Made(dict(solve.raw_residuals())),
         residual_rows=solve.rows(),

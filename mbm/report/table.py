@@ -91,7 +91,7 @@ def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, ful
     fit = fit_sentence(solve)
     if fit is not None:
         yield from wrapped(fit, width)
-    for sentence in chain(noise_sentences(solve.noise), residual_sentences(solve)):
+    for sentence in chain(noise_sentences(solve.noise, solve.noise_units), residual_sentences(solve)):
         yield from wrapped(sentence, width)
     remarks = chain(observability_sentences(solve.observability), constraint_sentences(solve), prior_sentences(solve))
     for sentence in remarks:

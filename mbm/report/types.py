@@ -279,7 +279,8 @@ class SolveReport:
     ``key`` holds the key values of ``for-each``, empty with one solve. ``cost``, ``dof``, ``sigma0``, ``chi2_p`` are as
     CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is the sum of the losses, None
     without one; ``boxes`` were examined by interval methods, which find separate ``pieces``; ``reasons`` says why by
-    the field's name. ``noise`` has one entry per observation clause, as `mbm.report.noise` says.
+    the field's name. ``noise`` has one entry per observation clause, ``noise_units`` the units
+    of its factors, as `mbm.report.noise` says.
     ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for; of each
     observation ``raw_residuals`` are said and ``row_data`` held; ``made_from`` gives what was solved and how.
     ``hypotheses`` are those of a filter at the last step, ``followed`` how many there were after each; ``considered``
@@ -307,6 +308,7 @@ class SolveReport:
     derived_covariance: CovarianceMatrix | None = None
     observability: Observability | None = None
     noise: Mapping[str, NoiseReport] = field(default_factory=lambda: MappingProxyType({}))
+    noise_units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     residual_summaries: Mapping[str, ResidualSummary] = field(default_factory=lambda: MappingProxyType({}))
     raw_residuals: Callable[[], Mapping[str, RawResiduals]] = no_residuals
     residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()

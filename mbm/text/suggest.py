@@ -11,6 +11,9 @@ Otherwise = TypeVar("Otherwise", bound=str | None)
 _SIGNED = r"([-+])([A-Za-z][\w.]*)"
 _BETWEEN = r"([A-Za-z][\w.]*|\d[\w.]*)([-+*/^])([A-Za-z][\w.]*|\d+(?:\.\d+)?)"
 
+ELSEWHERE = {"!=": "(not (= a b))", "/=": "(not (= a b))", "<>": "(not (= a b))", "&&": "and", "**": "^"}
+"""What names mean in other languages."""
+
 
 def infix(name: str) -> tuple[str, tuple[str, ...]] | None:
     """The operator and operands of a name that is arithmetic as other languages write it: ``-x``, ``x/2``."""
@@ -28,7 +31,10 @@ def closest(name: str, candidates: Iterable[str]) -> str | None:
     as equal: one edit for names up to five letters, one more for every three letters beyond; a name of one letter
     only matches itself in the other case. Ties go to the candidate that agrees in case, then to the one nearer in
     length, then by alphabet, so that the order of the candidates does not matter. ``name`` itself is never suggested.
+    Operators of other languages are no misspelt ones (`ELSEWHERE`).
     """
+    if name in ELSEWHERE:
+        return ELSEWHERE[name]
     limit = 0 if len(name) < 2 else max(1, len(name) // 3)
     folded = name.casefold()
     best: tuple[int, int, int, str] | None = None

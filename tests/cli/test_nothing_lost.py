@@ -337,7 +337,9 @@ def test_a_full_disk_leaves_earlier_results_and_sources(folder: Path, mbm: Run) 
 @pytest.mark.parametrize(
     ("command", "option"),
     [
-        *(("solve", each) for each in ("--csv", "--estimates", "--residuals")),
+        *(("solve", each) for each in ("--csv", "--estimates", "--residuals", "--plot", "--overlay", "--write g2o")),
+        *(("propagate", "--samples"), ("report", "-o"), ("view", "-o"), ("simulate", "-o"), ("budget", "--plot")),
+        ("compile", "--target python -o"),
         *(("budget", each) for each in ("--csv", "--latex")),
         ("design", "--csv"),
         ("trajectory", "--csv"),
@@ -347,7 +349,7 @@ def test_only_the_document_goes_to_standard_output(
     folder: Path, command: str, option: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = content(folder)
-    assert run([command, "p.mbm", option, "-"]) == 2
+    assert run([command, "p.mbm", *option.split(), "-"]) == 2
     said = capsys.readouterr()
     assert "only `--json -` goes to standard output" in said.err
     assert not said.out

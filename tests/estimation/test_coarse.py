@@ -94,3 +94,13 @@ def test_solves_without_rows_or_deviations_stay_silent_beside_others():
     found = coarse(readings, np.zeros((3, 5)), deviations, basis)
     assert found.shape == (3,)
     assert not found[1:].any()
+
+
+def test_counts_are_told_how_to_be_counted():
+    """Whole numbers from 0 on may be counts; half steps and temperatures below zero are none."""
+    for shift, step, counted in ((0.0, 1.0, True), (0.0, 0.5, False), (-9.0, 1.0, False)):
+        y = step * np.array([5.0, 5.0, 6.0, 5.0, 5.0, 5.0, 6.0, 5.0]) + shift
+        found = mbm.loads(problem("a", "(a)")).solve(data={"d": {"y": y}}).diagnostics
+        (hint,) = (each.hint for each in found if each.code.name == "coarse-readings")
+        assert ("poisson" in hint) == counted
+        assert ":resolution STEP" in hint

@@ -182,6 +182,21 @@ def test_intervals_that_a_hard_limit_cuts_are_told() -> None:
     assert "hard limit" not in _read(text.format(limit=""))
 
 
+@pytest.mark.parametrize(
+    ("column", "sigma", "unit"),
+    [("mm", "unknown", " m"), ("deg", "unknown", " rad"), ("mm", "(unknown 1mm)", ""), ("%", "unknown", "")],
+)
+def test_noise_that_is_a_standard_deviation_has_its_unit(column: str, sigma: str, unit: str) -> None:
+    """2 and 4 about 3 have the standard deviation √2; a factor of a stated size is a pure number."""
+    text = f"""(problem p (data d (table (y) (2) (4)) :columns ((y :unit {column}))) (unknowns (a :unit {column}))
+      (observe d (= y a) :sigma {sigma}))"""
+    size = {"mm": 1e-3 if sigma == "unknown" else 1.0, "deg": np.pi / 180, "%": 0.01}[column] * np.sqrt(2.0)
+    said = re.search(r"factor (\S+)(.*)\n", _read(text))
+    assert said is not None
+    assert float(said[1]) == pytest.approx(size, rel=1e-3)
+    assert said[2] == unit
+
+
 def test_of_a_number_held_at_a_limit_the_interval_begins_there_and_has_two_digits() -> None:
     """-0.2 ± 0.21 above 0.1: the tail of the normal distribution, 95 % of it; 0.1 + 3e-17 is no end."""
     text = "(problem p (data d (table (y) (-0.1) (-0.3))) (unknowns (x :in (0.1 5))) (observe d (= y x) :sigma 0.3))"

@@ -35,3 +35,8 @@ def test_distances_are_those_of_the_restricted_damerau_distance(a, b, distance):
 
 def test_a_distance_beyond_the_limit_is_only_known_to_be_beyond():
     assert edit_distance("aaaaaaaa", "bbbbbbbb", 2) > 2
+
+
+@pytest.mark.parametrize(("name", "meant"), [("!=", "(not (= a b))"), ("**", "^"), ("=<", "<=")])
+def test_operators_of_other_languages(name, meant):
+    assert closest(name, ["<=", ">=", "=", "*", "^", "<"]) == meant

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from mbm.cli.documents import refuse_standard_output
 from mbm.cli.inputs import initial_values, named_paths, named_texts
 from mbm.cli.options import problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say
@@ -38,6 +39,7 @@ def command(**given: Any) -> int:
     from mbm.report.options import SolveOptions
 
     folder = Path(given["folder"])
+    refuse_standard_output(folder)
     check_folder(folder, COMPILE, force=given["force"], reads=problem_at(given["file"]))
     options = SolveOptions(
         problem=given["problem"],

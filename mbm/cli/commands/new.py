@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from mbm.cli.documents import refuse_standard_output
 from mbm.cli.options import terminal, verbosity_options
 from mbm.cli.output import say
 from mbm.text.shown import one_line
@@ -28,6 +29,7 @@ def command(name: Path, template: str) -> int:
     """
     from mbm.files.folders import write_new_folder
 
+    refuse_standard_output(name)
     title = name.absolute().name or name.resolve().name
     problem = f"{title}.mbm"
     files = [(problem if file == PROBLEM_FILE else file, _content(template, file)) for file in sorted(_files(template))]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mbm.cli import faults
+from mbm.cli.documents import refuse_standard_output
 from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
 from mbm.cli.options import Terminal, allow_external_option, terminal, verbosity_options
@@ -51,6 +52,7 @@ def command(**given: Any) -> int:
     if given["samples_path"] is not None:
         from mbm.report.propagation.answer import sample_format
 
+        refuse_standard_output(given["samples_path"])
         written = sample_format(given["samples_path"])
         contents["samples_path"] = lambda found: written(found.solves)
     return answered(

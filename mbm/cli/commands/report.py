@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mbm.cli.documents import STANDARD_OUTPUT
+from mbm.cli.documents import STANDARD_OUTPUT, refuse_standard_output
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import solve_options
 from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
@@ -46,6 +46,7 @@ def command(**given: Any) -> int:
     """
     from mbm.report.page.writing import report_bytes, report_format
 
+    refuse_standard_output(given["out"])
     ending, screen = report_format(given["out"]), terminal()
     call = _call(given)
     outputs = [Output(path=given["out"], content=lambda result: report_bytes(result, ending, call))]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mbm.cli import faults
+from mbm.cli.documents import refuse_standard_output
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import json_object, named_paths, named_texts
 from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
@@ -49,6 +50,7 @@ def command(**given: Any) -> int:
     """
     screen = terminal()
     folder = Path(given["folder"])
+    refuse_standard_output(folder)
     check_folder(folder, SIMULATE, force=given["force"], reads=problem_at(given["file"]))
     made, files = _simulated(given)
     print_diagnostics(() if screen.quiet else made.notes, color=screen.color_errors)

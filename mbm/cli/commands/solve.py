@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mbm.cli import faults
-from mbm.cli.documents import STANDARD_OUTPUT
+from mbm.cli.documents import STANDARD_OUTPUT, refuse_standard_output
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
@@ -56,6 +56,7 @@ def check_scenes(scenes: Sequence[Scenes], reads: tuple[Read, ...]) -> None:
 
     for each in scenes:
         check_format(each.form)
+        refuse_standard_output(each.folder)
         check_folder(each.folder, WRITE, force=each.force, reads=reads)
     refuse_one_folder([each.folder for each in scenes])
 

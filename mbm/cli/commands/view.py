@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from mbm.cli.documents import refuse_standard_output
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
@@ -52,6 +53,7 @@ def command(**given: Any) -> int:
     """
     from mbm.report.plots import format_of
 
+    refuse_standard_output(given["out"])
     ending, screen = format_of(given["out"]), terminal()
     _check(given["out"], problem_at(given["file"]))
     made = _drawn(given, ending)

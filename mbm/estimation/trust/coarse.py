@@ -8,7 +8,7 @@ readings averages out, unless the model goes through many steps from row to row.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -90,23 +90,33 @@ def coarse_readings(
     """A warning for each clause whose readings have coarse steps at a minimum."""
     if minimum.blocks is not None or equations.rows is not None or equations.likely or equations.lossy:
         return ()
-    columns = {group.kernel.owner: rounded_column(problem, group.kernel.owner) for group in equations.groups}
-    if all(name is None for name in columns.values()) or not bool(np.isfinite(estimated.factor).all()):
+    stepped = dict(_stepped(problem, tables, equations))
+    if not stepped or not bool(np.isfinite(estimated.factor).all()):
         return ()
     basis = directions(equations, minimum, estimated)
     factors = np.ones(equations.count) if equations.factors is None else equations.picked(equations.factors)
     redundancy = max(equations.count - basis.shape[1], 1)
     common = float(np.sqrt(minimum.cost / redundancy)) if equations.factors is None else 1.0
     told = []
-    for group in equations.groups:
-        owner, name = group.kernel.owner, columns[group.kernel.owner]
-        block = problem.blocks[owner]
-        if name is None or block.table is None or group.positions is None or group.rows < LEAST_ROWS:
-            continue
+    for number, readings in stepped.items():
+        group = equations.groups[number]
+        block = problem.blocks[group.kernel.owner]
         own = slice(group.first, group.first + group.count)
         unit = factors[own] / group.whiteners[0].weights[:, 0]
-        readings = tables[block.table].numbers(name)[np.asarray(group.positions)]
         if bool(coarse(readings, minimum.residuals[own] * unit, common * unit, basis[own])):
-            scatter = common * float(np.median(unit))
-            told.append(faults.coarse_readings(block.span, block.name, scatter / float(steps(readings))))
+            scatter = common * float(np.median(unit)) / float(steps(readings))
+            counts = bool((readings >= 0.0).all() and (readings == np.rint(readings)).all())
+            told.append(faults.coarse_readings(block.span, block.name, scatter, counts=counts))
     return tuple(told)
+
+
+def _stepped(problem: Problem, tables: Mapping[str, Table], equations: Assembled) -> Iterator[tuple[int, Floats]]:
+    """The groups, by number, whose readings are in steps, and these readings (rows,)."""
+    for number, group in enumerate(equations.groups):
+        owner = group.kernel.owner
+        name, table = rounded_column(problem, owner), problem.blocks[owner].table
+        if name is None or table is None or group.positions is None or group.rows < LEAST_ROWS:
+            continue
+        readings = tables[table].numbers(name)[np.asarray(group.positions)]
+        if bool(np.isfinite(steps(readings))):
+            yield number, readings

@@ -57,6 +57,7 @@ VANISHING_SCALE = Code(
     "neither do those of the other estimates (a warning).",
     "State the noise without the scale (`:sigma FORM`), or leave the part of the noise out that is zero.",
 )
+COUNTED = "If these are counts, say so: `:distribution poisson`, or `(binomial n)` of n trials."
 MOST_LISTED = 6
 """Rows that the message lists."""
 
@@ -161,14 +162,17 @@ def improbable_noise(span: Span, sigma0: float, probability: float, *, large: bo
     )
 
 
-def coarse_readings(span: Span, name: str, scatter: float) -> Diagnostic:
-    """Readings of the clause ``name`` in steps that are coarse beside their ``scatter``, in steps."""
+def coarse_readings(span: Span, name: str, scatter: float, *, counts: bool) -> Diagnostic:
+    """Readings of the clause ``name`` in steps that are coarse beside their ``scatter``, in steps.
+
+    ``counts``: they are whole numbers from 0 on, and may be counted.
+    """
     return Diagnostic(
         code=COARSE_READINGS,
         message=f"the readings of `{name}` are rounded: they scatter by {scatter:.2f} of their steps about the "
         "model, too little to average the rounding errors out",
         place=span,
-        hint=COARSE_READINGS.mend,
+        hint=f"{COUNTED} {COARSE_READINGS.mend}" if counts else COARSE_READINGS.mend,
         severity=Severity.WARNING,
     )
 

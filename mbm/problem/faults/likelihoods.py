@@ -31,6 +31,7 @@ SIGMA_NOT_RELATIVE = Code(
     "`:sigma` is a plain percentage, which is a number of the measured dimension, not a share of the value (a hint).",
     "Write `:sigma (* 5% model)` for 5 % of the model's value, or `(* 5% column)` for 5 % of the measured one.",
 )
+NEVER_FAR_OUT = "leave out the loss or `:robust`; rows that are wrong can be left out with `:when`"
 
 
 def bad_distribution(span: Span, what: str) -> Diagnostic:

@@ -75,7 +75,8 @@ def stated_errors(options: Options, *, sigma: bool) -> StatedErrors:
         hint = f"leave `:{limits[0][0]}` or the distribution out"
         raise MbmError(_not_here(found, f"does not go with `:{limits[0][0]}`", hint))
     for name in found.beside:
-        raise MbmError(_not_here(found, f"does not go with `:{name}`", _APART[name]))
+        hint = faults.NEVER_FAR_OUT if limits and name == "loss" else _APART[name]
+        raise MbmError(_not_here(found, f"does not go with `:{name}`", hint))
     if law.counts and sigma:
         hint = "leave the noise out: a count tells its own"
         raise MbmError(_not_here(found, "takes no `:sigma`", hint))

@@ -133,7 +133,8 @@ def _answer(solve: SolveReport) -> Iterator[Block]:
     if grid.rows:
         yield Paragraph(LEGEND)
         yield grid
-    said = [*filter(None, [fit_sentence(solve)]), *noise_sentences(solve.noise), *search_sentences(solve)]
+    noise = noise_sentences(solve.noise, solve.noise_units)
+    said = [*filter(None, [fit_sentence(solve)]), *noise, *search_sentences(solve)]
     if said:
         yield Bullets(tuple(said))
 

@@ -51,7 +51,8 @@ def _one(result: Result, solve: SolveReport) -> Iterator[Block]:
     grid = estimates_grid(solve)
     if grid.rows:
         yield grid
-    said = (*filter(None, [fit_sentence(solve)]), *noise_sentences(solve.noise), *residual_sentences(solve))
+    noise = noise_sentences(solve.noise, solve.noise_units)
+    said = (*filter(None, [fit_sentence(solve)]), *noise, *residual_sentences(solve))
     if said:
         yield Bullets(said)
     remarks = chain(observability_sentences(solve.observability), constraint_sentences(solve), prior_sentences(solve))
