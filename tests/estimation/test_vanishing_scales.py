@@ -70,6 +70,32 @@ def test_logarithms_and_slopes_near_zero(noise, scales):
         assert not told(f":sigma {noise} :distribution (student 4)", y, scales)
 
 
+@pytest.mark.parametrize(("scale", "part"), [("(s :init 0.1)", "s"), ("(s :init -1)", "(exp s)")])
+@pytest.mark.parametrize("seed", [0, 4, 5])
+def test_scales_of_either_sign_and_logarithms_that_the_other_part_explains(seed, scale, part):
+    """The draws of `test_a_part_of_the_noise_that_the_other_explains`, with other words for the same part."""
+    y = (3.0 + 2.0 * X) * (1.0 + 0.1 * np.random.default_rng(seed).normal(size=20))
+    messages = told(f":sigma (hypot {part} (* r model))", y, f"{scale} (r positive)")
+    assert len(messages) == 1
+    assert "`s`" in messages[0]
+    assert "`r`" not in messages[0]
+
+
+@pytest.mark.parametrize(("scale", "part"), [("(s :init 1)", "s"), ("(s :init 0)", "(exp s)")])
+def test_scales_of_either_sign_and_logarithms_beside_another_part(scale, part):
+    """Noise of 3 beside 10 % of values from 5 to 43 is told, and 10 % alone is told apart from it."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        y = (3.0 + 2.0 * X) * (1.0 + 0.1 * rng.normal(size=20)) + 3.0 * rng.normal(size=20)
+        assert not told(f":sigma (hypot {part} (* 10% model))", y, scale)
+
+
+def test_a_scale_that_a_bound_holds_is_not_zero():
+    y = 3.0 + 2.0 * X + np.random.default_rng(1).normal(size=20)
+    for scale in ("(s :init 3 :in (2 5))", "(s positive :init 3 :in (2 5))"):
+        assert not told(":sigma s :distribution (student 4)", y, scale)
+
+
 def test_stated_noise_beside_a_scale_of_zero():
     """The other estimates follow the stated part, and are not those of an arbitrary scale."""
     messages = told(":sigma (hypot 0.1 s) :distribution (student 4)", 3.0 + 2.0 * X)

@@ -16,7 +16,7 @@ import numpy as np
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, mentioned
-from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
+from mbm.equations.types import Covariance, Floats, Mask, Minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust import faults as trust_faults
 from mbm.estimation.trust.coarse import coarse_readings
@@ -243,11 +243,18 @@ EXACT = 1e-9
 measures, and above rounding."""
 
 UNTOLD = 10.0
-"""Standard deviations of a scale, in scales, from which on it is not told from nothing: what is told by two rows has
-one of 0.7, and a scale that falls to nothing loses its information with its square."""
+"""Standard deviation of a scale, in scales, or of its logarithm, from which it is not told from nothing: what is told
+by two rows has one of 0.7, and a scale that falls to nothing loses its information with its square."""
+
+GONE = 10.0
+"""Fall of the logarithm of a scale after which nothing is left of it."""
+
+MINOR = 0.5
+"""Share of the variance below which a part is not all there is: what moves deviations by more is no logarithm of one
+that vanishes."""
 
 FALL = 0.1
-"""Fall of 2 log σ that is one: half a scale that the deviations are proportional to makes 1.4."""
+"""Share of the variance that is due to scales in whose place there might be nothing."""
 
 
 def vanishing_scales(
@@ -265,13 +272,18 @@ def vanishing_scales(
         block, count = problem.blocks[group.kernel.owner], len(layout.number)
         scales = np.flatnonzero(mentioned((group,), count) & ~mentioned((group.written,), count))
         scales = scales[np.isin(scales, equations.free) & (layout.number[scales] >= 0)]
-        values = np.abs(minimum.point[layout.number[scales]])
-        positive = layout.positive[scales]
-        untold = scales[positive & (sigma[scales] > UNTOLD * values)]
+        point, places, positive = minimum.point, layout.number[scales], layout.positive[scales]
+        gone = np.array([_gone(group, point, k, positive=bool(p)) for k, p in zip(places, positive, strict=True)])
+        left = np.tile(point, (len(scales), 1))
+        left[np.arange(len(scales)), places] = gone
+        share = np.array([_shares(group, point, each).max(initial=0.0) for each in left])
+        size = np.where(gone == point[places] - GONE, np.where(share < MINOR, 1.0, np.inf), np.abs(point[places]))
+        untold = scales[(sigma[scales] > UNTOLD * size) | (share < EXACT)]
+        without = point.copy()
+        without[places] = gone
         raw = np.abs(group.written.values(minimum.point)).max(initial=0.0)
-        exact = bool(raw <= EXACT * _size(problem, tables, group)) and _falls(
-            group, minimum.point, layout.number[scales], positive
-        )
+        fits = bool(raw <= EXACT * _size(problem, tables, group))
+        exact = fits and bool((_shares(group, point, without) > FALL).any())
         names = tuple(layout.name(k) for k in (scales if exact else untold))
         if names:
             found.append(trust_faults.vanishing_scale(problem.span, block.name, names, exact=exact))
@@ -290,12 +302,21 @@ def _size(problem: Problem, tables: Mapping[str, Table], group: Group) -> float:
     return largest
 
 
-def _falls(group: Group, point: Floats, places: Indices, positive: Mask) -> bool:
-    """Whether the deviations of a clause fall with its scales: half of the positive ones, the others 0.5 less."""
-    if group.readings is None:
-        return False
-    lower = point.copy()
-    lower[places] = np.where(positive, 0.5 * point[places], point[places] - 0.5)
-    with np.errstate(all="ignore"):
-        logs = [np.square(group.values(each)[:, group.readings.shifted]) for each in (point, lower)]
-    return bool((logs[0] - logs[1] > FALL).any())
+@np.errstate(all="ignore")
+def _shares(group: Group, point: Floats, lower: Floats) -> Floats:
+    """The share of each row's variance that is due to what is larger at ``point`` (N,) than at ``lower`` (N,)."""
+    shifted = () if group.readings is None else group.readings.shifted
+    logs = [np.square(group.values(each)[:, shifted]) for each in (point, lower)]
+    return np.asarray(np.nan_to_num(1.0 - np.exp(logs[1] - logs[0]), nan=1.0))
+
+
+def _gone(group: Group, point: Floats, place: int, *, positive: bool) -> float:
+    """Where nothing is left of a scale: far below its value where it is positive, at 0 where its sign says nothing, and
+    far down where it is a logarithm.
+    """
+    if positive:
+        return float(point[place] * np.exp(-GONE))
+    sides = np.stack([point, point])
+    sides[:, place] = 1.0, -1.0
+    even = bool((np.abs(_shares(group, *sides)) <= EXACT).all())
+    return 0.0 if even else float(point[place] - GONE)
