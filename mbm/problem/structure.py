@@ -17,9 +17,9 @@ from mbm.problem import faults
 from mbm.problem.checks import used_rows
 from mbm.problem.kinds import Relation
 from mbm.problem.likely import percentages
-from mbm.problem.rows import decided, rows_of
+from mbm.problem.rows import decided, row_values, rows_of
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import EquationCase, Problem, Unknown
+from mbm.problem.types import EquationCase, Problem, Unknown, UnknownKind
 from mbm.text.faults import worth_reading
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
@@ -46,14 +46,15 @@ def called_functions(problem: Problem) -> tuple[External, ...]:
 
 
 def structural_warnings(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
-    """Unknowns that no equation mentions or whose condition ``:fixed`` holds nowhere, and those that are left without
-    an equation of their own; and deviations that look as if they were relative.
+    """Unknowns that no equation mentions, whose condition ``:fixed`` holds nowhere or that begin outside their bounds,
+    and those that are left without an equation of their own; and deviations that look as if they were relative.
     """
     mentions = list(_mentions(problem, tables))
     mentioned = {scalar for scalars in mentions for scalar in scalars}
     names = {scalar[0] for scalar in mentioned}
     found = list(worth_reading([faults.unmentioned(u.span, u.name) for u in problem.unknowns if u.name not in names]))
     found += worth_reading([warning for u in problem.unknowns for warning in _fixed_nowhere(u, tables)])
+    found += worth_reading([warning for u in problem.unknowns for warning in _begins_outside(u, tables)])
     found += worth_reading(list(percentages(problem)))
     if len(mentions) >= MAXIMUM_EQUATIONS or any(u.fixed is not None for u in problem.unknowns):
         return found
@@ -61,6 +62,23 @@ def structural_warnings(problem: Problem, tables: Mapping[str, Table]) -> list[D
     spans = {unknown.name: unknown.span for unknown in problem.unknowns}
     too_few = [faults.too_few_equations(spans[name], name, len(mentions), len(mentioned)) for name in left]
     return [*found, *worth_reading(too_few)]
+
+
+def _begins_outside(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[Diagnostic]:
+    """That a number begins beyond a bound; angles are taken by whole turns, and poses are not looked at."""
+    start = unknown.start
+    if start is None or unknown.dimension or unknown.kind is UnknownKind.ANGLE:
+        return
+    values = row_values(start, tables)
+    found = [
+        (bound, (side * values < side * row_values(bound, tables)).any(axis=1))
+        for bound, side in ((unknown.lower, 1.0), (unknown.upper, -1.0))
+        if bound is not None
+    ]
+    beyond = [bound for bound, outside in found if outside.any()]
+    if beyond:
+        members = int(np.any([outside for _, outside in found], axis=0).sum())
+        yield faults.start_outside_bounds(start.span, beyond[0].span, unknown.name, members)
 
 
 def _fixed_nowhere(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[Diagnostic]:

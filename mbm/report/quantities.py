@@ -53,6 +53,8 @@ def shown(problem: Problem, solution: Solution) -> Shown:
 def quantity_of(problem: Problem, unknown: Unknown) -> Quantity:
     """How an unknown is shown."""
     unit, scale = _unit(unknown.unit, unknown.kind is UnknownKind.ANGLE, problem, unknown.name, _united(unknown))
+    if unknown.unit is None and unit is not None and _is_rate_of_angle(problem, unknown):
+        unit = f"rad{unit.removeprefix('1')}"
     return Quantity(
         name=unknown.name,
         kind=Kind(unknown.kind.value),
@@ -108,6 +110,13 @@ def keys_over(derived: Derived, tables: Mapping[str, Table]) -> tuple[str | None
         return derived.grid.variable, tuple(derived.grid.shown().tolist())
     table = tables[derived.table]
     return derived.table, tuple(table.keys()) if table.key is not None else tuple(float(r) for r in table.rows)
+
+
+def _is_rate_of_angle(problem: Problem, unknown: Unknown) -> bool:
+    sequence = problem.sequence
+    of = {state.name: state.rate_of for state in sequence.states} if sequence is not None else {}
+    kinds = {each.name: each.kind for each in problem.unknowns}
+    return kinds.get(of.get(unknown.name) or "") is UnknownKind.ANGLE
 
 
 def _united(unknown: Unknown) -> range:

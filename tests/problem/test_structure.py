@@ -52,3 +52,11 @@ def test_a_condition_that_fixes_no_member_is_said(fixed, codes):
       (unknowns (h (vector 2) :per stations :init [1 1] :fixed {fixed}))
       (observe t (= [x y] (h at)) :sigma 1))"""
     assert [d.code.name for d in mbm.loads(text).check()] == codes
+
+
+def test_members_that_begin_outside_their_bounds_are_counted():
+    text = """(problem p (data s (table (id at) (1 0.5) (2 7) (3 -1)) :key id) (data t (table (id y) (1 1) (2 2) (3 3)))
+      (unknowns (h :per s :init at :in (0 5)) (k :init 5 :in (0 5)) (v (vector 2) :init [1 2] :in (0 5)))
+      (observe t (= y (+ (h id) k (v 1) (v 2))) :sigma 1) (observe (= [1 1] v) :sigma 1) (observe (= 5 k) :sigma 1))"""
+    found = [each.message for each in mbm.loads(text).check() if each.code.name == "start-outside-bounds"]
+    assert found == ["the `:init` of 2 members of `h` lies outside `:in`"]

@@ -137,3 +137,14 @@ def test_the_command_line_chooses_the_method(walk, capsys):
     for method, filtered in (("ekf", True), ("batch", False)):
         run(["solve", str(walk), "--method", method, "--json", "-"])
         assert (json.loads(capsys.readouterr().out)["solves"][0]["method"] == "ekf") == filtered
+
+
+@pytest.mark.parametrize(("time", "stated", "unit"), [("s", "", "rad/s"), ("s", ":unit deg", "rad/s"), ("1", "", None)])
+def test_the_rate_of_an_angle_is_in_rad_by_the_unit_of_the_steps(time, stated, unit):
+    text = f"""(problem p (data d (table (t b) (0 0.1) (1 0.2) (2 0.3)) :columns ((t :unit {time}) (b :unit rad)))
+      (states :over d.t (a angle :init 0 :sigma 1 {stated}))
+      (dynamics (constant-velocity a :acceleration 0.1 :velocity-sigma 1)) (observe d (= b a) :sigma 0.01))"""
+    rate = mbm.loads(text).solve()["a.rate"]
+    assert rate.unit == unit
+    # 0.1 rad in each step, and the prior is weak
+    assert rate.value == pytest.approx(0.1, abs=1e-3)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.text.types import Code, Diagnostic, Place, Span
+from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
 BOUND_WITHOUT_INTERVAL = Code(
     "bound-without-interval",
@@ -16,6 +16,25 @@ NOT_FOR_INTERVALS = Code(
     " deviations, losses, priors, rotations of space or functions in Python.",
     "Write what the message says, or use another `:method`.",
 )
+START_OUTSIDE_BOUNDS = Code(
+    "start-outside-bounds",
+    "`:init` lies outside `:in`: the solve begins at the nearest bound, and one of the two is probably wrong (a"
+    " warning).",
+    "Correct `:init` or `:in`; for a range of starts alone write `:start`.",
+)
+
+
+def start_outside_bounds(start: Span, bound: Span, name: str, members: int) -> Diagnostic:
+    """The ``start`` of an unknown, or of some members of a family, is beyond a ``bound``."""
+    whose = f"`{name}`" if members == 1 else f"{members} members of `{name}`"
+    return Diagnostic(
+        code=START_OUTSIDE_BOUNDS,
+        message=f"the `:init` of {whose} lies outside `:in`",
+        place=start,
+        labels=(Label(bound, "beyond this bound"),),
+        hint=START_OUTSIDE_BOUNDS.mend,
+        severity=Severity.WARNING,
+    )
 
 
 def bound_without_interval(span: Span, block: str, method: str) -> Diagnostic:
