@@ -59,6 +59,9 @@ from mbm.report.types import (
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
+MOST_WANTED = 6
+"""Unknowns that are named where a start is wanted."""
+
 _UNUSED = "no equation mentions it"
 _NOT_THE_BEST = "standard deviations are those of the best solution only"
 _MIRRORED = "the mirror image of another one"
@@ -173,12 +176,24 @@ def _status(
         return SolveStatus.INFEASIBLE, conflict_sentence(problem, solution, names) or reason.sentence
     broken = violated_sentence(constraints) or _outside(solution)
     if not reason.converged:
-        return SolveStatus.NOT_CONVERGED, reason.sentence if broken is None else f"{reason.sentence}; {broken}"
+        said = (reason.sentence, broken, _wants_a_start(solution))
+        return SolveStatus.NOT_CONVERGED, "; ".join(each for each in said if each is not None)
     if broken is not None:
         return SolveStatus.INFEASIBLE, broken
     if not solution.observability.observable:
         return SolveStatus.UNOBSERVABLE, SolveStatus.UNOBSERVABLE.sentence
     return SolveStatus.CONVERGED, reason.sentence
+
+
+def _wants_a_start(solution: Solution) -> str | None:
+    """Of which unknowns a start might help, where none of those that were tried led to a minimum."""
+    tally, layout = solution.tally, solution.layout
+    if tally is None or tally.converged or solution.minimum.reason is Reason.INTERRUPTED:
+        return None
+    open_to = np.isnan(layout.start) | layout.guessed
+    names = [entry.unknown.name for entry in layout.entries if bool(open_to[entry.range].any())]
+    listed = ", ".join(f"`{name}`" for name in names[:MOST_WANTED]) + (" …" if len(names) > MOST_WANTED else "")
+    return f"no start led to a minimum: give `:init` or a narrow `:in` of {listed}" if names else None
 
 
 def _outside(solution: Solution) -> str | None:

@@ -176,3 +176,13 @@ def test_an_interruption_ends_with_what_is_there():
     result = compiled.result(SolveSettings(interruption=asked))
     assert (result.complete, tuple(result.solves), result.status.value) == (False, (), "attention")
     assert [d.code.name for d in result.diagnostics] == ["interrupted"]
+
+
+def test_where_no_start_leads_to_a_minimum_the_starts_that_are_missing_are_named():
+    """The root of a x − 10⁶⁰ − b² has values where a is 10⁶⁰ or more only; c has a start."""
+    text = """(problem p (data d (table (x y) (1 2) (2 3) (3 3.5))) (unknowns (a) (b) (c :init 1))
+      (observe d (= y (sqrt (- (* a x) 1e60 (* b b)))) :sigma 1) (observe (= 2 c) :sigma 1))"""
+    solve = mbm.loads(text).solve().first
+    assert solve.status == "not-converged"
+    assert solve.record.starts.converged == 0
+    assert solve.message.endswith("no start led to a minimum: give `:init` or a narrow `:in` of `a`, `b`")
