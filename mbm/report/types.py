@@ -279,8 +279,7 @@ class SolveReport:
     ``key`` holds the key values of ``for-each``, empty with one solve. ``cost``, ``dof``, ``sigma0``, ``chi2_p`` are as
     CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is the sum of the losses, None
     without one; ``boxes`` were examined by interval methods, which find separate ``pieces``; ``reasons`` says why by
-    the field's name. ``noise`` has one entry per observation clause, ``noise_units`` the units
-    of its factors, as `mbm.report.noise` says.
+    the field's name. ``noise`` and ``noise_units`` of observation clauses are as `mbm.report.noise` has them.
     ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for; of each
     observation ``raw_residuals`` are said and ``row_data`` held; ``made_from`` gives what was solved and how.
     ``hypotheses`` are those of a filter at the last step, ``followed`` how many there were after each; ``considered``
@@ -374,8 +373,7 @@ class Result:
 
     ``solves`` may make a report when it is asked for. ``complete`` is False where the run was interrupted before all
     were made. ``reads`` are the files that it was made from. ``seen`` tells which equations compare images,
-    ``described`` the derived equations in words; ``source`` is the text of the problem; ``propagate`` makes a
-    `Propagated` of it.
+    ``described`` the derived equations in words; ``source`` is the problem's text; ``propagate`` makes a `Propagated`.
     """
 
     version: str
