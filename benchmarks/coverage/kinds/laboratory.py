@@ -198,7 +198,7 @@ KINDS: Mapping[str, Kind] = {
         {"a": 2.0, "b": -1.0},
     ),
     "below a limit": _censored("(a :init 1) (b :init 0)", "0.5"),
-    "below a limit, unknown sigma": _censored("(a :init 1) (b :init 0) (s positive :init 1)", "s"),
+    "below a limit, unknown sigma": _censored("(a :init 1) (b :init 0)", "unknown"),
     "ratio of means, own noises": _ratio(
         np.where(GROUPS == 1.0, 0.5, 0.4),
         "(observe one d (= y a) :sigma unknown :when (= g 1)) (observe two d (= y b) :sigma unknown :when (= g 2))",
