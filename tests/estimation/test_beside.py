@@ -277,3 +277,15 @@ def test_they_are_told_of_many_solves_as_of_each(kind):
     alone = [told(single.solve(data={"d": own})) for own in each]
     assert [told(solve) for solve in together.solves] == alone
     assert any(alone)
+
+
+def test_another_minimum_costs_in_the_units_of_the_solve():
+    """One unknown factor counts as 1 in both costs."""
+    solve = mbm.loads(
+        """(problem p (data d (table (y) (4.3) (3.6) (4.2) (3.9))) (data e (table (z) (0.3))) (unknowns (a :init 2.2))
+        (observe d (= y (^ a 2)) :sigma unknown) (observe e (= z (* 0.1 a)) :sigma 1))"""
+    ).solve()
+    (other,) = solve.alternatives
+    y = np.array([4.3, 3.6, 4.2, 3.9])
+    for cost, a in ((solve.cost, solve["a"].value), (other.cost, float(other.estimates[0].value))):
+        assert cost == pytest.approx(np.square(y - a * a).sum() + (0.3 - 0.1 * a) ** 2, rel=1e-9)  # rounding

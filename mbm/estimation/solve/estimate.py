@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cache as cached
 from functools import partial
@@ -49,7 +49,7 @@ from mbm.estimation.uncertainty.gauge import with_gauge
 from mbm.estimation.uncertainty.informed import informed
 from mbm.estimation.uncertainty.motion import with_motions
 from mbm.estimation.uncertainty.observability import observed_at
-from mbm.estimation.uncertainty.statistics import Statistics, statistics
+from mbm.estimation.uncertainty.statistics import Statistics, cost_of, statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, UnknownKind
@@ -257,7 +257,14 @@ def _others(
 
         others = places_beside(equations, about, others, run.settings, run.problem)
     others = facing(run.problem, run.tables, equations, minimum, others)
-    return others, rivals(run.problem, equations, minimum, others, about.most)
+    return _as_counted(run, end, others), rivals(run.problem, equations, minimum, others, about.most)
+
+
+def _as_counted(run: Run, end: Reached, others: Iterable[Alternative]) -> tuple[Alternative, ...]:
+    """The others with their cost as the solve has its own: one unknown factor counts as 1."""
+    return tuple(
+        replace(each, cost=cost_of(run.problem, end.equations, each.minimum, end.noise, end.factors)) for each in others
+    )
 
 
 def _places_poses(equations: Assembled) -> bool:

@@ -169,15 +169,10 @@ def statistics(
 
     ``tested`` as for `fit_statistics`.
     """
-    plain = equations.plain_residuals(minimum.point) if equations.lossy else minimum.residuals
-    left = equations.uncounted
-    counted = plain if left is None else np.where(left, 0.0, plain)
-    cost = float(counted @ counted) if equations.lossy or left is not None else minimum.cost
+    plain, left = _plain(equations, minimum), equations.uncounted
     variance, known = 1.0, True
     groups = factor_groups(problem.blocks, noise)
-    if len(groups) == 1 and factors is not None:
-        cost = _unscaled_cost(problem, equations, counted, groups[0], factors)
-    elif len(groups) == 1:
+    if len(groups) == 1 and factors is None:
         only = next(iter(noise.values()))
         variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
         known = only.state is not NoiseState.NO_REDUNDANCY
@@ -195,7 +190,7 @@ def statistics(
         if n.state not in (NoiseState.ESTIMATED, NoiseState.NOTHING)
     )
     fit = fit_statistics(
-        cost,
+        cost_of(problem, equations, minimum, noise, factors),
         equations.count if left is None else int((~left).sum()),
         observed.rank,
         noise_stated=not noise and not equations.lossy and not is_untested(equations),
@@ -241,15 +236,28 @@ def _estimated(
     return sandwich(loss_lines(equations), plain, slopes, observed, stated, place)
 
 
-def _unscaled_cost(
-    problem: Problem, equations: Assembled, plain: Floats, blocks: tuple[int, ...], factors: Floats
+def _plain(equations: Assembled, minimum: Minimum) -> Floats:
+    return equations.plain_residuals(minimum.point) if equations.lossy else minimum.residuals
+
+
+def cost_of(
+    problem: Problem, equations: Assembled, minimum: Minimum, noise: Mapping[int, Noise], factors: Floats | None
 ) -> float:
-    """The cost with the one unknown factor as 1; with the final one where other errors are beside its own."""
-    if any(problem.blocks[number].structure.per for number in blocks):
-        return float(plain @ plain)
-    rows = np.concatenate([equations.noise_rows(number) for number in blocks])
-    residuals = plain.copy()
-    residuals[rows] *= equations.picked(factors)[rows]
+    """Σ r² of a minimum without losses, with one unknown factor as 1, or the final one where errors are beside its own.
+
+    ``factors`` as for `statistics`.
+    """
+    residuals, left = _plain(equations, minimum), equations.uncounted
+    if left is not None:
+        residuals = np.where(left, 0.0, residuals)
+    groups = factor_groups(problem.blocks, noise)
+    if len(groups) == 1 and factors is not None:
+        if not any(problem.blocks[number].structure.per for number in groups[0]):
+            rows = np.concatenate([equations.noise_rows(number) for number in groups[0]])
+            residuals = residuals.copy()
+            residuals[rows] *= equations.picked(factors)[rows]
+    elif not equations.lossy and left is None:
+        return minimum.cost
     return float(residuals @ residuals)
 
 
