@@ -23,11 +23,11 @@ from mbm.solver.constraint_values import evaluate_block
 from mbm.solver.description import BOUNDS_AT
 from mbm.solver.equations import groups_of
 from mbm.solver.filter_records import Walk
-from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
+from mbm.solver.linear_algebra import add_multiple, column_product, copied, dot, filled
 from mbm.solver.manifolds import retract
 
 KNOWN_BEFORE = 1e-24
-"""A variance that is this share of all variances is the rounding of a cut before: there is nothing left to cut."""
+"""A variance that is this share of what it is the sum of, or was before an equality, is rounding: nothing is left."""
 
 
 def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) -> None:
@@ -35,11 +35,14 @@ def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) 
     n = walk.chain.n
     direction = walk.singular_step
     square = 0.0
+    terms = 0.0
     for i in range(n):
         direction[i] = dot(n, walk.factor[i * n :], slope)
         square += direction[i] * direction[i]
-    known = KNOWN_BEFORE * dot(n * n, walk.factor, walk.factor) * dot(n, slope, slope)
-    if not square > known or not isfinite(square + value):
+        for j in range(n):
+            term = walk.factor[i * n + j] * slope[j]
+            terms += term * term
+    if not square > KNOWN_BEFORE * terms or not isfinite(square + value):
         return
     deviation = sqrt(square)
     distance = -value / deviation
@@ -56,9 +59,15 @@ def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) 
     filled(n, 0.0, walk.along)
     for i in range(n):
         add_multiple(n, direction[i] / deviation, walk.factor[i * n :], walk.along)
-    for i in range(n):
-        add_multiple(n, (left - 1.0) * direction[i] / deviation, walk.along, walk.factor[i * n :])
-        walk.step[i] = shift * walk.along[i]
+    for j in range(n):
+        column = walk.factor[j:]
+        before = column_product(n, n, column, column)
+        for i in range(n):
+            column[i * n] += (left - 1.0) * direction[i] / deviation * walk.along[j]
+        if equality == 1 and column_product(n, n, column, column) <= KNOWN_BEFORE * before:
+            for i in range(n):
+                column[i * n] = 0.0
+        walk.step[j] = shift * walk.along[j]
     copied(walk.chain.numbers, walk.point, walk.mean)
     retract(walk.seen, walk.mean, walk.step, walk.point)
     transport(walk.seen, walk.mean, walk.step, n, walk.turn, walk.factor)

@@ -81,7 +81,7 @@ def lowered(
             priors.append(group)
         elif block.role is BlockRole.CONSTRAINT and of_no_step(group, block, places, sequence, tables):
             undivided.append((group, equal))
-        elif block.role is BlockRole.CONSTRAINT and says_the_same(group, block, places):
+        elif block.role is BlockRole.CONSTRAINT and says_the_same(group, block, places, sequence):
             undivided.append((with_rows(group, np.arange(1)), equal))
         else:
             rows = _by_step(group, equal, steps_of(group, block, places, sequence, tables), steps)
@@ -153,9 +153,14 @@ def of_no_step(group: Group, block: Block, places: Places, sequence: Sequence, t
     return not stepped and bool((places.step_of_number[group.index] == NOT_OF_A_STEP).all())
 
 
-def says_the_same(group: Group, block: Block, places: Places) -> bool:
-    """Whether an equation says the same of what does not move at each step: it tells something once."""
+def says_the_same(group: Group, block: Block, places: Places, sequence: Sequence) -> bool:
+    """Whether an equation says the same of what does not move at each step: it tells something once.
+
+    Its rows then differ neither in numbers of a table nor in the members of families that they pick.
+    """
+    states = {state.name for state in sequence.states}
     same = not any(isinstance(each, ColumnInput) for each in group.kernel.parameters)
+    same &= all(slot.member is None or slot.unknown in states for slot in group.kernel.variables)
     still = bool(group.rows) and bool((places.step_of_number[group.index] == NOT_OF_A_STEP).all())
     return same and still and block.constraint is ConstraintKind.EQUAL
 

@@ -234,7 +234,7 @@ def _when(group: Group, block: Block, begun: Begun) -> str:
     tables, sequence, places = begun.tables, begun.sequence, begun.places
     if block.role is BlockRole.CONSTRAINT:
         whole = next(g for g in begun.equations.constraints if g.number == group.number)
-        if of_no_step(whole, block, places, sequence, tables) or says_the_same(whole, block, places):
+        if of_no_step(whole, block, places, sequence, tables) or says_the_same(whole, block, places, sequence):
             return BEGINNING
     stepped = block.table is not None and sequence.column in tables[block.table].columns
     return ALWAYS if stepped else FIRST

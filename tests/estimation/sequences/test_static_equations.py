@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
+from scipy.stats import kstest, truncnorm
 
 import mbm
 
@@ -74,6 +74,39 @@ def test_a_stream_says_the_same():
         last = stream.step({"d": {"t": t, "x": x, "y": y}})
     assert last["a"].value == pytest.approx(whole.value[-1], rel=1e-12)
     assert last["a"].sigma == pytest.approx(whole.sigma[-1], rel=1e-12)
+
+
+MEMBERS = """(problem p
+  (data places (table (k) (1) (2) (3)) :key k)
+  (data d (table (t k y) (0 1 0.3) (1 2 0.4) (2 1 0.2) (3 2 0.5) (4 3 0.1)) :with (places k))
+  (states :over t (p :init 0 :sigma 1)) (unknowns (m :per places :init 0.3 :sigma 1))
+  (dynamics (random-walk p :sigma 1))
+  (observe d (= y (+ p (m k))) :sigma 0.1)
+  (constraints (= (m k) 0.2 :over d))
+  (solve :method ekf))"""
+
+
+def test_an_equation_holds_of_each_member_that_its_rows_pick():
+    found = mbm.loads(MEMBERS).solve()
+    assert np.ravel(found["m"].value) == pytest.approx([0.2, 0.2, 0.2], abs=1e-12)
+    assert np.ravel(found["m"].sigma) == pytest.approx([0, 0, 0], abs=1e-12)
+    assert found.first.dof == 8  # five rows, the prior of p, and of each member a prior and an equation, for 6 + 3
+
+
+@pytest.mark.parametrize("other", [1.0, 1e7])
+@pytest.mark.parametrize(("method", "limit"), [("ekf", "="), ("ekf :constraints truncate", ">")])
+def test_what_is_known_does_not_depend_on_the_size_of_other_states(method, limit, other):
+    """A limit at one deviation of a prior: the normal distribution above it has the mean 1.525 (SciPy's truncnorm)."""
+    found = mbm.loads(f"""(problem p (data d (table (t z) (0 0.3) (1 0.4) (2 0.2)))
+      (states :over t (a :init 0 :sigma 1e-6) (p :init 0 :sigma {other}))
+      (dynamics (static a) (random-walk p :sigma {other}))
+      (observe d (= z p) :sigma {other})
+      (constraints ({limit} a 1e-6))
+      (solve :method {method}))""").solve()
+    assert found.first.status.value == "converged"
+    mean, spread = (1.0, 0.0) if limit == "=" else (truncnorm.mean(1, np.inf), truncnorm.std(1, np.inf))
+    assert found["a"].value[0] == pytest.approx(1e-6 * mean, rel=1e-9)
+    assert found["a"].sigma[0] == pytest.approx(1e-6 * spread, rel=1e-9)
 
 
 @pytest.mark.slow
