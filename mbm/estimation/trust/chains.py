@@ -78,10 +78,12 @@ def correlated_chains(
     left = _left_of(minimum) if chains else None
     if left is None:
         return ()
-    most_alike = _most_alike(minimum.residuals, chains, left(_noise(minimum)))
+    draws = left(_noise(minimum))
+    checked = np.square(draws).mean(axis=1)
+    most_alike = _most_alike(minimum.residuals, chains, draws, checked)
     if most_alike is not None and overstated:
-        scales = _scales(minimum.residuals, _kinds(equations, chains), left)
-        most_alike = _most_alike(minimum.residuals, chains, left(scales[:, None] * _noise(minimum)))
+        scales = _scales(minimum.residuals, _kinds(problem, equations, chains), left)
+        most_alike = _most_alike(minimum.residuals, chains, left(scales[:, None] * _noise(minimum)), checked)
     if most_alike is None:
         return ()
     block = problem.blocks[most_alike.chain.owner]
@@ -90,13 +92,16 @@ def correlated_chains(
     return (faults.correlated_chain(block.span, block.name, found, decay, carried=carried, overstated=overstated),)
 
 
-def _most_alike(residuals: Floats, chains: Sequence[Chain], draws: Floats) -> Alike | None:
-    """What is beyond chance, as ``draws`` (m, draws) of the residuals (m,) have it."""
+def _most_alike(residuals: Floats, chains: Sequence[Chain], draws: Floats, left: Floats) -> Alike | None:
+    """What is beyond chance, as ``draws`` (m, draws) of the residuals (m,) have it.
+
+    ``left`` (m,) is the share of a residual's variance that the fit leaves, whatever its noise.
+    """
     worst: Alike | None = None
     highest, compared = np.full(draws.shape[1], -np.inf), 0
     for each in chains:
         own, drawn = residuals[each.places], draws[each.places]
-        checked = np.square(drawn).mean(axis=(0, 2)) > CHECKED
+        checked = left[each.places].mean(axis=0) > CHECKED
         for decay in DECAYS:
             found, chance = sums(own[:, checked, None], decay)[:, 0], sums(drawn[:, checked], decay)
             mean, spread = chance.mean(axis=1), chance.std(axis=1, ddof=1)
@@ -110,7 +115,7 @@ def _most_alike(residuals: Floats, chains: Sequence[Chain], draws: Floats) -> Al
     return worst if worst is not None and _beyond(worst.away, highest, compared) else None
 
 
-def _kinds(equations: Assembled, chains: Sequence[Chain]) -> Indices:
+def _kinds(problem: Problem, equations: Assembled, chains: Sequence[Chain]) -> Indices:
     """Residuals (m,) of one clause and coordinate have one number, links of a chain another one than other rows.
 
     Those of too few rows to tell their noise have one together.
@@ -119,7 +124,7 @@ def _kinds(equations: Assembled, chains: Sequence[Chain]) -> Indices:
     for group in equations.groups:
         if group.rows >= LEAST_ROWS:
             outputs = np.arange(group.kernel.outputs)
-            numbers = 1 + group.kernel.owner + len(equations.groups) * outputs
+            numbers = 1 + group.kernel.owner + len(problem.blocks) * outputs
             found[group.first : group.first + group.count] = np.tile(numbers, group.rows)
     apart = found.max(initial=0) + 1
     for each in chains:

@@ -91,6 +91,13 @@ def test_steps_beside_fixes_that_are_stated_too_uncertain_are_not_called_correla
     assert found <= 3
 
 
+@pytest.mark.parametrize("factor", [30.0, 1000.0])
+def test_a_drift_is_told_however_much_too_large_all_noise_is_stated(factor):
+    """One factor of all noise changes no residual's share of the sums."""
+    text = FAMILY.replace(":sigma 0.1)", f":sigma {0.1 * factor})")
+    assert told(text, walk(1, drift=2.0)[FAMILY], sigma=0.3 * factor)
+
+
 @pytest.mark.parametrize(("drift", "expected"), [(0.0, False), (2.0, True)])
 def test_of_long_chains_as_well(drift, expected):
     """So many places that the sparse solver takes them."""
