@@ -35,13 +35,15 @@ def outcome_of_process(
     standard input never ends.
     """
     with TemporaryDirectory(prefix="mbm-said-") as place:
-        out, err, heard = (Path(place) / name for name in ("out", "err", "heard"))
+        out, err, heard, measured = (Path(place) / name for name in ("out", "err", "heard", "measured"))
         heard.touch()
+        measured.touch()
         asked = {
             "folder": str(folder.parent),
             "devices": list(devices),
             "closed": [str(path) for path in closed],
             "heard": str(heard),
+            "measured": str(measured),
             "space": SPACE,
             "seconds": math.ceil(PATIENCE + work),
         }
@@ -63,7 +65,7 @@ def outcome_of_process(
             out=_said(out),
             err=_said(err),
             seconds=used.ru_utime + used.ru_stime,
-            grown=used.ru_maxrss * KINDS_OF_BYTES.get(sys.platform, 1),
+            grown=_largest(measured.read_text(encoding="utf-8"), used),
             aside=0,
         )
         return found, heard.read_text(encoding="utf-8").splitlines()
@@ -87,6 +89,18 @@ def _ended(process: subprocess.Popen[bytes], standstill: float) -> tuple[int | N
     _kill(process.pid)  # whatever it left behind in its session
     over = given_up.is_set() or process.returncode in (-signal.SIGKILL, -signal.SIGXCPU)
     return None if over else process.returncode, used
+
+
+def _largest(status: str, used: os.struct_rusage) -> int:
+    """Bytes of the largest memory of a program, by its own ``status`` if it came to write one.
+
+    Linux counts in what was ``used`` all that the process held that started it, whose copy it is until its program is
+    loaded: 2 GB of a run of all tests.
+    """
+    for line in status.splitlines():
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) * 1024
+    return used.ru_maxrss * KINDS_OF_BYTES.get(sys.platform, 1)
 
 
 def _kill(session: int) -> None:
