@@ -100,6 +100,14 @@ class Guess:
         return None
 
 
+def test_a_propagation():
+    found = mbm.loads(LINE).propagate(100, data=DATA, seed=1)
+    loaded = again(found)
+    assert str(loaded) == str(found)
+    assert loaded.document()["solves"] == found.document()["solves"]
+    np.testing.assert_array_equal(loaded["a"].samples, found["a"].samples)
+
+
 def test_closed_forms_of_the_caller_come_along():
     problem = again(mbm.loads(LINE, closed_forms=(Guess(),)))
     assert next(iter(problem.registry.closed_forms())).name == "guess"

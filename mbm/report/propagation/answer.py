@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import chain
 from math import floor, log10
 from pathlib import Path, PurePath
@@ -24,6 +25,7 @@ from mbm.report.digits import measured, plain
 from mbm.report.document import document
 from mbm.report.elements import unit_text
 from mbm.report.interval_table import MOST_LINES
+from mbm.report.pickled import as_data
 from mbm.report.propagation.solve import Part, PropagatedSolve, Propagation, propagation_document
 from mbm.report.sentences import diagnostic_sentence
 from mbm.report.types import Result, ResultStatus
@@ -112,6 +114,13 @@ class Propagated:
 
         """
         return inference_data(self.only)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """It pickles as data, as results do."""
+        kept = as_data(self.result)
+        pairs = zip(self.places, self.solves, strict=True)
+        solves = tuple(each.of(kept.solves[place]) for place, each in pairs)
+        return partial(type(self), result=kept, solves=solves, places=self.places), ()
 
     def __str__(self) -> str:
         return self.table()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,12 +43,15 @@ class Part:
         return np.shape(shown_values(self.item))
 
 
+def _items(solve: SolveReport) -> tuple[Item, ...]:
+    return (*solve.estimates, *solve.derived)
+
+
 def parts_of(solve: SolveReport) -> tuple[Part, ...]:
     """The items of a solve that trials speak of: directions have no coordinates that could be compared."""
     found: list[Part] = []
     place = 0
-    items: tuple[Item, ...] = (*solve.estimates, *solve.derived)
-    for item in items:
+    for item in _items(solve):
         values = shown_values(item)
         if item.quantity.kind is Kind.DIRECTION or not bool(np.isfinite(values).all()):
             continue
@@ -126,6 +130,12 @@ class PropagatedSolve:
     sampled: Sampled
     varies: bool
     diagnostics: tuple[Diagnostic, ...]
+
+    def of(self, solve: SolveReport) -> PropagatedSolve:
+        """The same trials beside another report of the same solve."""
+        items = {each.quantity.name: each for each in _items(solve)}
+        parts = tuple(replace(part, item=items[part.item.quantity.name]) for part in self.parts)
+        return replace(self, solve=solve, parts=parts)
 
     @property
     def trials(self) -> int:
