@@ -13,6 +13,7 @@ from mbm.equations.binding import Group
 from mbm.estimation.search.solution import Solution
 from mbm.problem.types import Problem
 from mbm.report.types import Mask
+from mbm.report.view.images import with_groups
 from mbm.report.view.model_panels import Line
 from mbm.report.view.near_curves import pictured
 from mbm.report.view.photographs import Photograph
@@ -25,10 +26,8 @@ PROLONGED = 0.2
 
 def line_photographs(problem: Problem, solution: Solution, seen: Seen) -> Iterator[Photograph]:
     """The images in which lines are measured, told apart by the column ``photo``."""
-    for line in seen.lines:
-        for group in solution.groups:
-            if (group.kernel.owner, group.kernel.case) == (line.block, line.case) and group.rows:
-                yield from _photographs(problem, solution, line, group)
+    for line, group in with_groups(solution, seen.lines):
+        yield from _photographs(problem, solution, line, group)
 
 
 def _photographs(problem: Problem, solution: Solution, seeing: LineSeeing, group: Group) -> Iterator[Photograph]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from mbm.problem.naming import plain_number
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.report.types import Floats, Mask
-from mbm.report.view.seeings import Seeing, Sight
+from mbm.report.view.seeings import ContourSeeing, CurveSeeing, LineSeeing, Seeing, Sight
 from mbm.report.view.values import answer_lookup, values_of
 from mbm.values import dataclass
 
@@ -23,6 +24,7 @@ MOST_COVARIANCES = 400
 """Predictions of one picture whose covariance is computed."""
 
 Names = tuple[str, ...]
+AnySeeing = TypeVar("AnySeeing", Seeing, ContourSeeing, CurveSeeing, LineSeeing)
 
 _FRAMES = {
     "opencv": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
@@ -65,11 +67,16 @@ def right_up_forward(axes: str) -> Floats:
 
 def image_rows(problem: Problem, solution: Solution, seeings: Sequence[Seeing]) -> Iterator[ImageRows]:
     """The rows of all equations that compare image points."""
+    for seeing, group in with_groups(solution, seeings):
+        yield _rows(problem, solution, seeing, group, problem.blocks[seeing.block].name)
+
+
+def with_groups(solution: Solution, seeings: Sequence[AnySeeing]) -> Iterator[tuple[AnySeeing, Group]]:
+    """Equations about images with each group of rows that they have."""
     for seeing in seeings:
-        name = problem.blocks[seeing.block].name
         for group in solution.groups:
             if (group.kernel.owner, group.kernel.case) == (seeing.block, seeing.case) and group.rows:
-                yield _rows(problem, solution, seeing, group, name)
+                yield seeing, group
 
 
 def _rows(problem: Problem, solution: Solution, seeing: Seeing, group: Group, clause: str) -> ImageRows:

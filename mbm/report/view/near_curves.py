@@ -19,6 +19,7 @@ from mbm.problem.rows import Positions
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.report.types import Floats, Mask
+from mbm.report.view.images import with_groups
 from mbm.report.view.model_panels import Line
 from mbm.report.view.photographs import Photograph, path_of
 from mbm.report.view.seeings import ContourSeeing, CurveSeeing, LineSeeing, Seen
@@ -33,10 +34,8 @@ FINE = 4
 
 def curve_photographs(problem: Problem, solution: Solution, seen: Seen) -> Iterator[Photograph]:
     """The images in which distances from curves are measured, told apart by the column ``photo``."""
-    for curve in seen.curves:
-        for group in solution.groups:
-            if (group.kernel.owner, group.kernel.case) == (curve.block, curve.case) and group.rows:
-                yield from _photographs(problem, solution, curve, group)
+    for curve, group in with_groups(solution, seen.curves):
+        yield from _photographs(problem, solution, curve, group)
 
 
 @np.errstate(all="ignore")  # where nothing of a curve is seen, nothing is drawn
@@ -86,10 +85,8 @@ def _lines(solution: Solution, table: Table | None, seeing: CurveSeeing, positio
 def contour_photographs(problem: Problem, solution: Solution, seen: Seen) -> Iterator[Photograph]:
     """The images in which distances from outlines are measured, told apart by the column ``photo``."""
     outlines = Outlines()
-    for contour in seen.contours:
-        for group in solution.groups:
-            if (group.kernel.owner, group.kernel.case) == (contour.block, contour.case) and group.rows:
-                yield from _of_contour(problem, solution, contour, group, outlines)
+    for contour, group in with_groups(solution, seen.contours):
+        yield from _of_contour(problem, solution, contour, group, outlines)
 
 
 @np.errstate(all="ignore")  # where there is no outline, nothing is drawn
