@@ -8,7 +8,7 @@ kelvin may be either. So a standard deviation of ``0.1degC``, which is 273.25 K,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
 from typing import TypeAlias, TypeGuard
 
@@ -50,17 +50,18 @@ _KEPT = (Operation.ABS, Operation.FLOOR, Operation.HELD)
 class ZeroPoints:
     """The weights of expressions. ``absolute`` says of a leaf that it is stated on a scale with a zero of its own.
 
-    ``dimension`` gives the dimension of an expression, where it is known. The unknown called ``difference`` is taken
-    for one.
+    ``dimension`` gives the dimension of an expression, where it is known, ``known`` the weights of unknowns and
+    aggregates by their names.
     """
 
     def __init__(
         self,
         absolute: Callable[[Leaf], bool],
         dimension: Callable[[Expression], Dimension | None],
-        difference: str | None = None,
+        known: Mapping[str, Weights] | None = None,
     ) -> None:
-        self._absolute, self._dimension, self._difference = absolute, dimension, difference
+        self._absolute, self._dimension = absolute, dimension
+        self._named = {} if known is None else known
         self._known: dict[int, Weights] = {}
         self._alive: list[Expression] = []
 
@@ -145,7 +146,9 @@ class ZeroPoints:
     def _of_leaf(self, node: Leaf) -> Weights:
         if self._absolute(node):
             return frozenset({TEMPERATURE})
-        if without_unit(node) or (isinstance(node, Component) and node.unknown == self._difference):
+        if isinstance(node, Component) and node.unknown in self._named:
+            return self._named[node.unknown]
+        if without_unit(node):
             return frozenset({DIFFERENCE})  # nobody means 20 K by a plain 20 beside 20degC
         return _EITHER if isinstance(node, Number | Constant | Column | Component) else None
 

@@ -8,7 +8,7 @@ from itertools import chain
 from mbm.expression.inference import Declared, Inference
 from mbm.expression.nodes import Column, Component, Constant, Expression, Leaf, Number, leaves
 from mbm.expression.units import scale_of
-from mbm.expression.zero_points import DIFFERENCE, KELVIN, TEMPERATURE, ZeroPoints, without_unit
+from mbm.expression.zero_points import DIFFERENCE, KELVIN, TEMPERATURE, Weights, ZeroPoints, without_unit
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
 from mbm.problem.kinds import AggregateKind
@@ -16,9 +16,6 @@ from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, Derived, RowValues, TablePlan, Unknown
 from mbm.text.types import Diagnostic, MbmError, Span
-
-_NO_TEMPERATURE = (AggregateKind.COUNT, AggregateKind.RMS)
-"""What is no temperature though its values are."""
 
 
 class Check:
@@ -43,14 +40,23 @@ class Check:
             if each.grid is not None and each.grid.scale.zero
         }
         self._add_equated()
-        self._points = ZeroPoints(self._absolute, inference.dimension)
-        self._names |= {
-            each.name
-            for each in aggregates
-            if each.kind not in _NO_TEMPERATURE
-            and any(not self._points.may_be(value, DIFFERENCE) for _, value in each.cases)
-        }
+        known: dict[str, Weights] = {}
+        self._points = ZeroPoints(self._absolute, inference.dimension, known)
+        for each in aggregates:
+            known[each.name] = self._of_aggregate(each)
         self._aggregates = aggregates
+
+    def _of_aggregate(self, aggregate: Aggregate) -> Weights:
+        """The weights of an aggregate: of its values, but for a root mean square, which no shift of the zero moves."""
+        if aggregate.kind in (AggregateKind.COUNT, AggregateKind.RMS):
+            return frozenset({DIFFERENCE})
+        found: frozenset[float] = frozenset()
+        for _, value in aggregate.cases:
+            weights = self._points.weights(value)
+            if weights is None:
+                return None
+            found |= weights
+        return found
 
     def faults(
         self,
@@ -97,7 +103,7 @@ class Check:
             undecided -= added
 
     def _is_temperature(self, name: str, equations: Iterable[tuple[Expression, set[str]]]) -> bool:
-        points = ZeroPoints(self._absolute, self._dimension, difference=name)
+        points = ZeroPoints(self._absolute, self._dimension, {name: frozenset({DIFFERENCE})})
         return any(name in names and not points.may_be(each, DIFFERENCE) for each, names in equations)
 
     def _absolute(self, leaf: Leaf) -> bool:
