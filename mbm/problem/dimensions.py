@@ -157,8 +157,7 @@ def _paired_columns(
         for column in tables[name].columns:
             place = same.get((name, column), (name, column))
             found[pair.name, f"{alias}.{column}"] = found.get(place, place)
-    for plain in (pair.by,) if pair.steps is None else pair.steps.plain:
-        found[pair.name, plain] = found[pair.name, f"{pair.aliases[0]}.{plain}"]
+    found |= {(pair.name, plain): found[pair.name, name] for plain, name in pair.plain}
     return found
 
 

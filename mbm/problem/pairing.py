@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +13,8 @@ from mbm.expression.dimension import NONE
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
 from mbm.problem.rows import MAXIMUM_REPORTED
-from mbm.problem.self_pairing import later_rows
-from mbm.problem.tables import Column, Numbers, Origin, PairDeclaration, StepKind, Table
+from mbm.problem.self_pairing import by_key, later_rows
+from mbm.problem.tables import CellKey, Column, Numbers, Origin, PairDeclaration, StepKind, Table
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -23,6 +23,7 @@ QUATERNION = ("qx", "qy", "qz", "qw")
 
 
 Positions = NDArray[np.int64]
+_NONE: Positions = np.empty(0, dtype=np.int64)
 
 
 def with_pairs(tables: Mapping[str, Table], pairs: tuple[PairDeclaration, ...]) -> dict[str, Table]:
@@ -44,21 +45,67 @@ def paired(pair: PairDeclaration, tables: Mapping[str, Table]) -> Table:
     if pair.steps is not None:
         rows, others = paired_rows(pair, first)
         taken = {name: column.take(others) for name, column in second.columns.items()}
-        return _together(pair, (first, second), (rows, others), taken, pair.steps.plain)
+        return _together(pair, (first, second), (rows, others), taken)
     a, b = _times(first, pair), _times(second, pair)
+    parts = tuple(_parts(pair, first, second))
     if pair.interpolate:
-        _refuse_repeated(second, b, pair)
-        where = between(a, b)
-        rows, where = _near_enough(where, a, b, pair.tolerance)
+        rows, where = _between_parts(pair, second, (a, b), parts)
         taken = {name: _interpolated(second, name, where) for name in second.columns}
         taken.update(_turned(second, where))
         taken[pair.by] = replace(second.columns[pair.by], numbers=a[rows])
         others = np.where(where.fraction > 0.5, where.later, where.earlier)
     else:
-        tolerance = usual_tolerance(a, b) if pair.tolerance is None else pair.tolerance
-        rows, others = associated(a, b, tolerance)
+        rows, others = _associated_parts(pair, (a, b), parts)
         taken = {name: column.take(others) for name, column in second.columns.items()}
-    return _together(pair, (first, second), (rows, others), taken, (pair.by,))
+    return _together(pair, (first, second), (rows, others), taken)
+
+
+def _parts(pair: PairDeclaration, first: Table, second: Table) -> Iterator[tuple[Positions, Positions]]:
+    """The rows of both tables that one solve has together: those with the same keys, as far as both have these."""
+    own, others = (tuple(key for key in pair.keys if key in table.columns) for table in (first, second))
+    common = [key for key in own if key in others]
+    theirs: dict[tuple[CellKey, ...], list[Positions]] = {}
+    for cells, rows in by_key(second, others).items():
+        theirs.setdefault(tuple(cells[others.index(key)] for key in common), []).append(rows)
+    for cells, rows in by_key(first, own).items():
+        for found in theirs.get(tuple(cells[own.index(key)] for key in common), ()):
+            yield rows, found
+
+
+def _associated_parts(
+    pair: PairDeclaration, times: tuple[Numbers, Numbers], parts: Sequence[tuple[Positions, Positions]]
+) -> tuple[Positions, Positions]:
+    rows, others = [_NONE], [_NONE]
+    for own, theirs in parts:
+        a, b = times[0][own], times[1][theirs]
+        here, there = associated(a, b, usual_tolerance(a, b) if pair.tolerance is None else pair.tolerance)
+        rows.append(own[here])
+        others.append(theirs[there])
+    found = np.concatenate(rows)
+    order = np.argsort(found, kind="stable")
+    return found[order], np.concatenate(others)[order]
+
+
+def _between_parts(
+    pair: PairDeclaration, second: Table, times: tuple[Numbers, Numbers], parts: Sequence[tuple[Positions, Positions]]
+) -> tuple[Positions, Between]:
+    rows, earlier, later, fractions = [_NONE], [_NONE], [_NONE], [np.empty(0)]
+    for own, theirs in parts:
+        a, b = times[0][own], times[1][theirs]
+        _refuse_repeated(second, theirs, b, pair)
+        here, where = _near_enough(between(a, b), a, b, pair.tolerance)
+        rows.append(own[here])
+        earlier.append(theirs[where.earlier])
+        later.append(theirs[where.later])
+        fractions.append(where.fraction)
+    found = np.concatenate(rows)
+    order = np.argsort(found, kind="stable")
+    return found[order], Between(
+        inside=np.isin(np.arange(len(times[0])), found),
+        earlier=np.concatenate(earlier)[order],
+        later=np.concatenate(later)[order],
+        fraction=np.concatenate(fractions)[order],
+    )
 
 
 def _together(
@@ -66,19 +113,19 @@ def _together(
     tables: tuple[Table, Table],
     positions: tuple[Positions, Positions],
     taken: Mapping[str, Column],
-    plain: tuple[str, ...],
 ) -> Table:
-    """The rows at ``positions`` side by side; the columns of the second are ``taken``, ``plain`` are the first's."""
+    """The rows at ``positions`` side by side; the columns of the second are ``taken``."""
     first, second = tables
     rows = positions[0]
     mine = {name: column.take(rows) for name, column in first.columns.items()}
-    columns = {name: mine[name] for name in plain}
+    both: dict[str, Column] = {}
     origins: dict[str, Origin] = {}
     for alias, table, found, place in zip(pair.aliases, tables, (mine, taken), positions, strict=True):
         for name, column in found.items():
-            columns[f"{alias}.{name}"] = replace(column, name=f"{alias}.{name}")
+            both[f"{alias}.{name}"] = replace(column, name=f"{alias}.{name}")
             origins[f"{alias}.{name}"] = Origin(provenance=table.provenance, rows=table.rows[place], column=name)
-    origins.update({name: origins[f"{pair.aliases[0]}.{name}"] for name in plain})
+    columns = {plain: replace(both[name], name=plain) for plain, name in pair.plain} | both
+    origins.update({plain: origins[name] for plain, name in pair.plain})
     return Table(
         name=pair.name,
         columns=columns,
@@ -100,7 +147,7 @@ def paired_rows(pair: PairDeclaration, table: Table) -> tuple[Positions, Positio
     for name in pair.steps.along:
         _numbers(table, name, pair)
     scale = _times(table, pair) if pair.steps.kind is StepKind.TIME else None
-    return later_rows(table, pair.steps, scale, pair.tolerance)
+    return later_rows(table, pair.steps, pair.keys, scale, pair.tolerance)
 
 
 def _times(table: Table, pair: PairDeclaration) -> Numbers:
@@ -124,12 +171,13 @@ def _numbers(table: Table, name: str, pair: PairDeclaration) -> Numbers:
     return column.numbers
 
 
-def _refuse_repeated(table: Table, times: Numbers, pair: PairDeclaration) -> None:
+def _refuse_repeated(table: Table, rows: Positions, times: Numbers, pair: PairDeclaration) -> None:
+    """Refuse ``rows`` two of which have the same of the ``times``."""
     order = np.argsort(times, kind="stable")
     repeated = np.flatnonzero(np.diff(times[order]) == 0)
     if repeated.size:
         here, there = (int(order[repeated[0] + i]) for i in (1, 0))
-        places = table.place(here, pair.by), table.place(there, pair.by)
+        places = table.place(int(rows[here]), pair.by), table.place(int(rows[there]), pair.by)
         raise MbmError(faults.repeated_time(*places, pair.by, float(times[here]), pair.span))
 
 

@@ -11,16 +11,16 @@ Positions = NDArray[np.int64]
 
 
 def later_rows(
-    table: Table, steps: Steps, scale: Numbers | None, tolerance: float | None
+    table: Table, steps: Steps, keys: tuple[str, ...], scale: Numbers | None, tolerance: float | None
 ) -> tuple[Positions, Positions]:
     """Positions (from 0) of rows that start a pair, ascending, and of the rows that they are paired with.
 
     ``scale`` (n,) are the times, or what the path is made of lies in the table. Every row starts a pair that has, among
-    the later rows with its keys, one ``step`` rows on, or one nearest to its time or path and the step, within the
+    the later rows with its ``keys``, one ``step`` rows on, or one nearest to its time or path and the step, within the
     tolerance: half the median step between neighbours where none is stated. Of two equally near the earlier is taken.
     """
     first, second = [], []
-    for rows in _by_key(table, steps.keys):
+    for rows in by_key(table, keys).values():
         if steps.kind is StepKind.ROWS:
             count = max(len(rows) - int(steps.step), 0)
             first.append(rows[:count])
@@ -46,14 +46,14 @@ def travelled(points: Numbers) -> Numbers:
     return np.concatenate([np.zeros(min(len(points), 1)), np.cumsum(lengths)])
 
 
-def _by_key(table: Table, keys: tuple[str, ...]) -> list[Positions]:
+def by_key(table: Table, keys: tuple[str, ...]) -> dict[tuple[CellKey, ...], Positions]:
     """The positions of the rows with each combination of keys, in their order."""
     if not keys:
-        return [np.arange(len(table))]
+        return {(): np.arange(len(table))}
     found: dict[tuple[CellKey, ...], list[int]] = {}
     for position, cells in enumerate(zip(*(table.keys(key) for key in keys), strict=True)):
         found.setdefault(cells, []).append(position)
-    return [np.array(rows, dtype=np.int64) for rows in found.values()]
+    return {cells: np.array(rows, dtype=np.int64) for cells, rows in found.items()}
 
 
 def nearest_later(at: Numbers, step: float, tolerance: float | None) -> tuple[Positions, Positions]:

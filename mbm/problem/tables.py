@@ -165,7 +165,8 @@ class PairDeclaration:
 
     ``aliases`` begin the names of the columns of the two. ``tolerance`` in SI, None where the clause states none;
     ``interpolate``: the second table is taken at the first one's times. With ``steps`` both are one table, and rows are
-    paired with later ones.
+    paired with later ones. No pair crosses a value of ``keys``, of which each table has some or none; ``plain`` are
+    names that the pair has for columns beside those with its aliases.
     """
 
     name: str
@@ -176,6 +177,8 @@ class PairDeclaration:
     tolerance: float | None
     interpolate: bool
     steps: Steps | None = None
+    keys: tuple[str, ...] = ()
+    plain: tuple[tuple[str, str], ...] = ()
     span: Span
 
     @property
@@ -186,10 +189,8 @@ class PairDeclaration:
     @property
     def deciding(self) -> tuple[str, ...]:
         """The columns of the tables that decide which rows are paired."""
-        if self.steps is None:
-            return (self.by,)
-        timed = (self.by,) if self.steps.kind is StepKind.TIME else ()
-        return (*timed, *self.steps.along, *self.steps.keys)
+        timed = (self.by,) if self.steps is None or self.steps.kind is StepKind.TIME else ()
+        return (*timed, *(() if self.steps is None else self.steps.along), *self.keys)
 
 
 class StepKind(StrEnum):
@@ -204,15 +205,12 @@ class StepKind(StrEnum):
 class Steps:
     """How far a row stands behind the one it is paired with: ``step`` rows, or that much time or path, in SI.
 
-    The path is that of the columns ``along``. No pair crosses a value of ``keys``; these and ``plain`` are columns that
-    the pair has under their own names too.
+    The path is that of the columns ``along``.
     """
 
     kind: StepKind
     step: float
     along: tuple[str, ...] = ()
-    keys: tuple[str, ...] = ()
-    plain: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -183,3 +183,32 @@ def test_a_pair_follows_other_data():
     assert float(compiled.solve()["h"].value) == pytest.approx(4, rel=EXACT)
     other = {"a": {"t": [1.0, 2.0, 3.0]}, "b": {"t": [1.1, 3.0], "y": [30.0, 50.0]}}
     assert float(compiled.solve(data=other)["h"].value) == pytest.approx(40, rel=EXACT)
+
+
+RUNS = """
+(problem p (data A external) (data B external)
+  (pair P (A B) :by t :tolerance 0.1 {how}) (unknowns (s))
+  (observe P (= B.u (+ A.x s)) :sigma 0.1) (for-each {key}))"""
+
+
+@pytest.mark.parametrize("how", ["", ":interpolate true"])
+@pytest.mark.parametrize("key", ["run", "A.run"])
+def test_no_pair_crosses_a_key(how, key):
+    """Two runs at the same times; those of B stand in the other order, and what one reads in all is known for both."""
+    t = np.tile([0.0, 1.0, 2.0], 2)
+    x = np.array([1.0, 2, 4, 10, 30, 50])
+    A = {"run": np.repeat([1, 2], 3), "t": t, "x": x}
+    B = {"run": np.repeat([2, 1], 3), "t": t, "u": np.concatenate([x[3:] + 5.4, x[:3] + 5.1])}
+    found = mbm.loads(RUNS.format(how=how, key=key)).solve(data={"A": A, "B": B})
+    assert [float(each["s"].value) for each in found.solves] == pytest.approx([5.1, 5.4], abs=EXACT * 60)
+    assert [each.dof for each in found.solves] == [2, 2]
+
+
+@pytest.mark.parametrize("how", ["", ":interpolate true"])
+def test_each_key_of_one_table_is_paired_with_all_of_a_table_without_it(how):
+    t = np.tile([0.0, 1.0, 2.0], 2)
+    x = np.array([1.0, 2, 4, 10, 30, 50])
+    A = {"run": np.repeat([1, 2], 3), "t": t, "x": x}
+    B = {"t": t[:3], "u": np.array([7.0, 8.0, 9.0])}
+    found = mbm.loads(RUNS.format(how=how, key="run")).solve(data={"A": A, "B": B})
+    assert [float(each["s"].value) for each in found.solves] == pytest.approx([8 - 7 / 3, -22.0], abs=EXACT * 60)

@@ -24,7 +24,7 @@ def read_pair(
 ) -> PairDeclaration:
     """What a pair clause says; its tables are there.
 
-    No pair of a table with itself crosses a value of ``keys``; ``shown`` are columns that windows look at.
+    No pair crosses a value of ``keys``; ``shown`` are columns that windows look at.
     """
     known = ("by", "tolerance", "interpolate", "step", "along")
     options = split_options(clause.items[1:], clause.span, owner="`pair`", known=known)
@@ -47,7 +47,8 @@ def read_pair(
         aliases = (aliases[0], f"{aliases[0]}-2")
         if not itself:
             raise MbmError(language_faults.duplicate_definition(forms[1].span, aliases[0], forms[0].span))
-    steps = _steps(work, options, by, first, keys, shown) if itself else None
+    keys = _keys((aliases, tables), (*keys, SOURCE) if itself else keys)
+    steps = _steps(work, options, by, first) if itself else None
     if steps is None or steps.kind is StepKind.TIME:
         for table in (first, second):
             if by.name not in table.columns:
@@ -66,8 +67,40 @@ def read_pair(
         tolerance=None if tolerance is None else stretch(work, tolerance, (first, second), scale, ":tolerance"),
         interpolate=_interpolates(options.get("interpolate"), itself=itself),
         steps=steps,
+        keys=keys,
+        plain=_plain(by.name, steps, (aliases, tables), keys, shown),
         span=by.span,
     )
+
+
+def _keys(sides: tuple[tuple[str, ...], tuple[Table, ...]], keys: tuple[str, ...]) -> tuple[str, ...]:
+    """The columns of the tables that are ``keys``, by their own names or with an alias before them."""
+    found = [
+        name
+        for key in keys
+        for alias, table in zip(*sides, strict=True)
+        for name in (key, key.removeprefix(f"{alias}."))
+        if name in table.columns
+    ]
+    return tuple(dict.fromkeys(found))
+
+
+def _plain(
+    by: str,
+    steps: Steps | None,
+    sides: tuple[tuple[str, ...], tuple[Table, ...]],
+    keys: tuple[str, ...],
+    shown: tuple[str, ...],
+) -> tuple[tuple[str, str], ...]:
+    """The columns that have names without an alias, as the first of the tables has them that knows them."""
+    timed = () if steps is not None and steps.kind is not StepKind.TIME else (by,)
+    names = (*timed, *(() if steps is None else (TIME,)), *shown, *keys)
+    found: dict[str, str] = {}
+    for alias, table in zip(*sides, strict=True):
+        for name in names:
+            if name in table.columns:
+                found.setdefault(name, f"{alias}.{name}")
+    return tuple((name, found[name]) for name in dict.fromkeys(names) if name in found)
 
 
 def _names(positional: tuple[Form, ...], clause: Sequence) -> tuple[Symbol, tuple[Form, Form]]:
@@ -88,9 +121,7 @@ def _side(work: Workspace, form: Form) -> tuple[str, Table]:
     return form.items[0].name, work.table(form.items[1])
 
 
-def _steps(
-    work: Workspace, options: Options, by: Symbol, table: Table, keys: tuple[str, ...], shown: tuple[str, ...]
-) -> Steps:
+def _steps(work: Workspace, options: Options, by: Symbol, table: Table) -> Steps:
     """How far the second row stands behind the first."""
     step, along = options.get("step"), options.get("along")
     if step is None:
@@ -110,10 +141,7 @@ def _steps(
             )
     else:
         length = stretch(work, step, (table,), columns[0] if columns else by.name, ":step")
-    own = tuple(key for key in (*keys, SOURCE) if key in table.columns)
-    timed = (by.name,) if kind is StepKind.TIME else ()
-    plain = tuple(dict.fromkeys(n for n in (*timed, TIME, *shown, *own) if n in table.columns))
-    return Steps(kind=kind, step=length, along=columns, keys=own, plain=plain)
+    return Steps(kind=kind, step=length, along=columns)
 
 
 def _along(table: Table, form: Form | None, by: Symbol) -> tuple[str, ...]:
