@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 import mbm
+from tests.robust import test_trust
 from tests.robust.test_trust import GRAPHS
 
 
@@ -76,3 +79,55 @@ def test_rejected_rows_are_no_contradiction():
     data, _, _ = made(5)
     found = mbm.loads(text.format(robust="(gnc :quantile 99% :trust (= (- to from) 1))")).solve(data=data)
     assert (told(found.first), found.status) == ([], "ok")
+
+
+LIMITED = """
+(problem square
+  (data places (table (id) (1) (2) (3) (4)) :key id)
+  (data steps (table (from to x y a) (1 2 1 0 90deg) (2 3 1.02 0.01 91deg) (3 4 0.98 0 89deg) (4 1 1 0.02 90deg)))
+  (unknowns (T (pose 2) :per places :fixed (= id 1)))
+  (observe steps (= (pose2 x y a) (between (T from) (T to))) :sigma [0.01 0.02 0.02])
+  (constraints (<= (distance (translation (T 2)) (translation (T 4))) 1 :name near)
+               (>= ((translation (T 3)) 1) 1.2 :name far)))
+"""
+
+
+def test_rows_that_a_constraint_bends_do_not_contradict_one_another():
+    """The minimum is that of SLSQP, to a thousandth of the standard deviations; only the constraints are named."""
+    steps = np.array([[1, 0, 90], [1.02, 0.01, 91], [0.98, 0, 89], [1, 0.02, 90]]) * [1, 1, np.pi / 180]
+
+    def misfits(x):
+        poses = np.vstack([np.zeros(3), x.reshape(3, 3)])  # x y angle
+        first, second = poses, np.roll(poses, -1, axis=0)
+        turned = np.exp(-1j * first[:, 2]) * ((second - first)[:, :2] @ [1, 1j])
+        apart = np.exp(-1j * steps[:, 2]) * (turned - steps[:, :2] @ [1, 1j])
+        angle = np.angle(np.exp(1j * (second[:, 2] - first[:, 2] - steps[:, 2])))
+        return np.concatenate([angle / 0.01, apart.real / 0.02, apart.imag / 0.02])
+
+    limits = [
+        {"type": "ineq", "fun": lambda x: 1 - np.hypot(x[0] - x[6], x[1] - x[7])},
+        {"type": "ineq", "fun": lambda x: x[3] - 1.2},
+    ]
+    start = np.array([1, 0, np.pi / 2, 1, 1, np.pi, 0, 1, -np.pi / 2])
+    outside = minimize(lambda x: misfits(x) @ misfits(x), start, constraints=limits, method="SLSQP", tol=1e-12)
+    found = mbm.loads(LIMITED).solve().first
+    assert found.status.value == "converged"
+    assert found.cost == pytest.approx(outside.fun, rel=1e-6)
+    assert found["T"][3].translation == pytest.approx(outside.x[3:5], abs=2e-5)
+    assert told(found) == []
+    held = [d.message for d in found.diagnostics if d.code.name == "active-constraint"]
+    assert ["near" in held[0], "far" in held[1]] == [True, True]
+
+
+@pytest.mark.parametrize(("false", "expected"), [(0, "converged"), (1, "not-converged")])
+@pytest.mark.parametrize(("side", "method"), [(7, "penalty"), (12, "penalty-sparse")])
+def test_a_false_loop_shows_beside_a_constraint_that_bends_all(side, method, false, expected, monkeypatch):
+    monkeypatch.setattr(test_trust, "SIDE", side)
+    text, made = GRAPHS["plane"]
+    data, _, true = made(false, 0)
+    limit = f"(constraints (<= (distance (translation (T 0)) (translation (T {side**2 - 1}))) 4))"
+    found = mbm.loads(text.format(robust="none").replace("(observe", limit + "(observe")).solve(data=data).first
+    assert found.method == method
+    assert [d.code.name for d in found.diagnostics].count("active-constraint") == 1
+    assert found.status.value == expected
+    assert [int(re.search(r"\d+", d.message).group()) > true for d in told(found)] == [True] * false

@@ -31,6 +31,11 @@ ESTIMATED = 10.0
 UNCHECKED = 1e-3
 """Redundancy below which nothing checks a row: rounding is all that is left of it."""
 
+FREED = 1e-9
+"""Relative accuracy of the step without constraints: far below what is told apart."""
+
+MOST_STEPS = 5000
+"""Iterations for it: long chains of poses need some for each pose."""
 
 FEWEST = 6.0
 """Degrees of freedom from which the scatter of the others is told well enough for that."""
@@ -72,13 +77,15 @@ def contradictions(
 
     redundancy = redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
     misfits = np.zeros(equations.whole)
+    residuals = _released(minimum)
+    cost = float(residuals @ residuals)
     misfits[slice(None) if equations.rows is None else equations.rows] = np.where(
-        redundancy > UNCHECKED, np.abs(minimum.residuals) / np.sqrt(redundancy), 0.0
+        redundancy > UNCHECKED, np.abs(residuals) / np.sqrt(redundancy), 0.0
     )
     freedom = float(redundancy.sum())
     every = [_edges(group, entry, misfits) for group, entry in pairs]
     width = max(group.kernel.outputs for group, _ in pairs)
-    without = max(minimum.cost - max(float(each.falls.max()) for each in every), ROUNDED * minimum.cost)
+    without = max(cost - max(float(each.falls.max()) for each in every), ROUNDED * cost)
     scatter = sqrt(without / (freedom - width)) if freedom >= FEWEST + width else np.inf
     found = []
     for owner in sorted({group.kernel.owner for group, _ in pairs}):
@@ -91,12 +98,29 @@ def contradictions(
         wrong, falls = _beyond(edges, max(min(stated, relative * scatter), LEAST_MISFIT))
         if len(wrong):
             table = tables[block.table]
-            rows = [
-                (int(table.rows[p]), min(fall, minimum.cost)) for p, fall in zip(wrong, falls.tolist(), strict=True)
-            ]
+            rows = [(int(table.rows[p]), min(fall, cost)) for p, fall in zip(wrong, falls.tolist(), strict=True)]
             label = Label(table.place(int(wrong[0])), "the worst of them")
-            found.append(faults.contradicting_rows(block.span, block.name, rows, minimum.cost, label))
+            found.append(faults.contradicting_rows(block.span, block.name, rows, cost, label))
     return tuple(found)
+
+
+def _released(minimum: Minimum) -> Floats:
+    """The residuals (m,) without what constraints and bounds force upon the rows, to first order.
+
+    A limit that the rows push against bends them all: they contradict it, and not one another.
+    """
+    state = minimum.constraints
+    if (state is None or not bool(state.forcing.any())) and not bool(minimum.at_bound.any()):
+        return minimum.residuals
+    if minimum.blocks is None:
+        step = np.linalg.lstsq(minimum.jacobian, minimum.residuals, rcond=None)[0]
+    else:
+        from scipy.sparse.linalg import LinearOperator, lsmr
+
+        slopes = minimum.jacobian
+        operator = LinearOperator(slopes.shape, matvec=lambda x: slopes @ x, rmatvec=lambda r: r @ slopes)
+        step = lsmr(operator, minimum.residuals, atol=FREED, btol=FREED, maxiter=MOST_STEPS)[0]
+    return np.asarray(minimum.residuals - minimum.jacobian @ step)
 
 
 def _edges(group: Group, entry: Entry, misfits: Floats) -> _Edges:
