@@ -218,26 +218,29 @@ class Assembled:
 
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals with losses in square-root form (m,): the sum of their squares is the robust cost."""
-        plain = self.plain_residuals(x)
-        return rooted_residuals(self, plain) if self.lossy else plain
+        return rooted_residuals(self, self.plain_residuals(x))
 
     def residuals_at(self, points: Floats) -> Floats:
         """``residuals`` (P, m) at points (P, N), each kernel called once for all of them."""
-        if self.implicit is not None:
-            straight = self.straightened()
-            found = np.full((len(points), self.count), np.nan) if straight is None else straight.residuals_at(points)
-            for k in np.flatnonzero(~np.isfinite(found).all(axis=1)):
-                found[k] = self.residuals(points[k])
-            return found
-        plain = self.plain_residuals_at(points)
-        return rooted_residuals(self, plain) if self.lossy else plain
+        straight = self.straightened()
+        if straight is None:
+            return rooted_residuals(self, self.plain_residuals_at(points))
+        found = straight.residuals_at(points)
+        left = np.flatnonzero(~np.isfinite(found).all(axis=1))
+        if len(left):
+            found[left] = rooted_residuals(self, self.plain_residuals_at(points[left]))
+        return found
 
     def plain_residuals_at(self, points: Floats) -> Floats:
-        """The same without losses and corrections of measured columns."""
-        result = np.empty((len(points), self.whole))
+        """The same without losses."""
+        result = np.zeros((len(points), self.whole))
         for group in self.groups:
+            if self.eliminated(group):
+                continue
             values = group.whitened(group.values_at(points))
             result[:, group.first : group.first + group.count] = values.reshape(len(points), group.count)
+        if self.implicit is not None:
+            self.implicit.residuals_at(points, result)
         self._divide(result)
         return result if self.rows is None else result[:, self.rows]
 
@@ -357,7 +360,7 @@ class Assembled:
 
 def rooted_residuals(equations: Assembled, plain: Floats) -> Floats:
     """Residuals (…, m) with the losses of their units, in square-root form."""
-    result = plain.copy()
+    result = plain.copy() if equations.lossy else plain
     for loss, lines in loss_lines(equations):
         result[..., lines] = rooted(loss, plain[..., lines])
     return result

@@ -15,7 +15,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.binding import INPUTS_AT_A_TIME, EvaluationCache, Group
 from mbm.equations.corrections.components import Builder
 from mbm.equations.corrections.feet import feet, first_feet
 from mbm.equations.corrections.measured import Measured, MeasuredColumn, measured, rows_of_groups
@@ -23,7 +23,7 @@ from mbm.equations.corrections.roots import Root, root
 from mbm.equations.corrections.sharing import check_sharing
 from mbm.equations.corrections.straight import straight_groups
 from mbm.equations.corrections.system import System
-from mbm.equations.corrections.types import CorrectedColumn, Feet, MeasuredErrors
+from mbm.equations.corrections.types import Conditions, CorrectedColumn, Feet, MeasuredErrors
 from mbm.equations.scatter import Scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem.tables import Table
@@ -142,6 +142,16 @@ class Elimination:
         for system, solved in zip(self.systems, self._solved(numbers), strict=True):
             target[system.residuals] = solved.residuals
 
+    def residuals_at(self, points: Floats, target: Floats) -> None:
+        """Enter the whitened residuals at points (P, N) into those of all equations (P, all residuals)."""
+        for system in self.systems:
+            count, k = system.noisy.shape
+            step = max(INPUTS_AT_A_TIME // max(count * (k + system.corrections) ** 2, 1), 1)
+            for first in range(0, len(points), step):
+                some = points[first : first + step]
+                found = _solved(system.at_points(some), None, rough=self.rough).residuals
+                target[first : first + step, system.residuals] = found.reshape(len(some), count, k)
+
     def add_jacobian(self, numbers: Floats, target: Floats) -> None:
         """Enter the whitened Jacobian into that of all equations (all residuals, n)."""
         width = target.shape[1]
@@ -232,7 +242,7 @@ class Elimination:
             memory.carried = bool(memory.solved)
             near = memory.solved or (None,) * len(self.systems)
             found = zip(self.systems, near, strict=True)
-            memory.solved = tuple(_solve(s, numbers, last, rough=self.rough) for s, last in found)
+            memory.solved = tuple(_solved(s.at_numbers(numbers), last, rough=self.rough) for s, last in found)
             memory.point = numbers.copy()
         return memory.solved
 
@@ -242,10 +252,9 @@ def _same(point: Floats | None, numbers: Floats) -> bool:
 
 
 @np.errstate(all="ignore")
-def _solve(system: System, numbers: Floats, near: _Solved | None, *, rough: bool) -> _Solved:
-    conditions = system.at_numbers(numbers)
+def _solved(conditions: Conditions, near: _Solved | None, *, rough: bool) -> _Solved:
     found = first_feet(conditions) if rough else feet(conditions, None if near is None else near.feet)
-    whitening = root(found.slopes, system.noisy)
+    whitening = root(found.slopes, conditions.noisy)
     residuals = whitening.apply(found.misclosures[:, :, None])[:, :, 0]
     return _Solved(found, whitening, np.where(found.found[:, None], residuals, np.nan))
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from mbm.equations.corrections.search import Search, begun, swept
 from mbm.equations.corrections.steps import curved_up, step
-from mbm.equations.corrections.types import Conditions, Feet, Local
-from mbm.equations.types import Floats, Mask
+from mbm.equations.corrections.types import Conditions, Feet, Local, entered
+from mbm.equations.types import Floats, Indices, Mask
 
 SWEEPS = 60
 """Evaluations of the first search; Newton's method needs four or five of them, what takes more is lost."""
@@ -32,15 +32,14 @@ STATIONARY = 1e-6
 class _Scaled:
     """Conditions with each exact equation divided by its standard deviation at the measured values."""
 
-    def __init__(self, conditions: Conditions) -> None:
-        rows, k = conditions.noisy.shape
+    def __init__(self, conditions: Conditions, scale: Floats) -> None:
         self.noisy = conditions.noisy
         self.corrections = conditions.corrections
+        self.scale = scale
         self._conditions = conditions
-        self.scale = np.ones((rows, k))
-        slopes = self.at(np.zeros((rows, self.corrections)), np.zeros((rows, k))).slopes
-        sizes = np.sqrt(np.einsum("rkq,rkq->rk", slopes, slopes))
-        self.scale = np.where(self.noisy | ~(sizes > 0.0) | ~np.isfinite(sizes), 1.0, sizes)
+
+    def some(self, components: Indices) -> _Scaled:
+        return _Scaled(self._conditions.some(components), self.scale[components])
 
     def at(self, corrections: Floats, multipliers: Floats) -> Local:
         local = self._conditions.at(corrections, multipliers / self.scale)
@@ -51,19 +50,30 @@ class _Scaled:
         )
 
 
+def _scaled(conditions: Conditions) -> _Scaled:
+    rows, k = conditions.noisy.shape
+    slopes = conditions.at(np.zeros((rows, conditions.corrections)), np.zeros((rows, k))).slopes
+    sizes = np.sqrt(np.einsum("rkq,rkq->rk", slopes, slopes))
+    return _Scaled(conditions, np.where(conditions.noisy | ~(sizes > 0.0) | ~np.isfinite(sizes), 1.0, sizes))
+
+
 @np.errstate(all="ignore")
 def feet(conditions: Conditions, near: Feet | None = None) -> Feet:
     """The feet of all components; ``found`` is False where there is none, or none that is a minimum.
 
     ``near`` are the feet for other unknowns not far off: they save steps, but decide nothing.
     """
-    if near is not None and bool(near.found.all()):
-        found = calm_feet(conditions, near.corrections, near.multipliers)
-        if found is not None:
-            return found
     rows, k = conditions.noisy.shape
-    found = calm_feet(conditions, np.zeros((rows, conditions.corrections)), np.zeros((rows, k)))
-    return found if found is not None else searched_feet(conditions)
+    begun_near = near is not None and bool(near.found.all())
+    if near is not None and begun_near:
+        found = calm_feet(conditions, near.corrections, near.multipliers)
+    else:
+        found = calm_feet(conditions, np.zeros((rows, conditions.corrections)), np.zeros((rows, k)))
+    left = np.flatnonzero(~found.found)
+    if not len(left):
+        return found
+    others = conditions.some(left)
+    return entered(found, left, feet(others) if begun_near else searched_feet(others))
 
 
 def first_feet(conditions: Conditions) -> Feet:
@@ -83,7 +93,7 @@ def first_feet(conditions: Conditions) -> Feet:
 
 def searched_feet(conditions: Conditions) -> Feet:
     """The feet by the safeguarded search."""
-    scaled = _Scaled(conditions)
+    scaled = _scaled(conditions)
     search = _searched(scaled, np.zeros((len(scaled.scale), scaled.corrections)), SWEEPS)
     found = search.done & is_minimum(search)
     if not bool(found.all()):
@@ -100,12 +110,18 @@ def searched_feet(conditions: Conditions) -> Feet:
 
 
 def _searched(conditions: Conditions, start: Floats, sweeps: int) -> Search:
-    search = begun(conditions, start)
+    """The search from ``start`` (R, q); components that have stopped are taken out once they are the half."""
+    whole = search = begun(conditions, start)
+    rows = np.arange(len(start))
     for _ in range(sweeps):
-        if bool((search.done | search.lost).all()):
+        going = np.flatnonzero(~(search.done | search.lost))
+        if not len(going):
             break
+        if len(going) <= len(rows) // 2:
+            whole = entered(whole, rows, search)
+            rows, search, conditions = rows[going], search.some(going), conditions.some(going)
         search = swept(conditions, search)
-    return search
+    return entered(whole, rows, search)
 
 
 def is_minimum(search: Search) -> Mask:
@@ -118,22 +134,24 @@ def is_minimum(search: Search) -> Mask:
 
 def _elsewhere(conditions: Conditions, search: Search, found: Mask) -> tuple[Search, Mask]:
     """Components without a foot, again from points around the measured one; the smallest corrections win."""
-    best, sizes = search, np.where(found, 0.0, np.inf)
-    rows, q = search.corrections.shape
-    first = search.corrections
+    left = np.flatnonzero(~found)
+    whole, best, conditions = search, search.some(left), conditions.some(left)
+    (rows, q), sizes = best.corrections.shape, np.full(len(left), np.inf)
+    first = best.corrections
     reach = np.maximum(np.sqrt(np.where(np.isfinite(first), first, 0.0) ** 2).sum(axis=1), 1.0)
     for size in REACHES:
         for direction in range(2 * min(q, MOST_DIRECTIONS)):
             start = np.zeros((rows, q))
             start[:, direction // 2] = size * reach * (1.0 if direction % 2 == 0 else -1.0)
-            start = np.where(found[:, None], best.corrections, start)
             trial = _searched(conditions, start, FURTHER)
-            good = trial.done & is_minimum(trial) & ~found
+            good = trial.done & is_minimum(trial)
             length = np.where(good, (trial.corrections**2).sum(axis=1) + (trial.noises**2).sum(axis=1), np.inf)
             better = length < sizes
             best = best.with_rows(better, trial)
             sizes = np.where(better, length, sizes)
-    return best, found | np.isfinite(sizes)
+    found = found.copy()
+    found[left] = np.isfinite(sizes)
+    return entered(whole, left, best), found
 
 
 MOST = 8
@@ -146,35 +164,34 @@ LAST = 1e-10
 """The search is over where the next step would be shorter than this, beside 1 + |u| standard deviations."""
 
 
-def calm_feet(conditions: Conditions, start: Floats, multipliers: Floats) -> Feet | None:
-    """The feet that full steps from ``start`` (R, q) lead to, or None where the search needs care.
+def calm_feet(conditions: Conditions, start: Floats, multipliers: Floats) -> Feet:
+    """The feet that full steps from ``start`` (R, q) lead to, not ``found`` where the search needs care.
 
-    Each step must be shorter than half of the one before, and each end a nearest point, not a farthest.
+    Each step must be shorter than half of the one before, and the end a nearest point, not a farthest.
     """
-    here, last = start, np.inf
+    here, last = start, np.full(len(start), np.inf)
+    calm, done = np.ones(len(start), dtype=bool), np.zeros(len(start), dtype=bool)
     local = conditions.at(here, multipliers)
     for _ in range(MOST):
-        target, multipliers = step(local.slopes, local.curvature, conditions.noisy, local.values, here)
-        size = float(np.abs(target - here).max(initial=0.0))
-        if not size < 0.5 * last:
-            return None
-        coming = size * (size / last) ** 2 if last < np.inf else size  # Newton's method converges quadratically
-        here, last = target, size
-        local = conditions.at(here, multipliers)
-        if coming <= LAST * (1.0 + float(np.abs(here).max(initial=0.0))) and size < SHORT:
+        target, aim = step(local.slopes, local.curvature, conditions.noisy, local.values, here)
+        size = np.abs(target - here).max(axis=1, initial=0.0)
+        calm &= done | (size < 0.5 * last)
+        if not calm.any():
             break
-    else:
-        return None
+        coming = np.where(last < np.inf, size * (size / last) ** 2, size)  # Newton's method converges quadratically
+        here, multipliers = np.where(calm[:, None], target, here), np.where(calm[:, None], aim, multipliers)
+        last = size
+        local = conditions.at(here, multipliers)
+        done |= (coming <= LAST * (1.0 + np.abs(here).max(axis=1, initial=0.0))) & (size < SHORT)
+        if bool((done | ~calm).all()):
+            break
+    calm &= done
     misclosures = local.values - np.einsum("rkq,rq->rk", local.slopes, here)
-    everywhere = np.ones(len(here), dtype=bool)
-    if not np.isfinite(misclosures).all():
-        return None
-    if not curved_up(local.slopes, local.curvature, conditions.noisy, everywhere).all():
-        return None
+    calm &= np.isfinite(misclosures).all(axis=1)
     return Feet(
         corrections=here,
         multipliers=multipliers,
         slopes=local.slopes,
         misclosures=misclosures,
-        found=everywhere,
+        found=calm & curved_up(local.slopes, local.curvature, conditions.noisy, calm),
     )

@@ -13,7 +13,7 @@ import numpy as np
 from mbm.equations.corrections.steps import step
 from mbm.equations.corrections.types import Conditions
 from mbm.equations.metric import cost_at
-from mbm.equations.types import Correctable, Equations, Floats, Mask
+from mbm.equations.types import Correctable, Equations, Floats, Indices, Mask
 from mbm.values import dataclass
 
 LAST = 1e-8
@@ -54,6 +54,10 @@ class Search:
     newton: Mask
     done: Mask
     lost: Mask
+
+    def some(self, rows: Indices) -> Search:
+        """The search of some components."""
+        return replace(self, **{each.name: getattr(self, each.name)[rows] for each in fields(self)})
 
     def with_rows(self, chosen: Mask, other: Search) -> Search:
         """The search with the ``chosen`` components (R,) of another."""

@@ -30,28 +30,31 @@ def step(slopes: Floats, curvature: Floats | None, noisy: Mask, values: Floats, 
         return _by_corrections(slopes, curvature, values, at)
     if curvature is None:
         return _by_equations(slopes, noisy, values, at)
-    if slopes.shape[1:] == (1, 2):
-        found = _pairs(slopes[:, 0], curvature, noisy[:, 0], values[:, 0], at)
-        if found is not None:
-            return found
-    return _whole(slopes, curvature, noisy, values, at)
+    if slopes.shape[1] > 1 or slopes.shape[2] > 2:
+        return _whole(slopes, curvature, noisy, values, at)
+    determinant, target, multipliers = _written_out(slopes[:, 0], curvature, noisy[:, 0], values[:, 0], at)
+    left = np.flatnonzero(~(np.abs(determinant) > LEAST_DETERMINANT))
+    if len(left):
+        target[left], multipliers[left] = _whole(slopes[left], curvature[left], noisy[left], values[left], at[left])
+    return target, multipliers
 
 
-def _pairs(slopes: Floats, curvature: Floats, noisy: Mask, values: Floats, at: Floats) -> tuple[Floats, Floats] | None:
-    """One equation in two corrections, written out: what a curve in the plane asks for; None near a singular one."""
-    a, b, c = 1.0 + curvature[:, 0, 0], curvature[:, 0, 1], 1.0 + curvature[:, 1, 1]
+def _written_out(
+    slopes: Floats, curvature: Floats, noisy: Mask, values: Floats, at: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """One equation in one or two corrections: the determinant (R,) of I + W, the corrections and the multipliers."""
+    a, p, u = 1.0 + curvature[:, 0, 0], slopes[:, 0], at[:, 0]
+    if at.shape[1] == 1:
+        turned, kept = p / a, u - u / a  # (I + W)⁻¹ Bᵀ and (I + W)⁻¹ W u
+        multipliers = (values + p * (kept - u)) / (p * turned + noisy)
+        return a, (kept - turned * multipliers)[:, None], multipliers[:, None]
+    b, c, q, v = curvature[:, 0, 1], 1.0 + curvature[:, 1, 1], slopes[:, 1], at[:, 1]
     determinant = a * c - b * b
-    if not (len(at) and float(np.abs(determinant).min()) > LEAST_DETERMINANT):
-        return None
-    p, q = slopes[:, 0], slopes[:, 1]
-    u, v = at[:, 0], at[:, 1]
-    turned = ((c * p - b * q) / determinant, (a * q - b * p) / determinant)  # (I + W)⁻¹ Bᵀ
-    kept = (u - (c * u - b * v) / determinant, v - (a * v - b * u) / determinant)  # (I + W)⁻¹ W u
-    multipliers = (values + p * (kept[0] - u) + q * (kept[1] - v)) / (p * turned[0] + q * turned[1] + noisy)
-    return (
-        np.stack([kept[0] - turned[0] * multipliers, kept[1] - turned[1] * multipliers], axis=1),
-        multipliers[:, None],
-    )
+    turns = ((c * p - b * q) / determinant, (a * q - b * p) / determinant)
+    stays = (u - (c * u - b * v) / determinant, v - (a * v - b * u) / determinant)
+    multipliers = (values + p * (stays[0] - u) + q * (stays[1] - v)) / (p * turns[0] + q * turns[1] + noisy)
+    target = np.stack([stays[0] - turns[0] * multipliers, stays[1] - turns[1] * multipliers], axis=1)
+    return determinant, target, multipliers[:, None]
 
 
 def _by_equations(slopes: Floats, noisy: Mask, values: Floats, at: Floats) -> tuple[Floats, Floats]:
@@ -121,10 +124,7 @@ def solved(matrices: Floats, right: Floats) -> Floats:
     try:
         return np.asarray(np.linalg.solve(matrices, right[:, :, None])[:, :, 0])
     except np.linalg.LinAlgError:
-        result = np.full(right.shape, np.nan)
-        for i, (matrix, side) in enumerate(zip(matrices, right, strict=True)):
-            try:
-                result[i] = np.linalg.solve(matrix, side)
-            except np.linalg.LinAlgError:
-                continue
-        return result
+        half = len(matrices) // 2
+        if not half:
+            return np.full(right.shape, np.nan)
+        return np.concatenate([solved(matrices[:half], right[:half]), solved(matrices[half:], right[half:])])

@@ -9,8 +9,24 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.corrections.types import Local
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.kernels.types import Evaluation
+from mbm.kernels.types import Evaluation, Stream
 from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnInputs:
+    """A kernel (protocol `Evaluation`) at the rows of ``inputs`` (rows, variables + parameters)."""
+
+    stream: Stream
+    inputs: Floats
+
+    def values(self) -> Floats:
+        """The outputs (rows, outputs)."""
+        return self.stream.values(self.inputs)
+
+    def values_and_jacobian(self) -> tuple[Floats, Floats]:
+        """The outputs (rows, outputs) and the nonzeros of their Jacobian (rows, nonzeros)."""
+        return self.stream.values_and_jacobian(self.inputs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,6 +61,34 @@ class Part:
         change = np.where(self.places >= 0, corrections.ravel()[self.places], 0.0)
         return np.asarray(self.measured + self.sigma * change)
 
+    def some(self, rows: Indices, components: Indices, k: int, q: int) -> Part:
+        """Some rows, or rows repeated, in these ``components`` of k equations and q corrections, with inputs as now.
+
+        Its group can only be whitened.
+        """
+        group, own, places = self.group, components[:, None], self.places[rows]
+        if group.kernel.corrections is None:
+            raise TypeError(group.kernel.name)
+        stream = group.cache.stream(-1 - group.number, group.kernel.corrections.kernel)
+        return replace(
+            self,
+            group=replace(
+                group,
+                index=group.index[rows],
+                parameters=group.parameters[rows],
+                whiteners=tuple(each.some(rows) for each in group.whiteners),
+            ),
+            evaluation=OwnInputs(stream, self.evaluation.inputs[rows]),
+            measured=self.measured[rows],
+            slope_scale=self.slope_scale[rows],
+            curvature_scale=self.curvature_scale[rows],
+            sigma=self.sigma[rows],
+            ids=self.ids[rows],
+            residuals=self.residuals[rows],
+            equations=own * k + self.equations[rows] % k,
+            places=np.where(places >= 0, own * q + places % q, -1),
+        )
+
     def at(self, corrections: Floats) -> Group:
         """The group with its measured values corrected."""
         parameters = self.group.parameters.copy()
@@ -75,6 +119,31 @@ class System:
             inputs[:, variables : variables + group.parameters.shape[1]] = group.parameters
         return Conditions(self)
 
+    def at_points(self, points: Floats) -> Conditions:
+        """The conditions at points (P, N), those of a point together: P·R components."""
+        count = len(self.noisy)
+        several = self.some(np.tile(np.arange(count), len(points)))
+        for part in several.parts:
+            group, inputs = part.group, part.evaluation.inputs
+            variables = group.index.shape[1]
+            owner = part.equations[:, :1] // (self.noisy.shape[1] * count)
+            inputs[:, :variables] = points[owner, group.index]
+            inputs[:, variables : variables + group.parameters.shape[1]] = group.parameters
+        return Conditions(several)
+
+    def some(self, components: Indices) -> System:
+        """Some of the components, or components repeated, with inputs as they are now."""
+        (count, k), q = self.noisy.shape, self.corrections
+        parts = []
+        for part in self.parts:
+            owner = part.equations[:, 0] // k
+            order, sizes = np.argsort(owner, kind="stable"), np.bincount(owner, minlength=count)
+            taken = sizes[components]
+            first = np.repeat((np.cumsum(sizes) - sizes)[components] - (np.cumsum(taken) - taken), taken)
+            rows = order[first + np.arange(len(first))]
+            parts.append(part.some(rows, np.repeat(np.arange(len(components)), taken), k, q))
+        return replace(self, parts=tuple(parts), noisy=self.noisy[components], residuals=self.residuals[components])
+
     def scaled(self, corrections: Floats, target: Floats) -> None:
         """Enter the corrections (R, q) into those of all measured values (P,), in their own units."""
         for part in self.parts:
@@ -97,6 +166,10 @@ class Conditions:
     def corrections(self) -> int:
         """Corrections of one component, q."""
         return self.system.corrections
+
+    def some(self, components: Indices) -> Conditions:
+        """Those of some components."""
+        return Conditions(self.system.some(components))
 
     def at(self, corrections: Floats, multipliers: Floats) -> Local:
         """The conditions at ``corrections`` (R, q), whitened with the equations' own noise."""

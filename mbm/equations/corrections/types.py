@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem.tables import CellKey
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+ByComponent = TypeVar("ByComponent", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,6 +76,10 @@ class Conditions(Protocol):
         """q, the corrections of one component."""
         ...
 
+    def some(self, components: Indices) -> Conditions:
+        """Those of some components."""
+        ...
+
     def at(self, corrections: Floats, multipliers: Floats) -> Local:
         """The conditions at ``corrections`` (R, q), their curvature weighted with ``multipliers`` λ (R, k)."""
         ...
@@ -88,3 +98,11 @@ class Feet:
     slopes: Floats
     misclosures: Floats
     found: Mask
+
+
+def entered(whole: ByComponent, rows: Indices, part: ByComponent) -> ByComponent:
+    """What holds arrays by component (R, …), with those of another in place of ``rows``."""
+    mixed = {each.name: getattr(whole, each.name).copy() for each in fields(whole)}
+    for name, values in mixed.items():
+        values[rows] = getattr(part, name)
+    return replace(whole, **mixed)

@@ -19,7 +19,7 @@ from mbm.equations.corrections.measured import Measured, UncertainRows, measured
 from mbm.equations.corrections.roots import root
 from mbm.equations.corrections.search import FAR
 from mbm.equations.corrections.straight import eliminating
-from mbm.equations.corrections.system import Conditions
+from mbm.equations.corrections.system import Conditions, OwnInputs
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.components import components_solver, several_noises
 from mbm.estimation.batches.descent import solver_of
@@ -29,7 +29,7 @@ from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Corrections, Ends, Errors, Solver, Which
 from mbm.estimation.minimise.minimise import ROUGH, ROUGHLY
 from mbm.estimation.settings import Settings
-from mbm.kernels.types import Kernel, Stream
+from mbm.kernels.types import Kernel
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.values import dataclass
@@ -213,23 +213,7 @@ class _Own:
 
     cache: EvaluationCache
 
-    def evaluation(self, number: int, kernel: Kernel, rows: int) -> _Evaluation:
+    def evaluation(self, number: int, kernel: Kernel, rows: int) -> OwnInputs:
         """The evaluation of kernel ``number`` for ``rows`` rows."""
         width = len(kernel.variables) + len(kernel.parameters)
-        return _Evaluation(self.cache.stream(number, kernel), np.zeros((rows, width)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Evaluation:
-    """A kernel at the rows of ``inputs`` (rows, variables + parameters)."""
-
-    stream: Stream
-    inputs: Floats
-
-    def values(self) -> Floats:
-        """The outputs (rows, outputs)."""
-        return self.stream.values(self.inputs)
-
-    def values_and_jacobian(self) -> tuple[Floats, Floats]:
-        """The outputs (rows, outputs) and the nonzeros of their Jacobian (rows, nonzeros)."""
-        return self.stream.values_and_jacobian(self.inputs)
+        return OwnInputs(self.cache.stream(number, kernel), np.zeros((rows, width)))

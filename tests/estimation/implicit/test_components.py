@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.equations.corrections import components
+from mbm.equations.corrections import components, elimination
 from mbm.estimation.solve.estimate import assemble
 
 CHAIN = """
@@ -60,6 +60,20 @@ def test_the_cost_is_that_of_all_equations_together(pairs: list[tuple[int, int]]
     near = min(dense_cost(pairs, scale + h) for h in (-1e-3, 1e-3))
     assert cost <= near
     assert solved.first.dof == len(pairs) - 1
+
+
+@pytest.mark.parametrize("at_a_time", [1, 10_000])
+@pytest.mark.parametrize("pairs", [[(1, 2), (3, 4), (5, 6)], [(1, 2), (2, 3), (4, 5), (5, 6)], [(2, 2), (1, 3)]])
+def test_costs_at_many_points_are_those_of_each(
+    pairs: list[tuple[int, int]], at_a_time: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(elimination, "INPUTS_AT_A_TIME", at_a_time)
+    compiled = mbm.loads(CHAIN).compile(data=steps(pairs))
+    found = compiled.elaborated
+    equations, _ = assemble(found.problem, compiled.kernels, found.tables, {}, compiled.cache)
+    scales = np.array([1.0, -0.3, 2.5, 0.0])
+    costs = np.square(equations.residuals_at(scales[:, None])).sum(axis=1)
+    np.testing.assert_allclose(costs, [dense_cost(pairs, scale) for scale in scales], rtol=1e-11)
 
 
 def test_what_is_too_large_to_solve_at_once_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from mbm.equations.corrections.feet import feet
 from mbm.equations.corrections.types import Local
-from mbm.equations.types import Floats, Mask
+from mbm.equations.types import Floats, Indices, Mask
 
 
 @dataclass
@@ -28,6 +28,9 @@ class Ellipse:
     @property
     def corrections(self) -> int:
         return 2
+
+    def some(self, components: Indices) -> Ellipse:
+        return Ellipse(self.points[components], self.sigma, self.level)
 
     def at(self, corrections: Floats, multipliers: Floats) -> Local:
         self.evaluations += 1
@@ -64,8 +67,9 @@ def test_the_foot_is_the_nearest_point_however_far_the_measured_one(spread: floa
     found = feet(conditions)
     assert found.found.all()
     reached = points + 0.02 * found.corrections
-    assert np.abs(reached**2 @ [0.25, 1.0] - 1).max() < 1e-13 * max(spread, 1.0) ** 2
     distance = 0.02 * np.linalg.norm(found.corrections, axis=1)
+    # a further step would be shorter than 1e-10 of 1 + |u| standard deviations, and the steepest slope there is 2
+    assert (np.abs(reached**2 @ [0.25, 1.0] - 1) < 2 * 1e-10 * (0.02 + distance)).all()
     np.testing.assert_allclose(distance, nearest(points), rtol=1e-9, atol=1e-9)
 
 
@@ -86,6 +90,19 @@ def test_near_feet_take_few_evaluations_and_none_beside_those_already_known() ->
     again = feet(conditions, first)
     assert conditions.evaluations <= 2
     np.testing.assert_allclose(again.corrections, first.corrections, atol=1e-12)
+
+
+def test_components_that_need_a_search_change_no_others() -> None:
+    angle = np.linspace(0, 6, 20)
+    points = 1.01 * np.stack([2 * np.cos(angle), np.sin(angle)], axis=1)
+    alone = feet(Ellipse(points, sigma=0.02))
+    points[7] = [1e-9, 1e-9]
+    for near in (None, alone):
+        found = feet(Ellipse(points, sigma=0.02), near)
+        assert found.found.all()
+        assert 0.02 * np.linalg.norm(found.corrections[7]) == pytest.approx(1.0, rel=1e-8)  # the smaller half axis
+        others = np.arange(20) != 7
+        np.testing.assert_allclose(found.corrections[others], alone.corrections[others], atol=1e-9)
 
 
 def test_an_empty_curve_has_no_feet() -> None:
