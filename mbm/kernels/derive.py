@@ -42,7 +42,8 @@ def _kernel(block: ResidualBlock) -> Kernel:
     inputs = casadi.SX.sym("z", count + len(block.parameters))
     scalars = casadi.vertsplit(inputs) if inputs.numel() else []
     symbols = dict(zip((*block.variable_symbols, *block.parameter_symbols), scalars, strict=True))
-    found = differentiated(lower(block.expressions, symbols, block.variable_symbols), inputs[:count])
+    moving = (symbol for i, symbol in enumerate(block.variable_symbols) if i not in block.fixed)
+    found = differentiated(lower(block.expressions, symbols, moving), inputs[:count])
     values, jacobian, whole = found.values, found.jacobian, found.with_results(inputs)
     if any(chart.piece is not Piece.NUMBER for chart in block.charts):
         jacobian = casadi.sparsify(casadi.mtimes(jacobian, tangent_map(block, scalars)))

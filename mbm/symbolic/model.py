@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from mbm.expression.nodes import Column, Component, Expression
+from mbm.expression.nodes import Column, Component, Expression, Number
 from mbm.problem.manifold import Piece
 from mbm.problem.naming import place_of
 from mbm.problem.stand_ins import stand_in
@@ -118,8 +118,20 @@ def _block(
         parameters=(*(_column(c) for c, _ in columns), *(ConstantInput(c.name) for c, _ in constants)),
         parameter_symbols=(*(symbol for _, symbol in columns), *(symbol for _, symbol in constants)),
         expressions=expressions,
+        fixed=tuple(
+            i
+            for chart in charts
+            if all(_always_fixed(unknowns[tangents[k].unknown], tangents[k].component) for k in chart.tangents)
+            for i in chart.variables
+        ),
         span=span,
     )
+
+
+def _always_fixed(unknown: Unknown, coordinate: int) -> bool:
+    """Whether ``:fixed`` holds a coordinate of the tangent space of every member."""
+    values = [] if unknown.fixed is None else [case.values[coordinate] for case in unknown.fixed.cases]
+    return bool(values) and all(isinstance(value, Number) and value.value == 1 for value in values)
 
 
 def _variables(converter: Converter, unknowns: _Unknowns) -> tuple[tuple[Slot, sympy.Symbol], ...]:

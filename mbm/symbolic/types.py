@@ -75,7 +75,8 @@ class ResidualBlock:
 
     ``owner`` and ``case`` index the problem's blocks (or derived quantities, or aggregates) and their cases.
     ``expressions`` are in SymPy's unevaluated form; ``variable_symbols`` and ``parameter_symbols`` are its real
-    symbols, in the order of ``variables`` and ``parameters``. ``corrected`` are the positions of the parameters that
+    symbols, in the order of ``variables`` and ``parameters``. ``fixed`` are the positions of the variables that are
+    fixed whatever the row: no derivative by them is ever used. ``corrected`` are the positions of the parameters that
     are uncertain themselves: derivatives by them are wanted too. Where errors are not normal with stated weights,
     ``likelihood`` is what is minimised in place of ``expressions``, and ``information`` (as many) what tells how well.
     """
@@ -91,6 +92,7 @@ class ResidualBlock:
     parameters: tuple[Parameter, ...]
     parameter_symbols: tuple[sympy.Symbol, ...] = field(repr=False)
     expressions: tuple[sympy.Expr, ...] = field(repr=False)
+    fixed: tuple[int, ...] = ()
     corrected: tuple[int, ...] = ()
     likelihood: tuple[sympy.Expr, ...] = field(default=(), repr=False)
     information: tuple[sympy.Expr, ...] = field(default=(), repr=False)

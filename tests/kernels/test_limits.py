@@ -64,6 +64,27 @@ def test_batches_have_it():
         np.testing.assert_allclose([each["e"].value, each["b"].value], fitted("(^ (/ x e) b)")[0], rtol=1e-6)
 
 
+FIXED = [
+    ("(x0 :init 7 :fixed true)", "(/ (- x x0) e)"),
+    ("(v (vector 2) :init [0 7] :fixed true)", "(/ (- x (v 2)) e)"),
+    ("(v (vector 2) :init [0 7] :fixed [false true])", "(/ (- x (v 2)) (+ e (* 0 (v 1))))"),
+    ("(T (pose 2) :at (pose2 7 0 0) :fixed true)", "(/ (- x ((translation T) 1)) e)"),
+]
+
+
+@pytest.mark.parametrize(("unknown", "base"), FIXED)
+def test_a_fixed_unknown_counts_as_data(unknown, base):
+    """The same data and estimates with x shifted by 7, which an unknown that is fixed takes off again."""
+    rows = " ".join(f"({x + 7} {y})" for x, y in zip((0.0, *X), (AT, *Y), strict=True))
+    result = mbm.loads(
+        f"""(problem p (data d (table (x y) {rows})) (unknowns {unknown} (e :init 1) (b :init 1.4))
+          (observe d (= y (^ {base} b)) :sigma 1) {"(constraints (= (v 1) 0))" if "false" in unknown else ""})"""
+    ).solve()
+    values, sigmas = fitted("(^ (/ x e) b)")
+    np.testing.assert_allclose([result["e"].value, result["b"].value], values, rtol=1e-6)
+    np.testing.assert_allclose([result["e"].sigma, result["b"].sigma], sigmas, rtol=1e-4)
+
+
 C = pytest.param("c", marks=pytest.mark.skipif(which("cc") is None, reason="there is no C compiler"))
 
 
