@@ -1,7 +1,8 @@
 """Cells → Column: texts of a file, Python values or a NumPy array become a column of numbers or of texts.
 
-A column is numeric if all its cells are, else text. A gap is neutral: it becomes NaN among numbers, an empty text among
-texts; a column of gaps only is one of numbers.
+A column is numeric if all its cells are, else text. Truth values that a format or Python has as such are numbers, 1 and
+0, if nothing but gaps is beside them; the words ``true`` and ``false`` of text formats are texts. A gap is neutral: it
+becomes NaN among numbers, an empty text among texts; a column of gaps only is one of numbers.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ Cell: TypeAlias = Real | float | str | None
 """A number, a text, or None for a gap."""
 
 LARGEST_EXACT = 2.0**53
+TRUTHS = frozenset({bool, np.bool_})
 GAP_TYPES = frozenset({"NAType", "NaTType"})
 """Names of the types of ``pandas.NA`` and ``pandas.NaT``, which are gaps though pandas itself is not imported here."""
 KIND_NAMES = {
-    "b": "an array of truth values",
     "c": "an array of complex numbers",
     "M": "an array of dates",
     "m": "an array of time differences",
@@ -74,13 +75,15 @@ def column_from_values(name: str, values: Sequence[object], path: str) -> Column
     """The column of Python values: numbers, texts, and None, NaN or ``pandas.NA`` for gaps; cells count from row 1.
 
     A text stays one even if it reads as a number; in a column with texts the numbers become texts.
-    Raises MbmError bad-cell for truth values and all else, naming ``path``, row and column.
+    Raises MbmError bad-cell for truth values among others and all else, naming ``path``, row and column.
     """
     kinds = set(map(type, values))
     if kinds <= {float, int, NoneType}:
         return Column(name=name, numbers=_numbers_of(values))  # type: ignore[arg-type]
     if kinds <= {str, NoneType}:
         return mixed_column(name, values)  # type: ignore[arg-type]
+    if kinds & TRUTHS and all(type(value) in TRUTHS or _is_gap(value) for value in values):
+        return Column(name=name, numbers=frozen([math.nan if _is_gap(value) else bool(value) for value in values]))
     cells = [_checked(value, DataPlace(file=path, row=row, column=name)) for row, value in enumerate(values, start=1)]
     return mixed_column(name, cells)
 
@@ -101,14 +104,14 @@ def _numbers_of(cells: Sequence[Real | float | None]) -> Numbers:
 
 
 def column_from_array(name: str, array: NDArray[Any], path: str) -> Column:
-    """The column of an array of shape (rows,): numbers become float64, masked ones gaps.
+    """The column of an array of shape (rows,): numbers and truth values become float64, masked ones gaps.
 
     Raises MbmError bad-array for another number of dimensions or another type of cells.
     """
     place = DataPlace(file=path, column=name)
     if array.ndim != 1:
         raise MbmError(faults.bad_array(place, f"an array of shape {array.shape}"))
-    if array.dtype.kind in "iuf":
+    if array.dtype.kind in "biuf":
         if isinstance(array, np.ma.MaskedArray):
             return Column(name=name, numbers=frozen(np.ma.filled(array.astype(np.float64), np.nan)))
         return Column(name=name, numbers=frozen(array))
@@ -119,15 +122,20 @@ def column_from_array(name: str, array: NDArray[Any], path: str) -> Column:
 
 def _checked(value: object, place: DataPlace) -> Cell:
     """A number, a text or None (a gap)."""
-    if value is None or type(value).__name__ in GAP_TYPES:
+    if _is_gap(value):
         return None
-    if isinstance(value, str):
-        return value
-    if isinstance(value, bool | np.bool_):
+    if type(value) in TRUTHS:
         raise MbmError(faults.bad_cell(place, f"the truth value `{str(value).lower()}`"))
-    if isinstance(value, Real):
-        return None if value != value else value  # only NaN differs from itself
+    if isinstance(value, str | Real):
+        return value
     raise MbmError(faults.bad_cell(place, f"a value of type `{type(value).__name__}`"))
+
+
+def _is_gap(value: object) -> bool:
+    """None, NaN (which alone differs from itself), or a gap of pandas."""
+    if isinstance(value, Real):
+        return bool(value != value)
+    return value is None or type(value).__name__ in GAP_TYPES
 
 
 def _to_float(cell: Real | float | None) -> float:

@@ -99,7 +99,7 @@ LONG_ROW = Code(
 )
 BAD_CELL = Code(
     "bad-cell",
-    "A cell is neither a number nor a text (but a truth value, a list, a date or another object).",
+    "A cell is neither a number nor a text (but a list, a date, another object, or a truth value among others).",
     "Write numbers or texts: 0 and 1 for truth values, seconds since a start for times, one column for each element.",
 )
 BAD_ARRAY = Code(

@@ -75,6 +75,29 @@ def test_gaps(load_given, given):
     assert math.isnan(numbers[1])
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"x": np.array([True, False, True])},
+        {"x": [True, False, True]},
+        {"x": [np.True_, np.False_, True]},
+        {"x": np.array([True, False, True], dtype=object)},
+        [{"x": True}, {"x": False}, {"x": True}],
+        np.array([(True,), (False,), (True,)], dtype=[("x", "?")]),
+        pd.DataFrame({"x": [True, False, True]}),
+        pd.DataFrame({"x": pd.array([True, False, True], dtype="boolean")}),
+    ],
+)
+def test_truth_values_are_one_and_zero(load_given, given):
+    assert cells(load_given(given)) == {"x": [1.0, 0.0, 1.0]}
+
+
+@pytest.mark.parametrize("gap", [None, math.nan, pd.NA])
+def test_gaps_among_truth_values(load_given, gap):
+    numbers = load_given({"x": [True, gap, False]}).columns["x"].numbers
+    np.testing.assert_array_equal(numbers, [1.0, math.nan, 0.0])
+
+
 def test_the_table_keeps_its_numbers_when_the_array_changes(load_given):
     array = np.array([1.0, 2.0])
     table = load_given({"x": array})

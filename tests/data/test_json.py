@@ -42,6 +42,8 @@ def test_columns_called_columns_and_data_are_ordinary_ones(tmp_path):
 
 
 def test_null_nan_and_a_field_left_out_are_gaps(tmp_path):
+    raw = read(tmp_path, '[{"x": true}, {"x": null}, {"x": false}]')
+    assert [str(v) for v in raw.columns[0].numbers] == ["1.0", "nan", "0.0"]
     raw = read(tmp_path, '[{"x": 1, "t": "a"}, {"x": null}, {"t": "b"}, {"x": NaN, "t": null}]')
     x, t = raw.columns
     assert x.numbers[0] == 1.0

@@ -33,6 +33,10 @@ def test_every_type_of_real_number_becomes_float64(tmp_path, kind):
     assert numbers.tolist() == [1.0, 2.0, 3.0]
 
 
+def test_truth_values_are_one_and_zero(tmp_path):
+    assert read(tmp_path, x=np.array([True, False])).columns[0].numbers.tolist() == [1.0, 0.0]
+
+
 def test_compressed_archives(tmp_path):
     np.savez_compressed(tmp_path / "d.npz", x=np.arange(3.0))
     assert READERS["npz"].read(tmp_path / "d.npz").columns[0].numbers.tolist() == [0.0, 1.0, 2.0]

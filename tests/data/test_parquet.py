@@ -18,11 +18,13 @@ parquet = pytest.importorskip("pyarrow.parquet")
 def test_numbers_texts_and_gaps(tmp_path):
     path = tmp_path / "d.parquet"
     columns = {"x": pa.array([1.5, None, 3.0]), "n": pa.array([1, 2, None], pa.int32()), "name": ["a", "b", "c"]}
+    columns["ok"] = pa.array([True, None, False])
     parquet.write_table(pa.table(columns), path)
-    x, n, name = READERS["parquet"].read(path).columns
+    x, n, name, ok = READERS["parquet"].read(path).columns
     np.testing.assert_array_equal(x.numbers, [1.5, np.nan, 3])
     np.testing.assert_array_equal(n.numbers, [1, 2, np.nan])
     assert name.texts == ("a", "b", "c")
+    np.testing.assert_array_equal(ok.numbers, [1, np.nan, 0])
 
 
 def test_without_pyarrow_the_extra_is_named(tmp_path, monkeypatch):
