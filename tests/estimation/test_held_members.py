@@ -65,6 +65,26 @@ def test_without_a_place_it_is_the_identity(said):
         np.testing.assert_allclose(got, np.linalg.inv(first) @ planar(*place), atol=1e-9)
 
 
+@pytest.mark.parametrize("said", [":fixed (= frame 1)", ":fixed (= frame 1) :at", ":fixed (= frame 1) :init"])
+def test_the_identity_goes_with_every_unit_of_length(said):
+    """(pose2) and (pose3) have no translation, in whatever unit: readings in mm give the same, in metres."""
+    rows = [(frame, a, b, 1e3 * x, 1e3 * y) for frame, a, b, x, y in images(BASE)]
+    found = mbm.loads(f"""(problem frames
+      (data frames (table (frame) (1) (2) (3)) :key frame)
+      (data seen (table (frame a b x y) {listed(rows)}) :columns ((x :unit mm) (y :unit mm) (a :unit m) (b :unit m)))
+      (unknowns (B (pose 2)) (T (pose 2) :per frames {said} {"(pose2)" if said[-1] != ")" else ""}))
+      (observe seen (= [x y] (transform (compose B (T frame)) [a b])) :sigma 10mm))""").solve()
+    np.testing.assert_allclose(posed(found["B"].value)[0], BASE @ planar(*PLACES[1]), atol=1e-9)
+
+
+def test_the_identity_of_space_goes_with_metres():
+    found = mbm.loads("""(problem p (data d (table (x) (1m) (3m)))
+      (unknowns (T (pose 3) :init (pose3)))
+      (observe d (= [x 2m 0m] (translation T)) :sigma 1m)
+      (observe (= (rot-z 0.5) (rotation T)) :sigma 1))""").solve()
+    np.testing.assert_allclose(found["T"].value, [np.cos(0.25), 0, 0, np.sin(0.25), 2, 2, 0], atol=1e-9)
+
+
 @pytest.mark.parametrize("sets", [1, 12])
 def test_what_is_not_fixed_needs_no_place(sets):
     """`:at` may have gaps in the rows of members that are not fixed, in one solve and in many."""

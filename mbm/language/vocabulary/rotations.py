@@ -181,9 +181,14 @@ def _look_at(call: Call) -> Value:
     return PoseValue(RotationValue(Array((3, 3), elements)), eye.elements)
 
 
+def _nowhere(call: Call, size: int) -> tuple[Expression, ...]:
+    """The translation of the identity; zeros whose dimension, one for all, is that of what they go with."""
+    return (Number(0.0, span=call.span),) * size
+
+
 def _pose2(call: Call) -> Value:
     if not call.arguments:
-        return PoseValue(plane_rotation(Number(0, NONE), call.span), (ZERO, ZERO))
+        return PoseValue(plane_rotation(Number(0, NONE), call.span), _nowhere(call, 2))
     if len(call.arguments) != 3:
         raise MbmError(faults.wrong_arity(call.span, "pose2", POSE2, len(call.arguments)))
     x, y, theta = (scalar(v, f.span) for v, f in zip(call.arguments, call.forms, strict=True))
@@ -193,7 +198,7 @@ def _pose2(call: Call) -> Value:
 def _pose3(call: Call) -> Value:
     if not call.arguments:
         unit = tuple(Number(float(i == 0), NONE) for i in range(4))
-        return PoseValue(quaternion_rotation(unit, call.span), (ZERO, ZERO, ZERO))
+        return PoseValue(quaternion_rotation(unit, call.span), _nowhere(call, 3))
     if len(call.arguments) != 2:
         raise MbmError(faults.wrong_arity(call.span, "pose3", POSE3, len(call.arguments)))
     rotation = as_rotation(call.arguments[0], call.forms[0].span)
