@@ -38,6 +38,7 @@ DOUBTS = frozenset(
         "small-sample",
         "too-few-agree",
         "too-nonlinear",
+        "uneven-noise",
     )
 )
 """Diagnostics that speak of the uncertainty of a result."""

@@ -17,10 +17,12 @@ from mbm.equations.sampling import Sampled
 from mbm.equations.scatter import Scatter, scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
+from mbm.expression.evaluate import Values, evaluate
 from mbm.kernels.types import Backend, Evaluation, Kernel, Stream
 from mbm.problem.overrides import ConstantValue
-from mbm.problem.rows import Positions
-from mbm.problem.types import BlockRole, Equation
+from mbm.problem.rows import Positions, lookup
+from mbm.problem.tables import Table
+from mbm.problem.types import BlockRole, Equation, Problem
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -40,6 +42,9 @@ DENSE_PART = 20_000_000
 MOST_PREPARED_ROWS = 1_000_000
 """Rows of all prepared kernels together; growing windows would prepare every size there is."""
 
+
+ALL = slice(None)
+"""All rows."""
 
 Kind: TypeAlias = tuple[tuple[str, ...], tuple[int, ...]]
 """Names of the unknowns and numbers of rows of the kernels: what decides which closed forms are made for equations."""
@@ -342,6 +347,24 @@ def all_seen(groups: tuple[Group, ...], *, plain: bool) -> tuple[Group, ...]:
         first += group.count
         first_unit += group.rows * len(group.whiteners)
     return tuple(found)
+
+
+def measured_side(
+    problem: Problem, group: Group, tables: Mapping[str, Table], lines: Indices | slice = ALL
+) -> Floats | None:
+    """The measured values (rows, outputs) of some rows of a group, or None where an equation has no measured side."""
+    block = problem.blocks[group.kernel.owner]
+    table = tables[block.table] if block.table is not None else None
+    positions = None if group.positions is None else group.positions[lines]
+    columns: list[Values] = []
+    for equation in block.cases[group.kernel.case].equations:
+        if equation.measured is None:
+            return None
+        columns.extend(evaluate(equation.measured, lookup(table, positions, tables)))
+    result = np.empty((1 if positions is None else len(positions), len(columns)))
+    for j, column in enumerate(columns):
+        result[:, j] = column
+    return result
 
 
 def affine(group: Group, mask: Mask) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mbm.equations.binding import measured_side
 from mbm.equations.layout import Layout
 from mbm.estimation.search.solution import Solution
 from mbm.expression.evaluate import Values, evaluate
@@ -20,7 +21,6 @@ from mbm.problem.types import BlockRole, Derived, Problem
 from mbm.report.elements import unit_text
 from mbm.report.plot_data import Curve, PlotData
 from mbm.report.predictions import Prediction, prediction
-from mbm.report.residuals import measured_side
 from mbm.report.types import Floats
 from mbm.scales import SI, Scale
 
@@ -43,7 +43,7 @@ def _of_block(problem: Problem, solution: Solution, i: int) -> tuple[PlotData, D
     if block.role is not BlockRole.OBSERVATION or block.table is None:
         return None
     groups = [g for g in solution.groups if g.kernel.owner == i and g.rows]
-    sides = [measured_side(problem, solution, g) for g in groups]
+    sides = [measured_side(problem, g, solution.tables) for g in groups]
     if not groups or any(s is None for s in sides):
         return None
     measured = np.vstack([s for s in sides if s is not None])

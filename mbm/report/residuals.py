@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.assembly import block_rows
-from mbm.equations.binding import Group
+from mbm.equations.binding import Group, measured_side
 from mbm.equations.types import NoiseState
 from mbm.estimation.search.solution import Solution
-from mbm.expression.evaluate import Values, evaluate
 from mbm.problem.naming import PRIOR
-from mbm.problem.rows import lookup
 from mbm.problem.tables import Provenance, Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.row_data import ResidualRow, ResidualSummary, RowData
@@ -171,22 +169,6 @@ def row_data(problem: Problem, solution: Solution) -> Mapping[str, RowData]:
     return found
 
 
-def measured_side(problem: Problem, solution: Solution, group: Group) -> Floats | None:
-    """The measured values (rows, outputs) of a group, or None where the equation has no measured side."""
-    block = problem.blocks[group.kernel.owner]
-    equations = block.cases[group.kernel.case].equations
-    table = solution.tables[block.table] if block.table is not None else None
-    columns: list[Values] = []
-    for equation in equations:
-        if equation.measured is None:
-            return None
-        columns.extend(evaluate(equation.measured, lookup(table, group.positions, solution.tables)))
-    result = np.empty((group.rows, len(columns)))
-    for j, column in enumerate(columns):
-        result[:, j] = column
-    return result
-
-
 def prior_reports(problem: Problem, solution: Solution) -> tuple[PriorReport, ...]:
     """Each prior at the estimates, one for each scalar whose mean is known beforehand."""
     found = []
@@ -194,7 +176,7 @@ def prior_reports(problem: Problem, solution: Solution) -> tuple[PriorReport, ..
         block = problem.blocks[group.kernel.owner]
         if block.role is not BlockRole.PRIOR:
             continue
-        mean = measured_side(problem, solution, group)
+        mean = measured_side(problem, group, solution.tables)
         if mean is None:
             continue
         values = group.values(solution.numbers)

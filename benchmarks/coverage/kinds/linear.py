@@ -71,6 +71,7 @@ KINDS: Mapping[str, Kind] = {
     "line, unknown noise": line(_line("unknown"), X, normal(0.1)),
     "line, 5 rows, unknown noise": line(_line("unknown"), X[::6], normal(0.1)),
     "line, 3 rows, unknown noise": line(_line("unknown"), X[::12], normal(0.1)),
+    "line, noise that grows twentyfold, 60 rows": line(_line("unknown"), LONG, normal(0.1 + 2.0 * (LONG + 1.0) / 3.0)),
     "line, stated factor of known weights": line(_line("(unknown (+ 1 (abs x)))"), X, normal(0.1 * (1 + np.abs(X)))),
     "line, sigma by row": Kind(_line("s"), _heteroscedastic),
     "line, covariance by row": Kind(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from mbm.equations.binding import measured_side
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.losses import rooted_residuals
 from mbm.estimation.batches.portion import Portion
@@ -13,11 +16,13 @@ from mbm.estimation.minimise.native.tails import solver_code
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.lags import correlated, in_order, lag_scores
 from mbm.estimation.trust.plausibility import improbable, improbable_noise, overstated
+from mbm.estimation.trust.uneven import TELLING_ROWS, Clauses, table_rows, told_apart, uneven_clause
 from mbm.problem.types import Problem
 from mbm.text.types import Diagnostic
 
 REMARKED = frozenset(
-    code.name for code in (faults.AUTOCORRELATED_RESIDUALS, faults.IMPROBABLE_NOISE, faults.SMALL_SAMPLE)
+    code.name
+    for code in (faults.AUTOCORRELATED_RESIDUALS, faults.IMPROBABLE_NOISE, faults.SMALL_SAMPLE, faults.UNEVEN_NOISE)
 )
 """The codes of these warnings."""
 
@@ -47,6 +52,7 @@ def remarks(
 
     for place in np.flatnonzero(improbable(tail, sigma0, lossy=portion.equations.lossy)).tolist():
         add(place, improbable_noise(problem.span, float(sigma0[place]), float(tail[place])))
+    alike: set[int] = set()
     following = _following(problem, stack, which, portion)
     if following is not None:
         lag, expected, spread = lag_scores(
@@ -54,14 +60,50 @@ def remarks(
         )
         over = overstated(tail, sigma0)
         for place in np.flatnonzero(correlated(lag, expected, spread)).tolist():
+            alike.add(place)
             numbers = (float(each[place]) for each in (lag, expected, spread))
             small = bool(over[place])
             add(place, faults.autocorrelated_residuals(problem.span, *numbers, overstated=small))
+    for place, diagnostic in _uneven(problem, stack, which, portion, residuals, basis):
+        if place not in alike:
+            add(place, diagnostic)
     said = faults.small_sample(problem.span) if poor.any() else None
     for place in np.flatnonzero(poor).tolist():
         if said is not None:
             add(place, said)
     return found
+
+
+def _uneven(
+    problem: Problem, stack: Stack, which: range, portion: Portion, residuals: Floats, basis: Floats
+) -> Iterator[tuple[int, Diagnostic]]:
+    """Solves in which the errors of a clause are uneven, with what is said of it."""
+    owners = () if portion.consensus or portion.most < TELLING_ROWS else told_apart(problem, stack.equations)
+    if not owners:
+        return
+    leverage, deviations = np.square(basis).sum(axis=2), portion.deviations()
+    for owner in owners:
+        measured, rows = np.zeros(residuals.shape), np.full(residuals.shape, -1, dtype=np.int64)
+        for number, (each, solve, slots) in enumerate(portion.groups()):
+            group, lines = stack.equations.groups[number], stack.lines(number, which)[1]
+            side = measured_side(problem, group, stack.tables, lines) if each == owner else None
+            if side is not None:
+                measured[solve[:, None], slots] = side
+                rows[solve[:, None], slots] = table_rows(problem, group, stack.tables, lines)[:, None]
+        counts = (rows >= 0).sum(axis=1)
+        fitted = measured + residuals * deviations
+        for count in np.unique(counts[counts >= TELLING_ROWS]).tolist():
+            solves = np.flatnonzero(counts == count)
+            at = solves[:, None], np.nonzero(rows[solves] >= 0)[1].reshape(-1, count)
+            alike = Clauses(
+                fitted=fitted[at],
+                residuals=residuals[at],
+                deviations=deviations[at],
+                leverage=leverage[at],
+                rows=rows[at],
+            )
+            for place, grown, correlation in alike.uneven(len(owners)):
+                yield int(solves[place]), uneven_clause(problem, owner, grown, correlation)
 
 
 def _following(problem: Problem, stack: Stack, which: range, portion: Portion) -> Indices | None:

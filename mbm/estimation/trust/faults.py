@@ -36,6 +36,15 @@ IMPROBABLE_NOISE = Code(
     "stated too small or too large, and so are the standard deviations, which follow it (a warning).",
     "Check `:sigma`; let the residuals tell it with `:sigma (unknown FORM)`.",
 )
+UNEVEN_NOISE = Code(
+    "uneven-noise",
+    "The errors of a clause grow (or shrink) with what it reads, or along its rows, beside what is stated of them: the "
+    "rank correlation of the residuals' sizes with the model's values, their sizes, or the order of the rows is one "
+    "that errors which are as stated have in one of a hundred solves. Rows are then weighted wrongly, and standard "
+    "deviations are too large where the errors are small, and too small where they are large (a warning).",
+    "Plot the residuals by the model's value. State how the errors grow, "
+    "`:sigma (unknown model)`, `(sqrt (+ (^ s0 2) (^ (* r model) 2)))` with unknown `s0` and `r`, or `:sigma` by row.",
+)
 SMALL_SAMPLE = Code(
     "small-sample",
     "The noise is estimated from so few rows that even intervals with Student's t and the corrections for small "
@@ -100,6 +109,19 @@ def autocorrelated_residuals(
         + (_too_small(overstated=overstated) if found > expected else "the standard deviations mislead"),
         place=span,
         hint=AUTOCORRELATED_RESIDUALS.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def uneven_noise(span: Span, name: str, grown: str, correlation: float) -> Diagnostic:
+    """The errors of the clause ``name`` grow or shrink with what ``grown`` says; ``correlation`` is that of ranks."""
+    return Diagnostic(
+        code=UNEVEN_NOISE,
+        message=f"errors of `{name}` {'grow' if correlation > 0.0 else 'shrink'} with {grown}, beside what is stated "
+        f"of them: rank correlation {correlation:.2f} of the sizes of residuals; "
+        "standard deviations are too large for what rows with small errors tell, and too small for the others",
+        place=span,
+        hint=UNEVEN_NOISE.mend,
         severity=Severity.WARNING,
     )
 

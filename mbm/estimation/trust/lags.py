@@ -63,21 +63,17 @@ def autocorrelation(
     problem: Problem,
     equations: Assembled,
     minimum: Minimum,
-    estimated: Covariance,
+    basis: Floats,
     tested: Indices,
     *,
     overstated: bool,
 ) -> tuple[Diagnostic, ...]:
     """A warning where residuals at a minimum are correlated along the rows, but for places that are ``tested`` (k,).
 
+    ``basis`` (m, k) has the directions in which residuals follow the estimates;
     ``overstated``: chi² says that the stated noise is too large.
     """
-    if (
-        minimum.blocks is not None
-        or equations.rows is not None
-        or equations.likely
-        or len(minimum.residuals) != equations.count
-    ):
+    if equations.rows is not None or equations.likely:
         return ()
     following = np.full(equations.count, -1, dtype=np.int64)
     for group in equations.groups:
@@ -85,8 +81,7 @@ def autocorrelation(
             places = group.first + np.arange(group.count - group.kernel.outputs)
             following[places] = places + group.kernel.outputs
     following[tested] = -1
-    basis = directions(equations, minimum, estimated)
-    if not bool((following >= 0).any()) or not bool(np.isfinite(basis).all()) or minimum.cost == 0.0:
+    if not bool((following >= 0).any()) or not bool(np.isfinite(basis).all()):
         return ()
     found, expected, spread = lag_scores(solver_code(equations), minimum.residuals, basis, following)
     if not correlated(found, expected, spread):

@@ -21,8 +21,9 @@ from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust import faults as trust_faults
 from mbm.estimation.trust.coarse import coarse_readings
 from mbm.estimation.trust.curvature import Curvature, DerivedEnds
-from mbm.estimation.trust.lags import autocorrelation
+from mbm.estimation.trust.lags import autocorrelation, directions
 from mbm.estimation.trust.nonlinearity import IntervalEnds
+from mbm.estimation.trust.uneven import uneven_noise
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.statistics import Statistics
 from mbm.expression.evaluate import evaluate
@@ -68,7 +69,7 @@ def doubts(
         found += _nonlinear(equations, bent.ends)
         found += _nonlinear_derived(propagation, bent.derived)
     found += _noise(problem, equations, outcome)
-    found += _correlated(problem, equations, minimum, outcome)
+    found += _correlated(propagation, minimum)
     found += coarse_readings(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if equations.likely:  # loaded by problems with likelihoods only
         found += vanishing_scales(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
@@ -81,10 +82,12 @@ def doubts(
     return (*found, *_strained(problem, equations, minimum, outcome.covariance))
 
 
-def _correlated(
-    problem: Problem, equations: Assembled, minimum: Minimum, outcome: Statistics
-) -> tuple[Diagnostic, ...]:
-    """Errors that are alike along the rows: of chains first, as these name their clause, then of the other rows."""
+def _correlated(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic, ...]:
+    """Errors that are alike along the rows: of chains first, as these name their clause, then of the other rows.
+
+    Where none are, those that grow with the readings.
+    """
+    problem, equations, outcome = propagation.problem, propagation.equations, propagation.outcome
     tested, sigma0, tail = np.empty(0, dtype=np.int64), outcome.fit.sigma0, _tail(problem, equations, outcome)
     over = sigma0 is not None and tail is not None and bool(overstated(tail, sigma0))
     families = any(entry.members > 1 for entry in equations.layout.entries)
@@ -97,7 +100,11 @@ def _correlated(
         if found:
             return found
         tested = np.concatenate([tested, *(each.places.ravel() for each in chains)])
-    return autocorrelation(problem, equations, minimum, outcome.covariance, tested, overstated=over)
+    if minimum.blocks is not None or len(minimum.residuals) != equations.count or minimum.cost == 0.0:
+        return ()
+    basis = directions(equations, minimum, outcome.covariance)
+    found = autocorrelation(problem, equations, minimum, basis, tested, overstated=over)
+    return found or tuple(uneven_noise(problem, propagation.binder.tables, equations, minimum, basis))
 
 
 def _noise(problem: Problem, equations: Assembled, outcome: Statistics) -> Iterator[Diagnostic]:

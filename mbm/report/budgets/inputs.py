@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.assembly import block_rows
-from mbm.equations.binding import Group
+from mbm.equations.binding import Group, measured_side
 from mbm.equations.corrections.types import MeasuredErrors
 from mbm.equations.spreads import Influence
 from mbm.equations.types import NoiseState
@@ -23,7 +23,7 @@ from mbm.problem.types import BlockRole, Equation, Problem
 from mbm.report.budgets.types import InputKind
 from mbm.report.elements import coordinate_quantity
 from mbm.report.quantities import quantity_of
-from mbm.report.residuals import measured_side, prior_name, stated_sigmas
+from mbm.report.residuals import prior_name, stated_sigmas
 from mbm.report.types import Floats, Mask
 from mbm.scales import SI, Scale
 from mbm.values import dataclass
@@ -126,7 +126,7 @@ class _Part:
         if self.group.readings is not None:
             yield Source(name=block.name, kind=kind, dof=dof, errors=self._by_likelihood())
             return
-        measured = measured_side(self.problem, self.solution, self.group)
+        measured = measured_side(self.problem, self.group, self.solution.tables)
         values = np.full(self.parts.shape, np.nan) if measured is None else measured
         units, scales = self._units()
         single = kind is InputKind.PRIOR and self.group.positions is None
@@ -160,7 +160,7 @@ class _Part:
         if self.solution.weights is not None:
             place = slice(self.group.first, self.group.first + self.group.count)
             used = np.asarray((self.solution.weights[place].reshape(self.parts.shape) > 0.0).any(axis=1))
-        measured, count = measured_side(self.problem, self.solution, self.group), int(used.sum())
+        measured, count = measured_side(self.problem, self.group, self.solution.tables), int(used.sum())
         single = measured is not None and measured.shape[1] == 1
         return Errors(
             rows=self._rows()[used],

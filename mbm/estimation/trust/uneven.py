@@ -1,0 +1,182 @@
+"""Whether the errors of a clause grow, or shrink, with what it reads or along its rows beside what is stated of them.
+
+The statistic is Spearman's rank correlation of the residuals' sizes with the model's values, their sizes, or the order
+of the rows (the test of heteroscedasticity of Johnston, Econometric Methods, 1972): it asks nothing of the way in
+which the errors grow, and heavy tails do not raise it. Residuals are divided by the root of what the fit leaves of
+their variance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from enum import StrEnum
+from math import erfc, sqrt
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import ALL, Group, measured_side
+from mbm.equations.types import Floats, Indices, Mask, Minimum
+from mbm.estimation.trust import faults
+from mbm.problem.tables import Table
+from mbm.problem.types import BlockRole, Problem
+from mbm.text.types import Diagnostic
+from mbm.values import dataclass
+
+TELLING_ROWS = 20
+"""Rows of a clause from which this can be told: with ten, errors that grow twentyfold are found once in seven."""
+
+CHECKED = 0.75
+"""Mean share of the residuals' variance that the fit leaves, from which ranks of residuals are as those of errors."""
+
+UNCHECKED = 0.01
+"""Share of a residual's variance below which its size is left to the other rows, and tells nothing of its error."""
+
+NO_DIFFERENCE = 1e-9
+"""Size of residuals, and differences of model values, beside the latter, that rounding in computation makes."""
+
+BY_CHANCE = 0.01
+"""Share of all solves in which errors that are as stated are said to be uneven."""
+
+
+class With(StrEnum):
+    """What errors may grow with."""
+
+    SIZE = "the size of its readings"
+    VALUE = "its readings"
+    ROW = "the number of the row"
+
+
+def told_apart(problem: Problem, equations: Assembled) -> tuple[int, ...]:
+    """The observations of which errors may be seen to grow: of rows with one reading each, stated as independent."""
+    if equations.lossy or equations.likely or equations.rows is not None or problem.sequence is not None:
+        return ()
+    found: dict[int, bool] = {}
+    for group in equations.groups:
+        found[group.kernel.owner] = found.get(group.kernel.owner, True) and _single(problem, equations, group)
+    return tuple(owner for owner, suits in found.items() if suits)
+
+
+def _single(problem: Problem, equations: Assembled, group: Group) -> bool:
+    """Whether a group is of rows with one reading each."""
+    block = problem.blocks[group.kernel.owner]
+    measured = all(each.measured is not None for each in block.cases[group.kernel.case].equations)
+    alone = group.kernel.outputs == 1 and not equations.eliminated(group) and not block.structure.joins
+    stated = len(group.whiteners) == 1 and group.whiteners[0].weights.ndim == 2
+    return block.role is BlockRole.OBSERVATION and block.table is not None and measured and alone and stated
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Clauses:
+    """T clauses of n rows each: arrays (T, n).
+
+    ``fitted`` are the model's values, ``residuals`` are whitened by ``deviations``, the fit takes the share
+    ``leverage`` of the variance of each, and ``rows`` are their numbers in the table.
+    """
+
+    fitted: Floats
+    residuals: Floats
+    deviations: Floats
+    leverage: Floats
+    rows: Indices
+
+    @np.errstate(all="ignore")
+    def uneven(self, clauses: int) -> Iterator[tuple[int, With, float]]:
+        """Which of them have errors beyond what chance makes of one of so many ``clauses`` of a solve.
+
+        Then what these grow with the most, and the rank correlation.
+        """
+        n = self.fitted.shape[1]
+        largest = np.abs(self.fitted).max(axis=1, keepdims=True)
+        steps = np.round(self.fitted / (NO_DIFFERENCE * largest))
+        columns = np.stack([_ranks(each) for each in (np.abs(steps), steps, self.rows.astype(np.float64))])
+        found = correlations(columns, self._sizes())
+        found = np.where(np.isfinite(found) & self._telling(largest), found, 0.0)
+        tests = _different(columns)
+        worst = np.abs(found).argmax(axis=0)
+        for place, best in enumerate(worst.tolist()):
+            correlation = float(found[best, place])
+            chance = erfc(abs(correlation) * sqrt(0.5 * (n - 1)))
+            if chance * tests[place] * clauses < BY_CHANCE:
+                yield place, tuple(With)[best], correlation
+
+    def _sizes(self) -> Floats:
+        """Ranks of the residuals' sizes; those that nothing checks stand in the middle."""
+        free = 1.0 - self.leverage
+        sizes = np.where(free > UNCHECKED, np.abs(self.residuals) / np.sqrt(np.maximum(free, UNCHECKED)), np.nan)
+        middle = np.isfinite(sizes).sum(axis=1, keepdims=True) // 2  # no np.nanmedian, which loads masked arrays
+        return _ranks(np.where(np.isnan(sizes), np.take_along_axis(np.sort(sizes, axis=1), middle, axis=1), sizes))
+
+    def _telling(self, largest: Floats) -> Mask:
+        """Where residuals (T, n) are those of readings with noise, and checked by one another."""
+        made = (np.abs(self.residuals * self.deviations) > NO_DIFFERENCE * largest).any(axis=1)
+        checked = 1.0 - self.leverage.mean(axis=1) >= CHECKED
+        return np.asarray(made & checked & np.isfinite(self.fitted).all(axis=1))
+
+
+def correlations(columns: Floats, ranks: Floats) -> Floats:
+    """Those (C, T) of ranks ``columns`` (C, T, n) with ``ranks`` (T, n), all about their means."""
+    products = (columns * ranks).sum(axis=2)
+    return np.asarray(products / np.sqrt(np.square(columns).sum(axis=2) * np.square(ranks).sum(axis=1)))
+
+
+def _different(columns: Floats) -> Indices:
+    """How many (T,) of the columns (C, T, n) of ranks are not the same as one before, or its mirror image."""
+    found = np.zeros(columns.shape[1], dtype=np.int64)
+    for k in range(len(columns)):
+        same = np.abs(np.nan_to_num(correlations(columns[:k], columns[k]))) > 1.0 - NO_DIFFERENCE
+        found += ~same.any(axis=0)
+    return found
+
+
+def _ranks(values: Floats) -> Floats:
+    """Ranks (T, n) along each row, about their mean; equal values share one."""
+    n = values.shape[1]
+    order = np.argsort(values, axis=1, kind="stable")
+    ordered = np.take_along_axis(values, order, axis=1)
+    new = np.ones(values.shape, dtype=bool)
+    new[:, 1:] = ordered[:, 1:] != ordered[:, :-1]
+    last = np.ones(values.shape, dtype=bool)
+    last[:, :-1] = new[:, 1:]
+    places = np.arange(n)
+    low = np.maximum.accumulate(np.where(new, places, 0), axis=1)
+    high = np.minimum.accumulate(np.where(last, places, n)[:, ::-1], axis=1)[:, ::-1]
+    result = np.empty(values.shape)
+    np.put_along_axis(result, order, 0.5 * (low + high) - 0.5 * (n - 1), axis=1)
+    return result
+
+
+def uneven_noise(
+    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, basis: Floats
+) -> Iterator[Diagnostic]:
+    """A warning for each observation whose errors are uneven; ``basis`` (m, k) are the directions of the fit."""
+    owners = told_apart(problem, equations)
+    leverage = np.square(basis).sum(axis=1)
+    for owner in owners:
+        groups = [group for group in equations.groups if group.kernel.owner == owner]
+        places = np.concatenate([group.first + np.arange(group.rows) for group in groups])
+        if len(places) < TELLING_ROWS:
+            continue
+        sides = [measured_side(problem, group, tables) for group in groups]
+        measured = np.concatenate([side[:, 0] for side in sides if side is not None])
+        deviations = np.concatenate([1.0 / group.whiteners[0].weights[:, 0] for group in groups])
+        residuals, rows = minimum.residuals[places], np.concatenate([table_rows(problem, g, tables) for g in groups])
+        columns = measured + residuals * deviations, residuals, deviations, leverage[places], rows
+        names = "fitted", "residuals", "deviations", "leverage", "rows"
+        clause = Clauses(**{name: each[None] for name, each in zip(names, columns, strict=True)})
+        for _, grown, correlation in clause.uneven(len(owners)):
+            yield uneven_clause(problem, owner, grown, correlation)
+
+
+def table_rows(problem: Problem, group: Group, tables: Mapping[str, Table], lines: Indices | slice = ALL) -> Indices:
+    """The numbers (rows,) in their table of some rows of a group; 0 without one."""
+    table = problem.blocks[group.kernel.owner].table
+    if table is None or group.positions is None:
+        return np.zeros(group.rows, dtype=np.int64)
+    return np.asarray(tables[table].rows[group.positions[lines]])
+
+
+def uneven_clause(problem: Problem, owner: int, grown: With, correlation: float) -> Diagnostic:
+    """The warning about a clause."""
+    block = problem.blocks[owner]
+    return faults.uneven_noise(block.span, block.name, grown, correlation)

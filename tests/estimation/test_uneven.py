@@ -1,0 +1,112 @@
+"""Errors that grow with what is read are doubted, and errors that are alike are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+import mbm
+from mbm.estimation.trust.uneven import Clauses
+
+CODE = "uneven-noise"
+X = np.linspace(0.0, 1.0, 60)
+NORMAL = np.random.default_rng(4).normal(size=X.size)
+
+
+def text(noise: str = ":sigma unknown", more: str = "") -> str:
+    return f"(problem p (data d external) (unknowns (a) (b)) (observe d (= y (+ a (* b x))) {noise}) {more})"
+
+
+def found(y: np.ndarray, noise: str = ":sigma unknown") -> list[str]:
+    result = mbm.loads(text(noise)).solve(data={"d": {"x": X, "y": y}})
+    return [each.message for each in result.diagnostics if each.code.name == CODE]
+
+
+def test_errors_that_grow_and_errors_that_shrink() -> None:
+    grown = found(10 + 20 * X + NORMAL * (0.1 + 2 * X))
+    assert len(grown) == 1 and grown[0].startswith("errors of `d` grow with the size of its readings,")
+    (shrunk,) = found(10 + 20 * X + NORMAL * (2.1 - 2 * X))
+    assert shrunk.startswith("errors of `d` shrink with the size of its readings,")
+
+
+def test_errors_that_are_as_stated() -> None:
+    y = 10 + 20 * X + NORMAL * (0.1 + 2 * X)
+    assert not found(10 + 20 * X + NORMAL)
+    assert not found(y, ":sigma (+ 0.1 (* 2 x))")
+    assert not found(y, ":sigma (unknown (+ 0.1 (* 2 x)))")
+
+
+def test_readings_without_noise() -> None:
+    assert not found(10 + 20 * X)
+
+
+def test_units_do_not_matter() -> None:
+    y = 10 + 20 * X + NORMAL * (0.1 + 2 * X)
+    assert found(1e-9 * y) == found(y)
+
+
+def test_what_errors_grow_with() -> None:
+    """A line through zero has large readings at both ends, and a wave has none in an order."""
+    turned = 20 * (X - 0.5)
+    for model, noise, grown in (
+        (turned, 0.1 + np.abs(turned), "the size of its readings"),
+        (turned, 10.1 + turned, "its readings"),
+    ):
+        (said,) = found(model + NORMAL * noise)
+        assert said.startswith(f"errors of `d` grow with {grown},")
+    wave = mbm.loads("(problem p (data d external) (unknowns (a)) (observe d (= y (* a (sin x))) :sigma unknown))")
+    result = wave.solve(data={"d": {"x": 100.0 * X, "y": 20 * np.sin(100.0 * X) + NORMAL * (0.1 + 2 * X)}})
+    assert [d.message.split(",")[0] for d in result.diagnostics] == ["errors of `d` grow with the number of the row"]
+
+
+@pytest.mark.parametrize("rows", [20, 60])
+def test_scores_are_rank_correlations(rows: int) -> None:
+    """Without a fit, beside SciPy; model values stand twice, and share ranks."""
+    rng = np.random.default_rng(5)
+    fitted = np.repeat(rng.normal(size=(1, rows // 2)), 2, axis=1)
+    residuals = np.square(fitted) * rng.normal(size=(1, rows))
+    clauses = _clauses(fitted, residuals)
+    place, grown, correlation = next(clauses.uneven(1))
+    columns = {
+        "the size of its readings": np.abs(fitted),
+        "its readings": fitted,
+        "the number of the row": clauses.rows,
+    }
+    expected = spearmanr(columns[grown][0], np.abs(residuals[0]))[0]
+    assert (place, correlation) == (0, pytest.approx(expected, abs=1e-12))
+
+
+def _clauses(fitted: np.ndarray, residuals: np.ndarray) -> Clauses:
+    none = np.zeros(fitted.shape)
+    rows = np.broadcast_to(np.arange(fitted.shape[1]), fitted.shape)
+    return Clauses(fitted=fitted, residuals=residuals, deviations=none + 1.0, leverage=none, rows=rows)
+
+
+@pytest.mark.parametrize("clauses", [1, 2])
+def test_chance(clauses: int) -> None:
+    """Of 20,000 clauses without a fit, whose rows stand by size, so many are accused as there should be.
+
+    Their distribution with 30 rows is nearly normal; its tails are a little shorter.
+    """
+    rng = np.random.default_rng(7)
+    residuals = rng.standard_t(3, size=(20_000, 30))
+    found = list(_clauses(np.sort(rng.random(residuals.shape)), residuals).uneven(clauses))
+    share = 0.01 / clauses
+    assert share * 0.5 < len(found) / 20_000 < share + 3 * np.sqrt(share / 20_000)
+
+
+def test_many_solves_say_what_single_ones_say() -> None:
+    rng = np.random.default_rng(6)
+    runs = [np.arange(30), np.arange(60), np.arange(15), np.arange(60)]
+    data = [
+        (k, X[rows], 10 + 20 * X[rows] + rng.normal(size=rows.size) * (0.1 + 2 * X[rows]))
+        for k, rows in enumerate(runs)
+    ]
+    columns = {"run": np.concatenate([np.full(x.size, k) for k, x, _ in data])}
+    columns |= {"x": np.concatenate([x for _, x, _ in data]), "y": np.concatenate([y for *_, y in data])}
+    many = mbm.loads(text(more="(for-each run)")).solve(data={"d": columns})
+    for solve, (_, x, y) in zip(many.solves, data, strict=True):
+        alone = mbm.loads(text()).solve(data={"d": {"x": x, "y": y}})
+        assert [d.message for d in solve.diagnostics] == [d.message for d in alone.diagnostics]
+    assert sum(CODE in [d.code.name for d in solve.diagnostics] for solve in many.solves) >= 2
