@@ -27,6 +27,7 @@ from mbm.expression.nodes import (
     Output,
     postorder,
 )
+from mbm.expression.rows import RowChoice
 from mbm.problem.naming import scalar_name
 
 
@@ -168,7 +169,7 @@ class Converter:
         if isinstance(node, Column):
             found = self.columns.get(node.identity)
             if found is None:
-                found = (node, self._symbol(node.name if node.row == "each" else f"{node.row}.{node.name}"))
+                found = (node, self._symbol(column_name(node)))
                 self.columns[node.identity] = found
             return found[1]
         if isinstance(node, Constant):
@@ -194,6 +195,15 @@ def component_name(node: Component) -> str:
     if isinstance(node.member, ColumnMember):
         return scalar_name(f"{node.unknown}[{node.member.column}]", None, node.index)
     return scalar_name(node.unknown, None if node.member is None else node.member.key, node.index)
+
+
+def column_name(node: Column) -> str:
+    """How equations show a cell: ``x`` of the row at hand, ``first.x``, ``d.x[3]``; ``count(d)`` is how many rows."""
+    if isinstance(node.row, int):
+        return f"{node.table}.{node.name}[{node.row + 1}]"
+    if node.row is RowChoice.COUNT:
+        return f"count({node.table})"
+    return node.name if node.row is RowChoice.EACH else f"{node.row}.{node.name}"
 
 
 def _number(value: int | Fraction | float) -> sympy.Expr:
