@@ -89,7 +89,7 @@ def _reference(reference: Reference) -> Iterator[str]:
     sigma = _scales(covariance)
     for i in range(len(covariance)):
         for j in range(i + 1) if len(covariance) <= MOST_COVARIANCES else (i,):
-            if np.isfinite(covariance[i, j]):
+            if np.isfinite(covariance[i, j] * sigma[i] * sigma[j]):
                 yield f"covariance,{i},{j},{float(covariance[i, j])!r},{float(sigma[i] * sigma[j])!r}"
 
 

@@ -35,6 +35,11 @@ class StaticSystem:
     noises: tuple[Foreign, ...]
     scaled: bool
 
+    @property
+    def told(self) -> int:
+        """Factors of unknown noise that the residuals tell."""
+        return self.prefix[at.Problem.noises]
+
 
 def weights_width(case: BlockCase) -> int:
     """Numbers that whiten a row."""

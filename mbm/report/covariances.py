@@ -53,7 +53,7 @@ def _whole(solution: Solution) -> Floats | None:
     # Loaded by sparse problems only, so that the others start at once.
     from mbm.estimation.uncertainty.sparse import whole_covariance
 
-    return whole_covariance(solution.observability, solution.covariance)
+    return whole_covariance(solution.covariance)
 
 
 def derived_covariance(

@@ -270,12 +270,14 @@ def _spread(solution: Solution) -> Floats:
     """By what a difference of each number (N,) is measured where the number itself is small: its standard deviation.
 
     For the numbers that hold a rotation it is the largest one of the coordinates that it varies by. Where no standard
-    deviation is known, it is the largest number.
+    deviation is known, it is the largest number; where noise that nothing tells hides one, the one with the noise last
+    used.
     """
     layout = solution.layout
     spread = np.zeros(len(layout.start))
     sigma = np.zeros(len(layout.number))
-    sigma[solution.free] = np.nan_to_num(solution.covariance.sigma)
+    known, factor = solution.covariance.sigma, solution.covariance.factor
+    sigma[solution.free] = np.where(np.isnan(known), np.sqrt(np.square(factor).sum(axis=1)), known)
     if not solution.sigma_known:
         sigma[solution.free] = np.max(np.abs(solution.numbers), initial=0.0)
     for entry in layout.entries:

@@ -177,15 +177,6 @@ TOLD = 2.0
 """Degrees of freedom ν from which on residuals alone tell their variance: below, its deviation √(2/ν) exceeds it, and
 the stated noise counts as well."""
 
-NOISE_ROUNDS = 200
-"""Rounds of variance components; each squares away most of the error unless a group has hardly any redundancy."""
-
-SETTLED_FACTORS = 1e-9
-"""Relative change of every noise factor that ends the rounds."""
-
-LEAST_REDUNDANCY = 1e-9
-"""A group with less redundancy than this is not checked by anything."""
-
 # --- consensus ------------------------------------------------------------------------------------------------------
 STATED = -1
 """The noise group of units whose noise is stated."""
@@ -317,16 +308,6 @@ def decided_rank(width: Integer, singular: ConstantReals) -> Integer:
         if value <= CERTAIN or (value <= SUSPECT and value * GAP <= before):
             return rank
     return width
-
-
-def noise_ratio(squares: Real, redundancy: Real) -> Real:
-    """By how much the noise factor of a group is wrong: ``√(SSE/r)`` of its whitened residuals (Förstner 1979).
-
-    1 where nothing checks the group, or it is fitted exactly.
-    """
-    if redundancy > LEAST_REDUNDANCY and squares > 0.0:
-        return sqrt(squares / redundancy)
-    return 1.0
 
 
 def usual_cost(freedom: Real) -> Real:

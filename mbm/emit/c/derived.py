@@ -9,7 +9,7 @@ from mbm.emit.c.text import bare, comment, remark, wrapped
 from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.reserved import RESERVED
 from mbm.emit.statements import ARITHMETIC, Dialect, called, statements
-from mbm.emit.system import varies
+from mbm.emit.system import StaticSystem, varies
 from mbm.emit.types import BlockCase, Blueprint, DerivedShape
 from mbm.machine.c import number
 from mbm.machine.program import Operator, Program
@@ -37,7 +37,7 @@ static double spread_of(struct frame *f, long row, long count, const long *rows,
     }}
     if (f->states[{deficient}] != 0 && !determines(f->system, gradient, &f->work))
         return -1.0;
-    for (i = 0; i < n; i++) {{
+{untold}    for (i = 0; i < n; i++) {{
         if (gradient[i] == 0.0)
             continue;
         if (!(f->covariance[i * n + i] >= 0.0))
@@ -48,6 +48,9 @@ static double spread_of(struct frame *f, long row, long count, const long *rows,
     }}
     return variance > 0.0 ? sqrt(variance) : 0.0;
 }}
+"""
+_UNTOLD = """    if (is_untold(n, f->apart, f->covariances, gradient))
+        return -1.0;
 """
 
 
@@ -64,12 +67,12 @@ def derived_kernels(blueprint: Blueprint) -> Iterator[str]:
             )
 
 
-def derived_functions(blueprint: Blueprint) -> str:
+def derived_functions(blueprint: Blueprint, static: StaticSystem) -> str:
     """One function for each quantity; it answers 0 where a row is in none of its cases."""
     if not blueprint.derived:
         return ""
     cells = Cells(blueprint)
-    spread = _SPREAD.format(deficient=at.DEFICIENT)
+    spread = _SPREAD.format(deficient=at.DEFICIENT, untold=_UNTOLD if static.told else "")
     return "\n".join([spread, *("\n".join(_function(cells, each)) for each in blueprint.derived)])
 
 

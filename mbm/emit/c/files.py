@@ -231,7 +231,7 @@ def source_file(blueprint: Blueprint, static: StaticSystem) -> str:
         table_functions(blueprint),
         unknown_functions(blueprint),
         clause_functions(blueprint),
-        derived_functions(blueprint),
+        derived_functions(blueprint, static),
         solve_functions(blueprint, static),
         "",
     ]

@@ -12,6 +12,7 @@ from mbm.emit.c.sizes import outputs_capacity, spare_size
 from mbm.emit.c.text import remark
 from mbm.emit.foreign import Foreign, told
 from mbm.emit.reading import every_value
+from mbm.emit.routines.noises import ASSUMPTIONS
 from mbm.emit.system import StaticSystem, kinds_of_units, weights_width
 from mbm.emit.types import BlockShape, Blueprint, Choice, ColumnValue, InputValue
 from mbm.problem.types import BlockRole
@@ -44,7 +45,7 @@ static long *integers_of(struct arena *a, long count)
 def frame_text(blueprint: Blueprint, static: StaticSystem) -> str:
     """The struct and the function that lays it out."""
     cells = Cells(blueprint)
-    return "\n".join([_HEAD, *_struct(blueprint), "", *_layout(blueprint, static, cells), ""])
+    return "\n".join([_HEAD, *_struct(blueprint, static), "", *_layout(blueprint, static, cells), ""])
 
 
 def ends(blueprint: Blueprint) -> tuple[tuple[Foreign, Choice], ...]:
@@ -57,7 +58,7 @@ def ends(blueprint: Blueprint) -> tuple[tuple[Foreign, Choice], ...]:
     return tuple(found)
 
 
-def _struct(blueprint: Blueprint) -> Iterator[str]:
+def _struct(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     count, kernels = len(blueprint.unknowns), len(blueprint.cases)
     yield "struct frame {"
     yield f"    const {blueprint.identifier}_data *data;"
@@ -93,6 +94,9 @@ def _struct(blueprint: Blueprint) -> Iterator[str]:
         yield from agreement_fields()
     if blueprint.ranges is not None:
         yield from range_fields()
+    if static.told:
+        yield f"    double *covariances;    /* {1 + ASSUMPTIONS}: as it is, and with more of what nothing tells */"
+        yield f"    double apart[{ASSUMPTIONS}];"
     yield f"    double kappa[{max(kinds_of_units(blueprint), 1)}];    /* of each kind of unit: what limits leave */"
     yield "    double results[8];"
     yield "    long states[8];"
@@ -138,12 +142,12 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield "    f->point = reals_of(a, numbers);"
     if estimates(blueprint) != "point":
         yield "    f->estimates = reals_of(a, numbers);"
-    yield "    f->lower = reals_of(a, n);"
-    yield "    f->upper = reals_of(a, n);"
-    yield "    f->sigma = reals_of(a, n);"
+    yield from (f"    f->{name} = reals_of(a, n);" for name in ("lower", "upper", "sigma"))
     yield f"    f->constants = reals_of(a, {at.BOUNDS_AT + len(static.losses)} + 2 * n);"
     yield "    f->triangle = reals_of(a, (n + 1) * (n + 1));"
     yield "    f->covariance = reals_of(a, n * n);"
+    if static.told:
+        yield f"    f->covariances = reals_of(a, {1 + ASSUMPTIONS} * n * n);"
     yield "    f->multipliers = reals_of(a, multipliers + 1);"
     yield "    header.numbers = numbers;"
     yield "    header.n = n;"

@@ -28,7 +28,7 @@ def spare_size(blueprint: Blueprint, static: StaticSystem) -> str:
     """Reals of scratch besides the solver's, as C text with ``n``."""
     plain, lines = row_scratch(blueprint)
     matrices = f"4 * n * n + {SUMS} + n + " if lossy(blueprint) else ""
-    return f"{matrices}{len(static.noises) + FOUND + plain} + {lines} * n"
+    return f"{matrices}{FOUND + plain} + {lines} * n"
 
 
 def outputs_capacity(blueprint: Blueprint, static: StaticSystem) -> int:

@@ -11,7 +11,7 @@ from mbm.emit.c.header import STATUSES
 from mbm.emit.c.ranges import range_beginning, range_solve
 from mbm.emit.c.sizes import lossy
 from mbm.emit.c.text import status_text
-from mbm.emit.routines.noises import SCATTER, SQUARES
+from mbm.emit.routines.noises import ASSUMPTIONS, SCATTER, SQUARES, TOLD
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import BlockCase, Blueprint
 from mbm.solver import description as at
@@ -69,7 +69,7 @@ def solve_functions(blueprint: Blueprint, static: StaticSystem) -> str:
     parts = [
         *_prepare(blueprint, static, cells),
         *(() if agreement is None else (agreement_function(blueprint, agreement, len(static.prefix)),)),
-        *_answer(blueprint, cells),
+        *_answer(blueprint, static, cells),
         *_public(blueprint, static, cells),
     ]
     return "\n".join(parts)
@@ -124,6 +124,9 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
     yield "    for (b = 0; b < count; b++)"
     yield "        if (f->column[b] >= 0)"
     yield "            f->coordinates[f->column[b]] = b;"
+    if static.told:
+        yield f"    for (b = 0; b < {ASSUMPTIONS}; b++)"
+        yield "        f->apart[b] = 0.0;"
     yield f"    for (b = 0; b < {max(kinds_of_units(blueprint), 1)}; b++)"
     yield "        f->kappa[b] = 1.0;"
     if blueprint.agreement is not None:
@@ -135,7 +138,7 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
     yield ""
 
 
-def _answer(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
+def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:
     name = blueprint.identifier
     yield "/* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */"
     yield f"static void answer(struct frame *f, {name}_result *result)"
@@ -153,6 +156,8 @@ def _answer(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
             yield f"    result->{derived.identifier}_rows = f->derived_{derived.identifier}_count;"
     yield f"    if (f->states[{at.DEFICIENT}] != 0)"
     yield "        mask_undetermined(f->system, &f->work, f->covariance);"
+    if static.told:
+        yield "    mask_untold(n, f->apart, f->covariances, f->covariance);"
     yield "    for (c = 0; c < all; c++)"
     yield "        f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;"
     yield "    for (c = 0; c < n; c++) {"
@@ -234,6 +239,7 @@ def _solve(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator
     yield "    struct frame frame, *f = &frame;"
     factors = bool(static.noises) or blueprint.agreement is not None
     yield from (f"    double factors[{max(len(static.noises), 1)}];",) if factors else ()
+    yield from (f"    double told[{static.told * TOLD}];",) if static.told else ()
     yield from ("    long c;",) if factors or static.scaled else ()
     yield from ("    long n;",) if static.scaled else ()
     yield from ("    double scatter;",) if static.scaled else ()
@@ -253,8 +259,9 @@ def _solve(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator
         yield "    solve_alone(f->system, f->data_set, f->start, &f->work);"
     else:
         yield from range_solve(blueprint.ranges, cells.status("NO_START"))
-    if static.noises:
-        yield "    settle_noises(f->system, &f->work, f->kappa, factors, f->spare);"
+    if static.told:
+        yield "    settle_noises(f->system, &f->work, f->kappa, factors, told, f->spare);"
+        yield "    set_assumptions(f->system, &f->work, told, f->apart, f->covariances);"
     yield f"    result->cost = f->results[{at.PLAIN_COST}];"
     if len(static.noises) == 1:
         yield "    /* one unknown factor counts as 1 in the cost */"

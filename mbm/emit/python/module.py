@@ -15,7 +15,7 @@ from mbm.emit.python.rows import clause_functions, finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
 from mbm.emit.python.text import WIDTH, docstring, literal, optional, remark
 from mbm.emit.routines.modules import called_in_python, emitted_module
-from mbm.emit.routines.noises import SCATTER, SQUARES
+from mbm.emit.routines.noises import ASSUMPTIONS, SCATTER, SQUARES, TOLD
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
 from mbm.machine.program import Operator
@@ -143,6 +143,7 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     lines += [
         f"KINDS = {max(kinds_of_units(blueprint), 1)}",
         *_assigned("NOISY", map(literal, static.noises), "Unknown noise."),
+        f"TOLD = {static.told * TOLD}",
     ]
     yield "\n".join(lines)
     values = [(name, getattr(description, name)) for name in _DESCRIPTION]
@@ -153,7 +154,7 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         ("DATA_COUNT", description.DataSet.count),
     ]
     values += [("DATA_COLUMNS", description.DataBlock.columns), ("DATA_ROWS", description.DataBlock.rows)]
-    values += [("SCATTER", SCATTER), ("SQUARES", SQUARES)]
+    values += [("SCATTER", SCATTER), ("SQUARES", SQUARES), ("ASSUMPTIONS", ASSUMPTIONS)]
     if blueprint.agreement is None:
         yield "KEPT = False"
     else:

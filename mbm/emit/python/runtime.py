@@ -148,12 +148,12 @@ class Prepared:
         self.work.integers = integers(work_integers(self.system))
         share_out(self.system, self.work)
         rows = self.work.rows
-        rows.constants, rows.data, rows.parameters, rows.whitening = (
-            self.constants, self.data, self.parameters, self.weights
-        )
+        rows.constants, rows.data = self.constants, self.data
+        rows.parameters, rows.whitening = self.parameters, self.weights
         rows.index, rows.columns = self.index, self.columns
         self.spare = reals(4 * self.free * self.free + 64 + SPARE[0] + (SPARE[1] + 1) * self.free)
-        self.kappa = np.ones(KINDS)
+        self.kappa, self.told = np.ones(KINDS), reals(TOLD)
+        self.apart, self.covariances = reals(ASSUMPTIONS), reals((1 + ASSUMPTIONS) * self.free * self.free)
 
     def _set_up(self, t: Tables, f: Found, start: Mapping[str, Any]) -> None:
         """Starts, bounds, and what stays."""
@@ -230,7 +230,8 @@ def spread(
             loose[line] = True
     sigma = np.full(size, np.nan)
     for line in np.flatnonzero(~loose):
-        if deficient and not determines(p.system, view(gradient[line]), p.work):
+        own = view(gradient[line])
+        if (deficient and not determines(p.system, own, p.work)) or is_untold(p.free, p.apart, p.covariances, own):
             continue
         on = gradient[line] != 0.0
         variance = gradient[line, on] @ matrix[np.ix_(on, on)] @ gradient[line, on]
@@ -277,7 +278,8 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         answer.numbers, answer.results, answer.states, answer.sides = point, results, states, sides
         answer.triangle, answer.covariance, answer.multipliers = triangle, covariance, multipliers
         solve_first(p)
-        settle_noises(p.system, p.work, p.kappa, factors, p.spare)
+        settle_noises(p.system, p.work, p.kappa, factors, p.told, p.spare)
+        set_assumptions(p.system, p.work, p.told, p.apart, p.covariances)
 
         def spread_of(group: int, what: int) -> float:
             return float(spread_of_group(p.system, rows, point, covariance, p.kappa, group, what, p.spare))
@@ -292,11 +294,9 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
             found = sandwich(p.system, rows, point, sides, rank, p.work.part, p.spare, covariance)
         elif KEPT and states[REASON] != NOT_FINITE_AT_START:
             found = inform(p.system, p.kappa, p.work)
-        if not found:
-            states[DEFICIENT] = 1
+        states[DEFICIENT] |= not found
     freedom = int(states[FREEDOM])
-    sigma0 = math.sqrt(cost / freedom) if freedom > 0 else 0.0
-    matrix = covariance[: n * n].reshape(n, n)
+    matrix = np.array(covariance[: n * n]).reshape(n, n)
     if SCALED:
         matrix = matrix * (scatter / freedom) if freedom > 0 else np.full((n, n), np.nan)
     coordinates = np.array([c for c in range(p.firsts[len(NAMES)]) if p.column[c] >= 0], dtype=np.int64)
@@ -305,8 +305,8 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         numbers = reported(p, point)
         derived = derive(p, numbers, matrix, deficient=bool(states[DEFICIENT]))
         if states[DEFICIENT]:
-            matrix = np.array(matrix)
             mask_undetermined(p.system, p.work, matrix.reshape(-1))
+        mask_untold(n, p.apart, p.covariances, matrix.reshape(-1))
         sigma[coordinates] = np.sqrt(np.diag(matrix))
     estimates = {}
     for u, name in enumerate(NAMES):
@@ -323,7 +323,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         "cost": cost,
         "robust_cost": float(results[COST]),
         "freedom": freedom,
-        "sigma0": sigma0,
+        "sigma0": math.sqrt(cost / freedom) if freedom > 0 else 0.0,
         "estimates": estimates,
         "derived": derived,
         "covariance": matrix,

@@ -142,9 +142,16 @@ def inform(problem: Problem, kappa: ConstantReals, work: Work) -> Integer:
             if kappa[first + u] != 1.0:
                 weigh_units(problem, rows, b, u, sqrt(kappa[first + u]))
         first += count
+    return covariance_anew(problem, work, answer.covariance) < 1e300
+
+
+def covariance_anew(problem: Problem, work: Work, covariance: Reals) -> Real:
+    """The covariance (n, n) at the end of a solve with the weights as they are now; its condition."""
+    answer = work.answer
+    rows = work.rows
     load_rows(problem, rows)
     sweep(problem, answer.numbers, 0, 0, rows, rows.constants, answer.triangle)
     count = 0
     if work.penalised == 1:
         count = constraint_count(problem, rows.data)
-    return set_covariance(problem, answer.triangle, answer.sides, count, work.held, work, answer.covariance) < 1e300
+    return set_covariance(problem, answer.triangle, answer.sides, count, work.held, work, covariance)

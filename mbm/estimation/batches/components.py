@@ -22,7 +22,7 @@ from mbm.estimation.starts.closed_forms.completion import plans
 from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.estimation.uncertainty.variance import Helmert
 from mbm.problem.types import BlockRole, Problem
-from mbm.solver.decisions import NOISE_ROUNDS
+from mbm.solver.noise_factors import NOISE_ROUNDS
 from mbm.values import dataclass
 
 if TYPE_CHECKING:

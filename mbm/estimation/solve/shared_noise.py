@@ -20,7 +20,7 @@ from mbm.equations.common_errors import with_rho
 from mbm.equations.structure import Pattern, Structure
 from mbm.equations.types import Floats, Indices, Minimum, Noise, NoiseState, Observability
 from mbm.estimation.uncertainty.shared_degrees import NoiseParameter, Rho, Told, scale_of, told
-from mbm.solver.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
+from mbm.solver.noise_factors import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 from mbm.values import dataclass
 
 LONGEST_STEP = 2.0

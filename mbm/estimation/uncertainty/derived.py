@@ -15,7 +15,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.uncertainty.covariance import propagate
 from mbm.estimation.uncertainty.degrees import common
-from mbm.estimation.uncertainty.statistics import Statistics, changed
+from mbm.estimation.uncertainty.statistics import Statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of
 from mbm.problem.tables import Table
@@ -69,7 +69,7 @@ class Propagation:
         matrix = propagate(gradient, outcome.observed, outcome.covariance).matrix
         unknown = np.zeros(matrix.shape, dtype=bool)
         for each in outcome.alternatives:
-            unknown |= changed(matrix, propagate(gradient, each.observed, each.covariance).matrix, each.apart)
+            unknown |= each.unknown_of(gradient)
         return np.where(unknown, np.nan, matrix)
 
     def _one(self, owner: int) -> DerivedSolution:

@@ -124,16 +124,16 @@ def sparse_covariance(observed: Observability, variance: float) -> Covariance:
 
 
 @np.errstate(all="ignore")
-def whole_covariance(observed: Observability, estimated: Covariance) -> Floats | None:
-    """The covariance matrix (n, n), with NaN as in ``Covariance``; None where it would be too large."""
-    count = len(observed.scale)
+def whole_covariance(estimated: Covariance) -> Floats | None:
+    """The covariance matrix (n, n), NaN for coordinates without a sigma; None where it would be too large."""
+    count = len(estimated.sigma)
     if estimated.inverse is None:
         return estimated.matrix
     if count > HELD:
         return None
     matrix = inverse_of(estimated.inverse).solve(np.eye(count)) * estimated.variance
     matrix = (matrix + matrix.T) / 2.0
-    undetermined = ~observed.estimable & ~observed.fixed
+    undetermined = np.isnan(estimated.sigma)
     matrix[undetermined, :] = np.nan
     matrix[:, undetermined] = np.nan
     return matrix

@@ -12,20 +12,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.formulas import of_arrays
 from mbm.equations.likelihoods import is_untested
 from mbm.equations.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
-from mbm.estimation.uncertainty.covariance import covariance, in_datum
+from mbm.estimation.uncertainty.covariance import covariance, in_datum, propagate
 from mbm.estimation.uncertainty.degrees import Freedoms, freedoms
 from mbm.estimation.uncertainty.observability import observed_at
 from mbm.estimation.uncertainty.variance import fit_statistics
 from mbm.problem.factors import factor_groups
 from mbm.problem.types import Problem
+from mbm.solver.noise_factors import OWN, SAME_COVARIANCES, TRIED, changed
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
@@ -121,21 +123,33 @@ class RowInfluence:
         return self.freedoms.of_noise(block)
 
 
-SAME_COVARIANCES = 1e-9
-"""Relative difference up to which two covariances are the same: far above rounding, far below any factor."""
-
-OWN = 0.5
-"""The same for noise that is estimated as nothing: what it is due to alone is four times as large with twice the noise,
-while the share of it in anything else vanishes with it."""
+Propagator: TypeAlias = tuple[Observability, Covariance]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Alternative:
-    """The covariance with another assumption about noise that nothing tells: what differs by more is not known."""
+    """The covariance with another assumption about noise that nothing tells: what is farther ``apart`` is not known.
 
-    observed: Observability
-    covariance: Covariance
+    It is compared with the covariance without that assumption; what losses make of either does not count.
+    """
+
+    given: Propagator
+    assumed: Propagator
     apart: float
+
+    def unknown_sigmas(self) -> Mask:
+        """Which coordinates (n,) have no standard deviation."""
+        first, second = (np.square(each[1].sigma) for each in (self.given, self.assumed))
+        return _changed(first, second, self.apart, first)
+
+    def unknown(self) -> Mask:
+        """Which elements of the covariance matrix (n, n) are not known; (0, 0) of sparse problems."""
+        return _elements_changed(self.given[1].matrix, self.assumed[1].matrix, self.apart)
+
+    def unknown_of(self, gradient: Floats) -> Mask:
+        """Which elements (k, k) of the covariance of quantities with a gradient (k, n) are not."""
+        first, second = (propagate(gradient, *each).matrix for each in (self.given, self.assumed))
+        return _elements_changed(first, second, self.apart)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -179,11 +193,8 @@ def statistics(
     stated, decided = _stated(equations, noise), observed
     estimated, observed = _estimated(equations, minimum, plain, decided, stated, variance)
     alternatives = tuple(_alternatives(equations, minimum, noise)) if factors is not None else ()
-    unknown = np.zeros(estimated.matrix.shape, dtype=bool)
     for each in alternatives:
-        unknown |= changed(estimated.matrix, each.covariance.matrix, each.apart)
-    if alternatives:
-        estimated = _masked(estimated, unknown)
+        estimated = _masked(estimated, each)
     diagnostics = tuple(
         faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.state.value, _wanted(problem, i))
         for i, n in noise.items()
@@ -291,27 +302,33 @@ def _stated(equations: Assembled, noise: Mapping[int, Noise]) -> Mask:
 
 
 def _alternatives(equations: Assembled, minimum: Minimum, noise: Mapping[int, Noise]) -> Iterator[Alternative]:
-    """The covariances if noise that the residuals cannot tell, or that is nothing, were twice as large; of problems
-    that are not sparse.
-    """
+    """The covariances if noise that the residuals cannot tell, or that is nothing, were larger (`TRIED`)."""
+    point = equations.coordinates(minimum.point)
+
+    def with_weights(weights: Floats | None) -> Propagator:
+        observed = observed_at(minimum, point, weights)
+        return observed, covariance(observed)
+
+    given = None
     for state, apart in ((NoiseState.NO_REDUNDANCY, SAME_COVARIANCES), (NoiseState.NOTHING, OWN)):
         untold = [i for i, n in noise.items() if n.state is state]
-        if not untold or minimum.blocks is not None:
-            continue
-        weights = np.ones(equations.count)
-        for number in untold:
-            weights[equations.noise_rows(number)] = 0.5
-        observed = observed_at(minimum, equations.coordinates(minimum.point), weights)
-        yield Alternative(observed=observed, covariance=covariance(observed), apart=apart)
+        if untold:
+            given = given or with_weights(None)
+            weights = np.ones(equations.count)
+            for number in untold:
+                weights[equations.noise_rows(number)] = 1.0 / TRIED
+            yield Alternative(given=given, assumed=with_weights(weights), apart=apart)
 
 
-def changed(first: Floats, second: Floats, share: float) -> Mask:
-    """Which elements of two covariances differ by more than a share."""
-    scale = np.maximum(np.abs(first), np.abs(second))
-    return np.asarray(np.abs(first - second) > share * scale, dtype=bool)
+def _changed(first: Floats, second: Floats, share: float, size: Floats) -> Mask:
+    return np.asarray(of_arrays(changed)(first, second, share, size) != 0.0)
 
 
-def _masked(estimated: Covariance, unknown: Mask) -> Covariance:
-    matrix = np.where(unknown, np.nan, estimated.matrix)
-    sigma = np.where(np.diag(unknown), np.nan, estimated.sigma)
+def _elements_changed(first: Floats, second: Floats, share: float) -> Mask:
+    return _changed(first, second, share, np.sqrt(np.outer(np.diag(first), np.diag(first))))
+
+
+def _masked(estimated: Covariance, alternative: Alternative) -> Covariance:
+    matrix = np.where(alternative.unknown(), np.nan, estimated.matrix)
+    sigma = np.where(alternative.unknown_sigmas(), np.nan, estimated.sigma)
     return replace(estimated, matrix=matrix, sigma=sigma)

@@ -11,27 +11,23 @@ import numpy as np
 from mbm.equations.formulas import of_arrays
 from mbm.equations.types import Components, Fit, Floats, Indices, Mask, Noise, NoiseState, Observability, SparseJacobian
 from mbm.solver.chi_square import chi_square_tail
-from mbm.solver.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS, noise_ratio
+from mbm.solver.noise_factors import (
+    BETWEEN,
+    LEAST_REDUNDANCY,
+    NOISE_ROUNDS,
+    SETTLED_FACTORS,
+    VANISHED,
+    fading,
+    noise_ratio,
+)
 
 Reweighted = Callable[[Floats], tuple[Floats, Floats] | None]
 """From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum
 with the rows of group k whitened by its sigma times factor k; None: no minimum was found with the work that is left.
 The caller starts each solve where the last one ended."""
 
-FAINT = 0.05
-"""Redundancy of each row of a group beside others' noise, below which a factor that falls may be nothing."""
-
-BETWEEN = 5
-"""Rounds after which such a factor is tried as nothing: each makes it smaller by the same share, often a small one."""
-
-NOTHING_LEFT = 0.5
-"""Share of the least redundancy that is left of a group that is nothing."""
-
 Shares: TypeAlias = tuple[Floats, Floats]
 """Sums of squares and redundancy (K, groups) of groups of unknown noise."""
-
-VANISHED = 1e-12
-"""A factor that falls below this share of its first value belongs to a group that is fitted exactly."""
 
 
 def fit_statistics(
@@ -114,15 +110,14 @@ class Helmert:
     def fade(self, told: Callable[[Floats], Shares | None], shares: Shares, rows: Sequence[int]) -> None:
         """Let factors of the first solve vanish that fall with the ``shares`` of a round, and do where nothing is left.
 
-        ``told`` gives the shares with other factors (groups,). The restricted likelihood has a maximum at 0 where the
-        squares are less than the redundancy there.
+        ``told`` gives the shares with other factors (groups,).
         """
-        squares, redundancy = shares
+        squares, redundancy = (each[0].tolist() for each in shares)
         for k, count in enumerate(rows):
-            falls = self.checked[0, k] and squares[0, k] < redundancy[0, k] < FAINT * count
-            if falls and redundancy[0, k] > LEAST_REDUNDANCY:
+            faded = fading(squares[k], redundancy[k], count)
+            if self.checked[0, k] and faded != 1.0:
                 factors = self.factors[0].copy()
-                factors[k] *= sqrt(NOTHING_LEFT * LEAST_REDUNDANCY / redundancy[0, k])
+                factors[k] *= faded
                 there = told(factors)
                 if there is not None and there[0][0, k] < there[1][0, k]:
                     self.factors[0] = factors

@@ -236,6 +236,28 @@ def test_effects_of_no_dark_uncertainty_have_no_standard_deviation() -> None:
     assert "estimated as nothing" in found.document()["solves"][0]["derived"]["apart"]["reason"]
 
 
+def test_effects_of_many_laboratories_have_none_either() -> None:
+    """Sparse problems; the readings of each laboratory are alike, so that the mean has that of 2 n readings."""
+    count = 400
+    text = """(problem p (data labs external) (data d external) (unknowns (m) (b :per labs :init 0))
+      (observe d (= y (+ m (b lab))) :sigma 0.1) (observe dark labs (= 0 (b lab)) :sigma unknown)
+      (derive (own (+ m (b 1))) (apart (- (b 1) (b 2)))))""".replace(
+        "(data labs external)", "(data labs external :key lab)"
+    )
+    names = np.arange(1.0, count + 1)
+    y = 10 + 0.02 * np.cos(np.arange(2 * count))
+    data = {"labs": {"lab": names.tolist()}, "d": {"lab": np.tile(names, 2).tolist(), "y": y.tolist()}}
+    found = mbm.loads(text).solve(data=data, covariance_full=True)
+    assert "sparse" in found.method
+    assert found.noise["dark"] == 0.0
+    assert np.isnan(found["b"].sigma).all()
+    assert np.isnan(found["apart"].sigma)
+    assert float(found["m"].sigma) == pytest.approx(0.1 / np.sqrt(2 * count), rel=1e-6)
+    assert float(found["own"].sigma) == pytest.approx(0.1 / np.sqrt(2 * count), rel=1e-6)
+    whole = np.asarray(found.solves[0].record.covariance.matrix)
+    assert np.isfinite(whole).sum() == 1
+
+
 def test_effects_of_dark_uncertainty_are_held() -> None:
     """Also where it is estimated small by chance: with the factor of the mean that would be 36 to 46 % of them."""
     rng, count, runs = np.random.default_rng(4), 4, 40

@@ -1,0 +1,111 @@
+"""Generated solvers with unknown noise that is nothing, or that nothing tells: what depends on it has no sigma."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+import mbm
+from tests.emit.making import make, of_text, run, written
+
+LABORATORIES = """(data d (table (run lab x u) {rows}))
+  (unknowns (m :init 10) (e :per d.lab :init 0))
+  (observe d (= x (+ m (e lab))) :sigma u) (observe dark d (= 0 (e lab)) :sigma (unknown 0.1){more})
+  (derive (own (+ m (e 1))) (apart (- (e 1) (e 2))) (twice (* 2 m)))"""
+ALIKE = "(1 1 10.01 0.1) (1 2 10.12 0.1) (1 3 9.99 0.1) (1 4 10.0 0.1)"
+DIFFERENT = "(2 1 10.01 0.1) (2 2 10.92 0.1) (2 3 9.39 0.1) (2 4 10.0 0.1)"
+LINE = "(data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1) (5 10.7)))"
+TEXTS = {
+    "nothing": LABORATORIES.format(rows=ALIKE, more=""),
+    "some": LABORATORIES.format(rows=DIFFERENT, more=""),
+    "each": LABORATORIES.format(rows=f"{ALIKE} {DIFFERENT}", more="") + " (for-each run)",
+    "lossy": LABORATORIES.format(rows=ALIKE, more=")(observe m (= 10.2 m) :sigma 0.2 :loss (huber 0.5)"),
+    "held": LABORATORIES.format(rows=ALIKE, more="") + " (constraints (= m 10.03))",
+    "bounded": LABORATORIES.replace(":per d.lab", ":per d.lab :in (-1 0.00001)").format(rows=ALIKE, more=""),
+    "days": """(data d (table (day y) (1 8.9) (1 10) (1 11) (2 9) (2 10) (2 11.1) (3 9.1) (3 10) (3 11)))
+      (unknowns (m :init 10) (e :per d.day :init 0)) (observe d (= y (+ m (e day))) :sigma unknown)
+      (observe days d.day (= 0 (e day)) :sigma unknown) (derive (twice (* 2 m)) (apart (- (e 1) (e 2))))""",
+    "unchecked": f"""{LINE} (data q (table (z) (3.1)))
+      (unknowns (a :init 1) (b :init 0) (c :init 2)) (observe d (= y (+ (* a x) b)) :sigma 0.2)
+      (observe q (= z (+ c b)) :sigma (unknown 0.3)) (derive (top (+ (* 6 a) b)) (sum (+ c b)) (more (+ c a)))""",
+    "both": f"""{LINE} (data q (table (z) (3.1))) (data w (table (k v) (1 0.1) (2 -0.1) (3 0.05)))
+      (unknowns (a :init 1) (b :init 0) (c :init 2) (o :per w.k :init 0))
+      (observe d (= y (+ (* a x) b)) :sigma 0.2) (observe q (= z (+ c b)) :sigma (unknown 0.3))
+      (observe w (= v (o k)) :sigma 1) (observe dark w (= 0 (o k)) :sigma (unknown 2))
+      (derive (sum (+ c (o 1))) (other (+ a (o 2))))""",
+}
+MISSING = {
+    "nothing": {"e", "apart"},
+    "some": set(),
+    "lossy": {"e", "apart"},
+    "held": {"e", "apart", "own"},
+    "bounded": {"e", "apart"},
+    "days": {"e", "apart"},
+    "unchecked": {"c", "sum", "more"},
+    "both": {"c", "o", "sum"},
+}
+"""What is due to noise that nothing tells, read off the equations: the mean of alike laboratories is not, nor is what
+the noise that is nothing is only a part of, beside a slope or a mean that is not held.
+"""
+
+CLOSE = 1e-9
+"""What generated solvers promise."""
+
+
+def _text(name: str) -> str:
+    return f"(problem {name} {TEXTS[name]})"
+
+
+def _same(found, wanted) -> bool:
+    """Equal, NaN where there is none, 0 for what a bound holds (the document has none for it)."""
+    found, wanted = np.ravel(found), np.ravel(wanted)
+    agreed = np.isclose(found, wanted, rtol=CLOSE, atol=0.0, equal_nan=True)
+    return bool((agreed | ((found == 0.0) & np.isnan(wanted))).all())
+
+
+@pytest.mark.parametrize("name", MISSING)
+def test_what_depends_on_noise_that_nothing_tells_has_no_sigma(name):
+    found = mbm.loads(_text(name)).solve().solves[0]
+    assert {each for each in found if np.isnan(found[each].sigma).any()} == MISSING[name]
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_python(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    folder = written(of_text(_text(name), "python"), tmp_path)
+    spec = importlib.util.spec_from_file_location(f"noises_{name}", folder / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    tables = module.read_tables([str(folder / "data" / f"{table}.csv") for table in module.COLUMNS])
+    wanted = mbm.loads(_text(name)).solve()
+    for (_, found), solve in zip(module.solve_each(tables), wanted.solves, strict=True):
+        for each, values in {**found["estimates"], **found["derived"]}.items():
+            assert _same(values["sigma"], solve[each].sigma), each
+        own, matrix = found["covariance"], np.asarray(solve.record.covariance.matrix)
+        assert (np.isnan(own) == (np.isnan(matrix) & (own != 0.0))).all()
+    assert run(sys.executable, f"test_{name}.py", folder=folder).returncode == 0
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) is here")
+@pytest.mark.parametrize(
+    "name", [n if n in ("each", "both") else pytest.param(n, marks=pytest.mark.slow) for n in TEXTS]
+)
+def test_c(name, tmp_path):
+    folder = written(of_text(_text(name), "c"), tmp_path)
+    made = make(folder, "all", "test", watched=False)
+    assert made.returncode == 0, made.stdout + made.stderr
+    tables = [f"data/{each}.csv" for each in ("d", "q", "w") if (folder / "data" / f"{each}.csv").exists()]
+    rows = list(csv.DictReader(run(f"./{name}", *tables, folder=folder).stdout.splitlines()))
+    solves = mbm.loads(_text(name)).solve().solves
+    counts: dict[str, int] = {}
+    for row in rows:
+        name_of = row["name"].split("[")[0]
+        number = counts.get(name_of, 0)
+        counts[name_of] = number + 1
+        wanted = np.concatenate([np.ravel(solve[name_of].sigma) for solve in solves])
+        assert _same(float(row["sigma"]) if row["sigma"] else np.nan, wanted[number]), row
