@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from enum import StrEnum
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,25 @@ class Intervals:
 
 
 @np.errstate(all="ignore")
+def level_of(given: object, own: float) -> float:
+    """The coverage probability that a caller gives; None: ``own``, that of the solve.
+
+    Raises:
+        ValueError: it is no number between 0 and 1.
+
+    """
+    if given is None:
+        return own
+    try:
+        level = nan if isinstance(given, str | bytes | bool) else float(given)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        level = nan
+    if not 0.0 < level < 1.0:
+        message = f"the level of an interval is a number between 0 and 1, such as 0.95 for 95 %, and {given!r} is not"
+        raise ValueError(message)
+    return level
+
+
 def intervals(item: Estimate | DerivedValue, level: float) -> Intervals:
     """The intervals of coverage probability ``level``."""
     values, sigma = shown_values(item), shown_sigma(item)

@@ -11,7 +11,7 @@ from mbm.expression.units import parse_unit
 from mbm.problem.naming import member_name
 from mbm.report.elements import shown_bounds, shown_sigma
 from mbm.report.geometric import GEOMETRIC, number_factors
-from mbm.report.intervals import Intervals, intervals
+from mbm.report.intervals import Intervals, intervals, level_of
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask
 from mbm.rotations import matrix_of_quaternion, planar
 from mbm.scales import SI
@@ -155,14 +155,10 @@ class Named:
         NaN where no standard deviation is known, infinite where a profile has no end.
 
         Raises:
-            ValueError: the level does not lie between 0 and 1.
+            ValueError: the level is no number between 0 and 1.
 
         """
-        level = self.coverage if level is None else level
-        if not 0.0 < level < 1.0:
-            message = f"the level of an interval lies between 0 and 1, and {level!r} does not"
-            raise ValueError(message)
-        found = self._intervals(level)
+        found = self._intervals(level_of(level, self.coverage))
         return np.stack([found.low, found.high], axis=-1)
 
     @property

@@ -19,7 +19,7 @@ from mbm.problem.tables import Column, Provenance, Table
 from mbm.problem.types import Derived, Equation, NoiseKind, Problem
 from mbm.report import faults
 from mbm.report.derived_values import derived_value
-from mbm.report.intervals import Intervals, intervals
+from mbm.report.intervals import Intervals, intervals, level_of
 from mbm.report.quantities import derived_quantity
 from mbm.report.types import DerivedValue, Floats, SolveReport
 from mbm.text.suggest import suggestion
@@ -61,6 +61,7 @@ def predicted(
 
     Raises:
         KeyError: no derived quantity is called so.
+        ValueError: the level is no number between 0 and 1.
         MbmError: not-predicted, or what is wrong with the table.
 
     """
@@ -68,10 +69,11 @@ def predicted(
     if name not in names:
         message = f"`{name}` is not derived; there are {', '.join(names)}" if names else f"`{name}` is not derived"
         raise KeyError(message)
-    made = solve.made_from() if solve.made_from is not None else None
-    if made is None:
-        raise _refused(name, "solves that are made together keep nothing but their answers", "solve one key alone")
-    problem, solution = made
+    if solve.boxes is not None:
+        raise _refused(name, "interval methods give bounds", "solve with another `:method`")
+    if solve.made_from is None:
+        raise _refused(name, "a result that was pickled has no equations", "solve again, or predict before pickling")
+    problem, solution = solve.made_from()
     derived = next(each for each in problem.derived if each.name == name)
     table = None if at is None else _table(solution, derived, at)
     if table is not None and any(constant.sigmas for constant in problem.constants):
@@ -102,7 +104,7 @@ def prediction(
         MbmError: not-predicted.
 
     """
-    level = problem.request.coverage if level is None else level
+    level = level_of(level, problem.request.coverage)
     owner, quantity = problem.derived.index(derived), derived_quantity(problem, derived)
     if table is None or solution.elsewhere is None:
         table = None if derived.table is None else solution.tables[derived.table]

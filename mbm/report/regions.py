@@ -18,7 +18,7 @@ from mbm.report import faults
 from mbm.report.correlations import correlation_of
 from mbm.report.elements import element_names, shown_sigma, shown_values, unit_text
 from mbm.report.geometric import GEOMETRIC
-from mbm.report.intervals import IntervalKind, intervals
+from mbm.report.intervals import IntervalKind, intervals, level_of
 from mbm.report.types import DerivedValue, Estimate, Floats, Mask, SolveReport
 from mbm.text.types import MbmError
 from mbm.values import dataclass
@@ -67,14 +67,11 @@ def region(solve: SolveReport, names: tuple[str, str], level: float | None) -> R
 
     Raises:
         KeyError: no quantity is called so.
-        ValueError: the level is not between 0 and 1.
+        ValueError: the level is no number between 0 and 1.
         MbmError: `no-region`, also for the name of a quantity that has several numbers.
 
     """
-    level = solve.coverage if level is None else float(level)
-    if not 0.0 < level < 1.0:
-        message = f"the level of a region is between 0 and 1, not {level}"
-        raise ValueError(message)
+    level = level_of(level, solve.coverage)
     items: tuple[Estimate | DerivedValue, ...] = (*solve.estimates, *solve.derived)
     for item in items:
         parts = element_names(item.quantity, item.keys)

@@ -239,7 +239,7 @@ class Solve(Said):
         Raises:
             LookupError: there is no solve, or there are several.
             KeyError: no scalar is called so.
-            ValueError: the level is not between 0 and 1.
+            ValueError: the level is no number between 0 and 1.
             MbmError: `no-region`.
 
         """
@@ -266,6 +266,7 @@ class Solve(Said):
         Raises:
             LookupError: there is no solve, or there are several.
             KeyError: no derived quantity is called so.
+            ValueError: the level is no number between 0 and 1.
             MbmError: `not-predicted`, or what is wrong with the table.
 
         """

@@ -324,9 +324,12 @@ def test_a_covariance_that_is_no_sum_over_rows_has_no_budget(monkeypatch: pytest
 
 
 def test_pickled_results_say_why_they_have_no_budget() -> None:
-    again = pickle.loads(pickle.dumps(solved("unknown")))  # noqa: S301 - our own
-    with pytest.raises(mbm.MbmError, match="pickled"):
+    result = solved("unknown")
+    again, budgets = pickle.loads(pickle.dumps((result, result.budgets())))  # noqa: S301 - our own
+    with pytest.raises(mbm.MbmError, match="pickled") as caught:
         again.budget("a")
+    assert "`result.budgets()`" in caught.value.diagnostics[0].hint
+    assert budgets == result.budgets()
     assert again.correlation.names == ("a", "b")
     assert "derived quantities" in again.correlation.reason
 

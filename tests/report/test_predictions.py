@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -87,6 +89,14 @@ def test_units_are_those_of_the_problem():
     fit, _, _, _ = regression(np.array([4.0]))
     np.testing.assert_allclose(column(found, "value"), 10 * fit, rtol=1e-11)
     assert column(found, "reading_high") - column(found, "value") > 19.59  # 1.96 times 1 cm, and more, in mm
+
+
+def test_what_cannot_be_predicted_says_why():
+    result = solved()
+    with pytest.raises(ValueError, match=r"such as 0\.95 for 95 %"):
+        result.predict("f", [4.0], level=95)
+    with pytest.raises(mbm.MbmError, match="a result that was pickled has no equations"):
+        pickle.loads(pickle.dumps(result)).predict("f", [4.0])  # noqa: S301 - our own
 
 
 @pytest.mark.slow

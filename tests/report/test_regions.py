@@ -103,6 +103,8 @@ def test_what_has_no_region_is_refused():
         result.region("a", "q")
     with pytest.raises(ValueError, match="between 0 and 1"):
         result.region("a", "b", 95)
+    with pytest.raises(ValueError, match=r"such as 0\.95 for 95 %"):
+        result.region("a", "b", "95%")
     limited = mbm.loads(LINE.format(sigma=0.1, more="(constraints (<= a 1.9))")).solve(data=readings(1))
     with pytest.raises(mbm.MbmError) as caught:
         limited.region("a", "b")

@@ -119,7 +119,9 @@ def _solved(solve: SolveReport, name: str) -> tuple[Problem, Solution, Influence
         if solve.boxes is not None:
             raise MbmError(faults.no_budget(name, "interval methods give bounds"))
         if solve.estimates or solve.derived:
-            raise MbmError(faults.no_budget(name, "a result that was pickled has no equations", "solve again"))
+            why = "a result that was pickled has no equations"
+            hint = "solve again, or pickle `result.budgets()` beside the result"
+            raise MbmError(faults.no_budget(name, why, hint))
         raise MbmError(faults.no_budget(name, solve.message or "nothing was solved"))
     problem, solution = solve.made_from()
     if solution.influence is None:

@@ -55,7 +55,7 @@ def trajectories_of(
     found = []
     for solve in result.solves:
         if solve.made_from is None:
-            raise MbmError(faults.solved_together())
+            raise MbmError(faults.without_equations())
         problem, solution = solve.made_from()
         place = Place(
             problem=problem,

@@ -31,11 +31,11 @@ def no_trajectory(span: Span, why: str) -> Diagnostic:
     return Diagnostic(code=NO_TRAJECTORY, message=message, place=span, hint=NO_TRAJECTORY.mend)
 
 
-def solved_together() -> Diagnostic:
-    """A trajectory of one of very many solves."""
+def without_equations() -> Diagnostic:
+    """A trajectory of a result that was pickled, or of nothing."""
     return Diagnostic(
-        code=NO_TRAJECTORY, message="the errors of trajectories are not made where many solves are made together",
-        place=None, hint="solve one: leave `for-each` or `window` out, or choose rows with `:where`",
+        code=NO_TRAJECTORY, message="a result that was pickled, or of which nothing was solved, has no trajectory",
+        place=None, hint="solve again, or ask for the errors of the trajectory before the result is pickled",
     )  # fmt: skip
 
 

@@ -64,6 +64,6 @@ def test_the_table_shows_them_when_asked(tmp_path: Path, capsys: pytest.CaptureF
 
 def test_python_refuses_levels_that_are_no_probabilities() -> None:
     found = mbm.loads(TEXT).solve()["a"]
-    for level in (0.0, 1.0, 95.0):
+    for level in (0.0, 1.0, 95.0, float("nan"), "95%", "0.95", [0.5, 0.95], True):
         with pytest.raises(ValueError, match="between 0 and 1"):
             found.interval(level)
