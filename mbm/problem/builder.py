@@ -269,10 +269,10 @@ def _tables(
 def _pairs(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[PairDeclaration, ...]:
     """The tables that are laid on one another, each pair after those written before it."""
     found = []
-    keys, shown = (_names_of(clauses, head) for head in ("for-each", "window"))
+    keys, passing = (_names_of(clauses, head) for head in ("for-each", "window"))
     for clause in _all(clauses, "pair"):
         with work.collecting():
-            pair = read_pair(work, clause, keys, shown)
+            pair = read_pair(work, clause, keys, passing)
             work.tables[pair.name] = paired(pair, work.tables)
             found.append(pair)
     return tuple(found)

@@ -13,8 +13,8 @@ from mbm.expression.dimension import NONE
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
 from mbm.problem.rows import MAXIMUM_REPORTED
-from mbm.problem.self_pairing import by_key, later_rows
-from mbm.problem.tables import CellKey, Column, Numbers, Origin, PairDeclaration, StepKind, Table
+from mbm.problem.self_pairing import by_key, later_rows, starts_anew
+from mbm.problem.tables import TIME, CellKey, Column, Numbers, Origin, PairDeclaration, StepKind, Table
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -47,7 +47,7 @@ def paired(pair: PairDeclaration, tables: Mapping[str, Table]) -> Table:
         taken = {name: column.take(others) for name, column in second.columns.items()}
         return _together(pair, (first, second), (rows, others), taken)
     a, b = _times(first, pair), _times(second, pair)
-    parts = tuple(_parts(pair, first, second))
+    parts = tuple(_parts(_within(pair, first, second), first, second))
     if pair.interpolate:
         rows, where = _between_parts(pair, second, (a, b), parts)
         taken = {name: _interpolated(second, name, where) for name in second.columns}
@@ -58,6 +58,15 @@ def paired(pair: PairDeclaration, tables: Mapping[str, Table]) -> Table:
         rows, others = _associated_parts(pair, (a, b), parts)
         taken = {name: column.take(others) for name, column in second.columns.items()}
     return _together(pair, (first, second), (rows, others), taken)
+
+
+def _within(pair: PairDeclaration, first: Table, second: Table) -> PairDeclaration:
+    """The pair with those of the windows' columns among its keys with which the times of a table start anew."""
+    name = pair.by if pair.steps is None or pair.steps.kind is StepKind.TIME else TIME
+    both = [c for c in pair.passing if c in first.columns and c in second.columns]
+    timed = [table for table in (first, second) if both and name in table.columns]
+    anew = [c for c in both if any(starts_anew(table, name, c) for table in timed)]
+    return replace(pair, keys=(*pair.keys, *anew))
 
 
 def _parts(pair: PairDeclaration, first: Table, second: Table) -> Iterator[tuple[Positions, Positions]]:
@@ -147,7 +156,7 @@ def paired_rows(pair: PairDeclaration, table: Table) -> tuple[Positions, Positio
     for name in pair.steps.along:
         _numbers(table, name, pair)
     scale = _times(table, pair) if pair.steps.kind is StepKind.TIME else None
-    return later_rows(table, pair.steps, pair.keys, scale, pair.tolerance)
+    return later_rows(table, pair.steps, _within(pair, table, table).keys, scale, pair.tolerance)
 
 
 def _times(table: Table, pair: PairDeclaration) -> Numbers:

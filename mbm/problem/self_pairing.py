@@ -56,6 +56,15 @@ def by_key(table: Table, keys: tuple[str, ...]) -> dict[tuple[CellKey, ...], Pos
     return {cells: np.array(rows, dtype=np.int64) for cells, rows in found.items()}
 
 
+def starts_anew(table: Table, by: str, column: str) -> bool:
+    """Whether the times, the column ``by``, go on within each value of a column, and back where the next begins."""
+    times, values = (table.columns[name].numbers for name in (by, column))
+    if times is None or values is None:
+        return False
+    back, same = np.diff(times) < 0, np.diff(values) == 0
+    return bool(back.any() and same.any() and not (back & same).any())
+
+
 def nearest_later(at: Numbers, step: float, tolerance: float | None) -> tuple[Positions, Positions]:
     """Places of ascending numbers (n,), and of the later ones nearest to those plus the step.
 

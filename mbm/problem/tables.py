@@ -165,8 +165,9 @@ class PairDeclaration:
 
     ``aliases`` begin the names of the columns of the two. ``tolerance`` in SI, None where the clause states none;
     ``interpolate``: the second table is taken at the first one's times. With ``steps`` both are one table, and rows are
-    paired with later ones. No pair crosses a value of ``keys``, of which each table has some or none; ``plain`` are
-    names that the pair has for columns beside those with its aliases.
+    paired with later ones. No pair crosses a value of ``keys``, of which each table has some or none, nor one of
+    ``passing`` (the columns of windows) with which the times of a table start anew. ``plain`` are names that the pair
+    has for columns beside those with its aliases.
     """
 
     name: str
@@ -178,6 +179,7 @@ class PairDeclaration:
     interpolate: bool
     steps: Steps | None = None
     keys: tuple[str, ...] = ()
+    passing: tuple[str, ...] = ()
     plain: tuple[tuple[str, str], ...] = ()
     span: Span
 

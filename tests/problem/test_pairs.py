@@ -204,6 +204,51 @@ def test_no_pair_crosses_a_key(how, key):
     assert [each.dof for each in found.solves] == [2, 2]
 
 
+@pytest.mark.parametrize("how", [":tolerance 0.1", "", ":interpolate true"])
+def test_windows_over_laps_are_solves_of_their_rows(how):
+    """The times start anew with each lap; those of B are a little later, and stand in the other order."""
+    laps, t, shift = np.repeat([1.0, 2.0, 3.0], 4), np.tile(np.arange(4.0), 3), np.repeat([5.1, 5.4, 5.8], 4)
+    a = {"lap": laps, "t": t, "x": np.square(t) * laps}
+    b = {"lap": laps[::-1], "t": np.tile(np.arange(4.0), 3) + 0.01, "u": 0 * t}
+    b["u"] = np.square(b["t"]) * b["lap"] + np.repeat([5.8, 5.4, 5.1], 4)
+    text = f"""(problem p (data A external) (data B external) (pair P (A B) :by t {how}) (unknowns (s))
+      (observe P (= B.u (+ A.x s)) :sigma 0.1) {{window}})"""
+    found = mbm.loads(text.format(window="(window lap :length 1 :step 1)")).solve(data={"A": a, "B": b})
+    one = mbm.loads(text.format(window=""))
+    for lap, each in zip([1.0, 2.0, 3.0], found.solves, strict=True):
+        own = {name: {c: v[table["lap"] == lap] for c, v in table.items()} for name, table in (("A", a), ("B", b))}
+        alone = one.solve(data=own)
+        assert float(each["s"].value) == pytest.approx(float(alone["s"].value), rel=EXACT)
+        assert each.dof == alone.dof
+    both = mbm.loads(text.format(window="(window lap :length 2 :step 1)")).solve(data={"A": a, "B": b})
+    wide = [float(each["s"].value) for each in both.solves]
+    narrow = [float(each["s"].value) for each in found.solves]
+    assert wide == pytest.approx([narrow[0], (narrow[0] + narrow[1]) / 2, (narrow[1] + narrow[2]) / 2], rel=EXACT)
+    assert shift[0] < narrow[0] < shift[-1]
+
+
+def test_steps_do_not_cross_laps():
+    """One step of the row and of time in each lap of three rows, at 1, 2 and 3 a second: none from lap to lap."""
+    laps, t = np.repeat([1.0, 2.0, 3.0], 3), np.tile(np.arange(3.0), 3)
+    for by in ("t", "row"):
+        text = f"""(problem p (data A external) (pair P ((from A) (to A)) :by {by} :step 1) (unknowns (v))
+          (observe P (= (- to.x from.x) v) :sigma 0.1) (window lap :length 1 :step 1))"""
+        found = mbm.loads(text).solve(data={"A": {"lap": laps, "t": t, "x": laps * t}})
+        assert [float(each["v"].value) for each in found.solves] == pytest.approx([1.0, 2.0, 3.0], rel=EXACT)
+        assert [each.dof for each in found.solves] == [1, 1, 1]
+
+
+def test_windows_along_a_way_take_pairs_across_its_values():
+    """The times of a drive go on, there and back: pairs are those of time, wherever each table saw the car."""
+    t = np.arange(6.0)
+    way = np.array([0.0, 1, 2, 2, 1, 0])
+    tables = {"A": {"s": way, "t": t, "x": t}, "B": {"s": way + 0.1, "t": t + 0.01, "u": t + 3}}
+    text = """(problem p (data A external) (data B external) (pair P (A B) :by t) (unknowns (d))
+      (observe P (= B.u (+ A.x d)) :sigma 0.1) (window s :length 3 :step 2))"""
+    found = mbm.loads(text).solve(data=tables)
+    assert [each.dof for each in found.solves] == [1, 5]
+
+
 @pytest.mark.parametrize("how", ["", ":interpolate true"])
 def test_each_key_of_one_table_is_paired_with_all_of_a_table_without_it(how):
     t = np.tile([0.0, 1.0, 2.0], 2)

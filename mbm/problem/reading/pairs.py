@@ -20,11 +20,11 @@ MOST_ROWS = 1_000_000_000
 
 
 def read_pair(
-    work: Workspace, clause: Sequence, keys: tuple[str, ...] = (), shown: tuple[str, ...] = ()
+    work: Workspace, clause: Sequence, keys: tuple[str, ...] = (), passing: tuple[str, ...] = ()
 ) -> PairDeclaration:
     """What a pair clause says; its tables are there.
 
-    No pair crosses a value of ``keys``; ``shown`` are columns that windows look at.
+    No pair crosses a value of ``keys``; ``passing`` are columns that windows look at.
     """
     known = ("by", "tolerance", "interpolate", "step", "along")
     options = split_options(clause.items[1:], clause.span, owner="`pair`", known=known)
@@ -68,7 +68,8 @@ def read_pair(
         interpolate=_interpolates(options.get("interpolate"), itself=itself),
         steps=steps,
         keys=keys,
-        plain=_plain(by.name, steps, (aliases, tables), keys, shown),
+        passing=tuple(column for column in _keys((aliases, tables), passing) if column != by.name),
+        plain=_plain(by.name, steps, (aliases, tables), (*passing, *keys)),
         span=by.span,
     )
 
@@ -89,12 +90,11 @@ def _plain(
     by: str,
     steps: Steps | None,
     sides: tuple[tuple[str, ...], tuple[Table, ...]],
-    keys: tuple[str, ...],
-    shown: tuple[str, ...],
+    more: tuple[str, ...],
 ) -> tuple[tuple[str, str], ...]:
     """The columns that have names without an alias, as the first of the tables has them that knows them."""
     timed = () if steps is not None and steps.kind is not StepKind.TIME else (by,)
-    names = (*timed, *(() if steps is None else (TIME,)), *shown, *keys)
+    names = (*timed, *(() if steps is None else (TIME,)), *more)
     found: dict[str, str] = {}
     for alias, table in zip(*sides, strict=True):
         for name in names:
