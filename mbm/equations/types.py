@@ -153,6 +153,11 @@ class Reason(Enum):
         """The point is a minimum as far as the arithmetic can tell."""
         return self.outcome == "converged"
 
+    @property
+    def under_way(self) -> bool:
+        """It is none yet, and the next iterations may come to one. At other ends that are none nothing is told."""
+        return self in (Reason.FLAT, Reason.MAX_ITERATIONS)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conflict:

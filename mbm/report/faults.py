@@ -36,8 +36,9 @@ NOT_PREDICTED = Code(
 )
 NEAR_BOUND = Code(
     "near-bound",
-    "An estimate is held at a hard bound (`:in`), or was driven to the zero that a `positive` unknown stays above. It "
-    "has no standard deviation, and those of the others hold for it staying where it is.",
+    "An estimate is held at a hard bound (`:in`), was driven to the zero that a `positive` unknown stays above, or to "
+    "where its model ends, as an expected count does at zero. It has no standard deviation, and those of the others "
+    "hold for it staying where it is. Its interval is that of its distribution between the limits.",
     "If the bound is no fact of the matter, widen it with `:in`; else look for an equation that asks for the far side.",
 )
 ACTIVE_CONSTRAINT = Code(
@@ -167,7 +168,7 @@ def conflicting_constraints(
 
 
 def near_bound(span: Span, names: Sequence[str], what: str) -> Diagnostic:
-    """The scalars ``names`` of an unknown ended at ``what``: `its lower bound`, `its upper bound`, `zero`."""
+    """The scalars ``names`` of an unknown ended at ``what``: a bound, `the end of its model`, `zero`."""
     verb = "is" if len(names) == 1 else "are each"
     held = f"{verb} driven to zero, where `positive` ends" if what == "zero" else f"{verb} held at {what}"
     return Diagnostic(

@@ -319,14 +319,16 @@ def _at_last(estimate: Estimate) -> Estimate:
 
 
 def _near_bounds(solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic, ...]:
-    """A warning for each unknown that is held at its bounds, or was driven to the zero that it must stay above."""
+    """A warning for each unknown that is held at its bounds or by its model, or was driven to the zero above it."""
     if not solution.minimum.at_bound.any():
         return ()
     sides = np.zeros(len(solution.layout.number), dtype=np.int8)
     sides[solution.free] = solution.minimum.at_bound
     layout = solution.layout
     zero = (sides < 0) & layout.positive & ~(layout.lower > 0)
-    kinds = (("its lower bound", (sides < 0) & ~zero), ("its upper bound", sides > 0), ("zero", zero))
+    lower, upper = (sides < 0) & np.isfinite(layout.lower) & ~zero, (sides > 0) & np.isfinite(layout.upper)
+    ended = (sides != 0) & ~(zero | lower | upper)
+    kinds = (("its lower bound", lower), ("its upper bound", upper), ("zero", zero), ("the end of its model", ended))
     found = []
     for entry in layout.entries:
         places = range(entry.coordinates.start, entry.coordinates.stop)

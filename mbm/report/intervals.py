@@ -16,7 +16,7 @@ import numpy as np
 
 from mbm.estimation.coverage.student import coverage_factors, shortest
 from mbm.report.elements import factors, in_unit, shown_sigma, shown_values
-from mbm.report.types import DerivedValue, Estimate, Floats
+from mbm.report.types import DerivedValue, Estimate, Floats, Mask
 from mbm.values import dataclass
 
 
@@ -30,6 +30,9 @@ class IntervalKind(StrEnum):
 
 KINDS = tuple(IntervalKind)
 """Kinds by number."""
+
+UP_TO = 1e-9
+"""Share of the length of an interval that the way from the estimate to a limit may differ from the limit by."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,7 +118,7 @@ def _followed(item: Estimate | DerivedValue, found: Intervals, values: Floats, l
     if spread is None or spread.ends is None:
         return
     below, above = (np.asarray(each / factors(item.quantity)) for each in spread.ends(level))
-    which = ~np.isnan(below) & ~np.isnan(found.k)
+    which = ~np.isnan(below)
     found.low[which], found.high[which] = (values - below)[which], (values + above)[which]
     found.kind[which] = KINDS.index(IntervalKind.PROFILE)
 
@@ -131,8 +134,10 @@ def _limited(item: Estimate | DerivedValue, found: Intervals, values: Floats, si
     unit = factors(item.quantity)
     lower, upper = (in_unit(item.quantity, np.asarray(each)) for each in (spread.lower, spread.upper))
     step, free = (np.full(sigma.shape, np.nan) if e is None else e / unit for e in (spread.step, spread.free))
-    held, untold = np.isfinite(step) & (free > 0.0), np.isinf(step)
+    followed = found.kind == KINDS.index(IntervalKind.PROFILE)
+    held, untold = np.isfinite(step) & (free > 0.0), np.isinf(step) & ~followed
     found.low[untold], found.high[untold] = np.nan, np.nan
+    _up_to(found, followed, lower, upper)
     centre, scale = np.where(held, values + step, values), np.where(held, free, sigma) * spread.inflation
     near = (found.low < lower) | (found.high > upper)
     for place in np.argwhere((scale > 0.0) & (held | near) & (lower < upper)):
@@ -143,6 +148,15 @@ def _limited(item: Estimate | DerivedValue, found: Intervals, values: Floats, si
         found.low[at] = lower[at] if low == down else centre[at] + low * scale[at]
         found.high[at] = upper[at] if high == up else centre[at] + high * scale[at]
         found.kind[at] = KINDS.index(IntervalKind.LIMITED)
+
+
+def _up_to(found: Intervals, which: Mask, lower: Floats, upper: Floats) -> None:
+    """Intervals that are followed up to a limit end at the limit itself."""
+    rounding = UP_TO * (found.high - found.low)
+    finite = which & np.isfinite(rounding)
+    down, up = (finite & (np.abs(end - limit) <= rounding) for end, limit in ((found.low, lower), (found.high, upper)))
+    found.low[down], found.high[up] = lower[down], upper[up]
+    found.kind[down | up] = KINDS.index(IntervalKind.LIMITED)
 
 
 @np.errstate(all="ignore")

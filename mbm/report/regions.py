@@ -162,10 +162,16 @@ def _followed(solve: SolveReport, names: tuple[str, str], sigma: Floats, axes: F
     """
     profiles = None if solve.made_from is None else solve.made_from()[1].profiles()
     own = () if solve.covariance is None else solve.covariance.names
-    if not isinstance(profiles, Profiles) or profiles.curvature.bent is not None or not set(names) <= set(own):
+    curvature = profiles.curvature if isinstance(profiles, Profiles) else None
+    if (
+        not isinstance(profiles, Profiles)
+        or curvature is None
+        or curvature.bent is not None
+        or not set(names) <= set(own)
+    ):
         why = "the interval of one of them bends, which is followed for estimates without curved constraints"
         raise MbmError(faults.no_region(*names, f"{why}, of results that were not pickled"))
-    around = profiles.curvature.around
+    around = curvature.around
     places = [own.index(name) for name in names]
     rows = around.factor[places]  # in the covariance's own units, without the inflation
     basis = np.linalg.qr(np.column_stack([rows.T, np.eye(rows.shape[1])]))[0]

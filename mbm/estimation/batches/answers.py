@@ -16,7 +16,7 @@ from mbm.estimation.batches.derived import DerivedColumns, derived_columns
 from mbm.estimation.batches.doubts import doubtful, stationary
 from mbm.estimation.batches.factor import Factors, Spread, factors
 from mbm.estimation.batches.likelihoods import counted_of, informing_slopes
-from mbm.estimation.batches.limited import limited_columns
+from mbm.estimation.batches.limited import limited_columns, near_limits
 from mbm.estimation.batches.losses import counted, informed, outlying, rooted_slopes, sandwiches
 from mbm.estimation.batches.portion import Portion, stated
 from mbm.estimation.batches.remarks import remarks
@@ -57,10 +57,8 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent, *, e
     if ends.factors is not None and len(unknown) == 1:
         cost = _as_stated(portion, residuals, unknown[0], ends.factors)
     spread = _spread(problem, portion, residuals, slopes, found, noise, None if ends.kept is None else left)
-    reported = stack.equations.layout.reported(ends.points)
-    derived = tuple(
-        derived_columns(each, owner, stack, reported, spread.factor) for owner, each in enumerate(problem.derived)
-    )
+    reported, owners = stack.equations.layout.reported(ends.points), enumerate(problem.derived)
+    derived = tuple(derived_columns(each, owner, stack, reported, spread.factor) for owner, each in owners)
     solved &= spread.sound & np.isfinite(cost) & _all_finite([one.sigma for one in derived], len(which))
     sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
     tails = _tails(stack, cost if lossy else counts.tested(scattered), freedom, solved & ~counts.untested & known)
@@ -69,6 +67,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent, *, e
     undoubted &= ~(examined_alone | coarsely_read(problem, stack, which, portion, residuals, found.basis, noise))
     degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom, counts)
     limited = limited_columns(portion, None if surface is None else surface[0], ends.points, rooted, spread, residuals)
+    undoubted &= ~near_limits(problem, portion, ends, limited, spread, degrees)
     counting = counted(portion, residuals)
     return Columns(
         points=ends.points,
@@ -82,7 +81,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent, *, e
         sigma0=sigma0,
         chi2_p=chi2_p,
         noise=np.where(_unknown(problem), noise[:, None], 1.0) if ends.factors is None else ends.factors,
-        sigma=np.sqrt(np.square(spread.factor).sum(axis=2)),
+        sigma=spread.sigma,
         factor=spread.factor,
         root=spread.root,
         scale=spread.scale,

@@ -82,6 +82,11 @@ class Spread:
     looked_at: Mask
     sound: Mask
 
+    @property
+    def sigma(self) -> Floats:
+        """Standard deviations (K, n)."""
+        return np.asarray(np.sqrt(np.square(self.factor).sum(axis=2)))
+
 
 def filled(gram: Floats, gone: Mask | None) -> Floats:
     """Symmetric matrices (K, n, n) with 1 on the diagonal for what is ``gone`` (K, n), so that they have an inverse."""

@@ -6,11 +6,15 @@ import numpy as np
 
 from mbm.equations.binding import affine
 from mbm.equations.spreads import Limited
-from mbm.equations.types import Floats
+from mbm.equations.types import Floats, Mask
+from mbm.estimation.batches.degree_types import DegreesColumns
 from mbm.estimation.batches.factor import Spread
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.surface import Held
+from mbm.estimation.batches.types import Ends
 from mbm.estimation.coverage.limits import Lines, box, narrow, released, single_limits
+from mbm.estimation.coverage.student import coverage_factors
+from mbm.problem.types import Problem
 
 
 @np.errstate(all="ignore")
@@ -44,3 +48,20 @@ def limited_columns(
         step, sigma = released(jacobian, spread.basis, residuals)
         step, sigma = np.where(tied, np.inf, step), sigma * spread.deviation[:, None]
     return Limited(lower=lower, upper=upper, step=np.where(held, step, np.nan), sigma=np.where(held, sigma, np.nan))
+
+
+@np.errstate(all="ignore")
+def near_limits(
+    problem: Problem, portion: Portion, ends: Ends, limits: Limited | None, spread: Spread, degrees: DegreesColumns
+) -> Mask:
+    """Solves (K,) of likelihoods with an estimate that a limit holds, or is within twice the linear interval of.
+
+    Such intervals are looked for one by one.
+    """
+    if limits is None or not portion.equations.likely:
+        return np.zeros(portion.count, dtype=bool)
+    freedom, places = degrees.estimates, portion.equations.layout.number[portion.equations.free]
+    reach = 2.0 * coverage_factors(problem.request.coverage, freedom.dof) * freedom.inflation * spread.sigma
+    place = ends.points[:, places]
+    near = ~np.isnan(limits.step) | (place - reach < limits.lower) | (place + reach > limits.upper)
+    return np.asarray((near & (places >= 0)).any(axis=1))

@@ -19,8 +19,8 @@ from mbm.values import dataclass
 def limited(equations: Assembled, minimum: Minimum, covariance: Covariance) -> Limited | None:
     """The limits at a minimum; None where there are none.
 
-    Where an estimate would be without the limit that holds it is not said under losses, and not where an equation ties
-    it to others.
+    Where an estimate would be without the limit that holds it is not said under losses, not of likelihoods, and not
+    where an equation ties it to others.
     """
     lower, upper, place = *box(equations), equations.coordinates(minimum.point)
     held: Mask = np.asarray(minimum.at_bound != 0)
@@ -34,7 +34,7 @@ def limited(equations: Assembled, minimum: Minimum, covariance: Covariance) -> L
     if not (held.any() or np.isfinite(lower).any() or np.isfinite(upper).any()):
         return None
     step, sigma = np.full(len(lower), np.inf), np.full(len(lower), np.nan)
-    if minimum.blocks is None and held.any() and not equations.lossy:
+    if minimum.blocks is None and held.any() and not (equations.lossy or equations.likely):
         image = minimum.jacobian @ covariance.factor
         tangent = image / np.sqrt(np.square(image).sum(axis=0))
         step, sigma = released(minimum.jacobian, tangent, minimum.residuals)

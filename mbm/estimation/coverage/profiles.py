@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from mbm.estimation.coverage.student import coverage_factors
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.curvature import Curvature, followed_ends, most_followed
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.estimation.coverage.likelihood import Likelihood
 
 ACCURACY = 1e-3
 """Relative accuracy of an end."""
@@ -29,15 +33,16 @@ class Profiles:
 
     Both answer how far the ends of intervals of a level lie below and above; NaN where the linear interval is right,
     infinite where there is no end. The ``lock`` is that of a `Solution`. ``scaled``: one scale of a likelihood is an
-    unknown, which the profile follows too.
+    unknown, which the profile follows too. ``likelihood`` is that of coordinates that limits may cut (None: none is).
     """
 
-    curvature: Curvature
+    curvature: Curvature | None
     sigma: Floats
     freedom: Freedom
     derived: Mapping[int, Freedom]
     lock: AbstractContextManager[object]
     scaled: bool = False
+    likelihood: Likelihood | None = None
     _found: dict[tuple[int | None, float], tuple[Floats, Floats]] = field(default_factory=dict)
 
     def of_coordinates(self, level: float) -> tuple[Floats, Floats]:
@@ -58,16 +63,24 @@ class Profiles:
             return self._found[owner, level]
 
     def _coordinates(self, level: float) -> tuple[Floats, Floats]:
-        around = self.curvature.around
+        ends = np.full(len(self.sigma), np.nan), np.full(len(self.sigma), np.nan)
+        if self.curvature is not None:
+            ends = self._bent(self.curvature, level)
+        if self.likelihood is not None:
+            self.likelihood.put_in(ends, self.sigma, self.freedom, level)
+        return ends
+
+    def _bent(self, curvature: Curvature, level: float) -> tuple[Floats, Floats]:
+        around = curvature.around
         below, above = (np.full(len(self.sigma), np.nan) for _ in range(2))
         reach = self._reach(level, self.freedom)
-        bent = self.curvature.bent
+        bent = curvature.bent
         if bent is not None:
             for doubtful in bent.ends.doubtful[: most_followed(around)].tolist():
                 place = int(bent.known[doubtful])
                 below[place], above[place] = followed_ends(around, bent, doubtful, float(reach[place]), ACCURACY)
             return below, above
-        for place in self.curvature.ends.doubtful[: most_followed(around)].tolist():
+        for place in curvature.ends.doubtful[: most_followed(around)].tolist():
             along = around.factor[place] / np.linalg.norm(around.factor[place])
             lower, upper = around.followed(along, float(reach[place]), ACCURACY)
             below[place], above[place] = (end * reach[place] * self.sigma[place] for end in (lower, upper))
@@ -77,15 +90,18 @@ class Profiles:
         freedom = self.derived[owner]
         reach = self._reach(level, freedom).ravel()
         below, above = (np.full(len(reach), np.nan) for _ in range(2))
-        for one in self.curvature.derived:
+        curvature = self.curvature
+        if curvature is None:
+            return below, above
+        for one in curvature.derived:
             if one.owner == owner:
                 doubtful_ones = one.ends.doubtful
-                if self.curvature.bent is not None:
-                    doubtful_ones = doubtful_ones[: most_followed(self.curvature.around)]
+                if curvature.bent is not None:
+                    doubtful_ones = doubtful_ones[: most_followed(curvature.around)]
                 for doubtful in doubtful_ones.tolist():
                     place = int(one.known[doubtful])
                     far = float(reach[place])
-                    below[place], above[place] = followed_ends(self.curvature.around, one, doubtful, far, ACCURACY)
+                    below[place], above[place] = followed_ends(curvature.around, one, doubtful, far, ACCURACY)
         return below, above
 
     def _reach(self, level: float, freedom: Freedom) -> Floats:
@@ -109,9 +125,19 @@ def profiles(
     lock: AbstractContextManager[object],
     *,
     scaled: bool,
+    likelihood: Likelihood | None,
 ) -> Profiles | None:
-    """What follows the intervals that curvature misplaces; None where it misplaces none."""
-    if found is None or not (found.ends.doubtful.size or any(one.ends.doubtful.size for one in found.derived)):
+    """What follows the intervals that curvature misplaces, or a limit of the ``likelihood``; None: nothing does."""
+    if found is not None and not (found.ends.doubtful.size or any(one.ends.doubtful.size for one in found.derived)):
+        found = None
+    if found is None and likelihood is None:
         return None
-    freedoms = {one.owner: one.freedom for one in derived}
-    return Profiles(curvature=found, sigma=sigma, freedom=freedom, derived=freedoms, lock=lock, scaled=scaled)
+    return Profiles(
+        curvature=found,
+        sigma=sigma,
+        freedom=freedom,
+        derived={one.owner: one.freedom for one in derived},
+        lock=lock,
+        scaled=scaled,
+        likelihood=likelihood,
+    )

@@ -16,7 +16,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.likelihoods import log_likelihood
-from mbm.equations.spreads import Influence
+from mbm.equations.spreads import Influence, Limited
 from mbm.equations.types import (
     Floats,
     Indices,
@@ -29,19 +29,19 @@ from mbm.estimation.consensus.preparation import outliers, prepared, robust_cost
 from mbm.estimation.consensus.rivals import rivals
 from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.coverage.limits import limited
-from mbm.estimation.coverage.profiles import profiles
+from mbm.estimation.coverage.profiles import Profiles, profiles
 from mbm.estimation.minimise.minimise import solver_name
 from mbm.estimation.search.agreement import derived_agreement
 from mbm.estimation.search.challenge import Challenge
 from mbm.estimation.search.multistart import starting_points
 from mbm.estimation.search.search import Alternative, Tally, search
-from mbm.estimation.search.solution import Solution
+from mbm.estimation.search.solution import DerivedSolution, Solution
 from mbm.estimation.search.starting import GIVEN, SILHOUETTES
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, reached
 from mbm.estimation.trust.contradiction import contradictions
-from mbm.estimation.trust.curvature import curvature
+from mbm.estimation.trust.curvature import Curvature, curvature
 from mbm.estimation.trust.plausibility import doubts
 from mbm.estimation.trust.unexamined import unexamined
 from mbm.estimation.uncertainty.derived import Propagation
@@ -183,6 +183,7 @@ def answered(
     derived, derived_covariance = propagation.all_derived()
     whole = weighted.everything().plain_residuals(minimum.point)
     freedom = outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
+    limits = limited(weighted, minimum, outcome.covariance)
     bent = cached(lambda: curvature(propagation, minimum, derived))
     beside = cached(lambda: _others(run, end, minimum, outcome, alone=tally is None, origin=origin))
     said = (*robust.diagnostics, *(against := contradictions(problem, run.tables, weighted, minimum, observed)))
@@ -211,11 +212,9 @@ def answered(
         noise=end.noise,
         factors=end.factors,
         sigma_known=outcome.sigma_known,
-        limited=limited(weighted, minimum, outcome.covariance),
+        limited=limits,
         freedom=freedom,
-        profiles=cached(
-            lambda: profiles(bent(), outcome.covariance.sigma, freedom, derived, lock, scaled=outcome.freedoms.scaled)
-        ),
+        profiles=cached(lambda: _profiles(run, bent(), minimum, outcome, limits, derived)),
         unused=unused,
         corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
         method=solver_name(equations, run.settings),
@@ -229,6 +228,26 @@ def answered(
         influence=_influence(outcome, robust),
         lock=lock,
     )
+
+
+def _profiles(
+    run: Run,
+    bent: Curvature | None,
+    minimum: Minimum,
+    outcome: Statistics,
+    limits: Limited | None,
+    derived: tuple[DerivedSolution, ...],
+) -> Profiles | None:
+    """What follows intervals that are not linear."""
+    likely = None
+    if run.equations.likely:
+        # Loaded by likelihoods only, so that the others start at once.
+        from mbm.estimation.coverage.likelihood import likelihood
+
+        likely = likelihood(outcome.influence.equations, minimum, outcome, limits, run.settings)
+    sigma, freedom = outcome.covariance.sigma, outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
+    lock, scaled = run.binder.cache.lock, outcome.freedoms.scaled
+    return profiles(bent, sigma, freedom, derived, lock, scaled=scaled, likelihood=likely)
 
 
 def _influence(outcome: Statistics, robust: Prepared) -> Influence:

@@ -30,10 +30,6 @@ REWEIGHTED_SEARCHES = 5
 each, and the first of them that is at no minimum then is the last."""
 
 
-UNDER_WAY = (Reason.FLAT, Reason.MAX_ITERATIONS)
-"""Ends that are no minimum, from where the next round may come to one. At others, residuals tell nothing of noise."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reached:
     """The minimum with the final weights, and the equations with them; ``factors`` (all residuals,), None: all 1.
@@ -145,7 +141,7 @@ class _Weighing:
     def _reweighted(self, factors: Floats) -> tuple[Floats, Floats] | None:
         minimum = self._minimise(self._row_factors(factors))
         late = minimum.reason is Reason.MAX_ITERATIONS and self._left() <= 0
-        if late or not (minimum.reason.converged or minimum.reason in UNDER_WAY):
+        if late or not (minimum.reason.converged or minimum.reason.under_way):
             return None
         minimum = informed(self.equations.with_factors(self._row_factors(factors)), minimum)
         observed = self._observed(minimum)

@@ -45,9 +45,7 @@ def without_stationary(equations: Equations, minimum: Minimum, spread: float = 1
     ):
         return minimum
     length = np.sqrt(np.einsum("mn,mn->n", jacobian, jacobian))
-    coordinates = np.abs(equations.coordinates(minimum.point))
-    size = np.where(coordinates > 0.0, coordinates, 1.0)
-    suspect = np.flatnonzero((length > 0.0) & (minimum.at_bound == 0) & (length * FAR * size < spread))
+    suspect, size = np.flatnonzero(suspects(equations, minimum, length, spread)), _size(equations, minimum)
     if not suspect.size:
         return minimum
     groups = [suspect[first::JACOBIANS] for first in range(min(JACOBIANS, len(suspect)))]
@@ -57,6 +55,18 @@ def without_stationary(equations: Equations, minimum: Minimum, spread: float = 1
     kept = jacobian.copy()
     kept[:, zero] = 0.0
     return replace(minimum, jacobian=kept)
+
+
+def suspects(equations: Equations, minimum: Minimum, length: Floats, spread: float = 1.0) -> Mask:
+    """Which coordinates, with columns of such a ``length`` (n,), have absurd conditional standard deviations."""
+    absurd = length * FAR * _size(equations, minimum) < spread
+    return np.asarray((length > 0.0) & (minimum.at_bound == 0) & absurd)
+
+
+def _size(equations: Equations, minimum: Minimum) -> Floats:
+    """That of the coordinates (n,), 1 for those that are zero."""
+    coordinates = np.abs(equations.coordinates(minimum.point))
+    return np.where(coordinates > 0.0, coordinates, 1.0)
 
 
 @np.errstate(all="ignore")

@@ -12,6 +12,10 @@ from mbm.expression.terms import Term, chosen, function, held, polynomial, squar
 SERIES = 0.2
 """Relative differences up to which logarithms are series: beyond, they lose one digit at most."""
 
+LEAST = 1e-11
+"""Expected counts whose roots have a finite slope down to zero, so that an estimate comes to rest there if nothing was
+counted; of n trials n times that. Rounding of the expectation is less, and no count tells such rates from zero."""
+
 _ATANH = [1.0 / (2 * k + 3) for k in range(9)]
 """``(atanh t - t)/t³`` in powers of t²: the last term is below 1e-17 at t = 1/9."""
 
@@ -22,7 +26,7 @@ _LOGARITHM = [1.0 / (2 * k + 1) for k in range(9)]
 def poisson(counted: Term, mean: Term) -> Term:
     """The signed root of ``2 (μ - y + y log(y/μ))``, of ``2 μ`` for none counted."""
     none = ~(counted > 0.0)
-    return chosen(none, square_root(2.0 * mean), (mean - counted) * square_root(_curvature(counted, mean)))
+    return chosen(none, _root(2.0 * mean, LEAST), (mean - counted) * square_root(_curvature(counted, mean)))
 
 
 def binomial(counted: Term, trials: Term, mean: Term) -> Term:
@@ -31,8 +35,8 @@ def binomial(counted: Term, trials: Term, mean: Term) -> Term:
     own = square(off) * _curvature(counted, mean)
     rest = square(off) * _curvature(missed, trials - mean)
     between = off * square_root(_curvature(counted, mean) + _curvature(missed, trials - mean))
-    none = square_root(2.0 * mean + rest)
-    every = -square_root(own + 2.0 * (trials - mean))
+    none = _root(2.0 * mean + rest, LEAST * trials)
+    every = -_root(own + 2.0 * (trials - mean), LEAST * trials)
     return chosen(~(counted > 0.0), none, chosen(~(missed > 0.0), every, between))
 
 
@@ -48,17 +52,23 @@ def student(ratio: Term, freedom: Term) -> Term:
 
 def poisson_information(mean: Term) -> Term:
     """2 √μ: its derivative is 1/√μ."""
-    return 2.0 * square_root(mean)
+    return 2.0 * _root(mean, LEAST)
 
 
 def binomial_information(trials: Term, mean: Term) -> Term:
-    """2 √n asin √(μ/n): its derivative is 1/√(μ (1 - μ/n))."""
-    return 2.0 * square_root(trials) * function(Operation.ASIN, square_root(mean / trials))
+    """2 √n atan √(μ/(n - μ)): its derivative is 1/√(μ (1 - μ/n))."""
+    hit, missed = (_root(each, LEAST * trials) for each in (mean, trials - mean))
+    return 2.0 * square_root(trials) * function(Operation.ATAN2, hit, missed)
 
 
 def student_information(off: Term, scale: Term, freedom: Term) -> Term:
     """The location's: (ν + 1)/(ν + 3) of that of a normal distribution with this scale (Lange et al. 1989)."""
     return square_root((freedom + 1.0) / (freedom + 3.0)) * off / held(scale)
+
+
+def _root(value: Term, least: Term | float) -> Term:
+    """√a of what is above the ``least``; else continuous down to −least."""
+    return square_root(chosen(value > least, value, 0.5 * (value + least)))
 
 
 def _curvature(counted: Term, mean: Term) -> Term:

@@ -1,0 +1,189 @@
+"""Intervals of likelihoods at a limit, against closed forms, and against sums of the likelihood over a grid."""
+
+from __future__ import annotations
+
+from math import log
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq, linprog
+from scipy.stats import norm
+
+import mbm
+
+NEAR = 5e-3
+"""Relative accuracy of an end: −log L is known to 0.01 between the places where it was looked at."""
+
+COUNTS = "(problem p (data d external) (unknowns (m {option})) (observe d (= k m) :distribution poisson))"
+TRIALS = """(problem p (data d external) (unknowns (p :in (0 1)))
+    (observe d (= k (* {n} p)) :distribution (binomial {n})))"""
+
+
+@pytest.mark.parametrize("option", ["positive", ":in (0 100)", ""])
+@pytest.mark.parametrize("count", [1, 4])
+def test_no_counts_tell_a_rate_as_far_as_its_likelihood_falls(option: str, count: int) -> None:
+    """exp(−n m): 95 % of it lie below −log(0.05)/n, the one-sided limit of n intervals without a count."""
+    found = mbm.loads(COUNTS.format(option=option)).solve(data={"d": {"k": np.zeros(count)}})
+    assert found.solves[0].record.status == "converged"
+    assert found["m"].interval() == pytest.approx([0.0, -log(0.05) / count], rel=NEAR, abs=1e-10)
+    assert found["m"].interval(0.9)[1] == pytest.approx(-log(0.1) / count, rel=NEAR)
+    assert np.isnan(found["m"].sigma)
+    assert [each.code.name for each in found.solves[0].record.diagnostics] == ["near-bound"]
+
+
+@pytest.mark.parametrize("trials", [10, 50])
+def test_all_trials_alike_tell_a_share(trials: int) -> None:
+    """(1 − p)ⁿ: the distribution function of what lies below p is 1 − (1 − p)ⁿ⁺¹."""
+    problem = mbm.loads(TRIALS.format(n=trials))
+    none, every = (problem.solve(data={"d": {"k": np.array([k])}})["p"] for k in (0.0, float(trials)))
+    end = 1 - 0.05 ** (1 / (trials + 1))
+    assert none.interval() == pytest.approx([0.0, end], rel=NEAR)
+    assert every.interval() == pytest.approx([1.0 - end, 1.0], rel=NEAR)
+    assert none.interval_kind == every.interval_kind == "limited"
+    assert np.isnan(none.sigma) and np.isnan(every.sigma)
+
+
+def test_a_share_by_its_logarithm_has_no_maximum() -> None:
+    """0 of 10 by a logit: no value is the most likely; the end is where none of 10 has a probability of 5 %."""
+    text = """(problem p (data d (table (k) (0))) (unknowns (a :init 0))
+        (observe d (= k (/ 10 (+ 1 (exp (- a))))) :distribution (binomial 10)) (derive (p (/ 1 (+ 1 (exp (- a)))))))"""
+    found = mbm.loads(text).solve()
+    share = 1 - 0.05 ** (1 / 10)
+    assert found.solves[0].record.status == "unobservable"
+    assert np.isnan(found["a"].sigma) and found["a"].reason is not None
+    low, high = found["a"].interval()
+    assert low == -np.inf
+    assert high == pytest.approx(log(share / (1 - share)), abs=NEAR)
+    assert np.isnan(found["p"].sigma) and np.isnan(found["p"].interval()).all()
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_readings_below_the_limit_of_detection_alone(count: int) -> None:
+    """Φ((1 − a)/σ)ⁿ, summed up from 0 on."""
+    rows = "(1)" * count
+    text = (
+        f"(problem p (data d (table (c) {rows})) (unknowns (a :in (0 10))) (observe d (= c a) :sigma 0.5 :below true))"
+    )
+
+    def held(end: float) -> float:
+        return quad(lambda a: norm.cdf((1 - a) / 0.5) ** count, 0, end, epsabs=1e-12, points=[min(end, 1.0)])[0]
+
+    wanted = brentq(lambda end: held(end) - 0.95 * held(10), 0.1, 5)
+    assert mbm.loads(text).solve()["a"].interval() == pytest.approx([0.0, wanted], rel=NEAR)
+
+
+ROUNDED = "(problem p (data d (table (y) {rows})) (unknowns (a)) (observe d (= y a) :sigma unknown :resolution 1))"
+
+
+def test_readings_in_one_step_tell_the_step() -> None:
+    """Any value of the step explains them without scatter, and values beyond it half of them at most."""
+    found = mbm.loads(ROUNDED.format(rows="(3) (3) (3) (3) (3)")).solve()
+    assert found["a"].interval() == pytest.approx([2.5, 3.5], abs=1e-3)
+    low, high = found["d-sigma"].interval()
+    assert low == 0.0
+    assert 0.2 < high < 1.0
+    for name in ("a", "d-sigma"):
+        assert np.isnan(found[name].sigma) and found[name].reason is not None
+
+
+def test_a_line_through_steps_is_as_free_as_the_steps_leave_it() -> None:
+    """All lines through the six steps explain them without scatter: the ends are those of a linear programme."""
+    x, y = np.arange(1.0, 7.0), np.array([3.0, 5.0, 8.0, 10.0, 12.0, 15.0])
+    text = """(problem p (data d external) (unknowns (a) (b))
+        (observe d (= y (+ a (* b x))) :sigma unknown :resolution 1))"""
+    found = mbm.loads(text).solve(data={"d": {"x": x, "y": y}})
+    rows = np.column_stack([np.ones(6), x])
+    within, most = np.vstack([rows, -rows]), np.concatenate([y + 0.5, 0.5 - y])
+    for name, cost in (("a", [1.0, 0.0]), ("b", [0.0, 1.0])):
+        low, high = (
+            sign * linprog(sign * np.array(cost), within, most, bounds=(None, None)).fun for sign in (1.0, -1.0)
+        )
+        assert found[name].interval() == pytest.approx([low, high], abs=2e-3)
+        assert np.isnan(found[name].sigma)
+
+
+def test_readings_in_two_neighbouring_steps_tell_no_scatter() -> None:
+    """The likelihood is (2/3)²/3 all along σ → 0, a → 3.5, and no more anywhere."""
+    text = (
+        "(problem p (data d (table (y) (3) (4) (3))) (unknowns (a)) (observe d (= y a) :sigma unknown :resolution 1))"
+    )
+    found = mbm.loads(text).solve()
+    assert np.isnan(found["a"].sigma) and np.isnan(found["d-sigma"].sigma)
+    low, high = found["a"].interval()
+    assert 2.0 < low < 3.0
+    assert 3.5 < high < 5.0
+    assert found["d-sigma"].interval()[0] == 0.0
+
+
+X = np.arange(8.0)
+REGRESSION = """(problem p (data d external) {each} (unknowns (a :init 1) (b :init 0.2 {bound})) {limit}
+    (observe d (= k (exp (+ a (* b x)))) :distribution poisson))"""
+
+
+def counts() -> np.ndarray:
+    """Twelve sets of counts (12, 8) that grow by a factor of exp(0.3)."""
+    return np.random.default_rng(3).poisson(np.exp(1 + 0.3 * X), (12, 8)).astype(float)
+
+
+def shortest(own: np.ndarray) -> tuple[float, float]:
+    """Of b ≤ 0.31: given its sum, counts are multinomial, which is the profile of the likelihood over a."""
+    grid = np.linspace(-0.3, 0.31, 20001)
+    share = np.exp(grid[:, None] * X)
+    logs = (np.log(share / share.sum(axis=1, keepdims=True)) * own).sum(axis=1)
+    left = np.exp(logs - logs.max())
+    order = np.argsort(-left, kind="stable")
+    inside = order[: np.searchsorted(np.cumsum(left[order]), 0.95 * left.sum()) + 1]
+    return float(grid[inside].min()), float(grid[inside].max())
+
+
+@pytest.mark.parametrize(("bound", "limit"), [(":in (-5 0.31)", ""), ("", "(constraints (<= b 0.31))")])
+def test_regressions_at_a_limit_alone_and_together(bound: str, limit: str) -> None:
+    data = counts()
+    many = mbm.loads(REGRESSION.format(each="(for-each key)", bound=bound, limit=limit)).solve(
+        data={"d": {"key": np.repeat(np.arange(12), 8), "x": np.tile(X, 12), "k": data.ravel()}}
+    )
+    one = mbm.loads(REGRESSION.format(each="", bound=bound, limit=limit))
+    kinds = set()
+    for own, together in zip(data, many.solves, strict=True):
+        alone = one.solve(data={"d": {"x": X, "k": own}})
+        kinds.add(str(alone["b"].interval_kind))
+        # the grid has steps of 3e-5, ends are found to some 1e-3 of the length
+        assert alone["b"].interval() == pytest.approx(shortest(own), abs=2e-4)
+        for name in ("a", "b"):
+            # both descents end within 1e-6 deviations of the minimum
+            assert together[name].interval() == pytest.approx(alone[name].interval(), abs=1e-6)
+    assert "limited" in kinds
+
+
+def test_a_background_at_its_limit_goes_as_far_as_its_profile() -> None:
+    """Counts of a line on a background: the profile over the height, summed up over a grid of backgrounds."""
+    shape, counted = np.array([0.0, 0.1, 1.0, 0.1, 0.0]), np.array([0.0, 1.0, 9.0, 2.0, 0.0])
+    text = """(problem p (data d external) (unknowns (h :init 5) (b positive :init 1))
+        (observe d (= k (+ b (* h s))) :distribution poisson))"""
+    found = mbm.loads(text).solve(data={"d": {"s": shape, "k": counted}})["b"]
+
+    def least(b: float) -> float:
+        heights = np.linspace(2, 30, 4001)[:, None]
+        mean = b + heights * shape + 1e-300
+        return float((mean - counted * np.log(mean)).sum(axis=1).min())
+
+    grid = np.linspace(1e-9, 4, 2001)
+    left = np.exp(-np.array([least(b) for b in grid]))
+    wanted = grid[np.searchsorted(np.cumsum(left), 0.95 * left.sum())]
+    low, high = found.interval()
+    assert low == 0.0
+    # the grid has steps of 0.002
+    assert high == pytest.approx(wanted, abs=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rate", "count"), [(0.3, 1), (1.0, 1), (0.3, 3), (0.3, 5), (1.0, 5)])
+def test_intervals_of_rates_hold_them(rate: float, count: int) -> None:
+    runs = 1000
+    drawn = np.random.default_rng(8).poisson(rate, (runs, count)).astype(float)
+    text = COUNTS.format(option="positive :init 1").replace("(unknowns", "(for-each key) (unknowns")
+    found = mbm.loads(text).solve(data={"d": {"key": np.repeat(np.arange(runs), count), "k": drawn.ravel()}})
+    ends = np.array([each["m"].interval() for each in found.solves])
+    # counts have gaps: the coverage is between 92.5 % (1 − 3α/2) and 1, and 1000 runs are known to 1.5 %
+    assert ((ends[:, 0] <= rate) & (rate <= ends[:, 1])).mean() > 0.93
