@@ -218,7 +218,8 @@ def test_a_part_without_rows_has_no_aggregate():
           (solve :constraints exact))""")
     rows = {"d": {"g": [1, 1, 2, 2], "y": [1.0, 2.0, 3.0, 4.0]}, "e": {"g": [1], "u": [0.5]}}
     solves = problem.solve(data=rows).solves
-    assert [[d.code.name for d in each.diagnostics] for each in solves] == [[], ["aggregate-misplaced"]]
+    assert [[d.code.name for d in each.diagnostics] for each in solves] == [[], ["empty-aggregate"]]
+    assert "`e` has no rows" in solves[1].diagnostics[0].message
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 13, 32, 37])

@@ -7,7 +7,13 @@ from mbm.text.types import Code, Diagnostic, Span
 AGGREGATE_MISPLACED = Code(
     "aggregate-misplaced",
     "An aggregate over the rows of a table (`mean rms median min max quantile count`) stands where none can be made.",
-    "Write it in `derive` or `constraints`, over a table that has rows.",
+    "Write it in `derive` or `constraints`.",
+)
+EMPTY_AGGREGATE = Code(
+    "empty-aggregate",
+    "An aggregate in a constraint is over a table that has no rows, perhaps with the key of one solve of `for-each` or "
+    "`window` only: nothing has no mean and no maximum, so that the constraint says nothing.",
+    "Look at the data, at `:where` and at the keys; leave keys without rows out of the other tables.",
 )
 
 
@@ -21,10 +27,10 @@ def aggregate_misplaced(span: Span, kind: str) -> Diagnostic:
 
 
 def aggregate_of_nothing(span: Span | None, table: str) -> Diagnostic:
-    """An aggregate in a constraint over a table without rows."""
+    """An aggregate in a constraint over a table without rows, at all or in one solve."""
     return Diagnostic(
-        code=AGGREGATE_MISPLACED, message=f"an aggregate of no rows has no value: `{table}` has none", place=span,
-        hint="look at the data and at `:where`",
+        code=EMPTY_AGGREGATE, message=f"`{table}` has no rows here, so that its aggregate in a constraint has no value",
+        place=span, hint=EMPTY_AGGREGATE.mend,
     )  # fmt: skip
 
 
