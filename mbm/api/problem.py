@@ -38,7 +38,8 @@ def load(path: str | Path, *, sandbox: str | Path | None = None, closed_forms: S
     """The problem in a file (the only one, or choose with ``.named``).
 
     Args:
-        path: an ``.mbm`` file; tables and ``use`` are relative to its folder.
+        path: an ``.mbm`` file; tables and ``use`` are relative to its folder. ``-`` is standard input, of which they
+            are relative to the working folder.
         sandbox: a folder outside of which nothing is read.
         closed_forms: methods that give starts, tried before mbm's own; each may be asked for as ``:method NAME``.
 

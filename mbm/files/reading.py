@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 from typing import BinaryIO, NoReturn
@@ -18,6 +19,9 @@ _FLAGS = _PLAIN | getattr(os, "O_NONBLOCK", 0)
 AT_ONCE = 2**20
 """Bytes that are asked of a stream at once: Python takes memory for all that is asked for before it reads."""
 
+STANDARD_INPUT = Path("-")
+"""The path that means standard input, where the person who runs mbm gives it."""
+
 STREAMS = ("/dev/stdin", "/dev/fd/")
 """Beginnings of the paths by which a shell hands over a stream that is open already."""
 
@@ -26,8 +30,8 @@ def read_bytes(path: Path, place: Place, *, largest: int, streams: bool = False)
     """The content of a file, ``largest`` bytes at most; faults stand at ``place``. It is noted as read.
 
     Pipes and devices are refused, for reading them may never end; but where the path comes from the person who runs
-    mbm and not from a file (``streams``), what the shell has opened (``/dev/stdin``, ``/dev/fd/63``) is read to its
-    end or to the bound.
+    mbm and not from a file (``streams``), standard input (``-``) and what the shell has opened (``/dev/fd/63``) are
+    read to their end or to the bound.
 
     Raises:
         MbmError: missing-file, not-a-file, unreadable-file, file-too-large.
@@ -39,6 +43,8 @@ def read_bytes(path: Path, place: Place, *, largest: int, streams: bool = False)
 
 def look_into(path: Path, place: Place, *, largest: int, streams: bool = False) -> bytes:
     """As `read_bytes`, of a file that is to be replaced and only looked at before: it is not noted as read."""
+    if streams and path == STANDARD_INPUT:
+        return _standard_input(place, largest)
     handed_over = streams and path.as_posix().startswith(STREAMS)
     if not handed_over:  # looked at before it is opened: opening a device may do something
         check_ordinary(path, place, largest=largest)
@@ -52,6 +58,16 @@ def look_into(path: Path, place: Place, *, largest: int, streams: bool = False) 
         _refuse(path, place, error)
     if len(content) > largest:
         raise MbmError(faults.file_too_large(path, max(status.st_size, len(content)), largest, place))
+    return content
+
+
+def _standard_input(place: Place, largest: int) -> bytes:
+    try:
+        content = _at_most(largest + 1, sys.stdin.buffer, 0)
+    except (OSError, ValueError) as error:
+        _refuse(STANDARD_INPUT, place, error)
+    if len(content) > largest:
+        raise MbmError(faults.file_too_large(STANDARD_INPUT, len(content), largest, place))
     return content
 
 

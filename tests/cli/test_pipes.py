@@ -48,6 +48,21 @@ def called(folder: Path, *arguments: str, **streams: Any) -> subprocess.Complete
     )
 
 
+@pytest.mark.parametrize("command", [SOLVE, ("check",), ("budget",)])
+def test_a_problem_from_standard_input(command: tuple[str, ...], folder: Path) -> None:
+    """As the same file says it; its tables are looked for in the working folder."""
+    (folder / "d.csv").write_text("y\n1\n2\n")
+    text = WHOLE.replace("(table (y) (1) (2))", '(csv "d.csv")')
+    (folder / "file.mbm").write_text(text)
+    done, other = (called(folder, *command, name, input=text) for name in ("-", "file.mbm"))
+    assert (done.returncode, done.stdout) == (0, other.stdout.replace("file.mbm", "-"))
+
+
+def test_initial_values_from_standard_input(folder: Path) -> None:
+    done = called(folder, *SOLVE, "whole.mbm", "--init", "-", "--json", "-", input='{"a": "none"}')
+    assert (done.returncode, "bad-initial-values" in done.stdout) == (2, True)
+
+
 @contextmanager
 def nobody() -> Iterator[int]:
     """The entrance of a pipe whose reader has gone."""

@@ -1,6 +1,8 @@
 """What is read of the file system: ordinary files of bounded size, UTF-8 where text is wanted."""
 
+import io
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -57,6 +59,24 @@ def test_a_device_is_refused(device):
     with pytest.raises(MbmError) as caught:
         read_bytes(Path(device), DataPlace(file="d"), largest=10)
     assert caught.value.diagnostics[0].code is faults.NOT_A_FILE
+
+
+@pytest.mark.parametrize("size", [LARGEST_TEXT, LARGEST_TEXT + 1])
+def test_standard_input_is_bounded(size, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b" " * size)))
+    if size == LARGEST_TEXT:
+        assert len(read_file(Path("-"), "-").text) == size
+    else:
+        with pytest.raises(MbmError) as caught:
+            read_file(Path("-"), "-")
+        assert caught.value.diagnostics[0].code is TEXT_TOO_LARGE
+
+
+def test_a_file_that_a_file_names_is_no_standard_input(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MbmError) as caught:
+        read_file(Path("-"), "-", DataPlace(file="other.mbm"))
+    assert caught.value.diagnostics[0].code is faults.MISSING_FILE
 
 
 def test_what_the_shell_has_opened_is_read_if_the_user_names_it(tmp_path):

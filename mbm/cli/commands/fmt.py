@@ -9,9 +9,8 @@ import click
 
 from mbm.cli.options import terminal, verbosity_options
 from mbm.cli.output import is_terminal, say, say_error, write_bytes
-from mbm.files.faults import not_a_file, reason_of, unreadable_file
+from mbm.files.faults import not_a_file
 from mbm.text.characters import LARGEST_TEXT
-from mbm.text.faults import text_too_large
 from mbm.text.shown import one_line
 from mbm.text.types import DataPlace, Diagnostic, MbmError, Sequence, Source
 
@@ -85,16 +84,12 @@ def _check_definitions(source: Source) -> None:
 
 
 def _standard_input(check: bool) -> bool:
+    from mbm.files.reading import STANDARD_INPUT, read_bytes
     from mbm.files.source import source_of
     from mbm.text.formatter import format_text
 
     name = "<stdin>"
-    try:
-        before = sys.stdin.buffer.read(LARGEST_TEXT + 1)
-    except OSError as error:
-        raise MbmError(unreadable_file(Path(name), reason_of(error), DataPlace(file=name))) from None
-    if len(before) > LARGEST_TEXT:
-        raise MbmError(text_too_large(name, LARGEST_TEXT))
+    before = read_bytes(STANDARD_INPUT, DataPlace(file=name), largest=LARGEST_TEXT, streams=True)
     text = format_text(source_of(before, name))
     if not check:
         if is_terminal(sys.stdout):
