@@ -24,6 +24,7 @@ from mbm.language.values import (
     FORMS,
     SCALARS,
     Array,
+    Callable_,
     ListValue,
     Placeable,
     RotationValue,
@@ -45,7 +46,8 @@ def scalar(value: Value, span: Span, wanted: str = "a number") -> Expression:
         return value
     if isinstance(value, TextColumn):
         raise MbmError(faults.text_in_number_column(span, value.name, value.sample, value.sample_place))
-    raise MbmError(faults.wrong_kind(span, wanted, describe(value)))
+    first = f"a function stands first in a list: `({value.name} …)`" if isinstance(value, Callable_) else None
+    raise MbmError(faults.wrong_kind(span, wanted, describe(value), first))
 
 
 def assemble(values: Many[Value], spans: Many[Span]) -> Array:

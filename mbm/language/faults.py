@@ -174,9 +174,9 @@ def undefined_value(span: Span, text: str) -> Diagnostic:
     )
 
 
-def wrong_kind(span: Span, wanted: str, got: str) -> Diagnostic:
+def wrong_kind(span: Span, wanted: str, got: str, hint: str | None = None) -> Diagnostic:
     """One kind of value where another is wanted."""
-    return Diagnostic(code=WRONG_KIND, message=f"this should be {wanted}, but it is {got}", place=span)
+    return Diagnostic(code=WRONG_KIND, message=f"this should be {wanted}, but it is {got}", place=span, hint=hint)
 
 
 def no_rotation(span: Span) -> Diagnostic:

@@ -122,6 +122,13 @@ def test_arithmetic_as_elsewhere_gets_its_lisp(lisp, name, hint):
     assert caught.value.diagnostics[0].hint == f"write `{hint}`"
 
 
+@pytest.mark.parametrize(("form", "hint"), [("(a - 3)", "`(- …)`"), ("(+ a sin)", "`(sin …)`")])
+def test_a_function_behind_its_arguments_is_told_to_stand_first(lisp, form, hint):
+    with pytest.raises(MbmError) as caught:
+        lisp(form, a=1.0)
+    assert caught.value.diagnostics[0].hint == f"a function stands first in a list: {hint}"
+
+
 def test_a_misspelt_name_with_a_hyphen_is_no_subtraction(lisp):
     with pytest.raises(MbmError) as caught:
         lisp.value("focal-lenght", numbers={"focal-length": 1.0})
