@@ -23,6 +23,7 @@ from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
     LOOKED_AT,
     NORMAL_95,
+    OF_LIKELIHOODS,
     derived_ratios,
     end_ratios,
     too_much,
@@ -81,7 +82,7 @@ def _weights(portion: Portion, residuals: Floats) -> Floats:
 def _bent(problem: Problem, around: _Intervals, derived: tuple[DerivedColumns, ...]) -> Mask:
     """Solves (K,) an interval of which may miss its ends."""
     portion, found, noise = around.portion, around.found, around.noise
-    linear = plainly_affine(portion.equations)
+    linear, share = plainly_affine(portion.equations), _share(portion)
     # `nonlinearity.surroundings` looks whether the cost is that of these residuals; here they are, but for roundings
     if around.too_much:
         return np.full(portion.count, not linear or bool(derived))  # each says by itself that nobody looked
@@ -91,10 +92,15 @@ def _bent(problem: Problem, around: _Intervals, derived: tuple[DerivedColumns, .
         for place in range(deviation.shape[1]):
             along = found.root[:, place] * (noise / deviation[:, place])[:, None]
             # what constraints determine has no interval
-            wrong |= (deviation[:, place] > 0.0) & _off(around.ratios(along), LOOKED_AT)
+            wrong |= (deviation[:, place] > 0.0) & _off(around.ratios(along), share)
     for one, place in _looked_at(problem, derived):
-        wrong |= _off(_derived_ends(around, one, place, problem.derived[one.owner].angle, linear), LOOKED_AT)
+        wrong |= _off(_derived_ends(around, one, place, problem.derived[one.owner].angle, linear), share)
     return wrong
+
+
+def _share(portion: Portion) -> float:
+    """By how much an end may be off, as a share of it, before it is looked at by itself."""
+    return OF_LIKELIHOODS if portion.equations.likely and not portion.equations.lossy else LOOKED_AT
 
 
 class _Intervals:

@@ -18,6 +18,7 @@ from mbm.equations.types import Floats
 from mbm.estimation.coverage.student import coverage_factors
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.curvature import Curvature, followed_ends, most_followed
+from mbm.estimation.trust.nonlinearity import OF_LIKELIHOODS, TOLERATED
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -73,14 +74,14 @@ class Profiles:
     def _bent(self, curvature: Curvature, level: float) -> tuple[Floats, Floats]:
         around = curvature.around
         below, above = (np.full(len(self.sigma), np.nan) for _ in range(2))
-        reach = self._reach(level, self.freedom)
+        reach, share = self._reach(level, self.freedom), _share(self.likelihood)
         bent = curvature.bent
         if bent is not None:
-            for doubtful in bent.ends.doubtful[: most_followed(around)].tolist():
+            for doubtful in bent.ends.off(share)[: most_followed(around)].tolist():
                 place = int(bent.known[doubtful])
                 below[place], above[place] = followed_ends(around, bent, doubtful, float(reach[place]), ACCURACY)
             return below, above
-        for place in curvature.ends.doubtful[: most_followed(around)].tolist():
+        for place in curvature.ends.off(share)[: most_followed(around)].tolist():
             along = around.factor[place] / np.linalg.norm(around.factor[place])
             lower, upper = around.followed(along, float(reach[place]), ACCURACY)
             below[place], above[place] = (end * reach[place] * self.sigma[place] for end in (lower, upper))
@@ -95,7 +96,7 @@ class Profiles:
             return below, above
         for one in curvature.derived:
             if one.owner == owner:
-                doubtful_ones = one.ends.doubtful
+                doubtful_ones = one.ends.off(_share(self.likelihood))
                 if curvature.bent is not None:
                     doubtful_ones = doubtful_ones[: most_followed(curvature.around)]
                 for doubtful in doubtful_ones.tolist():
@@ -128,7 +129,8 @@ def profiles(
     likelihood: Likelihood | None,
 ) -> Profiles | None:
     """What follows the intervals that curvature misplaces, or a limit of the ``likelihood``; None: nothing does."""
-    if found is not None and not (found.ends.doubtful.size or any(one.ends.doubtful.size for one in found.derived)):
+    share = _share(likelihood)
+    if found is not None and not (found.ends.off(share).size or any(one.ends.off(share).size for one in found.derived)):
         found = None
     if found is None and likelihood is None:
         return None
@@ -141,3 +143,8 @@ def profiles(
         scaled=scaled,
         likelihood=likelihood,
     )
+
+
+def _share(likelihood: Likelihood | None) -> float:
+    """By how much the end of a linear interval may be off, as a share of it."""
+    return TOLERATED if likelihood is None else OF_LIKELIHOODS

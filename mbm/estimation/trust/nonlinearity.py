@@ -32,6 +32,10 @@ within, as are ranges, corners of a desk and poses from points, whose ends are o
 LOOKED_AT = 0.2
 """Share from which on the quick look has the profile followed: it is itself in error by a tenth of what it finds."""
 
+OF_LIKELIHOODS = 0.1
+"""The same of likelihoods: intervals of a rate are followed from 40 counts down. 95 % intervals of 15 counts hold the
+rate in 91 % if they are linear, and miss it above in 8 %."""
+
 ORTHONORMAL = 1e-6
 """How far Jᵀ J may be from the inverse covariance for the check to make sense; ill-conditioned sets stay below 1e-8."""
 
@@ -64,7 +68,11 @@ class IntervalEnds:
     @property
     def doubtful(self) -> Indices:
         """Positions (from 0) of the coordinates whose stated interval misses an end by more than TOLERATED."""
-        return _off((self.lower, self.upper), TOLERATED)
+        return self.off(TOLERATED)
+
+    def off(self, share: float) -> Indices:
+        """Those whose stated interval misses an end by more than a share of it."""
+        return _off((self.lower, self.upper), share)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -116,6 +116,24 @@ def test_readings_in_two_neighbouring_steps_tell_no_scatter() -> None:
     assert found["d-sigma"].interval()[0] == 0.0
 
 
+def test_few_counts_have_the_interval_of_their_profile_alone_and_together() -> None:
+    """2 (μ − n + n log(n/μ)) = 1.96², which is no ellipse up to 40 counts; two rows tell half of it each."""
+    totals = np.array([6.0, 15.0, 30.0])
+    rows = {"key": np.repeat(totals, 2), "k": np.stack([totals / 3, 2 * totals / 3], axis=1).ravel()}
+    text = COUNTS.format(option="positive :init 3")
+    together = mbm.loads(text.replace("(unknowns", "(for-each key) (unknowns")).solve(data={"d": rows})
+    for total, solve in zip(totals, together.solves, strict=True):
+        alone = mbm.loads(text).solve(data={"d": {"k": rows["k"][rows["key"] == total]}})
+
+        def grown(mean: float, total: float = total) -> float:
+            return float(2 * (mean - total + total * log(total / mean)) - norm.ppf(0.975) ** 2)
+
+        ends = [brentq(grown, 1e-3, total) / 2, brentq(grown, total, 5 * total) / 2]
+        assert alone["m"].interval_kind == solve["m"].interval_kind == "profile"
+        assert alone["m"].interval() == pytest.approx(ends, rel=2e-3)  # ends are found to 1e-3 of their distance
+        assert solve["m"].interval() == pytest.approx(alone["m"].interval(), rel=1e-6)
+
+
 X = np.arange(8.0)
 REGRESSION = """(problem p (data d external) {each} (unknowns (a :init 1) (b :init 0.2 {bound})) {limit}
     (observe d (= k (exp (+ a (* b x)))) :distribution poisson))"""
