@@ -95,13 +95,14 @@ def correlated_chains(
 def _most_alike(residuals: Floats, chains: Sequence[Chain], draws: Floats, left: Floats) -> Alike | None:
     """What is beyond chance, as ``draws`` (m, draws) of the residuals (m,) have it.
 
-    ``left`` (m,) is the share of a residual's variance that the fit leaves, whatever its noise.
+    ``left`` (m,) is the share of a residual's variance that the fit leaves, whatever its noise. Coordinates that are
+    fitted exactly tell nothing.
     """
     worst: Alike | None = None
     highest, compared = np.full(draws.shape[1], -np.inf), 0
     for each in chains:
         own, drawn = residuals[each.places], draws[each.places]
-        checked = left[each.places].mean(axis=0) > CHECKED
+        checked = (left[each.places].mean(axis=0) > CHECKED) & (np.square(own).sum(axis=0) > 0.0)
         for decay in DECAYS:
             found, chance = sums(own[:, checked, None], decay)[:, 0], sums(drawn[:, checked], decay)
             mean, spread = chance.mean(axis=1), chance.std(axis=1, ddof=1)

@@ -152,3 +152,27 @@ def test_deviations_are_not_called_too_small_where_the_noise_is_stated_too_large
         (warning,) = told(text.replace(":sigma 0.1", f":sigma {0.1 * factor}"), data, 0.3 * factor)
     assert ("the standard deviations are too small" in warning.message) == small
     assert ("were the stated noise as small" in warning.message) != small
+
+
+@pytest.mark.parametrize(
+    ("text", "data"),
+    [
+        (WALK, {"fixes": {"k": np.arange(40), "y": np.zeros(40)}, "odo": {"k": np.arange(1, 40), "d": np.zeros(39)}}),
+        (EARLIER, {"d": {"u": np.ones(40), "y": np.full(40, 2.0)}}),
+    ],
+)
+def test_an_exact_fit_tells_nothing_of_its_errors(text, data):
+    assert not told(text, data)
+
+
+def test_a_coordinate_that_is_fitted_exactly_leaves_those_beside_it_to_be_told():
+    text = """(problem walk (data places external :key k) (data fixes external) (data odo external)
+      (unknowns (p (vector 2) :per places :init [0 0]))
+      (observe odo (= [d e] (- (p to) (p from))) :sigma 0.1)
+      (observe fixes (= [y z] (p k)) :sigma {sigma}))"""
+    for drift, expected in ((0.0, 0), (2.0, 1)):
+        data = walk(1, drift)[FAMILY]
+        flat = {"odo": {"e": np.zeros(79)}, "fixes": {"z": np.zeros(20)}}
+        warnings = told(text, {name: {**table, **flat.get(name, {})} for name, table in data.items()})
+        assert len(warnings) == expected
+        assert all("nan" not in each.message for each in warnings)
