@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -124,6 +124,26 @@ class _Part:
         return found
 
 
+@dataclass(slots=True, eq=False)
+class _Results:
+    """The ``inputs`` of the last rows with what the calls gave behind them, and the ``arguments`` of each call.
+
+    ``derivatives``: those too; else zeros stand in their place.
+    """
+
+    inputs: Floats
+    whole: Floats
+    arguments: list[Floats]
+    derivatives: bool = False
+
+
+class _Memory:
+    """The results of the last rows: derivatives are asked for where values were."""
+
+    def __init__(self) -> None:
+        self.last: _Results | None = None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CallingStream:
     """A kernel for any number of rows. ``rest`` is the kernel that takes the results of the calls as parameters."""
@@ -132,6 +152,7 @@ class CallingStream:
     width: int
     rest: Stream
     functions: CalledFunctions
+    _memory: _Memory = field(default_factory=_Memory, init=False)
 
     def values(self, inputs: Floats) -> Floats:
         """The outputs (rows, outputs) at inputs (rows, variables + parameters)."""
@@ -162,21 +183,40 @@ class CallingStream:
         return arguments.at(earlier._with_results(inputs, derivatives=False))
 
     def _with_results(self, inputs: Floats, *, derivatives: bool) -> Floats:
-        """The inputs with what the calls give behind them; zeros for derivatives that are not wanted."""
-        whole = np.zeros((len(inputs), self.width))
+        """The inputs with what the calls give behind them; derivatives that were not wanted may be zero."""
+        found = self._memory.last
+        if found is None or not np.array_equal(found.inputs, inputs):
+            found = self._called(inputs)
+        if derivatives and not found.derivatives:
+            for (call, _), arguments in zip(self.calls, found.arguments, strict=True):
+                self._differentiate(call, arguments, found.whole)
+            found.derivatives = True
+        self._memory.last = found
+        return found.whole
+
+    def _called(self, inputs: Floats) -> _Results:
+        whole, every = np.zeros((len(inputs), self.width)), []
         whole[:, : inputs.shape[1]] = inputs
         for call, program in self.calls:
-            arguments, place = program.at(whole), call.first
-            parts = [self.functions.values(call.external, arguments)]
-            if derivatives and call.wanted:
-                parts.append(self.functions.slopes(call.external, arguments, call.wanted))
-                if call.bent:
-                    parts.append(self.functions.bends(call.external, arguments, call.wanted))
-            for part in parts:
-                width = part[0].size if len(part) else 0
-                whole[:, place : place + width] = part.reshape(len(inputs), width)
-                place += width
-        return whole
+            arguments = program.at(whole)
+            every.append(arguments)
+            _put(whole, call.first, self.functions.values(call.external, arguments))
+        return _Results(inputs.copy(), whole, every)
+
+    def _differentiate(self, call: ExternalCall, arguments: Floats, whole: Floats) -> None:
+        if not call.wanted:
+            return
+        slopes = self.functions.slopes(call.external, arguments, call.wanted)
+        behind = _put(whole, call.first + call.external.size, slopes)
+        if call.bent:
+            _put(whole, behind, self.functions.bends(call.external, arguments, call.wanted))
+
+
+def _put(whole: Floats, place: int, part: Floats) -> int:
+    """Enter numbers (rows, …) from column ``place`` on; where they end."""
+    width = part[0].size if len(part) else 0
+    whole[:, place : place + width] = part.reshape(len(whole), width)
+    return place + width
 
 
 def _stream(kernel: Kernel, backend: CallingBackend) -> CallingStream:

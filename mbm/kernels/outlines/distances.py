@@ -18,7 +18,7 @@ from mbm.values import dataclass
 CHORDS = 2
 """Parts that a span of a curved arc is cut into for the search."""
 
-FEW_CHORDS, LOOKED_AT = 96, 4
+FEW_CHORDS, LOOKED_AT = 96, 8
 """Chords of which all are looked at; and those of more that are looked at first."""
 
 TOGETHER = 500_000
@@ -89,8 +89,7 @@ def _nearest(points: Floats, starts: Floats, ways: Floats) -> Indices:
     """Which chord is nearest to each point.
 
     Many chords are cut to about the same length, and those of the nearest middles looked at. What belongs to another
-    middle is farther away if this is farther than the nearest one by half a length; where that is not so, all chords
-    are looked at.
+    middle is no nearer than that less half a length; where this is less than what was found, all chords are looked at.
     """
     if len(starts) <= FEW_CHORDS:
         return np.asarray(np.argmin(_squared_gaps(points, starts, ways), axis=0))
@@ -105,8 +104,10 @@ def _nearest(points: Floats, starts: Floats, ways: Floats) -> Indices:
     way = ways[near]
     gap = points[:, None] - starts[near]
     gap -= _shares(points[:, None], starts[near], way)[..., None] * way
-    best = np.asarray(near[np.arange(len(points)), np.argmin(_dot(gap, gap), axis=1)])
-    unsure = np.flatnonzero(far[:, -1] < far[:, 0] + half)
+    squared, line = _dot(gap, gap), np.arange(len(points))
+    nearest = np.argmin(squared, axis=1)
+    best = np.asarray(near[line, nearest])
+    unsure = np.flatnonzero(far[:, -1] - half < np.sqrt(squared[line, nearest]))
     for some in np.array_split(unsure, len(unsure) * len(starts) // TOGETHER + 1):
         best[some] = np.argmin(_squared_gaps(points[some], starts, ways), axis=0)
     return best

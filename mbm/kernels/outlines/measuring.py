@@ -161,6 +161,8 @@ def _alike(table: Floats) -> list[Indices | slice]:
     """The rows of each set of numbers (rows, m); equal rows mostly follow each other."""
     if not len(table):
         return []
+    if bool((table == table[0]).all()):
+        return [slice(0, len(table))]
     bounds = [0, *(np.flatnonzero((table[1:] != table[:-1]).any(axis=1)) + 1).tolist(), len(table)]
     found: dict[bytes, list[slice]] = {}
     for run in (slice(a, b) for a, b in pairwise(bounds)):
