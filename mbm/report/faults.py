@@ -38,7 +38,8 @@ NEAR_BOUND = Code(
     "near-bound",
     "An estimate is held at a hard bound (`:in`), was driven to the zero that a `positive` unknown stays above, or to "
     "where its model ends, as an expected count does at zero. It has no standard deviation, and those of the others "
-    "hold for it staying where it is. Its interval is that of its distribution between the limits.",
+    "hold for it staying where it is. Its interval is that of its distribution between the limits; of a likelihood "
+    "those of the others reach to where it leaves the limit.",
     "If the bound is no fact of the matter, widen it with `:in`; else look for an equation that asks for the far side.",
 )
 ACTIVE_CONSTRAINT = Code(

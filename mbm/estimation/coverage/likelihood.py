@@ -19,11 +19,11 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.spreads import Freedom, Limited
-from mbm.equations.types import Floats, Minimum
+from mbm.equations.types import Floats, Mask, Minimum
 from mbm.estimation.coverage.student import coverage_factors
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
-from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED
+from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED, OF_LIKELIHOODS
 from mbm.estimation.uncertainty.statistics import Statistics
 from mbm.values import dataclass
 
@@ -78,7 +78,8 @@ class Likelihood:
     settings: Settings
 
     def put_in(self, ends: tuple[Floats, Floats], sigma: Floats, freedom: Freedom, level: float) -> None:
-        """Put the ``ends`` of intervals (n,), below and above, of coordinates that a limit cuts or without a ``sigma``.
+        """Put the ``ends`` of intervals (n,), below and above, of coordinates that a limit cuts or without a ``sigma``,
+        and of those that reach farther where a limit that holds another one lets go of it.
 
         Others have their ends, NaN where these are linear. Of ``sigma`` (n,) and ``freedom`` (n,).
         """
@@ -87,16 +88,21 @@ class Likelihood:
         numbers = equations.layout.number[equations.free]
         places = np.where(numbers >= 0, self.minimum.point[numbers], np.nan)
         lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
-        wanted = np.isnan(sigma) | (self.minimum.at_bound != 0)
+        below, above = (np.where(np.isnan(each), k * freedom.inflation * sigma, each) for each in ends)
+        held: Mask = np.asarray(self.minimum.at_bound != 0)
         if self.limits is not None:
             lower, upper = self.limits.lower, self.limits.upper
-            below, above = (np.where(np.isnan(each), k * freedom.inflation * sigma, each) for each in ends)
-            wanted |= ~np.isnan(self.limits.step) | (places - below < lower) | (places + above > upper)
-        for which in np.flatnonzero(wanted & (numbers >= 0))[:MOST_FOLLOWED].tolist():
+            held |= ~np.isnan(self.limits.step)
+        wanted = held | np.isnan(sigma) | (places - below < lower) | (places + above > upper)
+        asked = numbers >= 0 if held.any() else wanted & (numbers >= 0)
+        for which in np.flatnonzero(asked)[:MOST_FOLLOWED].tolist():
             law = Law(dof=float(freedom.dof[which]), inflation=float(freedom.inflation[which]), scaled=self.scaled)
             profile = Profile(self.equations, self.minimum, which, self.variance, self.settings)
-            limits = places[which] - lower[which], upper[which] - places[which]
-            ends[0][which], ends[1][which] = _interval(profile, law, limits, float(sigma[which]), level)
+            reached = law.of_square(float(k[which]) ** 2)
+            there = (law.surprise(profile.growth(step)) for step in (-below[which], above[which]))
+            if wanted[which] or any(abs(np.sqrt(each / reached) - 1.0) > OF_LIKELIHOODS for each in there):
+                limits = places[which] - lower[which], upper[which] - places[which]
+                ends[0][which], ends[1][which] = _interval(profile, law, limits, float(sigma[which]), level)
 
 
 @np.errstate(all="ignore")

@@ -155,6 +155,29 @@ def shortest(own: np.ndarray) -> tuple[float, float]:
     return float(grid[inside].min()), float(grid[inside].max())
 
 
+def shortest_intercept(own: np.ndarray) -> tuple[float, float]:
+    """The same of a, beside the best b ≤ 0.31 for each."""
+    grid, slopes = np.linspace(-0.5, 2.5, 3001), np.linspace(-0.5, 0.31, 2001)
+    # log L is own·(a + b x) − exp(a) Σ exp(b x)
+    sums, tilt = np.exp(np.outer(slopes, X)).sum(axis=1), slopes * (own @ X)
+    logs = np.array([own.sum() * a + (tilt - np.exp(a) * sums).max() for a in grid])
+    left = np.exp(logs - logs.max())
+    order = np.argsort(-left, kind="stable")
+    inside = order[: np.searchsorted(np.cumsum(left[order]), 0.95 * left.sum()) + 1]
+    return float(grid[inside].min()), float(grid[inside].max())
+
+
+def test_beside_an_estimate_at_its_limit_the_others_reach_to_where_it_leaves_it() -> None:
+    problem, held = mbm.loads(REGRESSION.format(each="", bound=":in (-5 0.31)", limit="")), 0
+    for own in counts():
+        found = problem.solve(data={"d": {"x": X, "k": own}})
+        if found["b"].at_bound:
+            held += 1
+            # the grids have steps of 0.001 and 0.0004
+            assert found["a"].interval() == pytest.approx(shortest_intercept(own), abs=5e-3)
+    assert held > 2
+
+
 @pytest.mark.parametrize(("bound", "limit"), [(":in (-5 0.31)", ""), ("", "(constraints (<= b 0.31))")])
 def test_regressions_at_a_limit_alone_and_together(bound: str, limit: str) -> None:
     data = counts()
