@@ -32,6 +32,7 @@ from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.dynamics import read_dynamics
 from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.estimators import read_estimator
+from mbm.problem.reading.named_columns import meant, names_in
 from mbm.problem.reading.noise_structure import check_structures, matrices
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
@@ -90,7 +91,7 @@ def elaborate(
     _functions(work, session, clauses)
     stated = [each for c in _all(clauses, "constants") for each in read_constants(work, c, overrides)]
     numbers = constant_values(work, stated, definition.span)
-    earlier = work.scope.earlier = Earlier(work.tables, {}, _names_of(clauses, "for-each"))
+    earlier = work.scope.earlier = Earlier(work.tables, {})
     plans, raw = _tables(work, clauses, load, earlier)
     pairs = _pairs(work, clauses)
     work.finish()
@@ -254,7 +255,10 @@ def _tables(
             refuse_overwriting(raw[name], data, raw)
             tables[name] = joined(raw[name], data.joins, {**raw, **tables})
     work.finish()
+    keys, passing = (names_in(clauses, head) for head in ("for-each", "window"))
+    work.scope.divided = meant(keys, tables), (*passing, *meant(passing, tables))
     earlier.unfiltered.update(tables)
+    earlier.keys = work.scope.divided[0]
     plans = []
     for data in ordered:
         with work.collecting():
@@ -269,18 +273,12 @@ def _tables(
 def _pairs(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[PairDeclaration, ...]:
     """The tables that are laid on one another, each pair after those written before it."""
     found = []
-    keys, passing = (_names_of(clauses, head) for head in ("for-each", "window"))
     for clause in _all(clauses, "pair"):
         with work.collecting():
-            pair = read_pair(work, clause, keys, passing)
+            pair = read_pair(work, clause, *work.scope.divided)
             work.tables[pair.name] = paired(pair, work.tables)
             found.append(pair)
     return tuple(found)
-
-
-def _names_of(clauses: tuple[Sequence, ...], head: str) -> tuple[str, ...]:
-    """The columns that clauses name."""
-    return tuple(item.name for c in _all(clauses, head) for item in c.items[1:] if isinstance(item, Symbol))
 
 
 def _definitions(work: Workspace, clauses: tuple[Sequence, ...]) -> None:
@@ -364,7 +362,7 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames) -
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
             work.extent.add(blocks[-1])
-    work.scope.gather = Writer(work, _names_of(clauses, "for-each"), _all(clauses, "window"))
+    work.scope.gather = Writer(work, work.scope.divided[0], _all(clauses, "window"))
     for clause in _all(clauses, "constraints"):
         work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))

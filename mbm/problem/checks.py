@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from mbm.expression.rows import Row, RowChoice, chosen_place
 from mbm.problem import faults
 from mbm.problem.previous import column_before, has_before
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of
-from mbm.problem.tables import CellKey, Table
+from mbm.problem.tables import CellKey, PairDeclaration, Table
 from mbm.problem.times import time_nodes
 from mbm.problem.types import Block, Problem, Static
 from mbm.text.suggest import closest
@@ -97,6 +97,8 @@ def check_data(
     for block, mask in zip(problem.blocks, masks, strict=True):
         if mask is not None and not mask.any():
             warnings.append(faults.no_rows(block.span, block.name))
+    for pair in problem.pairs:
+        warnings.extend(_without_common_key(pair, tables[pair.first], tables[pair.second]))
     for each in mentioned(problem) if known is None else known:
         table = tables[each.table] if each.table is not None else None
         positions = rows_of(each.static, table) if table is not None else None
@@ -105,6 +107,15 @@ def check_data(
             positions = positions[mask[positions]]
         errors.extend(_cells(each.leaves, table, positions, tables, families))
     return _first_of_each(errors), warnings
+
+
+def _without_common_key(pair: PairDeclaration, first: Table, second: Table) -> Iterator[Diagnostic]:
+    """That two tables, which have rows, share no value of a key."""
+    for key in pair.keys:
+        if key in first.columns and key in second.columns and len(first) and len(second):
+            held = {table.name: tuple(dict.fromkeys(table.keys(key))) for table in (first, second)}
+            if set(held[first.name]).isdisjoint(held[second.name]):
+                yield faults.no_common_key(pair.span, pair.name, key, held)
 
 
 def _first_of_each(errors: list[Diagnostic]) -> list[Diagnostic]:

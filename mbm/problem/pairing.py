@@ -24,6 +24,7 @@ QUATERNION = ("qx", "qy", "qz", "qw")
 
 Positions = NDArray[np.int64]
 _NONE: Positions = np.empty(0, dtype=np.int64)
+_NO_STEPS: Numbers = np.empty(0)
 
 
 def with_pairs(tables: Mapping[str, Table], pairs: tuple[PairDeclaration, ...]) -> dict[str, Table]:
@@ -85,9 +86,9 @@ def _associated_parts(
     pair: PairDeclaration, times: tuple[Numbers, Numbers], parts: Sequence[tuple[Positions, Positions]]
 ) -> tuple[Positions, Positions]:
     rows, others = [_NONE], [_NONE]
+    tolerance = usual_tolerance(times, parts) if pair.tolerance is None else pair.tolerance
     for own, theirs in parts:
-        a, b = times[0][own], times[1][theirs]
-        here, there = associated(a, b, usual_tolerance(a, b) if pair.tolerance is None else pair.tolerance)
+        here, there = associated(times[0][own], times[1][theirs], tolerance)
         rows.append(own[here])
         others.append(theirs[there])
     found = np.concatenate(rows)
@@ -262,15 +263,18 @@ def _slerp(start: Numbers, end: Numbers, fraction: Numbers) -> Numbers:
     return np.asarray(np.where(fraction[:, None] == 0, start, found))
 
 
-def usual_tolerance(a: Numbers, b: Numbers) -> float:
+def usual_tolerance(times: tuple[Numbers, Numbers], parts: Sequence[tuple[Positions, Positions]]) -> float:
     """Half the median distance of neighbouring times in the denser of two tables (n,), (m,).
 
-    At this distance a time is as near to one row of the denser table as to the next. 0 where no table has two different
-    times: only equal ones are then taken together.
+    At this distance a time is as near to one row of the denser table as to the next. Neighbours are those within the
+    ``parts`` that are laid on one another; in a table without two different times in a part, those of the whole table.
+    0 where no table has two different times: only equal ones are then taken together.
     """
     medians = []
-    for times in (a, b):
-        steps = np.diff(np.unique(times))
+    for side, whole in enumerate(times):
+        apart = [np.diff(np.unique(whole[part[side]])) for part in parts]
+        steps = np.concatenate([_NO_STEPS, *apart])
+        steps = steps if steps.size else np.diff(np.unique(whole))
         if steps.size:
             medians.append(float(np.median(steps)))
     return min(medians) / 2 if medians else 0.0

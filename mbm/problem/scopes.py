@@ -74,7 +74,7 @@ class ProblemScope:
     """The problem's own names over those of the file. Entries are added while the clauses are read, in order.
 
     ``gather`` makes aggregates over the rows of a table, in the clauses that may have them; ``earlier`` gives a table
-    the columns of the row before.
+    the columns of the row before. ``divided`` are the columns of ``for-each``, and what that of ``window`` is called.
     """
 
     def __init__(self, parent: Scope, tables: Mapping[str, Table]) -> None:
@@ -87,6 +87,7 @@ class ProblemScope:
         self.earlier: Callable[[Table], Table] | None = None
         self.gather: Callable[[AggregateKind, Sequence, Scope], Value] | None = None
         self.steps: Steps | None = None
+        self.divided: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
         self._values: dict[str, Value] = {}
         self._open: list[str] = []
         self._here: Here = Here()

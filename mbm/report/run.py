@@ -45,7 +45,7 @@ def result_of(
     Reports that are made later hold the ``lock`` meanwhile.
 
     Raises:
-        MbmError: nothing was solved, since no solve could be set up with its data.
+        MbmError: nothing was solved, since no solve could be set up with its data; with what is doubtful about these.
 
     """
     reports: list[Callable[[], SolveReport]] = []
@@ -74,7 +74,7 @@ def result_of(
     request = problem.request
     left = solutions.count - done
     if failures and not solved and not left:
-        raise MbmError(*_kinds(failures))
+        raise MbmError(*_kinds(failures), *problem.warnings)
     return Result(
         version=__version__,
         file=file,

@@ -52,8 +52,8 @@ def test_regular_times_with_jitter_are_matched_as_a_whole():
 
 
 def test_the_usual_tolerance_is_half_a_step_of_the_denser_table():
-    assert usual_tolerance(np.arange(5.0), np.arange(0, 5, 0.25)) == 0.125
-    assert usual_tolerance(np.array([3.0]), np.array([1.0, 1.0])) == 0.0
+    for a, b, half in ((np.arange(5.0), np.arange(0, 5, 0.25), 0.125), (np.array([3.0]), np.array([1.0, 1.0]), 0.0)):
+        assert usual_tolerance((a, b), [(np.arange(len(a)), np.arange(len(b)))]) == half
 
 
 PAIR = """
@@ -257,3 +257,87 @@ def test_each_key_of_one_table_is_paired_with_all_of_a_table_without_it(how):
     B = {"t": t[:3], "u": np.array([7.0, 8.0, 9.0])}
     found = mbm.loads(RUNS.format(how=how, key="run")).solve(data={"A": A, "B": B})
     assert [float(each["s"].value) for each in found.solves] == pytest.approx([8 - 7 / 3, -22.0], abs=EXACT * 60)
+
+
+@pytest.mark.parametrize("key", ["run", "A.run", "B.run", "P.A.run", "P.run", "C.run"])
+def test_a_pair_of_a_pair_crosses_no_key_whatever_it_is_called(key):
+    """Two runs at the same times, the tables in different orders: what C reads more than A and B together is known."""
+    t, run = np.tile([0.0, 1.0, 2.0], 2), np.repeat([1.0, 2.0], 3)
+    x = np.array([1.0, 2, 3, 10, 20, 30])
+    tables = {
+        "A": {"run": run, "t": t, "x": x},
+        "B": {"run": run[::-1], "t": t[::-1], "u": x[::-1]},
+        "C": {"run": run[::-1], "t": t[::-1], "w": (2 * x + np.where(run == 1, 5.0, 7.0))[::-1]},
+    }
+    text = f"""(problem p (data A external) (data B external) (data C external)
+      (pair P (A B) :by t :tolerance 0.1) (pair Q (P C) :by t :tolerance 0.1) (unknowns (s))
+      (observe Q (= C.w (+ P.A.x P.B.u s)) :sigma 0.1) (for-each {key}))"""
+    found = mbm.loads(text).solve(data=tables)
+    values = {each.key["run"]: float(each["s"].value) for each in found.solves}
+    assert values == pytest.approx({1.0: 5.0, 2.0: 7.0}, abs=EXACT * 60)
+    assert [each.dof for each in found.solves] == [2, 2]
+
+
+@pytest.mark.parametrize("key", ["run", "A.run", "P.A.run"])
+def test_a_key_under_the_name_of_its_table_divides_all_that_reads_the_column(key):
+    """Rows of the table alone, of its pair, the row before, and what a constraint counts."""
+    run, t = np.repeat([1.0, 2.0], 3), np.tile([0.0, 1.0, 2.0], 2)
+    A = {"run": run, "t": t, "x": np.array([1.0, 2, 4, 10, 30, 50])}
+    B = {"run": run, "t": t, "u": A["x"] + 3 * run}
+    text = f"""(problem p (data A external) (data B external) (pair P (A B) :by t) (unknowns (s) (m) (v) (k :init 1))
+      (observe P (= B.u (+ A.x s)) :sigma 0.1) (observe A (= x m) :sigma 1)
+      (observe going A (= (- x (previous x)) v) :sigma 1)
+      (constraints (= k (mean A x))) (solve :constraints exact) (for-each {key}))"""
+    found = mbm.loads(text).solve(data={"A": A, "B": B}).solves
+    values = [[float(each[name].value) for name in "smvk"] for each in found]
+    np.testing.assert_allclose(values, [[3, 7 / 3, 1.5, 7 / 3], [6, 30, 20, 30]], rtol=1e-9)
+
+
+@pytest.mark.parametrize("column", ["lap", "A.lap", "P.A.lap", "C.lap"])
+def test_windows_over_laps_take_no_pair_of_a_pair_across_them(column):
+    """The times start anew with each lap: what C reads more than A and B together is known for each."""
+    t, lap = np.tile([0.0, 1.0, 2.0], 3), np.repeat([1.0, 2.0, 3.0], 3)
+    x = np.square(t) * lap
+    tables = {
+        "A": {"lap": lap, "t": t, "x": x},
+        "B": {"lap": lap[::-1], "t": t, "u": np.square(t) * lap[::-1]},
+        "C": {"lap": lap[::-1], "t": t[::-1], "w": (2 * x + 5 * lap)[::-1]},
+    }
+    text = f"""(problem p (data A external) (data B external) (data C external)
+      (pair P (A B) :by t) (pair Q (P C) :by t) (unknowns (s))
+      (observe Q (= C.w (+ P.A.x P.B.u s)) :sigma 0.1) (window {column} :length 1 :step 1))"""
+    found = mbm.loads(text).solve(data=tables)
+    values = {next(iter(each.key.values())): float(each["s"].value) for each in found.solves}
+    assert values == pytest.approx({1.0: 5.0, 2.0: 10.0, 3.0: 15.0}, abs=EXACT * 30)
+    assert [each.dof for each in found.solves] == [2, 2, 2]
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_the_usual_tolerance_is_one_for_all_keys(rows):
+    """Keys of one row have no steps of their own; those of parallel runs a little apart are not the steps of the table.
+
+    With three rows the steps are 1 within each run and 0.3 and 0.4 between the runs; half of 1 reaches 0.32, half of
+    the least does not. With one row the only steps are those between the runs, 1.
+    """
+    run = np.repeat([1.0, 2.0], rows)
+    t = np.array([0.0, 1.0]) if rows == 1 else np.array([0.0, 1, 2, 0.3, 1.3, 2.3])
+    tables = {"A": {"run": run, "t": t, "x": t}, "B": {"run": run, "t": t + 0.32, "u": t + 3 * run}}
+    found = mbm.loads(RUNS.format(how="", key="run").replace(":tolerance 0.1", "")).solve(data=tables)
+    assert [float(each["s"].value) for each in found.solves] == pytest.approx([3.0, 6.0], abs=EXACT * 10)
+    assert [each.dof for each in found.solves] == [rows - 1, rows - 1]
+
+
+def test_a_pair_whose_tables_share_no_value_of_a_key_says_so():
+    """The gain `g` of B is not the group `g` of A."""
+    t = np.arange(3.0)
+    tables = {"A": {"g": [1.0, 1.0, 2.0], "t": t, "x": t}, "B": {"g": [7.0, 8.0, 9.0], "t": t, "u": t}}
+    for key in ("A.g", "g"):
+        problem = mbm.loads(RUNS.format(how="", key=key))
+        with pytest.raises(mbm.MbmError) as raised:
+            problem.solve(data=tables)
+        for told in (problem.check(data=tables), raised.value.diagnostics):
+            (fault,) = [each for each in told if "pair" in each.message]
+            assert fault.code.name == "no-rows"
+            for words in ("`P`", "column `g`", "`A` (1, 2)", "`B` (7, 8, 9)"):
+                assert words in fault.message
+            assert ":columns" in fault.hint

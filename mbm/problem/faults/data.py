@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from mbm.problem.naming import plain_number
 from mbm.text.suggest import did_you_mean
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
@@ -78,6 +80,8 @@ BAD_TIME = Code(
     "values are to be found between times.",
     "Give times as numbers (seconds since some start); leave repeated rows out with `:where`.",
 )
+_KEYS_SHOWN = 5
+"""Values of a key that a message lists: enough to see what they are."""
 
 
 def unmentioned(span: Span, name: str) -> Diagnostic:
@@ -163,9 +167,8 @@ def missing_unit(span: Span | None, what: str) -> Diagnostic:
 
 def dangling_key(place: Place | None, cell: str | float, where: str, near: str | None, used: Span | None) -> Diagnostic:
     """A key without a row."""
-    shown = f"`{cell}`" if isinstance(cell, str) else f"{plain_number(cell)}"
     return Diagnostic(
-        code=DANGLING_KEY, message=f"{shown} is no key of {where}", place=place,
+        code=DANGLING_KEY, message=f"{_cell(cell)} is no key of {where}", place=place,
         hint=did_you_mean(near, None),
         labels=(Label(used, "used as a key here"),) if used is not None else (),
     )  # fmt: skip
@@ -231,6 +234,20 @@ def no_rows(span: Span, name: str) -> Diagnostic:
     )  # fmt: skip
 
 
+def no_common_key(span: Span, pair: str, column: str, held: Mapping[str, Sequence[str | float]]) -> Diagnostic:
+    """A pair of tables that share no key; ``held`` are the values of each."""
+    sides = (
+        f"`{table}` ({', '.join(map(_cell, values[:_KEYS_SHOWN]))}{', …' if len(values) > _KEYS_SHOWN else ''})"
+        for table, values in held.items()
+    )
+    message = f"the pair `{pair}` has no rows: no value of the column `{column}` is in {' and in '.join(sides)}"
+    return Diagnostic(
+        code=NO_ROWS, message=message, place=span, severity=Severity.WARNING,
+        hint=f"no pair crosses a key, which is the column `{column}` of each table that has one: call it otherwise "
+        f"where it is something else, `(data … :columns ((other {column})))`",
+    )  # fmt: skip
+
+
 def bad_noise(span: Span, what: str, place: Place | None) -> Diagnostic:
     """A weight that is none."""
     labels = (Label(place, "for this row"),) if place is not None else ()
@@ -251,6 +268,10 @@ def missing_start(span: Span, name: str, *, others: bool = False) -> Diagnostic:
     return Diagnostic(
         code=MISSING_START, message=f"`{name}` has no start, and none can be found", place=span, hint=hint
     )
+
+
+def _cell(cell: str | float) -> str:
+    return f"`{cell}`" if isinstance(cell, str) else str(plain_number(cell))
 
 
 def _counted(count: int, noun: str) -> str:

@@ -55,7 +55,7 @@ class Earlier:
 
     tables: dict[str, Table]
     unfiltered: dict[str, Table]
-    keys: tuple[str, ...]
+    keys: tuple[str, ...] = ()
     asked: dict[str, None] = field(default_factory=dict)
 
     def __call__(self, table: Table) -> Table:

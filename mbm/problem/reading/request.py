@@ -98,12 +98,14 @@ def _columns(work: Workspace, clauses: list[Sequence]) -> dict[str, Span]:
     for clause in clauses:
         if len(clause.items) == 1:
             raise MbmError(language_faults.bad_form(clause.span, "`for-each` names no column", "(for-each column…)"))
-    for form in (form for clause in clauses for form in clause.items[1:]):
+    forms = [form for clause in clauses for form in clause.items[1:]]
+    for form in forms:
         if not isinstance(form, Symbol):
             raise MbmError(
                 language_faults.bad_form(form.span, "`for-each` takes names of columns", "(for-each column…)")
             )
-        column = named_column(work, form)
+        named_column(work, form)
+    for form, column in zip(forms, work.scope.divided[0], strict=True):
         if column in found:
             raise MbmError(language_faults.duplicate_definition(form.span, column, found[column]))
         found[column] = form.span
