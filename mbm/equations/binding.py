@@ -264,8 +264,7 @@ class Group:
         inputs[:, :, :variables] = points[:, self.places if all(self.shared) else self.index[rows]]
         inputs[:, :, variables:] = parameters
         for each in self.sampled:
-            for part, point in zip(inputs, points, strict=True):
-                each.fill(part[:, variables:], point.__getitem__, np.arange(self.rows)[rows])
+            each.fill(inputs[:, :, variables:], lambda places: points[:, places], np.arange(self.rows)[rows])
         return inputs.reshape(len(points) * len(parameters), inputs.shape[2])
 
     def whitened(self, values: Floats) -> Floats:

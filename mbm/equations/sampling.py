@@ -10,40 +10,38 @@ import numpy as np
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.expression.evaluate import Values, evaluate
 from mbm.expression.nodes import Component, Constant, Leaf, Number, Sampling, leaves
-from mbm.expression.rows import Row
 from mbm.kernels.types import Kernel
 from mbm.problem.rows import Positions, column_numbers, lookup
 from mbm.problem.tables import Table
-from mbm.problem.times import places_around, time_nodes
+from mbm.problem.times import interval_of, places_around, time_nodes
 from mbm.symbolic.types import ColumnInput
 from mbm.values import dataclass
 
 Numbers = Callable[[Indices], Floats]
-"""The numbers at places (rows,) in the vector of all numbers, one for each row."""
+"""The numbers (…, rows) at places (rows,) in the vector of all numbers, or in several: one for each row."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sampled:
     """The inputs of a kernel that one ``sample`` fills.
 
-    ``times`` (n,) ascend; ``inputs`` are the positions of the parameters, ``nodes`` their values in the order of the
-    times, ``sides`` which of the rows around the time they are of. ``places`` gives for each number of an unknown in
-    the time its place (rows,) among all, ``data`` the values of its other leaves, ``coordinates`` those that move it.
-    Beyond the span the last interval goes on where ``extended``, else there is no value.
+    ``times`` (n,) ascend; ``inputs`` are the places of the parameters, ``nodes`` (n − 1, inputs) their values between
+    two times. ``places`` gives for each number of an unknown in the time its place (rows,) among all, ``data`` the
+    values of its other leaves, ``coordinates`` those that move it. Beyond the span the last interval goes on where
+    ``extended``, else there is no value.
     """
 
     sampling: Sampling
     times: Floats = field(repr=False)
-    inputs: tuple[int, ...]
-    nodes: tuple[Floats, ...] = field(repr=False)
-    sides: tuple[Row, ...]
+    inputs: Indices
+    nodes: Floats = field(repr=False)
     places: Mapping[int, Indices] = field(repr=False)
     data: Mapping[int, Values] = field(repr=False)
     coordinates: Indices = field(repr=False)
     extended: bool
 
     def at(self, numbers: Numbers, rows: Indices, *, whole: bool) -> Floats:
-        """The times (rows,) at which the table is sampled; ``whole``: ``rows`` are all rows, in order."""
+        """The times (…, rows) at which the table is sampled; ``whole``: ``rows`` are all rows, in order."""
 
         def value(leaf: Leaf) -> Values:
             place = self.places.get(id(leaf))
@@ -52,8 +50,8 @@ class Sampled:
             known = self.data[id(leaf)]
             return known if whole or not isinstance(known, np.ndarray) else known[rows]
 
-        found = evaluate((self.sampling.at,), value)[0]
-        return np.broadcast_to(np.asarray(found, dtype=np.float64), (len(rows),))
+        found = np.asarray(evaluate((self.sampling.at,), value)[0], dtype=np.float64)
+        return np.broadcast_to(found, (*found.shape[:-1], len(rows)))
 
     def some(self, rows: Indices) -> Sampled:
         """The inputs of some rows."""
@@ -69,14 +67,15 @@ class Sampled:
         return np.asarray(~((at < self.times[0]) | (at > self.times[-1])))
 
     def fill(self, target: Floats, numbers: Numbers, rows: Indices, *, whole: bool = True) -> None:
-        """Put the values of the rows around the times into ``target`` (rows, parameters)."""
+        """Put the values of the rows around the times into ``target`` (…, rows, parameters)."""
         at = self.at(numbers, rows, whole=whole)
-        around = places_around(self.times, at)
         outside = np.isnan(at)
         if not self.extended:
             outside |= (at < self.times[0]) | (at > self.times[-1])
-        for column, values, side in zip(self.inputs, self.nodes, self.sides, strict=True):
-            target[:, column] = np.where(outside, np.nan, values[around[side]])
+        target[..., self.inputs] = self.nodes[interval_of(self.times, at)]
+        if outside.any():
+            for column in self.inputs:
+                target[..., column][outside] = np.nan
 
 
 def samplings(kernel: Kernel) -> tuple[Sampling, ...]:
@@ -105,6 +104,7 @@ def sampled_inputs(
     table, positions, tables, constants = given
     other = tables[sampling.table]
     times, order = time_nodes(sampling, other)
+    around = places_around(times, times[:-1])
     inputs = [(i, p) for i, p in enumerate(kernel.parameters) if isinstance(p, ColumnInput) and p.sampling is sampling]
     found_places: dict[int, Indices] = {}
     data: dict[int, Values] = {}
@@ -121,9 +121,8 @@ def sampled_inputs(
     return Sampled(
         sampling=sampling,
         times=times,
-        inputs=tuple(i for i, _ in inputs),
-        nodes=tuple(column_numbers(other, p.name)[order] for _, p in inputs),
-        sides=tuple(p.row for _, p in inputs),
+        inputs=np.array([i for i, _ in inputs], dtype=np.int64),
+        nodes=np.column_stack([column_numbers(other, p.name)[order][around[p.row]] for _, p in inputs]),
         places=found_places,
         data=data,
         coordinates=np.unique(np.concatenate(coordinates)) if coordinates else np.empty(0, dtype=np.int64),

@@ -43,6 +43,11 @@ def time_nodes(sampling: Sampling, table: Table) -> tuple[Numbers, np.ndarray]:
     return ordered, order
 
 
+def interval_of(times: Numbers, at: Numbers) -> np.ndarray:
+    """The places among ascending ``times`` (n,) of the rows before times ``at``, beyond the ends those next to them."""
+    return np.clip(np.searchsorted(times, at, side="right") - 1, 0, max(len(times) - 2, 0))
+
+
 def places_around(times: Numbers, at: Numbers) -> dict[Row, np.ndarray]:
     """The places among ascending ``times`` (n,) of the rows around times ``at`` (m,).
 
@@ -50,7 +55,7 @@ def places_around(times: Numbers, at: Numbers) -> dict[Row, np.ndarray]:
     row from an end stands in where there is none two before or after.
     """
     last = len(times) - 1
-    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, max(last - 1, 0))
+    before = interval_of(times, at)
     return {
         RowChoice.TWO_BEFORE: np.where(before > 0, before - 1, min(2, last)),
         RowChoice.BEFORE: before,

@@ -320,3 +320,50 @@ def test_a_clock_offset_between_poses_is_found_by_their_rotations_too():
         """).solve(data=given)
     assert solved.status == "ok"
     assert abs(float(solved["o"].value) - 0.123) < 4 * float(solved["o"].sigma)
+
+
+EACH = """(problem p (data A external) (data B external) (unknowns (s :in (-0.5 0.5)) (m :init 1))
+  (observe B (= u (+ m (sample A x (+ t s) :order {order}))) :sigma 0.1) {more})"""
+
+
+def by_key():
+    """Two keys whose times begin anew, the second one with more rows."""
+    rng = np.random.default_rng(2)
+    tables = []
+    for k, rows in ((1, 6), (2, 9)):
+        t = np.arange(float(rows))
+        at = np.linspace(0.7, rows - 1.8, 7)
+        seen = (at + 0.2) ** 2 * k + 0.5 * k + rng.normal(0, 0.1, 7)
+        tables.append(({"k": t * 0 + k, "t": t, "x": k * t**2}, {"k": at * 0 + k, "t": at, "u": seen}))
+    return tables
+
+
+def together(parts):
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+@pytest.mark.parametrize("order", [1, 3])
+def test_times_begin_anew_with_each_key(order):
+    tables = by_key()
+    first, second = (together(each) for each in zip(*tables, strict=True))
+    found = mbm.loads(EACH.format(order=order, more="(for-each k)")).solve(data={"A": first, "B": second}).solves
+    for (a, b), each in zip(tables, found, strict=True):
+        alone = mbm.loads(EACH.format(order=order, more="")).solve(data={"A": a, "B": b})
+        for name in ("s", "m"):
+            # the same minimum, from two starts
+            assert float(each[name].value) == pytest.approx(float(alone[name].value), abs=1e-6 * alone[name].sigma)
+            assert float(each[name].sigma) == pytest.approx(float(alone[name].sigma), rel=1e-5)
+
+
+def test_what_is_wrong_with_the_times_of_one_key():
+    problem = mbm.loads(EACH.format(order=1, more="(for-each k)"))
+    first, second = (together(each) for each in zip(*by_key(), strict=True))
+    wrong = {**first, "t": np.where((first["k"] == 2) & (first["t"] == 3), 4.0, first["t"])}
+    with pytest.raises(mbm.MbmError) as caught:
+        problem.solve(data={"A": wrong, "B": second})
+    (fault,) = caught.value.diagnostics
+    assert (fault.code.name, fault.place.row) == ("bad-time", 11)
+    few = {name: values[(first["k"] == 1) | (first["t"] == 0)] for name, values in first.items()}
+    solves = problem.solve(data={"A": few, "B": second}).solves
+    assert [each.status.value for each in solves] == ["converged", "not-converged"]
+    assert [d.code.name for d in solves[1].diagnostics] == ["bad-time"]
