@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.equations.layout import Layout
 from mbm.equations.types import Equations, Floats, Indices, Mask, Minimum
-from mbm.solver.decisions import HUGE, TINY, decided_rank, rounding_of_norm
+from mbm.solver.decisions import HUGE, ROUNDED_ROTATION, TINY, decided_rank, rounding_of_norm
 
 
 def metric(jacobian: Floats, slopes: Floats) -> Floats:
@@ -77,6 +77,17 @@ def turning(equations: Equations) -> Mask | None:
     """
     found: Mask | None = getattr(equations, "turning", None)
     return found
+
+
+def rounded_turns(turned: Mask | None, length: Floats) -> Mask:
+    """Which columns of a ``length`` (…, n) are zero, or of the coordinates that are ``turned`` (n,) and only rounding.
+
+    What turns a rotation about a line on which all points are moves none, and 1e-16 is left of it.
+    """
+    least = np.zeros(length.shape)
+    if turned is not None:
+        least[..., turned] = ROUNDED_ROTATION * length[..., turned].max(axis=-1, initial=0.0, keepdims=True)
+    return np.asarray(~(length > least))
 
 
 def column_norms(jacobian: Floats) -> Floats:

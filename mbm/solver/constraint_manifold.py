@@ -72,7 +72,7 @@ def set_null_space(
     reflections = work.reflections
     lower = work.lower
     holding = constraint_count(problem, work.rows.data)
-    set_scales(n, count, chosen, triangle, holding, held, slopes, scale)
+    set_scales(problem, count, chosen, triangle, holding, held, slopes, scale)
     reflected = reflect_constraints(n, count, chosen, scale, holding, held, slopes, reflections)
     found = 0
     for c in range(holding):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
-from mbm.solver.decisions import decided_rank
+from mbm.solver.decisions import ROUNDED_ROTATION, decided_rank
 from mbm.solver.description import Problem
 from mbm.solver.linear_algebra import append_rows, column_product, copied, corner, divided, dot, filled, inverted_upper
 from mbm.solver.null_space import from_null_space, reflect_constraints, to_null_space
@@ -49,7 +49,7 @@ def set_covariance(
             chosen[count] = j
             count += 1
     filled(n * n, 0.0, covariance)
-    set_scales(n, count, chosen, triangle, holding, held, work.slopes, scale)
+    set_scales(problem, count, chosen, triangle, holding, held, work.slopes, scale)
     reflected = reflect_constraints(n, count, chosen, scale, holding, held, work.slopes, reflections)
     width = count - reflected
     if width == n:
@@ -99,7 +99,7 @@ def back_from_null_space(
 
 
 def set_scales(
-    n: Integer,
+    problem: Problem,
     count: Integer,
     chosen: ConstantIntegers,
     triangle: ConstantReals,
@@ -108,10 +108,17 @@ def set_scales(
     slopes: ConstantReals,
     scale: Reals,
 ) -> None:
-    """The lengths (count,) of the chosen columns; of those that no residual feels what constraints make of them."""
+    """The lengths (count,) of the chosen columns; of those that no residual feels what constraints make of them.
+
+    A column of a rotation that is only rounding stays so: it is scaled as the longest of them.
+    """
+    n = problem.n
+    turned = 0.0
     for k in range(count):
         column = triangle[chosen[k] :]
         square = column_product(chosen[k] + 1, n + 1, column, column)
+        if problem.number_of[chosen[k]] < 0 and sqrt(square) > turned:
+            turned = sqrt(square)
         scale[k] = sqrt(square)
         for c in range(holding):
             if held[c] != 0.0 and square == 0.0:
@@ -119,6 +126,9 @@ def set_scales(
                 scale[k] = sqrt(scale[k] * scale[k] + value * value)
         if scale[k] == 0.0:
             scale[k] = 1.0
+    for k in range(count):
+        if problem.number_of[chosen[k]] < 0 and scale[k] < ROUNDED_ROTATION * turned:
+            scale[k] = turned
 
 
 def set_reduced(n: Integer, count: Integer, reflected: Integer, triangle: ConstantReals, work: Work) -> None:

@@ -77,6 +77,21 @@ def test_python(name, tmp_path, monkeypatch):
     assert run(sys.executable, f"test_{name}.py", folder=folder).returncode == 0
 
 
+def test_a_turn_about_the_line_of_all_points(tmp_path, monkeypatch):
+    """What is left of its derivative is rounding; the quaternions of both paths may differ by such a turn."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    text = """(problem turned (data d (table (y u v w) (0 0.1 0.2 0.3) (1 1.11 0.19 0.31) (2 2.09 0.2 0.28)))
+      (unknowns (T (pose 3) :init (pose3 (euler 0.1 0.1 1.5) [0 0 0])))
+      (observe d (= [u v w] (transform T [0 y 0])) :sigma 0.01))"""
+    folder = written(of_text(text, "python"), tmp_path)
+    spec = importlib.util.spec_from_file_location("turned", folder / "turned.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    found = module.solve(module.read_tables([str(folder / "data" / "d.csv")]))
+    assert (found["status"], found["freedom"]) == ("unobservable", 9 - 5)
+    assert np.isnan(np.diag(found["covariance"])[1]) and np.isfinite(np.diag(found["covariance"])[2:]).all()
+
+
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) is here")
 @pytest.mark.parametrize("name", CHOSEN)
 def test_c(name, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import mbm
 from mbm.estimation.uncertainty.covariance import covariance, propagate
 from mbm.estimation.uncertainty.freedom import free_combinations
 from mbm.estimation.uncertainty.observability import observability
@@ -165,3 +166,23 @@ def test_few_directions_of_very_many_unknowns_take_little_memory():
     null_space[10:20, 0] = null_space[99_000:99_010, 1] = 10**-0.5
     found = free_combinations(null_space, np.ones(100_000), np.ones(100_000))
     assert [c.indices for c in found] == [tuple(range(10, 20)), tuple(range(99_000, 99_010))]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_points_of_a_line_leave_the_turn_about_it_open(axis: int) -> None:
+    """The derivative by a turn about an axis of coordinates is the rounding of a product with zeros, or zero."""
+    rng = np.random.default_rng(3)
+    sets, points = 60, 2
+    places = np.zeros((points, 3))
+    places[:, axis] = np.arange(points)
+    turns = np.linalg.qr(rng.normal(size=(sets, 3, 3)))[0]
+    turns[:, :, 0] *= np.linalg.det(turns)[:, None]
+    seen = places @ turns.transpose(0, 2, 1) + rng.normal(size=(sets, 1, 3)) + 0.01 * rng.normal(size=(sets, points, 3))
+    columns = dict(zip("xyz", np.tile(places, (sets, 1)).T, strict=True)) | dict(
+        zip("uvw", seen.reshape(-1, 3).T, strict=True)
+    )
+    text = """(problem line (data d external) (unknowns (T (pose 3) :init (pose3)))
+      (observe d (= [u v w] (transform T [x y z])) :sigma 0.01) (for-each g))"""
+    solves = mbm.loads(text).solve(data={"d": {"g": np.repeat(np.arange(sets), points)} | columns}).solves
+    assert {solve.observability.rank for solve in solves} == {5}
+    assert all(np.isnan(solve["T"].sigma[axis]) for solve in solves)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations.metric import rounded_turns, turning
 from mbm.equations.surface import plainly_affine
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.derived import DerivedColumns
@@ -193,6 +194,7 @@ def stationary(portion: Portion, ends: Ends, found: Factors, jacobian: Floats) -
     size = np.abs(np.where(places >= 0, ends.points[:, places], 0.0))
     size = np.where(size > 0.0, size, 1.0)
     spread = np.maximum(1.0, np.sqrt(ends.cost / max(portion.most, 1))) * (1 + MARGIN)
+    wrong |= (rounded_turns(turning(equations), found.scale) & (found.scale > 0.0)).any(axis=1)
     near = found.scale * FAR * size < spread[:, None]
     for place in np.flatnonzero(near.any(axis=0)).tolist():
         step = np.zeros(size.shape)

@@ -8,11 +8,10 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.manifolds import tangent_axes
-from mbm.equations.metric import steps_between, turning
+from mbm.equations.metric import rounded_turns, steps_between, turning
 from mbm.equations.types import Floats, Mask, Minimum
 from mbm.problem.manifold import Piece
 from mbm.rotations import hamilton
-from mbm.solver.decisions import ROUNDED_ROTATION
 
 STEPS = 40
 """Steps of a walk; one that has not come to its end says nothing against one valley."""
@@ -55,12 +54,8 @@ def flat(equations: Assembled, minimum: Minimum, tolerance: float) -> bool:
 
 def _dead(equations: Assembled, columns: Floats, free: Mask) -> Mask:
     """Which of the columns (m, k) of the ``free`` coordinates vanish but for rounding."""
-    length = np.linalg.norm(columns, axis=0)
     curved = turning(equations)
-    least = np.zeros(len(length))
-    if curved is not None:
-        least[curved[free]] = ROUNDED_ROTATION * length[curved[free]].max(initial=0.0)
-    return np.asarray(~(length > least))
+    return rounded_turns(None if curved is None else curved[free], np.linalg.norm(columns, axis=0))
 
 
 class Walks:

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mbm.equations.metric import rounded_turns, turning
 from mbm.equations.types import Equations, Floats, Indices, Mask, Minimum
 
 FAR = 1e4
@@ -45,12 +46,12 @@ def without_stationary(equations: Equations, minimum: Minimum, spread: float = 1
     ):
         return minimum
     length = np.sqrt(np.einsum("mn,mn->n", jacobian, jacobian))
-    suspect, size = np.flatnonzero(suspects(equations, minimum, length, spread)), _size(equations, minimum)
-    if not suspect.size:
-        return minimum
-    groups = [suspect[first::JACOBIANS] for first in range(min(JACOBIANS, len(suspect)))]
-    zero = np.concatenate([group[_stationary(equations, minimum, group, size[group], spread)] for group in groups])
-    if not zero.size:
+    zero = (length > 0.0) & rounded_turns(turning(equations), length)
+    suspect, size = np.flatnonzero(suspects(equations, minimum, length, spread) & ~zero), _size(equations, minimum)
+    for first in range(min(JACOBIANS, len(suspect))):
+        group = suspect[first::JACOBIANS]
+        zero[group] = _stationary(equations, minimum, group, size[group], spread)
+    if not zero.any():
         return minimum
     kept = jacobian.copy()
     kept[:, zero] = 0.0
