@@ -11,7 +11,7 @@ This is the only file that knows the order of the stages. Each stage hands on an
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import field, replace
+from dataclasses import field
 from functools import cache as made_once
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.types import Problem
 from mbm.text.types import MbmError
-from mbm.values import dataclass
+from mbm.values import dataclass, replace
 
 if TYPE_CHECKING:
     from mbm.emit.types import OutputFile

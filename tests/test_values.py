@@ -135,6 +135,50 @@ def test_calls_that_are_compiled_do_as_those_before(options):
 
 
 @pytest.mark.parametrize("options", OPTIONS)
+def test_values_with_other_fields_are_those_of_the_standard_library(options):
+    """``__replace__`` is compiled after some calls, and then does the same."""
+    theirs, ours = pair(options, body)
+    begun, expected = ours(a=1, hidden=4), theirs(a=1, hidden=4)
+    for number in range(values.OFTEN + 3):
+        for changes in ({}, {"a": number}, {"b": [number], "c": "z"}):
+            made, other = values.replace(begun, **changes), replace(expected, **changes)
+            assert type(made) is ours
+            assert made is not begun
+            assert made.b is changes.get("b", begun.b)
+            assert (made.a, made.c, made.hidden) == (other.a, other.c, other.hidden)
+        with pytest.raises(TypeError):
+            values.replace(begun, z=2)
+
+
+def test_a_value_of_a_subclass_stays_one_with_other_fields():
+    """Those of its base are replaced, before the method is compiled and after; what ends ``__init__`` is done again."""
+
+    @values.dataclass(frozen=True, slots=True)
+    class Base:
+        a: int
+
+    @values.dataclass(frozen=True, slots=True)
+    class Derived(Base):
+        b: int
+        total: int = field(init=False)
+
+        def __post_init__(self):
+            object.__setattr__(self, "total", self.a + self.b)
+
+    for number in range(values.OFTEN + 3):
+        assert values.replace(Base(1), a=number) == Base(number)
+        found = values.replace(Derived(1, 2), a=number)
+        assert (type(found), found.a, found.b, found.total) == (Derived, number, 2, number + 2)
+
+
+def test_what_is_made_once_is_made_when_it_is_asked_for():
+    calls = []
+    found = values.once(lambda: calls.append(1))
+    assert not calls
+    assert (found(), found(), calls) == (None, None, [1])
+
+
+@pytest.mark.parametrize("options", OPTIONS)
 def test_what_dataclasses_keeps_of_a_class_is_the_same(options):
     theirs, ours = pair(options, body)
     for mine, other in zip(fields(ours), fields(theirs), strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from mbm.problem.checks import Mentioned, mentioned
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import EXTERNAL
 from mbm.text.types import MbmError
-from mbm.values import dataclass
+from mbm.values import dataclass, replace
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

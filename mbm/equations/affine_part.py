@@ -59,7 +59,7 @@ def linear_solver(equations: Assembled, numbers: Floats, coordinates: Mask) -> C
     def solved(others: Floats) -> Floats:
         start = others.copy()
         start[layout.number[places]] = 0.0
-        residuals, jacobian = partial.plain_residuals(start), partial.plain_jacobian(start)
+        residuals, jacobian = partial.plain_linearised(start)
         usable = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
         scale = np.linalg.norm(jacobian[usable], axis=0)
         scale[scale == 0] = 1.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,7 @@ from mbm.equations.types import Mask
 from mbm.kernels.types import KernelSet
 from mbm.problem.kinds import Relation
 from mbm.problem.types import Problem
-from mbm.values import dataclass
+from mbm.values import dataclass, replace
 
 if TYPE_CHECKING:
     from mbm.equations.corrections.elimination import Elimination

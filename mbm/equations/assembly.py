@@ -197,20 +197,24 @@ class Assembled:
 
     def plain_jacobian(self, x: Floats) -> Floats:
         """Whitened Jacobian without losses (m, n)."""
-        width = self.dimension
-        result = np.zeros((self.whole, width))
+        return self.plain_linearised(x)[1]
+
+    def plain_linearised(self, x: Floats) -> tuple[Floats, Floats]:
+        """``plain_residuals`` and ``plain_jacobian``, each kernel called once for both."""
+        residuals, jacobian = np.zeros(self.whole), np.zeros((self.whole, self.dimension))
         scatters = self._scatters or tuple(group.scatter(self._columns()) for group in self.groups)
         for group, places in zip(self.groups, scatters, strict=True):
-            if self.eliminated(group):
-                continue
-            lines = result[group.first : group.first + group.count]
-            part = lines.reshape(group.rows, group.kernel.outputs, width)
-            group.add_jacobian(x, places, part)
-            group.whiten_rows(part)
+            if not self.eliminated(group):
+                lines = slice(group.first, group.first + group.count)
+                part = jacobian[lines].reshape(group.rows, group.kernel.outputs, self.dimension)
+                residuals[lines] = group.whitened(group.add_jacobian(x, places, part)).ravel()
+                group.whiten_rows(part)
         if self.implicit is not None:
-            self.implicit.add_jacobian(x, result)
-        self._divide(result.T)
-        return result if self.rows is None else result[self.rows]
+            self.implicit.add_residuals(x, residuals)
+            self.implicit.add_jacobian(x, jacobian)
+        self._divide(residuals)
+        self._divide(jacobian.T)
+        return (residuals, jacobian) if self.rows is None else (residuals[self.rows], jacobian[self.rows])
 
     def eliminated(self, group: Group) -> bool:
         """Whether the corrections of measured values in a group's equations are eliminated."""
@@ -235,10 +239,9 @@ class Assembled:
         """The same without losses."""
         result = np.zeros((len(points), self.whole))
         for group in self.groups:
-            if self.eliminated(group):
-                continue
-            values = group.whitened(group.values_at(points))
-            result[:, group.first : group.first + group.count] = values.reshape(len(points), group.count)
+            if not self.eliminated(group):
+                values = group.whitened(group.values_at(points))
+                result[:, group.first : group.first + group.count] = values.reshape(len(points), group.count)
         if self.implicit is not None:
             self.implicit.residuals_at(points, result)
         self._divide(result)
@@ -253,8 +256,12 @@ class Assembled:
 
     def jacobian(self, x: Floats) -> Floats:
         """Derivative of ``residuals`` by a step (m, n)."""
-        jacobian = self.plain_jacobian(x)
-        return rooted_slopes(self, self.plain_residuals(x), jacobian) if self.lossy else jacobian
+        return self.linearised(x)[1]
+
+    def linearised(self, x: Floats) -> tuple[Floats, Floats]:
+        """``residuals`` and ``jacobian``, each kernel called once for both."""
+        plain, slopes = self.plain_linearised(x)
+        return (rooted_residuals(self, plain), rooted_slopes(self, plain, slopes)) if self.lossy else (plain, slopes)
 
     def constraint_values(self, x: Floats) -> Floats:
         """What the constraints want zero, or not above zero (k,); see ``equality``."""
@@ -263,8 +270,7 @@ class Assembled:
 
     def constraint_jacobian(self, x: Floats) -> Floats:
         """Derivative of ``constraint_values`` by a step (k, n)."""
-        columns = np.full(len(self.layout.number), -1, dtype=np.int64)
-        columns[self.free] = np.arange(self.dimension)
+        columns = self._columns()
         parts = [g.dense_jacobian(x, columns, self.dimension).reshape(-1, self.dimension) for g in self.constraints]
         return np.vstack(parts) if parts else np.empty((0, self.dimension))
 
@@ -343,9 +349,7 @@ class Assembled:
     def block_rows(self, number: int) -> Indices:
         """Positions (in m) of the residuals of block ``number``."""
         every = block_rows(self.groups, number)
-        if self.rows is None:
-            return every
-        return np.flatnonzero(np.isin(self.rows, every))
+        return every if self.rows is None else np.flatnonzero(np.isin(self.rows, every))
 
     def freed(self, free: Indices, numbers: Floats) -> Assembled:
         """The same equations over another set of free coordinates, starting at ``numbers`` (N,)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +26,7 @@ from mbm.problem.rows import Positions, chosen_number, column_numbers, decided, 
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, EquationCase, Loss, Problem, RowValues, Static
 from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
-from mbm.values import dataclass
+from mbm.values import dataclass, replace
 
 if TYPE_CHECKING:
     from mbm.equations.losses import LossFunction

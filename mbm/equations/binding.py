@@ -331,10 +331,12 @@ class Group:
         inputs = (gathered.extended(numbers), whole, width + gathered.count)
         return replace(self, gathered=None), inputs, gathered.chained(numbers, columns, width)
 
-    def add_jacobian(self, numbers: Floats, places: Scatter, target: Floats) -> None:
-        """Add the Jacobian, not whitened, to ``target`` (rows, outputs, width)."""
+    def add_jacobian(self, numbers: Floats, places: Scatter, target: Floats) -> Floats:
+        """Add the Jacobian, not whitened, to ``target`` (rows, outputs, width); the ``values`` are the answer."""
         self.fill(numbers)
-        places.add(self.evaluation.values_and_jacobian()[1], target)
+        values, nonzeros = self.evaluation.values_and_jacobian()
+        places.add(nonzeros, target)
+        return values
 
 
 def all_seen(groups: tuple[Group, ...], *, plain: bool) -> tuple[Group, ...]:

@@ -7,7 +7,6 @@ put other rows outside, the answer is that of the rows that were used, and says 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
@@ -30,7 +29,7 @@ from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import CellKey
 from mbm.problem.types import Method, Problem
 from mbm.text.types import Diagnostic, MbmError
-from mbm.values import dataclass
+from mbm.values import dataclass, replace
 
 if TYPE_CHECKING:
     from mbm.estimation.batches.types import Begun, Block

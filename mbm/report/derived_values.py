@@ -6,7 +6,6 @@ What a solution knows of the standard deviations that it reports, for their inte
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from mbm.problem.types import Problem, UnknownKind
 from mbm.report.quantities import keys_over
 from mbm.report.spreads import Ends, Spread
 from mbm.report.types import DerivedValue, Floats, Mask, Quantity
+from mbm.values import replace
 
 NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
 VANISHED = "the noise that it is due to is estimated as nothing"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from functools import cache as cached
 
 import numpy as np
 
@@ -57,7 +56,7 @@ from mbm.report.types import (
     SolveStatus,
 )
 from mbm.text.types import Diagnostic
-from mbm.values import dataclass
+from mbm.values import dataclass, once
 
 MOST_WANTED = 6
 """Unknowns that are named where a start is wanted."""
@@ -127,7 +126,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         followed=solution.followed,
         starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),
         coverage=problem.request.coverage,
-        examination=cached(guarded(solution.lock, lambda: _examined(problem, solution, how))),
+        examination=once(guarded(solution.lock, lambda: _examined(problem, solution, how))),
     )
 
 

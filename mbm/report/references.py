@@ -131,12 +131,13 @@ def _whole(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, known:
         equations, binder = assemble(found.problem, kernels, selection.tables, {}, cache)
         column = np.full(len(equations.layout.number), -1, dtype=np.int64)
         column[equations.free] = np.arange(len(equations.free))
+        residuals, jacobian = equations.plain_linearised(reference.start)
         return Whole(
             start=reference.start,
             names=tuple(Foreign(equations.layout.name(int(c))) for c in equations.free),
             bound=tuple(_bound(group, column) for group in equations.groups),
-            residuals=equations.plain_residuals(reference.start),
-            jacobian=equations.plain_jacobian(reference.start),
+            residuals=residuals,
+            jacobian=jacobian,
             answer=reference.numbers,
             covariance=reference.covariance,
             derived=tuple(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.scales import Scale
-from mbm.values import dataclass
+from mbm.values import dataclass, replace
 
 Floats: TypeAlias = NDArray[np.float64]
 

@@ -57,10 +57,10 @@ def drawn_from_priors(
     _follow_laws(every, problem, equations.groups, lambda name: stream(seed, "priors", *words, name))
     wanted = every[equations.rows]
     for _ in range(ITERATIONS):
-        jacobian = equations.plain_jacobian(x)
+        residuals, jacobian = equations.plain_linearised(x)
         scale = np.linalg.norm(jacobian, axis=0)
         scale[scale == 0.0] = 1.0
-        gap = wanted - equations.plain_residuals(x)
+        gap = wanted - residuals
         finite = np.isfinite(gap) & np.isfinite(jacobian).all(axis=1)
         if not finite.all():
             owner = np.repeat(np.arange(len(rows)), [len(own) for own in rows])[int(np.argmin(finite))]

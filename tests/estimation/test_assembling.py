@@ -108,7 +108,7 @@ def test_a_problem_solved_twice_says_the_same(path):
     [path for path in sorted(PROBLEMS.glob("*/*.mbm")) if path.stem not in ("chain-intervals", "end-gauge")],
     ids=lambda path: path.stem,
 )
-def test_residuals_at_many_points_are_those_at_each(path):
+def test_residuals_at_many_points_and_beside_the_jacobian_are_those_at_each(path):
     """Losses, matrices of weights, sampled tables, families and corrected columns are among the problems."""
     program = mbm.load(path)
     for name in program.names:
@@ -118,4 +118,6 @@ def test_residuals_at_many_points_are_those_at_each(path):
         found = equations.residuals_at(points)
         each = np.stack([equations.residuals(point) for point in points])
         # kernels are the same to the last bit; sums over the components of a row may be taken in another order
-        np.testing.assert_allclose(found, each, rtol=1e-12, atol=1e-12 * np.abs(each).max(), equal_nan=True)
+        close = {"rtol": 1e-12, "atol": 1e-12 * np.abs(each).max(), "equal_nan": True}
+        np.testing.assert_allclose(found, each, **close)
+        np.testing.assert_allclose(equations.linearised(points[1])[0], each[1], **close)

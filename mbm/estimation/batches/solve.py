@@ -371,10 +371,11 @@ def _behind(before: Indices, number: int) -> int:
 def minimum_at(equations: Assembled, columns: Columns, place: int) -> Minimum:
     """The end of one solve."""
     point = columns.points[place]
+    residuals, jacobian = equations.linearised(point)
     found = Minimum(
         point=point,
-        residuals=equations.residuals(point),
-        jacobian=equations.jacobian(point),
+        residuals=residuals,
+        jacobian=jacobian,
         cost=float(columns.robust_cost[place]),
         reason=REASONS[columns.reason[place]],
         iterations=int(columns.iterations[place]),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from functools import cache as cached
 from functools import partial
 from time import perf_counter
 
@@ -49,12 +48,12 @@ from mbm.estimation.uncertainty.gauge import with_gauge
 from mbm.estimation.uncertainty.informed import informed
 from mbm.estimation.uncertainty.motion import with_motions
 from mbm.estimation.uncertainty.observability import observed_at
-from mbm.estimation.uncertainty.statistics import Statistics, cost_of, statistics
+from mbm.estimation.uncertainty.statistics import Statistics, cost_of, plain_residuals, statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, UnknownKind
 from mbm.text.types import Diagnostic, MbmError
-from mbm.values import dataclass
+from mbm.values import dataclass, once
 
 
 def assemble(
@@ -181,11 +180,12 @@ def answered(
         outcome=outcome,
     )
     derived, derived_covariance = propagation.all_derived()
-    whole = weighted.everything().plain_residuals(minimum.point)
+    every = weighted.everything()
+    whole = plain_residuals(every, minimum) if every is weighted else every.plain_residuals(minimum.point)
     freedom = outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
     limits = limited(weighted, minimum, outcome.covariance)
-    bent = cached(lambda: curvature(propagation, minimum, derived))
-    beside = cached(lambda: _others(run, end, minimum, outcome, alone=tally is None, origin=origin))
+    bent = once(lambda: curvature(propagation, minimum, derived))
+    beside = once(lambda: _others(run, end, minimum, outcome, alone=tally is None, origin=origin))
     said = (*robust.diagnostics, *(against := contradictions(problem, run.tables, weighted, minimum, observed)))
     return Solution(
         key=run.key,
@@ -214,7 +214,7 @@ def answered(
         sigma_known=outcome.sigma_known,
         limited=limits,
         freedom=freedom,
-        profiles=cached(lambda: _profiles(run, bent(), minimum, outcome, limits, derived)),
+        profiles=once(lambda: _profiles(run, bent(), minimum, outcome, limits, derived)),
         unused=unused,
         corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
         method=solver_name(equations, run.settings),

@@ -133,7 +133,7 @@ def scales(equations: Assembled, base: Floats, plain: Indices) -> Floats:
             idle = np.isnan(base[curved.numbers]).any(axis=1)
             point[curved.numbers[idle]] = np.eye(curved.piece.size)[0]
         with np.errstate(all="ignore"):
-            residuals, jacobian = equations.residuals(point), equations.jacobian(point)
+            residuals, jacobian = equations.linearised(point)
             steps = np.abs(residuals[:, None] / jacobian)
         found.append(np.where(np.isfinite(steps) & (steps > 0), steps, np.nan))
     result = np.ones(len(layout.number))

@@ -50,7 +50,7 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface
     if surface is not None:
         scale = np.where(felt, scale, metric(jacobian, surface.slopes))
         felt = felt | (surface.slopes != 0.0).any(axis=0)
-    used, unused = np.flatnonzero(felt & ~fixed), np.flatnonzero(~felt & ~fixed)
+    used, unused = (felt & ~fixed).nonzero()[0], (~felt & ~fixed).nonzero()[0]
     tangent = _tangent(surface, used, scale)
     reduced = jacobian[:, used] / scale[used]
     if surface is not None:

@@ -97,8 +97,7 @@ class RowInfluence:
 
         found = bread(
             loss_lines(equations),
-            equations.plain_residuals(minimum.point),
-            equations.plain_jacobian(minimum.point),
+            *equations.plain_linearised(minimum.point),
             self.observed,
             self.stated,
             equations.coordinates(minimum.point),
@@ -183,7 +182,7 @@ def statistics(
 
     ``tested`` as for `fit_statistics`.
     """
-    plain, left = _plain(equations, minimum), equations.uncounted
+    plain, left = plain_residuals(equations, minimum), equations.uncounted
     variance, known = 1.0, True
     groups = factor_groups(problem.blocks, noise)
     if len(groups) == 1 and factors is None:
@@ -247,7 +246,8 @@ def _estimated(
     return sandwich(loss_lines(equations), plain, slopes, observed, stated, place)
 
 
-def _plain(equations: Assembled, minimum: Minimum) -> Floats:
+def plain_residuals(equations: Assembled, minimum: Minimum) -> Floats:
+    """Whitened residuals (m,) at a minimum, without losses."""
     return equations.plain_residuals(minimum.point) if equations.lossy else minimum.residuals
 
 
@@ -258,7 +258,7 @@ def cost_of(
 
     ``factors`` as for `statistics`.
     """
-    residuals, left = _plain(equations, minimum), equations.uncounted
+    residuals, left = plain_residuals(equations, minimum), equations.uncounted
     if left is not None:
         residuals = np.where(left, 0.0, residuals)
     groups = factor_groups(problem.blocks, noise)

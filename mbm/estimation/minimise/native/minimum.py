@@ -107,7 +107,7 @@ def linearised_ends(
     for k, point in enumerate(ends.numbers):
         if ends.states[k, of.EVALUATIONS] > 0:
             with np.errstate(all="ignore"):
-                at = equations.residuals(point), equations.jacobian(point)
+                at = equations.linearised(point)
             yield k, ends, at
         else:
             yield k, ends, None
@@ -143,7 +143,7 @@ def minimum_at(
     if not sure and code not in SURE:
         return None
     with np.errstate(all="ignore"):
-        residuals, jacobian = linearised or (equations.residuals(point), equations.jacobian(point))
+        residuals, jacobian = linearised or _linearised(equations, point)
     if not (np.isfinite(residuals).all() and np.isfinite(jacobian).all()):
         return None
     cost = float(residuals @ residuals)
@@ -160,6 +160,13 @@ def minimum_at(
         offset=float(ends.results[k, of.OFFSET]),
         at_bound=ends.sides[k].astype(np.int8),
     )
+
+
+def _linearised(equations: Equations, point: Floats) -> tuple[Floats, Floats]:
+    """Residuals and Jacobian, by one call where the equations have both in one."""
+    if isinstance(equations, Assembled):
+        return equations.linearised(point)
+    return equations.residuals(point), equations.jacobian(point)
 
 
 @np.errstate(all="ignore")
