@@ -81,7 +81,7 @@ class BlockReports:
 
     def remarks(self, place: int) -> tuple[Diagnostic, ...]:
         """The warnings about the solve at a place that its numbers alone give rise to."""
-        return self.block.columns.remarks.get(place, ())
+        return tuple(make() for make in self.block.columns.remarks.get(place, ()))
 
     def raw_residuals(self, place: int) -> Mapping[str, RawResiduals]:
         """What is said of the raw residuals of each observation in the solve at a place, by its name."""

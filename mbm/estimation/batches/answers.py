@@ -21,7 +21,7 @@ from mbm.estimation.batches.losses import counted, informed, outlying, rooted_sl
 from mbm.estimation.batches.portion import Portion, stated
 from mbm.estimation.batches.remarks import remarks
 from mbm.estimation.batches.stack import Stack
-from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows
+from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows, Which, places_of
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
 from mbm.estimation.trust.plausibility import IMPROBABLE
 from mbm.expression.nodes import Column, leaves
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 
 @np.errstate(all="ignore")
-def answers(problem: Problem, stack: Stack, which: range, descent: Descent, *, examined_alone: bool) -> Columns:
-    """The answers of some consecutive solves; where they are ``examined_alone``, no column says all of a solve."""
+def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, examined_alone: bool) -> Columns:
+    """The answers of some solves; where they are ``examined_alone``, no column says all of a solve."""
     began, ends = perf_counter(), descent(which)
     portion = Portion(stack, which, ends.kept, ends.factors)
-    count = stack.residuals[which.start : which.stop] if ends.kept is None else ends.kept.count
+    count = stack.residuals[places_of(which)] if ends.kept is None else ends.kept.count
     residuals, slopes = portion.linearised(ends.points)
     lossy = stack.equations.lossy
     rooted = rooted_slopes(portion, residuals, slopes) if lossy else slopes
@@ -135,7 +135,7 @@ def _undoubted(
 
 
 def _limits(
-    problem: Problem, stack: Stack, which: range, portion: Portion, ends: Ends, surface: tuple[Held, Tangents] | None
+    problem: Problem, stack: Stack, which: Which, portion: Portion, ends: Ends, surface: tuple[Held, Tangents] | None
 ) -> Limits | None:
     """What is to be said of the constraints; None where there are none."""
     if surface is None or ends.multipliers is None:
@@ -160,13 +160,9 @@ def _as_stated(portion: Portion, residuals: Floats, owner: int, factors: Floats)
 
 def _mean_roots(problem: Problem, portion: Portion, residuals: Floats, counting: Mask) -> Floats:
     """Root mean squares of the residuals of each block that count (K, blocks); NaN where it has none."""
-    found = np.empty((portion.count, len(problem.blocks)))
-    for owner in range(len(problem.blocks)):
-        solve, slot = portion.block_slots(owner)
-        mine = counting[solve, slot]
-        squares = np.bincount(solve, weights=np.square(residuals[solve, slot]) * mine, minlength=portion.count)
-        found[:, owner] = np.sqrt(squares / np.bincount(solve, weights=mine, minlength=portion.count))
-    return found
+    squares = np.where(counting, np.square(residuals), 0.0)
+    owners = range(len(problem.blocks))
+    return np.column_stack([np.sqrt(portion.sums(squares, each) / portion.sums(counting, each)) for each in owners])
 
 
 def _used(problem: Problem, portion: Portion, counting: Mask) -> Indices:
@@ -265,7 +261,7 @@ def _reads_columns(block: Block) -> bool:
 
 
 def _outliers(
-    problem: Problem, stack: Stack, which: range, portion: Portion, ends: Ends, residuals: Floats
+    problem: Problem, stack: Stack, which: Which, portion: Portion, ends: Ends, residuals: Floats
 ) -> tuple[Rows | None, ...]:
     """The rows of each block of which an equation was left out, or is far off under a loss, by solve."""
     found: list[Rows | None] = [None] * len(problem.blocks)

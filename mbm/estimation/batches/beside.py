@@ -19,7 +19,7 @@ from mbm.estimation.batches.parts import Part
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.solve import minimum_at
 from mbm.estimation.batches.stack import Stack
-from mbm.estimation.batches.types import Columns
+from mbm.estimation.batches.types import Columns, Which
 from mbm.estimation.minimise.native.system import NativeSystem
 from mbm.estimation.search.agreement import derived_agreement
 from mbm.estimation.search.beside import (
@@ -124,7 +124,7 @@ def sample(
     part: Part,
     settings: Settings,
     cache: EvaluationCache,
-    answers: Callable[[range], Columns],
+    answers: Callable[[Which], Columns],
 ) -> Beside | None:
     """What to look for in all solves of a part; None where the sample has no other minima."""
     stack = part.bound
@@ -137,9 +137,10 @@ def sample(
     several = bool(unknown) and len(problem.blocks) > 1
     others: list[Floats] = []
     owners: list[Floats] = []
-    for number in ((2 * np.arange(count) + 1) * stack.solves // (2 * count)).tolist():
-        columns = answers(range(number, number + 1))
-        if not columns.solved[0]:
+    picked = (2 * np.arange(count) + 1) * stack.solves // (2 * count)
+    parts = ((picked[part], answers(picked[part])) for part in stack.slices(picked))
+    for number, columns, place in ((n, each, k) for which, each in parts for k, n in enumerate(which.tolist())):
+        if not columns.solved[place]:
             continue
         try:
             tables = part.sets.selection(number).tables
@@ -147,12 +148,12 @@ def sample(
         except MbmError:
             continue  # it says so where it is solved
         if several:
-            equations = equations.with_factors(_by_row(equations, columns.noise[0]))
-        minimum = minimum_at(equations, columns, 0)
-        variance = minimum.cost / max(int(columns.dof[0]), 1) if unknown else 1.0
+            equations = equations.with_factors(_by_row(equations, columns.noise[place]))
+        minimum = minimum_at(equations, columns, place)
+        variance = minimum.cost / max(int(columns.dof[place]), 1) if unknown else 1.0
         about = Centre(
             minimum=minimum,
-            factor=columns.factor[0],
+            factor=columns.factor[place],
             variance=variance,
             most=minimum.cost + wide * (PLAUSIBLE * variance + BOTH_ZERO),
         )
@@ -160,7 +161,7 @@ def sample(
         beside = minima_beside(equations, about, settings, problem, agrees)
         for each in facing(problem, tables, equations, minimum, beside):
             shifts = np.array(owners).reshape(-1, len(minimum.point)) + (each.minimum.point - minimum.point)
-            apart = separation(equations, np.array(others).reshape(shifts.shape), shifts) * columns.scale[0]
+            apart = separation(equations, np.array(others).reshape(shifts.shape), shifts) * columns.scale[place]
             near = np.square(apart).sum(axis=1) <= SIMILAR**2 * variance
             if len(others) < TEMPLATES and not near.any():
                 others.append(each.minimum.point)

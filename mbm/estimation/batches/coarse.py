@@ -8,13 +8,14 @@ from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.doubts import MARGIN
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
+from mbm.estimation.batches.types import Which
 from mbm.estimation.trust.coarse import LEAST_ROWS, coarse, rounded_column
 from mbm.problem.types import Problem
 
 
 @np.errstate(all="ignore")
 def coarsely_read(
-    problem: Problem, stack: Stack, which: range, portion: Portion, residuals: Floats, basis: Floats, noise: Floats
+    problem: Problem, stack: Stack, which: Which, portion: Portion, residuals: Floats, basis: Floats, noise: Floats
 ) -> Mask:
     """Solves (K,) that `trust.coarse` may warn of; ``noise`` (K,) is what all standard deviations are multiplied by."""
     found = np.zeros(portion.count, dtype=bool)

@@ -13,8 +13,8 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.components import Beginnings, Rounds, several_noises, told_by_residuals
 from mbm.estimation.batches.descent import native_sets, plain_ends, weighted
 from mbm.estimation.batches.portion import Portion
-from mbm.estimation.batches.stack import Stack, places_of
-from mbm.estimation.batches.types import Ends, Kept, Solver, Which
+from mbm.estimation.batches.stack import Stack
+from mbm.estimation.batches.types import Ends, Kept, Solver, Which, places_of
 from mbm.estimation.consensus.types import Asked, observed, with_loss
 from mbm.estimation.settings import Settings
 from mbm.problem.kinds import ConsensusKind

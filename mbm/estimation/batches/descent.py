@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.batches.stack import Stack, places_of
-from mbm.estimation.batches.types import REASONS, Ends, Kept, Solver, Which
+from mbm.estimation.batches.stack import Stack
+from mbm.estimation.batches.types import REASONS, Ends, Kept, Solver, Which, places_of
 from mbm.estimation.settings import Settings
 
 if TYPE_CHECKING:

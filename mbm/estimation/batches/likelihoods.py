@@ -10,7 +10,7 @@ from mbm.equations.likelihoods import Readings, likely, untested
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
-from mbm.estimation.batches.types import Ends
+from mbm.estimation.batches.types import Ends, Which
 from mbm.problem.likelihoods.types import SHIFT
 from mbm.values import dataclass
 
@@ -32,7 +32,7 @@ class Counted:
         return scattered if self.log_likelihood is None else self.cost
 
 
-def informing_slopes(stack: Stack, which: range, ends: Ends, slopes: Floats) -> Floats:
+def informing_slopes(stack: Stack, which: Which, ends: Ends, slopes: Floats) -> Floats:
     """Derivatives (K, m, n) whose squares are the Fisher information; ``slopes`` where there is no likelihood."""
     if not stack.equations.likely:
         return slopes
@@ -40,7 +40,7 @@ def informing_slopes(stack: Stack, which: range, ends: Ends, slopes: Floats) -> 
     return Portion(told, which, ends.kept, ends.factors).linearised(ends.points)[1]
 
 
-def counted_of(stack: Stack, which: range, residuals: Floats, rows: Indices) -> Counted:
+def counted_of(stack: Stack, which: Which, residuals: Floats, rows: Indices) -> Counted:
     """What solves count of their plain ``residuals`` (K, m), of which they have so many ``rows`` (K,)."""
     squares = np.square(residuals)
     cost, none = squares.sum(axis=1), np.zeros(len(residuals), dtype=bool)

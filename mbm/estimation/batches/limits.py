@@ -8,13 +8,13 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.surface import Held, Tangents
-from mbm.estimation.batches.types import Limits, Rows
+from mbm.estimation.batches.types import Limits, Rows, Which
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.types import Problem
 
 
 def limits(
-    problem: Problem, stack: Stack, which: range, portion: Portion, found: Held, along: Tangents, multipliers: Floats
+    problem: Problem, stack: Stack, which: Which, portion: Portion, found: Held, along: Tangents, multipliers: Floats
 ) -> Limits:
     """The constraints of some solves."""
     owners = tuple(dict.fromkeys(group.kernel.owner for group in stack.equations.constraints))
@@ -33,7 +33,7 @@ def limits(
     )
 
 
-def _in_order(problem: Problem, stack: Stack, which: range, portion: Portion, multipliers: Floats) -> Floats:
+def _in_order(problem: Problem, stack: Stack, which: Which, portion: Portion, multipliers: Floats) -> Floats:
     """The multipliers (K, c) in the order of each solve by itself: windows are stacked by time, and look at rows as
     they stand in their table.
     """
@@ -72,7 +72,7 @@ def _rows(portion: Portion, owners: tuple[int, ...]) -> Indices:
     return found
 
 
-def _at_limit(problem: Problem, stack: Stack, which: range, portion: Portion, found: Held, owner: int) -> Rows | None:
+def _at_limit(problem: Problem, stack: Stack, which: Which, portion: Portion, found: Held, owner: int) -> Rows | None:
     """The rows that are at their limit, of inequalities over a table."""
     block = problem.blocks[owner]
     if block.table is None or block.constraint is ConstraintKind.EQUAL:

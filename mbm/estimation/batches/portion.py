@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.scatter import Scatter, scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
-from mbm.estimation.batches.stack import Stack, places_of
-from mbm.estimation.batches.types import Kept, Which
+from mbm.estimation.batches.stack import Stack
+from mbm.estimation.batches.types import Kept, Which, places_of
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -43,7 +44,14 @@ class _Lines:
     inputs: Floats
     block: slice | None = None
 
-    def put(self, values: Floats | Mask, target: Floats | Mask) -> None:
+    def summed(self, values: Floats | Mask) -> Floats:
+        """Sums (K,) of numbers (K, m) over the residuals of each solve."""
+        if self.block is not None:
+            return np.asarray(values[:, self.block].sum(axis=1, dtype=np.float64))
+        rows = values[self.solve[:, None], self.slots].sum(axis=1, dtype=np.float64)
+        return np.asarray(np.bincount(self.solve, rows, len(values)), dtype=np.float64)
+
+    def put(self, values: NDArray[Any], target: NDArray[Any]) -> None:
         """Put what the rows have (R, outputs, …) among the numbers (K, m, …) of the residuals of their solves."""
         if self.block is None:
             target[self.solve[:, None], self.slots] = values
@@ -89,6 +97,11 @@ class Portion:
         none = np.zeros(0, dtype=np.int64)
         return np.concatenate([none, *solves]), np.concatenate([none, *slots])
 
+    def sums(self, values: Floats | Mask, owner: int) -> Floats:
+        """Sums (K,) of numbers (K, m) over the residuals of a block in each solve."""
+        mine = (each.summed(values) for each in self._lines if each.group.kernel.owner == owner)
+        return sum(mine, np.zeros(self.count))
+
     def groups(self) -> Iterator[tuple[int, Indices, Indices]]:
         """Block, solve (R,) and places (R, outputs) of the rows of each group."""
         return ((each.group.kernel.owner, each.solve, each.slots) for each in self._lines)
@@ -104,9 +117,9 @@ class Portion:
             each.put(each.kept, result)
         return result
 
-    def by_slot(self, values: Sequence[Floats | None]) -> Floats:
-        """Numbers (K, m) of the residuals, from those (R, outputs) of the rows of each group (None: all 1)."""
-        result = np.ones((self.count, self.most))
+    def by_slot(self, values: Sequence[NDArray[Any] | None], missing: float = 1.0) -> NDArray[Any]:
+        """Numbers (K, m) of the residuals, from those (R, outputs) of the rows of each group (None: ``missing``)."""
+        result = np.full((self.count, self.most), missing)
         for each, own in zip(self._lines, values, strict=True):
             if own is not None:
                 each.put(np.broadcast_to(own, each.slots.shape), result)
@@ -241,7 +254,10 @@ def _scatter(group: Group, touched: Indices, columns: Indices) -> Scatter:
 
 def _blank(group: Group, parameters: Floats) -> Floats:
     """Inputs of the kernel, the numbers of the unknowns still to be put there."""
-    return np.hstack([np.zeros((len(parameters), group.index.shape[1])), parameters])
+    variables = group.index.shape[1]
+    inputs = np.empty((len(parameters), variables + parameters.shape[1]))
+    inputs[:, variables:] = parameters
+    return inputs
 
 
 def _inputs(lines: _Lines, points: Floats) -> Floats:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.losses import rooted_residuals
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
-from mbm.estimation.batches.types import Remarks
+from mbm.estimation.batches.types import Remarks, Which
 from mbm.estimation.minimise.native.tails import solver_code
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.lags import correlated, in_order, lag_scores
@@ -31,7 +32,7 @@ REMARKED = frozenset(
 def remarks(
     problem: Problem,
     stack: Stack,
-    which: range,
+    which: Which,
     portion: Portion,
     residuals: Floats,
     basis: Floats,
@@ -45,13 +46,13 @@ def remarks(
     probability of a χ² as large (K,). ``poor`` (K,): the noise is told by too few rows.
     """
     sigma0, tail = fit
-    found: dict[int, tuple[Diagnostic, ...]] = {}
+    found: dict[int, tuple[Callable[[], Diagnostic], ...]] = {}
 
-    def add(place: int, diagnostic: Diagnostic) -> None:
-        found[place] = (*found.get(place, ()), diagnostic)
+    def add(place: int, make: Callable[[], Diagnostic]) -> None:
+        found[place] = (*found.get(place, ()), make)
 
     for place in np.flatnonzero(improbable(tail, sigma0, lossy=portion.equations.lossy)).tolist():
-        add(place, improbable_noise(problem.span, float(sigma0[place]), float(tail[place])))
+        add(place, partial(improbable_noise, problem.span, float(sigma0[place]), float(tail[place])))
     alike: set[int] = set()
     following = _following(problem, stack, which, portion)
     if following is not None:
@@ -63,21 +64,19 @@ def remarks(
             alike.add(place)
             numbers = (float(each[place]) for each in (lag, expected, spread))
             small = bool(over[place])
-            add(place, faults.autocorrelated_residuals(problem.span, *numbers, overstated=small))
-    for place, diagnostic in _uneven(problem, stack, which, portion, residuals, basis):
+            add(place, partial(faults.autocorrelated_residuals, problem.span, *numbers, overstated=small))
+    for place, make in _uneven(problem, stack, which, portion, residuals, basis):
         if place not in alike:
-            add(place, diagnostic)
-    said = faults.small_sample(problem.span) if poor.any() else None
+            add(place, make)
     for place in np.flatnonzero(poor).tolist():
-        if said is not None:
-            add(place, said)
+        add(place, partial(faults.small_sample, problem.span))
     return found
 
 
 def _uneven(
-    problem: Problem, stack: Stack, which: range, portion: Portion, residuals: Floats, basis: Floats
-) -> Iterator[tuple[int, Diagnostic]]:
-    """Solves in which the errors of a clause are uneven, with what is said of it."""
+    problem: Problem, stack: Stack, which: Which, portion: Portion, residuals: Floats, basis: Floats
+) -> Iterator[tuple[int, Callable[[], Diagnostic]]]:
+    """Solves in which the errors of a clause are uneven, with what says so."""
     owners = () if portion.consensus or portion.most < TELLING_ROWS else told_apart(problem, stack.equations)
     if not owners:
         return
@@ -103,23 +102,28 @@ def _uneven(
                 rows=rows[at],
             )
             for place, grown, correlation in alike.uneven(len(owners)):
-                yield int(solves[place]), uneven_clause(problem, owner, grown, correlation)
+                yield int(solves[place]), partial(uneven_clause, problem, owner, grown, correlation)
 
 
-def _following(problem: Problem, stack: Stack, which: range, portion: Portion) -> Indices | None:
+def _following(problem: Problem, stack: Stack, which: Which, portion: Portion) -> Indices | None:
     """The places (K, m) of the residuals after each, -1 for none; None where no rows are in order, or none is normal.
 
     Windows are stacked by time, and a solve by itself has its rows as the table has them.
     """
     if portion.consensus or stack.equations.likely:
         return None
-    following = np.full((portion.count, portion.most), -1, dtype=np.int64)
+    none = np.full(1, -1, dtype=np.int64)
+    every = []
     for number, (owner, solve, slots) in enumerate(portion.groups()):
         positions, table = stack.equations.groups[number].positions, problem.blocks[owner].table
+        after = none
         if in_order(problem, owner) and len(solve) > 1 and positions is not None and table is not None:
             rows = stack.tables[table].rows[positions[stack.lines(number, which)[1]]]
-            order = np.lexsort((rows, solve))
-            solve, slots = solve[order], slots[order]
             same = solve[1:] == solve[:-1]
-            following[solve[:-1][same][:, None], slots[:-1][same]] = slots[1:][same]
+            sorted_already = bool((rows[1:] > rows[:-1])[same].all())
+            order = slice(None) if sorted_already else np.lexsort((rows, solve))
+            after = np.full(slots.shape, -1, dtype=np.int64)
+            after[order] = np.vstack([np.where(same[:, None], slots[order][1:], -1), after[:1]])
+        every.append(after)
+    following = portion.by_slot(every, missing=-1)
     return following if bool((following >= 0).any()) else None

@@ -19,7 +19,7 @@ from mbm.equations.layout import Entry, Layout
 from mbm.equations.members import member_cells, picked_members
 from mbm.equations.types import Indices
 from mbm.estimation.batches.sets import Sets, Span
-from mbm.estimation.batches.types import Errors, Which
+from mbm.estimation.batches.types import Errors, Which, places_of
 from mbm.expression.nodes import ColumnMember, Member
 from mbm.kernels.types import KernelSet
 from mbm.problem import faults as problem_faults
@@ -293,8 +293,3 @@ def stack(
     for group in (*groups, *beside, *chain.from_iterable(derived)):
         cache.stream(group.number, group.kernel)  # made here, so that threads find it there
     return Stack(equations=equations, first=first, rows=rows, derived=derived, arranged=tables)
-
-
-def places_of(which: Which) -> Indices | slice:
-    """What picks some solves from arrays over all."""
-    return slice(which.start, which.stop) if isinstance(which, range) else which

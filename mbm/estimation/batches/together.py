@@ -25,7 +25,7 @@ from mbm.estimation.batches.sets import Sets, sets_of
 from mbm.estimation.batches.solve import NOTHING, Apart, Past, Together
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.suits import asks_for_one_search, suits
-from mbm.estimation.batches.types import Begun, Block, Descent, Ends, Solver
+from mbm.estimation.batches.types import Begun, Block, Descent, Ends, Solver, Which, places_of
 from mbm.estimation.consensus.known_ranges import known_ranges
 from mbm.estimation.search.challenge import kind_of
 from mbm.estimation.search.solution import Alone, Solution
@@ -274,8 +274,8 @@ def _descent(
     if before is None or (settings.robust is not None and bool(_missing(bound, points).any())):
         given = None if stated else np.zeros(bound.solves, dtype=bool)
         return lambda which: replace(
-            solve(which, begun[which.start : which.stop]),
-            given=None if given is None else given[which.start : which.stop],
+            solve(which, begun[places_of(which)]),
+            given=None if given is None else given[places_of(which)],
         )
     known = settings.robust is None and not problem.estimates_noise
     ends, began = Chain(
@@ -291,9 +291,9 @@ def _descent(
     if settings.robust is not None:  # what was kept is found again, slice by slice
         lost = ends.reason < 0
 
-        def again(which: range) -> Ends:
-            found = solve(which, began[which.start : which.stop])
-            return replace(found, reason=np.where(lost[which.start : which.stop], -1, found.reason))
+        def again(which: Which) -> Ends:
+            found = solve(which, began[places_of(which)])
+            return replace(found, reason=np.where(lost[places_of(which)], -1, found.reason))
 
         return again
     return replace(ends, given=None).part if stated else ends.part

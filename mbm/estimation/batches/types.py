@@ -28,11 +28,17 @@ REASONS = tuple(Reason)
 """Reasons by number: ``Columns.reason`` counts in this order."""
 
 
-Remarks: TypeAlias = "Mapping[int, tuple[Diagnostic, ...]]"
-"""Warnings by the place of the solve, in the order of a solve by itself."""
+Remarks: TypeAlias = "Mapping[int, tuple[Callable[[], Diagnostic], ...]]"
+"""What makes the warnings, by the place of the solve, in the order of a solve by itself."""
 
 Which: TypeAlias = range | Indices
 """Some solves by number: consecutive ones, or any."""
+
+
+def places_of(which: Which) -> Indices | slice:
+    """What picks some solves from arrays over all."""
+    return slice(which.start, which.stop) if isinstance(which, range) else which
+
 
 Begun: TypeAlias = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]] | Mapping[str, Floats]
 """The starts (SI, by name) for the solve with a key, or those of all solves."""
@@ -64,10 +70,10 @@ class Ends:
     compared: Mask | None = None
     factors: Floats | None = None
 
-    def part(self, which: range) -> Ends:
-        """Those of some consecutive solves."""
+    def part(self, which: Which) -> Ends:
+        """Those of some solves."""
         every = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "kept"}
-        return replace(self, **{n: each[which.start : which.stop] for n, each in every.items() if each is not None})
+        return replace(self, **{n: each[places_of(which)] for n, each in every.items() if each is not None})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -247,7 +253,7 @@ class Corrections:
     sigma: Floats
 
 
-Descent: TypeAlias = Callable[[range], Ends]
+Descent: TypeAlias = Callable[[Which], Ends]
 """Solves some consecutive solves from their starts; may be called by several threads at once."""
 
 Solver: TypeAlias = Callable[[Which, Floats], Ends]
