@@ -33,7 +33,7 @@ PROBLEMS = {
   (observe d (= r (distance q (sample path [x y] (+ s late) :by t))) :sigma 0.05)
   (observe (= late 0.1) :sigma 0.01))""",
 }
-ROWS = "\n".join(f"({k} {np.cos(k):.4f} {np.sin(k):.4f} {1.1 * np.cos(k + 0.1):.4f})" for k in range(100))
+ROWS = "\n".join(f"({k} {np.cos(k):.4f} {np.sin(k):.4f} {1.1 * np.cos(k + 0.1):.4f})" for k in range(84))
 PROBLEMS["more unknowns than kernels are called for"] = f"""
 (problem p
   (data d (table (k x y z) {ROWS}) :key k)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from scipy.linalg import null_space
@@ -33,15 +35,21 @@ DRAWN = {"consensus", "a loss that is not convex"}
 """Whose subsets native code draws otherwise than the general path."""
 
 
+@functools.cache
+def solved(name):
+    """The solves of a problem, made once for all that is said of them here."""
+    text, data = PROBLEMS[name]
+    return mbm.loads(text).solve(data=data)
+
+
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_documents_agree_with_those_of_solves_one_by_one(name):
     """Of the general path in Python, tolerances as `numbers_apart` argues them."""
     text, data = PROBLEMS[name]
-    problem = mbm.loads(text)
-    made = problem.solve(data=data)
+    made = solved(name)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("mbm.estimation.batches.together.FEW_SOLVES", 1_000)
-        plain = problem.solve(data=data, backend="auto" if name in DRAWN else "numpy")
+        plain = mbm.loads(text).solve(data=data, backend="auto" if name in DRAWN else "numpy")
     assert not isinstance(plain.result.solves, ManyReports)
     assert isinstance(made.result.solves, ManyReports) == (name in {*MADE_TOGETHER, *LEFT_APART})
     assert list(numbers_apart(plain.document(), made.document())) == []
@@ -50,8 +58,7 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
 @pytest.mark.parametrize("name", MADE_TOGETHER)
 def test_these_are_made_together(name):
     """Of those that are pushed against something and of the others, most are answered in columns."""
-    text, data = PROBLEMS[name]
-    solves = mbm.loads(text).solve(data=data).result.solves
+    solves = solved(name).result.solves
     clean = np.concatenate([block.block.columns.clean for block in solves.blocks])
     pushed = np.concatenate([block.block.columns.limits.pushed.any(axis=1) for block in solves.blocks])
     assert clean.sum() > len(solves) / 2
@@ -61,10 +68,8 @@ def test_these_are_made_together(name):
 
 @pytest.mark.parametrize("name", MADE_TOGETHER)
 def test_documents_from_columns_are_those_of_the_reports(name):
-    text, data = PROBLEMS[name]
-    solved = mbm.loads(text).solve(data=data)
-    made = [solve_document(solve) for solve in solved.result.solves]
-    written = solved.document()["solves"]
+    made = [solve_document(solve) for solve in solved(name).result.solves]
+    written = solved(name).document()["solves"]
     assert [list(solve) for solve in written] == [list(solve) for solve in made]
     assert written == made
 
@@ -87,8 +92,7 @@ def test_any_number_of_workers_gives_the_same_document(name, monkeypatch):
 @pytest.mark.parametrize("name", ["both", "affine, unknown noise"])
 def test_tables_and_texts_are_those_of_the_reports(name):
     """The warning that constraints hold the estimates counts the solves that have it."""
-    text, data = PROBLEMS[name]
-    solves = mbm.loads(text).solve(data=data).result.solves
+    solves = solved(name).result.solves
     columns, plain = solve_columns(solves), solve_columns(tuple(solves))
     assert columns.statuses == plain.statuses
     assert columns.fits == plain.fits

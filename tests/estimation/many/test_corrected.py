@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -29,9 +31,9 @@ TOGETHER = [name for name in PROBLEMS if name not in ONE_BY_ONE]
 def one_by_one(problem, data, **options):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("mbm.estimation.batches.together.FEW_SOLVES", 1_000)
-        solved = problem.solve(data=data, **options)
-    assert not isinstance(solved.result.solves, ManyReports)
-    return solved
+        made = problem.solve(data=data, **options)
+    assert not isinstance(made.result.solves, ManyReports)
+    return made
 
 
 def split(document):
@@ -44,12 +46,19 @@ def split(document):
     return document, flat
 
 
+@functools.cache
+def solved(name):
+    """The solves of a problem, made once for all that is said of them here."""
+    text, data = PROBLEMS[name]
+    return mbm.loads(text).solve(data=data)
+
+
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_documents_agree_with_those_of_solves_one_by_one(name):
     """Of the general path in Python; tolerances as `numbers_apart` argues them."""
     text, data = PROBLEMS[name]
     problem = mbm.loads(text)
-    made = problem.solve(data=data)
+    made = solved(name)
     plain = one_by_one(problem, data, backend="auto" if name in DRAWN else "numpy")
     assert isinstance(made.result.solves, ManyReports) == (name not in ONE_BY_ONE)
     (expected, theirs), (found, ours) = split(plain.document()), split(made.document())
@@ -65,18 +74,15 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
 
 @pytest.mark.parametrize("name", [name for name in TOGETHER if name not in LEFT_APART])
 def test_these_are_made_together(name):
-    text, data = PROBLEMS[name]
-    solves = mbm.loads(text).solve(data=data).result.solves
+    solves = solved(name).result.solves
     assert isinstance(solves, ManyReports)
     assert sum(block.block.columns.clean.sum() for block in solves.blocks) > len(solves) / 2
 
 
 @pytest.mark.parametrize("name", TOGETHER)
 def test_documents_from_columns_are_those_of_the_reports(name):
-    text, data = PROBLEMS[name]
-    solved = mbm.loads(text).solve(data=data)
-    made = [solve_document(solve) for solve in solved.result.solves]
-    written = solved.document()["solves"]
+    made = [solve_document(solve) for solve in solved(name).result.solves]
+    written = solved(name).document()["solves"]
     assert [list(solve) for solve in written] == [list(solve) for solve in made]
     assert written == made
 
@@ -100,8 +106,7 @@ def test_any_number_of_workers_gives_the_same_document(name, monkeypatch):
 
 @pytest.mark.parametrize("name", ["a line", "points at the centre"])
 def test_columns_say_what_the_reports_say(name):
-    text, data = PROBLEMS[name]
-    result = mbm.loads(text).solve(data=data).result
+    result = solved(name).result
     columns, plain = solve_columns(result.solves), solve_columns(tuple(result.solves))
     assert columns.statuses == plain.statuses
     assert columns.fits == plain.fits
@@ -112,9 +117,8 @@ def test_columns_say_what_the_reports_say(name):
 
 def test_lines_are_those_of_york():
     """York's cost (1966) is stationary there; corrections lead onto the line, along the covariance of the points."""
-    text, data = PROBLEMS["a line"]
-    columns = data["d"]
-    for solve in mbm.loads(text).solve(data=data).document()["solves"]:
+    columns = PROBLEMS["a line"][1]["d"]
+    for solve in solved("a line").document()["solves"]:
         mine = columns["k"] == solve["key"]["k"]
         x, y = columns["x"][mine], columns["y"][mine]
         m, c = (solve["estimates"][name]["value"] for name in "mc")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 
 import numpy as np
@@ -29,25 +30,30 @@ def one_by_one(problem, data, **options):
     """The solves of a problem as they are made when there are too few to make them together."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("mbm.estimation.batches.together.FEW_SOLVES", 10_000)
-        solved = problem.solve(data=data, **options)
-    assert not isinstance(solved.result.solves, ManyReports)
-    return solved
+        made = problem.solve(data=data, **options)
+    assert not isinstance(made.result.solves, ManyReports)
+    return made
+
+
+@functools.cache
+def solved(name):
+    """The solves of a problem, made once for all that is said of them here."""
+    text, data = PROBLEMS[name]
+    return mbm.loads(text).solve(data=data)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_documents_agree_with_those_of_solves_one_by_one(name):
     text, data = PROBLEMS[name]
-    problem = mbm.loads(text)
-    made = problem.solve(data=data)
-    plain = one_by_one(problem, data, backend="auto" if DRAWN & set(text.split()) else "numpy")
+    made = solved(name)
+    plain = one_by_one(mbm.loads(text), data, backend="auto" if DRAWN & set(text.split()) else "numpy")
     # tolerances as `numbers_apart` argues them
     assert list(numbers_apart(plain.document(), made.document())) == []
 
 
 @pytest.mark.parametrize("name", [name for name in PROBLEMS if name not in LEFT_ALONE])
 def test_these_are_made_together(name):
-    text, data = PROBLEMS[name]
-    solves = mbm.loads(text).solve(data=data).result.solves
+    solves = solved(name).result.solves
     assert isinstance(solves, ManyReports)
     assert sum(block.block.columns.clean.sum() for block in solves.blocks) > len(solves) / 2
 
@@ -71,10 +77,8 @@ def test_any_number_of_workers_gives_the_same_document(name, monkeypatch):
     "name", ["biases, unequal", "biases, some unused", "poses, unequal", "levelling", "levelling, limits", "own limits"]
 )
 def test_documents_from_columns_are_those_of_the_reports(name):
-    text, data = PROBLEMS[name]
-    solved = mbm.loads(text).solve(data=data)
-    made = [solve_document(solve) for solve in solved.result.solves]
-    written = solved.document()["solves"]
+    made = [solve_document(solve) for solve in solved(name).result.solves]
+    written = solved(name).document()["solves"]
     assert [list(solve) for solve in written] == [list(solve) for solve in made]
     assert written == made
 
@@ -82,9 +86,8 @@ def test_documents_from_columns_are_those_of_the_reports(name):
 @pytest.mark.parametrize("name", ["biases, unequal", "biases, some unused", "windows, groups come and go", "poses"])
 def test_tables_have_the_same_columns_in_the_same_order(name):
     text, data = PROBLEMS[name]
-    problem = mbm.loads(text)
-    made = solve_columns(problem.solve(data=data).result.solves)
-    plain = solve_columns(one_by_one(problem, data).result.solves)
+    made = solve_columns(solved(name).result.solves)
+    plain = solve_columns(one_by_one(mbm.loads(text), data).result.solves)
     assert [dict(key) for key in made.keys] == [dict(key) for key in plain.keys]
     assert made.statuses == plain.statuses
     assert [scalar.name for scalar in made.scalars] == [scalar.name for scalar in plain.scalars]
@@ -96,9 +99,9 @@ def test_tables_have_the_same_columns_in_the_same_order(name):
 
 def test_solves_are_the_least_squares_of_their_rows():
     """Of numpy, epoch by epoch; members in the order in which an epoch has them first."""
-    text, data = PROBLEMS["biases, unequal"]
+    data = PROBLEMS["biases, unequal"][1]
     columns = {name: np.asarray(column) for name, column in data["d"].items()}
-    solves = mbm.loads(text).solve(data=data).solves
+    solves = solved("biases, unequal").solves
     assert [solve.key["epoch"] for solve in solves] == list(dict.fromkeys(data["d"]["epoch"]))
     for solve in solves:
         mine = columns["epoch"] == solve.key["epoch"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import io
 
 import numpy as np
@@ -67,15 +68,21 @@ def numbers_apart(first, second, path=""):
         yield path, first, second
 
 
+@functools.cache
+def solved(name):
+    """The solves of a problem, made once for all that is said of them here."""
+    text, data = PROBLEMS[name]
+    return mbm.loads(text).solve(data=data)
+
+
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_documents_agree_with_those_of_solves_one_by_one(name):
     text, data = PROBLEMS[name]
-    problem = mbm.loads(text)
-    made = problem.solve(data=data)
+    made = solved(name)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("mbm.estimation.batches.together.FEW_SOLVES", 1_000)
         # the subsets of consensus are drawn alike in native code only
-        plain = problem.solve(data=data, backend="auto" if DRAWN & set(text.split()) else "numpy")
+        plain = mbm.loads(text).solve(data=data, backend="auto" if DRAWN & set(text.split()) else "numpy")
     assert not isinstance(plain.result.solves, ManyReports)
     assert list(numbers_apart(plain.document(), made.document())) == []
 
@@ -83,16 +90,14 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
 @pytest.mark.parametrize("name", MADE_TOGETHER)
 def test_these_are_made_together(name):
     """And not by the way that takes over where something is unusual."""
-    text, data = PROBLEMS[name]
-    solves = mbm.loads(text).solve(data=data).result.solves
+    solves = solved(name).result.solves
     assert isinstance(solves, ManyReports)
     assert sum(block.block.columns.clean.sum() for block in solves.blocks) > len(solves) / 2
 
 
 @pytest.mark.parametrize("name", ["ranges", "gross errors", "rotations", "consensus"])
 def test_columns_say_what_the_reports_say(name):
-    text, data = PROBLEMS[name]
-    result = mbm.loads(text).solve(data=data).result
+    result = solved(name).result
     columns, plain = solve_columns(result.solves), solve_columns(tuple(result.solves))
     assert [dict(key) for key in columns.keys] == [dict(key) for key in plain.keys]
     assert columns.statuses == plain.statuses
@@ -130,11 +135,11 @@ def test_any_number_of_workers_gives_the_same_document(name, monkeypatch):
 
 def test_a_window_is_the_problem_of_its_rows():
     """Rows picked by hand, each window solved as a problem of its own."""
-    text, data = PROBLEMS["windows"]
+    data = PROBLEMS["windows"][1]
     alone = mbm.loads(RANGES.format(more="", when="", sigma="10mm", top="2.7m").replace("(for-each epoch)", ""))
     ranges = {name: np.asarray(column) for name, column in data["ranges"].items()}
     compared = 0
-    for solve in mbm.loads(text).solve(data=data).solves:
+    for solve in solved("windows").solves:
         end, tag = solve.key["epoch"], solve.key["tag"]
         mine = (ranges["tag"] == tag) & (ranges["epoch"] > end - 0.25 + 1e-9) & (ranges["epoch"] <= end + 1e-9)
         if solve.status == "skipped":
@@ -151,17 +156,14 @@ def test_a_window_is_the_problem_of_its_rows():
 
 @pytest.mark.parametrize("name", MADE_TOGETHER)
 def test_documents_from_columns_are_those_of_the_reports(name):
-    text, data = PROBLEMS[name]
-    solved = mbm.loads(text).solve(data=data)
-    made = [solve_document(solve) for solve in solved.result.solves]
-    written = solved.document()["solves"]
+    made = [solve_document(solve) for solve in solved(name).result.solves]
+    written = solved(name).document()["solves"]
     assert [list(solve) for solve in written] == [list(solve) for solve in made]
     assert written == made
 
 
 def test_documents_share_nothing():
-    text, data = PROBLEMS["ranges"]
-    first, second = mbm.loads(text).solve(data=data).document()["solves"][:2]
+    first, second = solved("ranges").document()["solves"][:2]
     first["observability"]["gauge"].append("mine")
     first["covariance"]["names"].clear()
     assert second["observability"]["gauge"] == []
@@ -181,8 +183,7 @@ def test_slices_do_not_change_the_answers(monkeypatch):
 
 
 def test_solves_are_a_sequence_of_reports():
-    text, data = PROBLEMS["ranges"]
-    solves = mbm.loads(text).solve(data=data).solves
+    solves = solved("ranges").solves
     assert len(solves) == 40
     assert solves[-1].key == solves[39].key
     assert [s.key for s in solves[3:5]] == [solves[3].key, solves[4].key]
@@ -193,10 +194,9 @@ def test_solves_are_a_sequence_of_reports():
 
 
 def test_csv_has_a_row_for_each_solve_in_the_order_of_the_keys():
-    text, data = PROBLEMS["too few"]
-    result = mbm.loads(text).solve(data=data).result
+    data = PROBLEMS["too few"][1]
     stream = io.StringIO()
-    write_solves(result, stream)
+    write_solves(solved("too few").result, stream)
     lines = stream.getvalue().splitlines()
     order = dict.fromkeys(data["ranges"]["epoch"].tolist())
     assert [line.split(",")[0] for line in lines[1:]] == [str(epoch) for epoch in order]
