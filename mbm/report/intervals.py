@@ -150,6 +150,7 @@ def _limited(item: Estimate | DerivedValue, found: Intervals, values: Floats, si
         found.kind[at] = KINDS.index(IntervalKind.LIMITED)
 
 
+@np.errstate(invalid="ignore")  # an end at infinity is at no limit
 def _up_to(found: Intervals, which: Mask, lower: Floats, upper: Floats) -> None:
     """Intervals that are followed up to a limit end at the limit itself."""
     rounding = UP_TO * (found.high - found.low)
