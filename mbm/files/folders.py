@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -44,9 +45,8 @@ def check_folder(folder: Path, maker: Maker, *, force: bool, reads: Iterable[Rea
     """
     with _diagnosed(folder):
         _known(folder, maker, force=force, reads=reads)
-        standing = folder.absolute()
-        while _status(standing) is None:
-            standing = standing.parent
+        missing = _missing(folder.absolute())
+        standing = missing[-1].parent if missing else folder
         if not os.access(standing, os.W_OK | os.X_OK):
             raise MbmError(faults.not_writable(standing, "it is read-only"))
 
@@ -239,13 +239,25 @@ def _replace(folder: Path, files: Mapping[str, bytes]) -> None:
 
 def _make(folder: Path, made: list[Path]) -> None:
     """Make a folder with those above it, and add the ones that were missing to ``made``."""
-    missing = []
-    while _status(folder) is None:
-        missing.append(folder)
-        folder = folder.parent
-    for place in reversed(missing):
+    for place in reversed(_missing(folder)):
         place.mkdir()
         made.append(place)
+
+
+def _missing(folder: Path) -> list[Path]:
+    """The folders that do not exist, from ``folder`` upwards.
+
+    Raises:
+        OSError: the path leads back out of one of them.
+
+    """
+    missing = []
+    while _status(folder) is None:
+        if folder.name == "..":
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+        missing.append(folder)
+        folder = folder.parent
+    return missing
 
 
 def _unmake(made: Iterable[Path]) -> None:

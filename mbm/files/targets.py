@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from stat import S_ISBLK, S_ISDIR, S_ISREG
@@ -83,7 +83,8 @@ def _found(name: str) -> Target:
     except (FileNotFoundError, NotADirectoryError):
         status = None
     ordinary = status is None or S_ISREG(status.st_mode)
-    return Target(name=name, path=Path(os.path.realpath(name) if ordinary else name), descriptor=None, status=status)
+    *_, place = _places(name)
+    return Target(name=name, path=place if ordinary else Path(name), descriptor=None, status=status)
 
 
 def _descriptor(name: str) -> int | None:
@@ -91,17 +92,29 @@ def _descriptor(name: str) -> int | None:
 
     Opened anew, a file that the shell has opened would be written from its beginning, beside what is there already.
     """
-    at = Path(name)
-    for _ in range(_MOST_LINKS):
-        folder = Path(os.path.realpath(at.parent))
-        listed = _DESCRIPTORS.fullmatch(str(folder)) if at.name.isdecimal() else None
+    for at in _places(name):
+        listed = _DESCRIPTORS.fullmatch(str(at.parent)) if at.name.isdecimal() else None
         if listed is not None and listed["process"] in (None, str(os.getpid())):
             return int(at.name)
-        at = folder / at.name
-        if not at.is_symlink():
-            return None
-        at = folder / at.readlink()
     return None
+
+
+def _places(name: str) -> Iterator[Path]:
+    """What ``name`` leads to from link to link, each in its real folder; the last one in a folder that may not exist.
+
+    Links are followed as the system does it: through a folder that does not exist, ``..`` leads nowhere. Shortened to
+    what it looks like, ``missing/../data.csv`` would be a file that nobody named.
+    """
+    at = Path(name)
+    for _ in range(_MOST_LINKS):
+        if not at.parent.is_dir():
+            yield at
+            return
+        at = Path(os.path.realpath(at.parent)) / at.name
+        yield at
+        if not at.is_symlink():
+            return
+        at = at.parent / at.readlink()
 
 
 def _objection(target: Target) -> str | None:

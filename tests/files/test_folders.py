@@ -232,6 +232,14 @@ def test_what_stands_in_the_way(out: Path, tmp_path: Path) -> None:
     assert "not-writable" in refused(tmp_path / ("a" * 300))
 
 
+def test_a_path_out_of_a_folder_that_is_not_there_leads_nowhere(tmp_path: Path) -> None:
+    for path in ("none/../out", "a/none/../b"):
+        assert "No such file or directory" in refused(tmp_path / path, force=True)
+        with pytest.raises(MbmError, match="No such file or directory"):
+            check_folder(tmp_path / path, MAKER, force=True)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_file_that_is_read_only(out: Path) -> None:
     write(out)
     (out / "a.txt").chmod(0o444)

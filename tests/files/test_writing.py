@@ -222,6 +222,23 @@ def test_never_onto_a_file_that_was_read_by_whatever_name(tmp_path: Path, monkey
     write_whole("other.csv", b"new", reads=reads_of("d.csv", "missing.csv"))
 
 
+@pytest.mark.parametrize("missing", ["none/..", "d.csv/..", "none/../none/..", "to-none", "sub/../none/.."])
+def test_a_path_out_of_a_folder_that_is_not_there_leads_nowhere(
+    missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the system has it; shortened, it would be a file that was read."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "d.csv").write_bytes(b"measured")
+    (tmp_path / "to-none").symlink_to("none/..")
+    (tmp_path / "link").symlink_to(f"{missing}/d.csv")
+    with pytest.raises((FileNotFoundError, NotADirectoryError)):
+        Path(f"{missing}/d.csv").stat()
+    for name in (f"{missing}/d.csv", f"{tmp_path}/{missing}/d.csv", "link"):
+        assert "its folder does not exist" in refused("not-writable", name, reads=reads_of("d.csv"))
+    assert (tmp_path / "d.csv").read_bytes() == b"measured"
+
+
 def test_a_journal_holds_what_is_read_while_it_is_kept(tmp_path: Path) -> None:
     for name in ("a", "b", "c", "e"):
         (tmp_path / name).write_bytes(b"x")

@@ -165,3 +165,16 @@ def test_a_graph_that_is_too_noisy_for_a_tree_is_solved_without_a_start():
     init = GRAPH.replace("per places", "per places :init (pose3 (quaternion qw qx qy qz) [x y z])")
     beside = mbm.loads(init).solve(data=data).first
     assert solve.first.cost == pytest.approx(beside.cost, rel=1e-9)
+
+
+@pytest.mark.parametrize(("others", "x"), [("", (1.0,)), ("(0 2 2 0.1 0) (0 1 1.02 0 0.1)", (1.01, 2.0))])
+def test_edges_that_all_start_at_what_is_fixed(others, x):
+    """A star: each pose is the mean of what its edges say."""
+    poses = " ".join(f"({k})" for k in range(len(x) + 1))
+    solve = mbm.loads(f"""(problem star
+      (data e (table (i j x y z) (0 1 1 0 0.1) {others}))
+      (data n (table (k) {poses}) :key k)
+      (unknowns (T (pose 3) :per n :fixed (= k 0)))
+      (observe e (= (pose3 (euler 0 0 0.1) [x y z]) (between (T i) (T j))) :sigma 0.05))""").solve()
+    found = solve.first["T"].translation[1:, 0]
+    assert found == pytest.approx(x, abs=1e-9)

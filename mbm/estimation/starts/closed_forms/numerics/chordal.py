@@ -75,8 +75,9 @@ def _laplacian_solution(
     number = np.where(known, -1, np.cumsum(~known) - 1)
     count, size = int((~known).sum()), turns.shape[1]
     i, j = number[motions.first], number[motions.second]
-    degree = np.bincount(i[i >= 0], weights=weight[i >= 0], minlength=count)
-    degree += np.bincount(j[j >= 0], weights=weight[j >= 0], minlength=count)
+    degree = np.zeros(count)
+    np.add.at(degree, i[i >= 0], weight[i >= 0])
+    np.add.at(degree, j[j >= 0], weight[j >= 0])
     if not (degree > 0.0).all():
         return None
     W, ahead, back = weight[:, None, None], turns, np.swapaxes(turns, 1, 2)
