@@ -6,7 +6,7 @@ inverse of the Fisher information, which squares of derivatives of the residuals
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Protocol
 
@@ -21,7 +21,7 @@ from mbm.problem.likelihoods.types import SHIFT, Law, Likelihood
 from mbm.problem.rows import Positions, lookup
 from mbm.problem.tables import Table
 from mbm.problem.types import Equation, EquationCase, NoiseKind
-from mbm.text.types import MbmError
+from mbm.text.types import Diagnostic, MbmError, Place, Span
 from mbm.values import dataclass
 
 SKEW = 1.0 / 36.0
@@ -129,7 +129,10 @@ class _Given:
             self._refuse((measured > parameter).any(axis=0), "`{:g}` are more than the trials", measured.max(axis=0))
             return np.asarray(_binomial(measured, parameter).sum(axis=0))
         if law is Law.STUDENT and parameter is not None:
-            self._refuse(~((parameter > 0) & np.isfinite(parameter)), "`{:g}` degrees of freedom are none", parameter)
+            self._refuse(
+                ~((parameter > 0) & np.isfinite(parameter)), "`{:g}` degrees of freedom are none", parameter,
+                faults.impossible_errors,
+            )  # fmt: skip
         return self._of_scale(parameter)
 
     def excess(self) -> Floats:
@@ -153,9 +156,16 @@ class _Given:
         stated = self._errors.truncation
         if stated is None:
             return np.asarray(each.sum(axis=0))
+        if stated.below is not None and stated.above is not None:
+            both = (self._numbers((stated.below, stated.above)) != 0.0).all(axis=0)
+            what = "a reading is `:below` and `:above` the value at once"
+            self._refuse(both, what, both.astype(float), faults.impossible_errors)
         if stated.step is not None:
             step = self._numbers((stated.step,))[0]
-            self._refuse(~((step > 0) & np.isfinite(step)), "a step of `{:g}` is no `:resolution`", step)
+            self._refuse(
+                ~((step > 0) & np.isfinite(step)), "a step of `{:g}` is no `:resolution`", step,
+                faults.impossible_errors,
+            )  # fmt: skip
             each = -_log_middle(0.5 * step / scale)
         return np.asarray(np.where(self.limited(), 0.0, each).sum(axis=0))
 
@@ -173,14 +183,20 @@ class _Given:
             found[j] = column
         return found
 
-    def _refuse(self, wrong: Mask, what: str, numbers: Floats) -> None:
+    def _refuse(
+        self,
+        wrong: Mask,
+        what: str,
+        numbers: Floats,
+        fault: Callable[[Span, str, Place | None], Diagnostic] = faults.not_a_count,
+    ) -> None:
         if not bool(wrong.any()):
             return
         row = int(np.argmax(wrong))
         place = None
         if self._table is not None and self._positions is not None:
             place = self._table.place(int(self._positions[row]))
-        raise MbmError(faults.not_a_count(self._equation.span, what.format(float(numbers[row])), place))
+        raise MbmError(fault(self._equation.span, what.format(float(numbers[row])), place))
 
 
 def _poisson(counts: Floats) -> Floats:

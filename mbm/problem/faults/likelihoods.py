@@ -17,8 +17,15 @@ LIKELIHOOD_NOT_HERE = Code(
 )
 NOT_A_COUNT = Code(
     "not-a-count",
-    "A reading of `:distribution poisson` or `(binomial n)` is no count, or its n, degrees of freedom or step is none.",
+    "A reading of `:distribution poisson` or `(binomial n)` is no count, or its n is none.",
     "Correct the cell; counts are whole numbers, not below 0, and not above n.",
+)
+IMPOSSIBLE_ERRORS = Code(
+    "impossible-errors",
+    "What an observation says of the errors of a reading gives it no probability: a `:resolution` or degrees of freedom"
+    " that are not above 0, a reading that is `:below` and `:above` the value at once, or numbers too large or small to"
+    " compute with.",
+    "Correct the number, or the cell that it is taken from.",
 )
 WITHOUT_MODEL_SIDE = Code(
     "without-model-side",
@@ -50,6 +57,15 @@ def not_a_count(span: Span, what: str, place: Place | None) -> Diagnostic:
     labels = () if place is None else (Label(place, "in this row"),)
     hint = "counts are whole numbers from 0, of a binomial up to n; leave rows out with `:when`"
     return Diagnostic(code=NOT_A_COUNT, message=what, place=span, labels=labels, hint=hint)
+
+
+def impossible_errors(span: Span, what: str, place: Place | None = None) -> Diagnostic:
+    """What no reading can have for errors."""
+    labels = () if place is None else (Label(place, "in this row"),)
+    hint = (
+        "sigma, steps and degrees of freedom are above 0, trials whole numbers from 1; a reading is one limit at most"
+    )
+    return Diagnostic(code=IMPOSSIBLE_ERRORS, message=what, place=span, labels=labels, hint=hint)
 
 
 def without_model_side(span: Span) -> Diagnostic:

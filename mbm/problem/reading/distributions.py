@@ -124,6 +124,8 @@ def moments(
     for low, high in zip(first, second, strict=True):
         if law.limits and not _ascending(low, high):
             raise MbmError(language_faults.bad_form(span, f"the limits of `{name}` are not in order", USAGES[name]))
+        if law.name == LOGNORMAL and isinstance(low, Number) and not low.value > 0.0:
+            raise MbmError(language_faults.bad_form(span, "the median of `lognormal` is above 0", USAGES[name]))
         try:
             found.append(law.moments(low, high, told))
         except UndefinedValueError as error:

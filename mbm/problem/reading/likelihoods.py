@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from mbm.expression.algebra import ONE
+from mbm.expression.algebra import ONE, UndefinedValueError
 from mbm.expression.nodes import Component, Expression, Number, leaves
 from mbm.language.coerce import scalar
 from mbm.language.scope import LocalScope
@@ -158,7 +158,12 @@ def observed(
         truncation=own[1],
         scales=tuple(sorted(own_scales)),
     )
-    return replace(made, noise=(ONE,) * len(seen) if stated.law.counts else made.noise, likelihood=likelihood(errors))
+    try:
+        found = likelihood(errors)
+    except UndefinedValueError as error:
+        what = f"{stated.called} has no likelihood: `{error}` is no finite number"
+        raise MbmError(faults.impossible_errors(stated.span, what)) from None
+    return replace(made, noise=(ONE,) * len(seen) if stated.law.counts else made.noise, likelihood=found)
 
 
 def refuse_two_scales(noise: Form, cases: list[EquationCase]) -> None:

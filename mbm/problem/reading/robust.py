@@ -28,6 +28,8 @@ MAXIMUM_TRIALS = 100_000
 LARGEST_QUANTILE = 1.0 - 1e-12
 """Beyond it χ² has no limit that could be told from none."""
 LARGEST_SHAPE = 2.0
+LEAST_DEVIATIONS, MOST_DEVIATIONS = 1e-50, 1e50
+"""Between them lies each number of standard deviations that means something, and its powers are numbers."""
 
 
 def read_loss(work: Workspace, form: Form | None) -> Loss | None:
@@ -54,8 +56,7 @@ def read_loss(work: Workspace, form: Form | None) -> Loss | None:
         raise MbmError(language_faults.bad_form(parameters[1].span, f"`{name}` takes no more", LOSS_USAGE))
     scale = None
     if parameters:
-        wrong = f"the parameter of `{name}` is a number of standard deviations above 0"
-        scale = number_within(work, parameters[0], 0.0, inf, wrong)
+        scale = _deviations(work, parameters[0], f"the parameter of `{name}`", LOSS_USAGE)
     return Loss(kind=kind, scale=scale, shape=shape)
 
 
@@ -88,8 +89,7 @@ def read_consensus(work: Workspace, form: Form | None) -> Consensus | None:
             wrong = f"`:trials` should lie in 1 … {MAXIMUM_TRIALS}"
             raise MbmError(language_faults.bad_form(given.span, wrong, CONSENSUS_USAGE))
     if (given := options.get("threshold")) is not None:
-        wrong = "`:threshold` is a number of standard deviations above 0"
-        threshold = number_within(work, given, 0.0, inf, wrong, usage=CONSENSUS_USAGE)
+        threshold = _deviations(work, given, "`:threshold`", CONSENSUS_USAGE)
     if (given := options.get("quantile")) is not None:
         if threshold is not None:
             wrong = "`:quantile` and `:threshold` say the same in two ways"
@@ -139,6 +139,13 @@ def named(form: Form | None, usage: str) -> tuple[str, tuple[Form, ...]]:
     if isinstance(form, Sequence) and form.head is not None:
         return form.head, form.items[1:]
     raise MbmError(language_faults.bad_form(form.span, f"`{form.span.text}` names nothing", usage))
+
+
+def _deviations(work: Workspace, form: Form, what: str, usage: str) -> float:
+    wrong = (
+        f"{what} is a number of standard deviations above 0, and between {LEAST_DEVIATIONS:g} and {MOST_DEVIATIONS:g}"
+    )
+    return number_within(work, form, LEAST_DEVIATIONS, MOST_DEVIATIONS, wrong, usage)
 
 
 def number_within(work: Workspace, form: Form, low: float, high: float, wrong: str, usage: str = LOSS_USAGE) -> float:
