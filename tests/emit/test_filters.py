@@ -90,6 +90,11 @@ STILL = """
   (dynamics (random-walk x :sigma 0.1) (static a) (static b))
   (observe z (= y (+ (* a x) b)) :sigma 0.1) (constraints (= (+ (^ a 2) (^ b 2)) 1.25)) (solve :method ekf))"""
 """An equation that says the same at each step."""
+LATER = (
+    STILL.replace("(data z external)", "(data z external) (data c external)").replace("1.25))", "1.25 :over c))"),
+    {"z": {"k": [0, 1, 2, 3, 4], "y": [1.4, 0.9, 1.2, 0.7, 1.1]}, "c": {"k": [2, 2, 4]}},
+)
+"""One that says the same in each row of a table, and holds from the first on."""
 
 SHAPES = {
     "iterated, members, kinds": sequences.stations("iterated-ekf"),
@@ -127,6 +132,7 @@ MORE = {
     "nothing known": plain(OPEN, y=noisy),
     "exact": plain(THROWN, y=noisy),
     "an equation of what does not move": plain(STILL, y=noisy),
+    "an equation that holds later": LATER,
     "units and loss": (UNITS, {"z": {"ms": [0.1, 0.3, 0.7], "mm": [3.0, 5.0, 2.0]}}),
 }
 

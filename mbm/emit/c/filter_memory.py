@@ -68,6 +68,7 @@ def places(made: FilterBlueprint) -> tuple[dict[str, int], dict[str, int]]:
         "TOUCHED": held * n,
         "FOLLOWED": held,
         "SAVED_INTEGERS": len(saved()[1]),
+        "TOLD": len(plan.seen.groups),
         **dict.fromkeys(INTEGERS, 1),
     }
     return reals, integers

@@ -15,6 +15,9 @@ from mbm.machine.c import number
 from mbm.problem.sequence.types import INTERVAL, PREVIOUS
 from mbm.problem.types import BlockRole
 
+_BY_TABLE = (Moment.ALWAYS, Moment.ONCE)
+"""When rows come with those of a table."""
+
 
 def row_functions(made: FilterBlueprint) -> str:
     """``take_rows``, ``take_step``, ``take_transition``, and ``begin_all``, which puts what no row changes."""
@@ -28,14 +31,21 @@ def row_functions(made: FilterBlueprint) -> str:
     ]
     for cases, groups, moves in _systems(made):
         for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
-            if group.moment is Moment.ALWAYS:
+            if group.moment in _BY_TABLE:
                 parts.append("\n".join(begin_function(made, cells, case, group, moves)))
                 parts.append("\n".join(take_function(made, cells, block_of[id(case)], case, k, group, moves)))
     if any(group.fixed is not None for group in made.plan.seen.groups):
         parts.append("\n".join(_fixed(made)))
     parts += ["\n".join(_begin_all(made)), "\n".join(_take_rows(made, cells))]
     parts += ["\n".join(_take_step(made, cells, block_of)), "\n".join(_take_transition(made, cells, block_of))]
+    if once(made):
+        parts.append("\n".join(_remember(made)))
     return "\n".join(parts)
+
+
+def once(made: FilterBlueprint) -> tuple[int, ...]:
+    """The groups that have one row in all, by number."""
+    return tuple(k for k, group in enumerate(made.plan.seen.groups) if group.moment is Moment.ONCE)
 
 
 def _systems(
@@ -47,7 +57,7 @@ def _systems(
 def _always(made: FilterBlueprint, case: BlockCase) -> bool:
     groups = (*made.plan.seen.groups, *made.plan.moving.groups)
     found = next(g for c, g in zip((*made.seen, *made.moving), groups, strict=True) if c is case)
-    return found.moment is Moment.ALWAYS
+    return found.moment in _BY_TABLE
 
 
 def _fixed(made: FilterBlueprint) -> Iterator[str]:
@@ -110,7 +120,7 @@ def _begin_all(made: FilterBlueprint) -> Iterator[str]:
         yield f"    own = blocks_of_data_set(f->{record}.data);"
         yield "    (void)own;"
         for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
-            if group.moment is Moment.ALWAYS:
+            if group.moment in _BY_TABLE:
                 for used in ("weights", "index", "columns"):
                     yield f"    f->{used}_used = own[{k}].{used};"
                 yield f"    if ({case.identifier}_begin(f) != 0)"
@@ -184,6 +194,22 @@ def _taken(cells: Cells, case: BlockCase, wrong: str) -> Iterator[str]:
     yield "    all += rows;"
 
 
+def _remember(made: FilterBlueprint) -> Iterator[str]:
+    plan = made.plan
+    stride = len(plan.seen.data) // plan.chain["held"]
+    yield "/* Which of the clauses that hold once have had their row, after step k. */"
+    yield "static void remember(struct frame *f, long k)"
+    yield "{"
+    yield "    struct data_set *set = (struct data_set *)(f->memory->integers + AT_SEEN_DATA"
+    yield f"        + {_round(made, 'k')} * {stride});"
+    yield ""
+    for k in once(made):
+        yield f"    if (blocks_of_data_set(set)[{k}].rows > 0)"
+        yield f"        f->memory->integers[AT_TOLD + {k}] = 1;"
+    yield "}"
+    yield ""
+
+
 def _take_step(made: FilterBlueprint, cells: Cells, block_of: dict[int, BlockShape]) -> Iterator[str]:
     plan = made.plan
     stride = len(plan.seen.data) // plan.chain["held"]
@@ -217,6 +243,9 @@ def _take_step(made: FilterBlueprint, cells: Cells, block_of: dict[int, BlockSha
         yield f"        return {cells.status('UNKNOWN_CASE')};"
         if block.role is BlockRole.OBSERVATION:
             yield "    observed += all;"
+    for k in once(made):
+        yield f"    if (own[{k}].rows > 0)"
+        yield f"        own[{k}].rows = f->memory->integers[AT_TOLD + {k}] == 0 ? 1 : 0;"
     moments = {group.moment for group in plan.seen.groups if group.fixed is not None}
     if Moment.FIRST in moments:
         yield "    if (k == 0)"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.filter_header import STATUSES
 from mbm.emit.c.filter_memory import data_text, memory_text
-from mbm.emit.c.filter_rows import row_functions
+from mbm.emit.c.filter_rows import once, row_functions
 from mbm.emit.c.tables import table_functions
 from mbm.emit.c.text import doubles, literal, longs, opening, status_text
 from mbm.emit.filtering.types import FilterBlueprint
@@ -168,6 +168,8 @@ def _step(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     yield "        return result->status;"
     yield "    if (f->chain.begin == k)"
     yield "        filter->integers[AT_OBSERVED] = 1;"
+    if once(made):
+        yield "    remember(f, k);"
     yield f"    filter->reals[AT_KEYS + k % {held}] = rows->at;"
     yield f"    if ({routine}(&f->walk, k, k + 1) != 1) {{"
     yield "        filter->integers[AT_STOPPED] = 1;"

@@ -13,9 +13,12 @@ from mbm.values import dataclass
 
 
 class Moment(StrEnum):
-    """When a group has rows: at every step as its table has them, at the first step, at the first that is observed."""
+    """When a group has rows: at every step as its table has them, one at the first of these, those that are known
+    before at the first step, or at the first that is observed.
+    """
 
     ALWAYS = "always"
+    ONCE = "once"
     FIRST = "first"
     BEGINNING = "beginning"
 

@@ -12,7 +12,7 @@ from mbm.equations.types import Indices
 from mbm.estimation.minimise.native.packing import blocks_of
 from mbm.estimation.sequences.room import GroupRows, Room, room
 from mbm.estimation.sequences.run import Begun
-from mbm.estimation.sequences.step_rows import ALWAYS, StepRows
+from mbm.estimation.sequences.step_rows import BY_TABLE, StepRows
 from mbm.estimation.sequences.walk import chain_of
 from mbm.kernels.types import KernelSet
 from mbm.problem.sequence.types import TransitionKind
@@ -49,7 +49,7 @@ def embedded(begun: Begun, kernels: KernelSet, cache: EvaluationCache, most: Map
     rows = StepRows(begun, kernels, cache)
     rules = replace(begun.rules, endless=True)
     held = (rules.lag or 0) + 2 if rules.smooth else 1
-    fixed = tuple(None if when == ALWAYS else rows.fixed(k) for k, when in enumerate(rows.when))
+    fixed = tuple(None if when in BY_TABLE else rows.fixed(k) for k, when in enumerate(rows.when))
     capacity = [
         max(most.get(table, 1), 1) if own is None else len(own) for own, table in zip(fixed, rows.tables, strict=True)
     ]

@@ -13,6 +13,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.excerpt import with_rows
+from mbm.equations.layout import Layout
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
 from mbm.estimation.minimise.native.packing import triangle_kind
@@ -20,7 +21,7 @@ from mbm.estimation.native.code import native_code
 from mbm.estimation.sequences import faults
 from mbm.estimation.sequences.local import Local, local
 from mbm.estimation.sequences.noise import Spreads, spread_of
-from mbm.estimation.sequences.places import NOT_OF_A_STEP, Places, step_layout, transition_layout
+from mbm.estimation.sequences.places import NOT_OF_A_STEP, Places, moves, step_layout, transition_layout
 from mbm.estimation.sequences.walk import Chained
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.sequence.types import Sequence
@@ -81,8 +82,13 @@ def lowered(
             priors.append(group)
         elif block.role is BlockRole.CONSTRAINT and of_no_step(group, block, places, sequence, tables):
             undivided.append((group, equal))
-        elif block.role is BlockRole.CONSTRAINT and says_the_same(group, block, places, sequence):
-            undivided.append((with_rows(group, np.arange(1)), equal))
+        elif block.role is BlockRole.CONSTRAINT and says_the_same(group, block, equations.layout, sequence):
+            if block.table in (None, sequence.steps):
+                undivided.append((with_rows(group, np.arange(1)), equal))
+                continue
+            at = steps_of(group, block, places, sequence, tables)
+            first = np.argsort(at, kind="stable")[:1]
+            limits.append(_by_step(with_rows(group, first), equal, at[first], steps))
         else:
             rows = _by_step(group, equal, steps_of(group, block, places, sequence, tables), steps)
             (limits if block.role is BlockRole.CONSTRAINT else seen).append(rows)
@@ -153,15 +159,16 @@ def of_no_step(group: Group, block: Block, places: Places, sequence: Sequence, t
     return not stepped and bool((places.step_of_number[group.index] == NOT_OF_A_STEP).all())
 
 
-def says_the_same(group: Group, block: Block, places: Places, sequence: Sequence) -> bool:
-    """Whether an equation says the same of what does not move at each step: it tells something once.
+def says_the_same(group: Group, block: Block, layout: Layout, sequence: Sequence) -> bool:
+    """Whether an equation says the same of what does not move in each row: it tells something once, by the first.
 
-    Its rows then differ neither in numbers of a table nor in the members of families that they pick.
+    Its rows then differ neither in numbers of a table nor in the members of families that they pick, however many
+    there are.
     """
     states = {state.name for state in sequence.states}
     same = not any(isinstance(each, ColumnInput) for each in group.kernel.parameters)
     same &= all(slot.member is None or slot.unknown in states for slot in group.kernel.variables)
-    still = bool(group.rows) and bool((places.step_of_number[group.index] == NOT_OF_A_STEP).all())
+    still = not any(moves(layout.entry(slot.unknown)) for slot in group.kernel.variables)
     return same and still and block.constraint is ConstraintKind.EQUAL
 
 

@@ -55,10 +55,10 @@ def places_of(equations: Assembled, steps: int, method: str) -> Places:
     """
     layout = equations.layout
     order = spread_entries(layout)
-    sizes = [(e, e.members, _rank(e) == MOVING) for e in order]
+    sizes = [(e, e.members, moves(e)) for e in order]
     numbers = np.hstack([_laid(e.offset, e.unknown.size, members, steps, moves) for e, members, moves in sizes])
     coordinates = np.hstack([_laid(e.first, e.unknown.freedom, members, steps, moves) for e, members, moves in sizes])
-    still = [entry for entry in order if _rank(entry) < MOVING]
+    still = [entry for entry in order if not moves(entry)]
     free_everywhere = np.zeros(len(layout.number), dtype=bool)
     free_everywhere[equations.free] = True
     free_everywhere |= _moves(layout)
@@ -117,6 +117,11 @@ def spread_entries(layout: Layout) -> list[Entry]:
 MOVING = 2
 
 
+def moves(entry: Entry) -> bool:
+    """Whether an unknown is a state that changes from step to step."""
+    return _rank(entry) == MOVING
+
+
 def _rank(entry: Entry) -> int:
     """0 for plain unknowns, 1 for static states, `MOVING` for the others."""
     if not entry.unknown.is_state:
@@ -134,7 +139,7 @@ def _laid(first: int, size: int, members: int, steps: int, moves: bool) -> Indic
 def _moves(layout: Layout) -> Mask:
     found = np.zeros(len(layout.number), dtype=bool)
     for entry in layout.entries:
-        if _rank(entry) == MOVING:
+        if moves(entry):
             found[entry.coordinates] = True
     return found
 

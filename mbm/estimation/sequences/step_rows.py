@@ -30,8 +30,11 @@ from mbm.symbolic.types import ColumnInput
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
-ALWAYS, FIRST, BEGINNING = "always", "first", "beginning"
-"""When a group has rows: at every step as its table has them, at the first step, at the first that is observed."""
+ALWAYS, ONCE, FIRST, BEGINNING = "always", "once", "first", "beginning"
+"""When a group has rows: at every step as its table has them, one at the first of these, those that it was compiled
+with at the first step, or at the first that is observed."""
+BY_TABLE = (ALWAYS, ONCE)
+"""When they come with the rows of a table."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,13 +92,13 @@ class StepRows:
         if lost is not None:
             raise MbmError(faults.other_equations(lost.span, lost.name))
         for number, group in enumerate(self.seen):
-            if self.when[number] == ALWAYS:
+            if self.when[number] in BY_TABLE:
                 own = groups[group.number]
                 places = self._begun.places
                 rows = self._native(own, places.number[own.index], places.coordinate[own.columns])
                 found[number] = rows
                 if number in self._plain and len(rows) and self._plain[number] is None:
-                    self._plain[number] = Plain(columns=_inputs(group.kernel), row=_first(rows))
+                    self._plain[number] = Plain(columns=_inputs(group.kernel), row=first_row(rows))
         return found
 
     def moved(self, tables: Mapping[str, Table]) -> tuple[dict[int, GroupRows], Floats]:
@@ -147,7 +150,7 @@ class StepRows:
         """A block that has rows of a kind for which there is no equation."""
         counts: dict[int, int] = {}
         for number, group in enumerate(self.seen):
-            if self.when[number] == ALWAYS:
+            if self.when[number] in BY_TABLE:
                 owner = group.kernel.owner
                 counts[owner] = counts.get(owner, 0) + groups[group.number].rows
         for owner, count in counts.items():
@@ -234,8 +237,10 @@ def _when(group: Group, block: Block, begun: Begun) -> str:
     tables, sequence, places = begun.tables, begun.sequence, begun.places
     if block.role is BlockRole.CONSTRAINT:
         whole = next(g for g in begun.equations.constraints if g.number == group.number)
-        if of_no_step(whole, block, places, sequence, tables) or says_the_same(whole, block, places, sequence):
+        if of_no_step(whole, block, places, sequence, tables):
             return BEGINNING
+        if says_the_same(whole, block, begun.equations.layout, sequence):
+            return BEGINNING if block.table in (None, sequence.steps) else ONCE
     stepped = block.table is not None and sequence.column in tables[block.table].columns
     return ALWAYS if stepped else FIRST
 
@@ -244,7 +249,8 @@ def _inputs(kernel: Kernel) -> tuple[tuple[int, str], ...]:
     return tuple((j, p.name) for j, p in enumerate(kernel.parameters) if isinstance(p, ColumnInput))
 
 
-def _first(rows: GroupRows) -> GroupRows:
+def first_row(rows: GroupRows) -> GroupRows:
+    """The first of some rows alone."""
     return GroupRows(
         parameters=rows.parameters[:1].copy(),
         weights=rows.weights[:1].copy(),

@@ -11,7 +11,7 @@ from mbm.equations.binding import EvaluationCache
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.sequences.room import GroupRows, room
 from mbm.estimation.sequences.run import Begun
-from mbm.estimation.sequences.step_rows import ALWAYS, BEGINNING, FIRST, StepRows
+from mbm.estimation.sequences.step_rows import ALWAYS, BEGINNING, FIRST, ONCE, StepRows, first_row
 from mbm.estimation.sequences.walk import Memory
 from mbm.files.memory import check_memory
 from mbm.kernels.types import KernelSet
@@ -88,6 +88,8 @@ class Stepper:
         self._spreads = np.zeros((held, size, size))
         self._filled = [False] * len(self._seen.parts)
         self._always = [(j, table) for j, table in enumerate(self.rows.tables) if self.rows.when[j] == ALWAYS]
+        self._once = {j: table for j, table in enumerate(self.rows.tables) if self.rows.when[j] == ONCE}
+        """What holds from the first row of a table on, until this is there."""
         self._placed: list[object] = [None] * held
         self._observed = False
         self._last: tuple[Mapping[str, float], tuple[Mapping[int, GroupRows], Floats]] | None = None
@@ -154,7 +156,11 @@ class Stepper:
         counts = [0] * len(self._seen.parts)
         if arrived.cells is None or not self._put_plainly(arrived.cells, k, counts):
             for number, rows in self.rows.bound(arrived.tables()).items():
-                counts[number] = self._put_rows(k, number, rows)
+                if self.rows.when[number] == ALWAYS:
+                    counts[number] = self._put_rows(k, number, rows)
+                elif number in self._once and len(rows):
+                    counts[number] = self._put_rows(k, number, first_row(rows))
+                    del self._once[number]
         if k == 0:
             for number, when in enumerate(self.rows.when):
                 if when == FIRST:
@@ -163,6 +169,8 @@ class Stepper:
 
     def _put_plainly(self, cells: Cells, k: int, counts: list[int]) -> bool:
         """Put the parameters of rows that differ by columns of numbers alone; False where some are to be bound."""
+        if any(len(cells[table][self._begun.sequence.column]) for table in self._once.values() if table in cells):
+            return False
         for number, table in self._always:
             own = cells.get(table)
             if own is None:

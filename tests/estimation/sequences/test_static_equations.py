@@ -116,3 +116,54 @@ def test_chi_square_of_a_thousand_runs(case):
     compiled = mbm.loads(TEXT.format(equation=case[0], sigma=case[1], method="ekf")).compile()
     tails = [compiled.solve(data=drawn(seed, case[1])).first.chi2_p for seed in range(1000)]
     assert kstest(tails, "uniform").pvalue > 1e-3
+
+
+LATER = """(problem p (data d external) (data c external)
+  (states :over t (a :init (first before a0) :sigma {sigma}) (b :init (first before b0) :sigma {sigma}))
+  (data before external)
+  (dynamics (static a) (static b))
+  (observe d (= y (+ a (* b x))) :sigma 0.1)
+  (constraints {equation})
+  (solve :method {method}))"""
+
+
+def later(form, equation, sigma, method="ekf"):
+    clause = equation.format(form=form)
+    return mbm.loads(LATER.format(equation=clause, sigma=sigma, method=method))
+
+
+@pytest.mark.parametrize(("form", "sigma"), [LINEAR, ROUND])
+@pytest.mark.parametrize("rows", [[3.0], [4.0, 3.0, 3.0]])
+def test_an_equation_over_rows_holds_from_the_first_of_them_on(form, sigma, rows):
+    """Before, a state is given the readings alone; after all, it is that of the equation known from the first on."""
+    data = drawn(3, sigma)
+    found = later(form, "(= {form} :over c)", sigma).solve(data={**data, "c": {"t": rows}})
+    without = later(form, "(<= a 1e9)", sigma).solve(data={**data, "c": {"t": rows}})
+    for name in "ab":
+        for of in ("value", "sigma"):
+            told, alone = (np.ravel(getattr(each[name], of)) for each in (found, without))
+            assert told[:3] == pytest.approx(alone[:3], rel=1e-9)
+    assert found.first.dof == 6
+    if form is LINEAR[0]:
+        a, deviation, cost = least_squares(data, sigma)
+        assert [found["a"].value[-1], found["a"].sigma[-1]] == pytest.approx([a, deviation], rel=1e-9)
+        assert found.cost == pytest.approx(cost, rel=1e-9)
+    else:
+        batch = later(form, "(= {form} :over c)", sigma, "batch").solve(data={**data, "c": {"t": rows}})
+        assert found["a"].sigma[-1] == pytest.approx(np.ravel(batch["a"].sigma)[-1], rel=0.1)  # as above
+
+
+@pytest.mark.parametrize("compiled", [[], [3.0], [0.0, 1.0, 4.0]])
+@pytest.mark.parametrize("given", [[], [3.0], [4.0, 3.0, 3.0]])
+def test_a_stream_takes_an_equation_with_the_first_row_that_comes(compiled, given):
+    """Whatever rows there were when the stream was made."""
+    data = drawn(3, 0.5)
+    problem = later(LINEAR[0], "(= {form} :over c)", 0.5)
+    stream = problem.compile(data={**data, "c": {"t": np.array(compiled)}}).stream()
+    whole = problem.solve(data={**data, "c": {"t": np.array(given)}})
+    for k, (t, x, y) in enumerate(zip(*data["d"].values(), strict=True)):
+        rows = {"c": {"t": np.full(given.count(t), t)}} if t in given else {}
+        now = stream.step({"d": {"t": t, "x": x, "y": y}, **rows})
+        for name in "ab":
+            assert now[name].value == pytest.approx(np.ravel(whole[name].value)[k], rel=1e-12)
+            assert now[name].sigma == pytest.approx(np.ravel(whole[name].sigma)[k], rel=1e-12)
