@@ -117,6 +117,7 @@ widths and sensitivities beside them are differences, which have no zero: 1 °C 
 | `:sigma 0.1degC`, `(= t (+ x 5degC))` | an error: `0.1degC` is 273.25 K. Write `0.1K`, `5K` |
 | `:init 20`, `(< t 100)`, `(- t 20)` beside degC | an error: a plain 20 would be 20 K. Write `20degC`, or `20K` |
 | `:unit degC` of a difference | an error: report it in K |
+| `(rms d t)` of temperatures | their root mean square in kelvin, reported in K; with `:unit degC` an error |
 | `:sigma (* 5% model)` of a temperature in degC | an error: 5 % counts from 0 K, which nobody means |
 | `4mV/degC`, `1/degF` | in a compound a temperature is a difference: 4 mV/K |
 | `(* 8.314J/mol/K 20degC)` | a product with the absolute temperature, 293.15 K |

@@ -255,9 +255,9 @@ def _derived(problem: Problem, target: Target) -> Iterator[Diagnostic]:
             "derive the form `:over` the table, and average outside",
         )
         yield faults.not_emitted(aggregate.span, what, "generated solvers derive from one row at a time", todo)
-    for span in problem.written_out:
+    for written in problem.written_out:
         why = "it is written out for the rows at hand, and a generated solver gets others"
-        yield faults.not_emitted(span, "an aggregate in a constraint", why, "leave it out")
+        yield faults.not_emitted(written.span, "an aggregate in a constraint", why, "leave it out")
     families = {u.family.rows for u in problem.unknowns if u.family is not None and u.family.column is not None}
     for derived in problem.derived:
         what = f"the derived quantity `{derived.name}`"

@@ -14,6 +14,7 @@ from mbm.equations.layout import Layout, free_positions
 from mbm.equations.types import Mask
 from mbm.kernels.types import KernelSet
 from mbm.problem.kinds import Relation
+from mbm.problem.rows import refuse_empty
 from mbm.problem.types import Problem
 from mbm.values import dataclass, replace
 
@@ -37,7 +38,7 @@ def blank(binder: Binder, kernels: KernelSet, *, corrected: bool = True) -> Asse
     ``corrected``: measured values with errors are, else they are taken as exact.
 
     Raises:
-        MbmError: weights that are none, keys that are no members.
+        MbmError: weights that are none, keys that are no members, an aggregate in a constraint over no rows.
 
     """
     last = binder.cache.last if isinstance(binder.cache.last, Last) else None
@@ -51,6 +52,7 @@ def blank(binder: Binder, kernels: KernelSet, *, corrected: bool = True) -> Asse
 
 def _assembled(binder: Binder, kernels: KernelSet, last: Assembled | None, *, corrected: bool) -> Assembled:
     """The equations anew; what they have in common with the ``last`` ones is taken from these."""
+    refuse_empty(binder.problem.written_out, binder.tables)
     groups, constraints = binder.equations(kernels), binder.constraints(kernels)
     places = binder.layout
     if last is not None and _alike(last, places, groups, constraints):

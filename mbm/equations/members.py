@@ -59,4 +59,6 @@ def member_cells(
         message = f"a key of `{member.table}.{member.column}` is wanted where there is no row"
         raise TypeError(message)
     keys = tables[member.table].keys(member.column)
+    if not keys:
+        raise MbmError(problem_faults.aggregate_of_nothing(None, member.table))
     return [keys[chosen_place(member.row, len(keys))]]

@@ -29,6 +29,15 @@ class Aggregate:
     span: Span
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrittenOut:
+    """An aggregate in a constraint, which is a formula over the rows of ``table``."""
+
+    kind: AggregateKind
+    table: str
+    span: Span
+
+
 def is_aggregate(name: str) -> bool:
     """Whether a component of this name is an aggregate, no unknown."""
     return name.endswith(")")

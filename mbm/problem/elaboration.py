@@ -16,6 +16,7 @@ from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, scalar, vector
 from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, StaticColumnNeeded, Value, describe
 from mbm.problem import faults
+from mbm.problem.aggregates import WrittenOut
 from mbm.problem.elaborated import Consulted, Grouping
 from mbm.problem.extent import Extent
 from mbm.problem.previous import column_before, has_before
@@ -66,7 +67,7 @@ class Workspace:
 
     ``formats`` has what a data clause may say of each format; ``routines`` gives the names of the registered closed
     forms, which may be asked for as methods; ``reads`` keeps account of the values that decided something, ``extent``
-    of what there is to compile; ``written_out`` is where constraints hold aggregates. ``uncertain`` are the names of
+    of what there is to compile; ``written_out`` are the aggregates in constraints. ``uncertain`` are the names of
     numbers of constants with a standard deviation. ``drawing``: distributions may be without a variance.
     """
 
@@ -77,7 +78,7 @@ class Workspace:
     routines: Routines = tuple
     diagnostics: list[Diagnostic] = field(default_factory=list)
     undeclared: set[str] = field(default_factory=set)
-    written_out: list[Span] = field(default_factory=list)
+    written_out: list[WrittenOut] = field(default_factory=list)
     uncertain: set[str] = field(default_factory=set)
     drawing: bool = False
     reads: Reads = field(default_factory=Reads)

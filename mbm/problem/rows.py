@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,8 @@ from mbm.expression.evaluate import Lookup, Values, evaluate
 from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, Sampling, leaves
 from mbm.expression.rows import RowChoice, chosen_place
 from mbm.problem import faults
+from mbm.problem.aggregates import WrittenOut
+from mbm.problem.kinds import AggregateKind
 from mbm.problem.previous import has_before, looks_back
 from mbm.problem.tables import ROW, CellKey, Numbers, Table
 from mbm.problem.times import places_around, time_nodes
@@ -122,20 +124,20 @@ def _member_cells(
 
 
 def chosen_number(leaf: Column, tables: Mapping[str, Table]) -> float:
-    """The number of a row that is chosen, or how many there are; NaN for the first or last where there are none.
-
-    Raises:
-        MbmError: there are none, and one of several is wanted.
-
-    """
+    """The number of a row that is chosen, NaN where there are none; or how many there are."""
     if leaf.row is RowChoice.COUNT:
         return float(len(tables[leaf.table]))
     numbers = column_numbers(tables[leaf.table], leaf.name)
-    if len(numbers) == 0 and isinstance(leaf.row, int):
-        raise MbmError(faults.aggregate_of_nothing(leaf.span, leaf.table))
     if len(numbers) == 0:
         return float("nan")
     return float(numbers[chosen_place(leaf.row, len(numbers))])
+
+
+def refuse_empty(written_out: Iterable[WrittenOut], tables: Mapping[str, Table]) -> None:
+    """Refuse aggregates in constraints over tables that have no rows in this solve; a count is 0 then."""
+    empty = [each for each in written_out if each.kind is not AggregateKind.COUNT and not len(tables[each.table])]
+    if empty:
+        raise MbmError(*(faults.aggregate_of_nothing(each.span, each.table) for each in empty))
 
 
 def row_values(values: RowValues, tables: Mapping[str, Table]) -> Numbers:

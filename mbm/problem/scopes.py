@@ -8,6 +8,7 @@ from dataclasses import field
 
 from mbm.expression.nodes import Column, ColumnMember, Member, Number, Sampling
 from mbm.expression.rows import Row, RowChoice
+from mbm.expression.units import parse_unit
 from mbm.language import faults
 from mbm.language.coerce import scalar
 from mbm.language.scope import LocalScope, opened
@@ -282,7 +283,7 @@ class RowScope:
     def _reference(self, column: TableColumn, span: Span) -> Value:
         if column.name in self.static:
             known = self.static[column.name]
-            return known if isinstance(known, str) else Number(_exact(known), None, span)
+            return known if isinstance(known, str) else _stated(known, column, span)
         if column.is_text and self._sampling is not None:
             raise MbmError(faults.wrong_kind(span, "a number", f"the text column `{column.name}`"))
         if column.is_text:
@@ -340,6 +341,14 @@ class MemberScope:
     def columns(self) -> tuple[str, tuple[str, ...]]:
         """Those of the member's table."""
         return self._table.name, tuple(self._table.columns)
+
+
+def _stated(cell: float, column: TableColumn, span: Span) -> Number:
+    """A cell whose value is known, with what the column says of its unit."""
+    unit = parse_unit(column.unit) if column.unit is not None else None
+    if unit is None:
+        return Number(_exact(cell), None, span)
+    return Number(_exact(cell), unit.dimension, span, absolute=unit.zero != 0)
 
 
 def _exact(value: CellKey) -> int | float:

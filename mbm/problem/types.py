@@ -14,7 +14,7 @@ from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import Expression
 from mbm.expression.projection import Projection
 from mbm.expression.units import Unit
-from mbm.problem.aggregates import Aggregate
+from mbm.problem.aggregates import Aggregate, WrittenOut
 from mbm.problem.grids import Grid
 from mbm.problem.kinds import ConsensusKind, ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
 from mbm.problem.laws import NORMAL_LAW, Law
@@ -368,7 +368,7 @@ class Request:
 class Problem:
     """A whole problem. ``dimensions`` holds what unit inference found for components of unknowns and derived values.
 
-    ``aggregates`` are those of derived quantities; ``written_out`` are the places of those in constraints. ``earlier``
+    ``aggregates`` are those of derived quantities; ``written_out`` are those in constraints. ``earlier``
     are the tables of which a row sees the one before.
     """
 
@@ -381,7 +381,7 @@ class Problem:
     blocks: tuple[Block, ...]
     derived: tuple[Derived, ...]
     aggregates: tuple[Aggregate, ...] = ()
-    written_out: tuple[Span, ...] = ()
+    written_out: tuple[WrittenOut, ...] = ()
     earlier: tuple[str, ...] = ()
     request: Request
     sequence: Sequence | None = None

@@ -47,7 +47,7 @@ class Check:
         self._aggregates = aggregates
 
     def _of_aggregate(self, aggregate: Aggregate) -> Weights:
-        """The weights of an aggregate: of its values, but for a root mean square, which no shift of the zero moves."""
+        """The weights of an aggregate: of its values. A root mean square is a size, of temperatures one in kelvin."""
         if aggregate.kind in (AggregateKind.COUNT, AggregateKind.RMS):
             return frozenset({DIFFERENCE})
         found: frozenset[float] = frozenset()

@@ -222,6 +222,63 @@ def test_a_part_without_rows_has_no_aggregate():
     assert "`e` has no rows" in solves[1].diagnostics[0].message
 
 
+@pytest.mark.parametrize("form", ["(mean e 3)", "(max e a)", "(rms e (+ a 1))"])
+def test_a_part_without_rows_has_no_aggregate_of_what_no_row_changes(form):
+    found = mbm.loads(COUNTED.format(form=form, key="(for-each g)")).solve(data=PARTLY)
+    assert [d.code.name for d in found.solves[1].diagnostics] == ["empty-aggregate"]
+
+
+COUNTED = """(problem p (data d external) (data e external) {key} (unknowns (a))
+  (observe d (= y (* a x)) :sigma 1) (constraints (= a (+ 1 {form}))) (solve :constraints exact))"""
+PARTLY = {
+    "d": {"g": [1, 1, 2, 2], "x": [1.0, 2.0, 3.0, 4.0], "y": [1.0, 2.0, 3.0, 4.0]},
+    "e": {"g": [1, 1], "u": [0.5, 2.0]},
+}
+
+
+@pytest.mark.parametrize(
+    ("form", "counts"),
+    [
+        ("(count e (> u 1))", [1, 0]),
+        ("(count e (not (> u 1)))", [1, 0]),
+        ("(count e)", [2, 0]),
+        ("(count e true)", [2, 0]),
+    ],
+)
+def test_there_are_none_in_a_part_without_rows(form, counts):
+    """As in a table without any, with the rows of the key alone."""
+    found = mbm.loads(COUNTED.format(form=form, key="(for-each g)")).solve(data=PARTLY).solves
+    assert [float(of(each, "a").value) for each in found] == pytest.approx([1 + n for n in counts], rel=1e-12)
+    none = {**PARTLY, "e": {"g": np.empty(0), "u": np.empty(0)}}
+    alone = mbm.loads(COUNTED.format(form=form, key="")).solve(data=none)
+    assert float(alone["a"].value) == pytest.approx(1, rel=1e-12)
+
+
+@pytest.mark.parametrize("key", ["", "(for-each g)"])
+@pytest.mark.parametrize(
+    ("constraint", "a"),
+    [("(= (mean d (- t a)) 1K)", 24), ("(= (mean d t) (+ a 1K))", 24), ("(= (- (max d t) a) (- 30degC 20degC))", 20)],
+)
+def test_a_constraint_takes_cells_in_degrees_as_what_they_are(key, constraint, a):
+    """The mean of 20 and 30 °C is 25 °C."""
+    found = mbm.loads(f"""(problem p (data d (table (t g) (20degC 1) (30degC 1))) {key}
+      (unknowns (a :init 20degC :unit degC)) (observe d (= t a) :sigma 1K)
+      (constraints {constraint}) (solve :constraints exact))""").solve()
+    assert float(of(found.first, "a").value) == pytest.approx(a, rel=1e-9)
+    assert of(found.first, "a").unit == "degC"
+
+
+@pytest.mark.parametrize("dividing", ["(for-each g)", "(window g :length 1 :step 1)"])
+def test_a_form_that_wants_texts_of_divided_rows_is_told_why(faults, dividing):
+    (fault,) = faults(f"""(problem p (data d (table (g k y) (1 "x" 1) (1 "y" 2) (2 "x" 3))) {dividing}
+      (unknowns (a) (b)) (observe d (= y (+ a b)) :sigma 1)
+      (constraints (= (mean d (if (= k "x") a b)) 1)) (solve :constraints exact))""")
+    assert fault.code.name == "not-static"
+    assert "`k`" in fault.message
+    assert "`for-each`" in fault.message
+    assert "unknown" not in fault.message
+
+
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 13, 32, 37])
 def test_the_exchanges_sort(count):
     values = list(np.random.default_rng(count).integers(0, 9, size=count))

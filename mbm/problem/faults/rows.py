@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.language import faults as language_faults
 from mbm.text.types import Code, Diagnostic, Span
 
 AGGREGATE_MISPLACED = Code(
@@ -31,6 +32,16 @@ def aggregate_of_nothing(span: Span | None, table: str) -> Diagnostic:
     return Diagnostic(
         code=EMPTY_AGGREGATE, message=f"`{table}` has no rows here, so that its aggregate in a constraint has no value",
         place=span, hint=EMPTY_AGGREGATE.mend,
+    )  # fmt: skip
+
+
+def cell_of_divided_rows(span: Span, column: str, table: str) -> Diagnostic:
+    """A cell that decides what the formula of an aggregate is, where each solve has rows of its own."""
+    return Diagnostic(
+        code=language_faults.NOT_STATIC, place=span,
+        message=f"the value of column `{column}` is needed here to compile, but `for-each` or `window` divides "
+        f"`{table}`, and one formula is for the rows of every solve",
+        hint="say it by a column of numbers: `(* is-x a)` with 1 and 0, `(if (= kind 1) a b)`",
     )  # fmt: skip
 
 

@@ -62,7 +62,8 @@ def reported_difference(place: Span | None, name: str, unit: str) -> Diagnostic:
     """A derived difference of temperatures that is to be reported in degC."""
     return Diagnostic(
         code=TEMPERATURE_AND_DIFFERENCE, place=place,
-        message=f"`{name}` is a difference or a multiple of temperatures, and {unit} counts from a zero of its own",
+        message=f"`{name}` is a difference, a multiple or a root mean square of temperatures, and {unit} counts from a "
+        "zero of its own",
         hint="report it in K: `:unit K`",
     )  # fmt: skip
 

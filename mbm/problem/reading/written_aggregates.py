@@ -7,6 +7,7 @@ each row by its place and knows how many there are. Rows behind the last are tho
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial, reduce
 from types import MappingProxyType
 
@@ -17,8 +18,9 @@ from mbm.expression.algebra import number
 from mbm.expression.nodes import Apply, Column, Expression, LiteralMember, Number, Operation, leaves
 from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
-from mbm.language.values import Scope, Value
+from mbm.language.values import Scope, StaticColumnNeeded, Value
 from mbm.problem import faults
+from mbm.problem.aggregates import WrittenOut
 from mbm.problem.elaboration import Workspace
 from mbm.problem.kinds import AggregateKind
 from mbm.problem.reading.aggregates import Asked, Elements, asked_for, assembled, elements_of, usage
@@ -43,9 +45,9 @@ class _Rows:
         """How many rows count."""
         return number(len(self.values)) if self.rows is None else self.rows
 
-    def otherwise(self, other: Expression) -> tuple[Expression, ...]:
-        """The values, and ``other`` in place of those that do not count."""
-        return tuple(value if i == 0 else self._if_counting(i, value, other) for i, value in enumerate(self.values))
+    def otherwise(self, other: Expression, sure: int = 1) -> tuple[Expression, ...]:
+        """The values, and ``other`` in place of those that do not count; the first so many are ``sure`` to."""
+        return tuple(value if i < sure else self._if_counting(i, value, other) for i, value in enumerate(self.values))
 
     def _if_counting(self, place: int, value: Expression, other: Expression) -> Expression:
         if self.rows is None:
@@ -76,8 +78,11 @@ class Writer:
         if count > most:
             raise MbmError(faults.too_many_operations(form.span, most))
         work.reads.everything = True  # the cells decide what the formula is
-        work.written_out.append(form.span)
-        rows = [self._in_row(asked, i, scope, divided=divided) for i in range(count)]
+        work.written_out.append(WrittenOut(kind=kind, table=table.name, span=form.span))
+        try:
+            rows = [self._in_row(asked, i, scope, divided=divided) for i in range(count)]
+        except StaticColumnNeeded as need:
+            raise MbmError(faults.cell_of_divided_rows(need.span, need.column.name, table.name)) from None
         shape = rows[0][0] if rows else None
         if any(isinstance(leaf, Column) and leaf.row is RowChoice.EACH for _, each in rows for leaf in leaves(each)):
             message = "`previous` cannot stand in an aggregate that a constraint writes out"
@@ -119,6 +124,11 @@ class Writer:
 
 def _sum(rows: _Rows) -> Expression:
     return algebra.total(rows.otherwise(number(0)), rows.span) if rows.values else Number(0, None, rows.span)
+
+
+def _count(rows: _Rows) -> Expression:
+    """How many of the values, each 1 or 0, are 1; there may be no row at all."""
+    return _sum(replace(rows, values=rows.otherwise(number(0), sure=0)))
 
 
 def _mean(rows: _Rows) -> Expression:
@@ -183,7 +193,7 @@ _FORMULAS: Mapping[AggregateKind, Callable[[_Rows], Expression]] = MappingProxyT
         AggregateKind.RMS: _rms,
         AggregateKind.MINIMUM: _extreme(Operation.MINIMUM),
         AggregateKind.MAXIMUM: _extreme(Operation.MAXIMUM),
-        AggregateKind.COUNT: _sum,
+        AggregateKind.COUNT: _count,
     }
 )
 """All other aggregates."""
