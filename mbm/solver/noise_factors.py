@@ -29,6 +29,21 @@ BETWEEN = 5
 NOTHING_LEFT = 0.5
 """Share of the least redundancy that is left of a group that is nothing."""
 
+AT_LIMIT = 1e-6
+"""Relative difference of squares and redundancy where a group is nothing that may be none: beyond rounding."""
+
+BESIDE_ROUNDS = 20
+"""Rounds for the other groups while one is tried as nothing: enough for the sign of a slope."""
+
+SHRINKINGS = 3
+"""Times that a group which is fitted exactly is made smaller; rows that check one another do so all the same."""
+
+FAR_APART = 100.0
+"""Times that the noise a group starts with may be off, by what its rows and others say of the same unknowns."""
+
+LONGEST_LEAP = 10.0
+"""By how much the end of a sequence of factors may differ from where it is."""
+
 VANISHED = 1e-12
 """A factor that falls below this share of its first value belongs to a group that is fitted exactly."""
 
@@ -53,13 +68,42 @@ def noise_ratio(squares: Real, redundancy: Real) -> Real:
     return 1.0
 
 
-def fading(squares: Real, redundancy: Real, count: Real) -> Real:
-    """By what the factor of a group of ``count`` residuals is multiplied to see whether it is nothing; 1: it is not.
+def nothing_left(redundancy: Real) -> Real:
+    """By what a factor is multiplied to leave nothing of its group: faint redundancy falls with its square."""
+    return min(1.0, sqrt(NOTHING_LEFT * LEAST_REDUNDANCY / max(redundancy, NOTHING_LEFT * LEAST_REDUNDANCY)))
 
-    The restricted likelihood has a maximum at 0 where the squares are less than the redundancy there.
-    """
+
+def fading(squares: Real, redundancy: Real, count: Real) -> Real:
+    """By what the factor of a group of ``count`` residuals is multiplied to see whether it is nothing; 1: it is not."""
     if redundancy > LEAST_REDUNDANCY and squares < redundancy and redundancy < FAINT * count:
-        return sqrt(NOTHING_LEFT * LEAST_REDUNDANCY / redundancy)
+        return nothing_left(redundancy)
+    return 1.0
+
+
+def is_nothing(squares: Real, redundancy: Real) -> Integer:
+    """Whether the restricted likelihood has a maximum at 0, where a group is nothing: its slope there falls."""
+    return 1 if squares <= redundancy * (1.0 + AT_LIMIT) else 0
+
+
+def starting(least: Real, most: Real, redundancy: Real, count: Real) -> Real:
+    """The factor with which a group starts: 1, unless that is far from the noise of the others.
+
+    ``least`` to ``most`` times as much as other rows its rows tell of the unknowns of both (sums of squares of
+    derivatives); ``most`` 0: there are none. ``redundancy``: that of its ``count`` residuals with 1.
+    """
+    if most > 0.0 and least > FAR_APART * FAR_APART and redundancy < FAINT * count:
+        return sqrt(least)
+    if most > 0.0 and most < 1.0 / (FAR_APART * FAR_APART):
+        return sqrt(most)
+    return 1.0
+
+
+def leap(before: Real, ratio: Real) -> Real:
+    """From a factor to the end of its sequence, by its last two ratios (Aitken 1926); 1 where they do not settle."""
+    first = before - 1.0
+    second = ratio - 1.0
+    if first * second > 0.0 and fabs(second) < fabs(first):
+        return min(max(1.0 + second * second / (first - second), 1.0 / LONGEST_LEAP), LONGEST_LEAP)
     return 1.0
 
 

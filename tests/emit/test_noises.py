@@ -19,10 +19,14 @@ LABORATORIES = """(data d (table (run lab x u) {rows}))
   (derive (own (+ m (e 1))) (apart (- (e 1) (e 2))) (twice (* 2 m)))"""
 ALIKE = "(1 1 10.01 0.1) (1 2 10.12 0.1) (1 3 9.99 0.1) (1 4 10.0 0.1)"
 DIFFERENT = "(2 1 10.01 0.1) (2 2 10.92 0.1) (2 3 9.39 0.1) (2 4 10.0 0.1)"
+EQUAL = "(1 1 10 0.1) (1 2 10 0.1) (1 3 10 0.1) (1 4 10 0.1)"
+LARGE = "(2 1 1.001e10 1e8) (2 2 1.092e10 1e8) (2 3 9.39e9 1e8) (2 4 1e10 1e8)"
 LINE = "(data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1) (5 10.7)))"
 TEXTS = {
     "nothing": LABORATORIES.format(rows=ALIKE, more=""),
     "some": LABORATORIES.format(rows=DIFFERENT, more=""),
+    "equal": LABORATORIES.format(rows=EQUAL, more=""),
+    "large": LABORATORIES.format(rows=LARGE, more=""),
     "each": LABORATORIES.format(rows=f"{ALIKE} {DIFFERENT}", more="") + " (for-each run)",
     "lossy": LABORATORIES.format(rows=ALIKE, more=")(observe m (= 10.2 m) :sigma 0.2 :loss (huber 0.5)"),
     "held": LABORATORIES.format(rows=ALIKE, more="") + " (constraints (= m 10.03))",
@@ -42,6 +46,8 @@ TEXTS = {
 MISSING = {
     "nothing": {"e", "apart"},
     "some": set(),
+    "equal": {"e", "apart"},
+    "large": set(),
     "lossy": {"e", "apart"},
     "held": {"e", "apart", "own"},
     "bounded": {"e", "apart"},

@@ -12,7 +12,7 @@ from mbm.emit.c.sizes import outputs_capacity, spare_size
 from mbm.emit.c.text import remark
 from mbm.emit.foreign import Foreign, told
 from mbm.emit.reading import every_value
-from mbm.emit.routines.noises import ASSUMPTIONS
+from mbm.emit.routines.untold import ASSUMPTIONS
 from mbm.emit.system import StaticSystem, kinds_of_units, weights_width
 from mbm.emit.types import BlockShape, Blueprint, Choice, ColumnValue, InputValue
 from mbm.problem.types import BlockRole

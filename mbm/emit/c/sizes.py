@@ -28,7 +28,8 @@ def spare_size(blueprint: Blueprint, static: StaticSystem) -> str:
     """Reals of scratch besides the solver's, as C text with ``n``."""
     plain, lines = row_scratch(blueprint)
     matrices = f"4 * n * n + {SUMS} + n + " if lossy(blueprint) else ""
-    return f"{matrices}{FOUND + plain} + {lines} * n"
+    vectors = 2 if static.told else 0
+    return f"{matrices}{FOUND + plain} + {lines + vectors} * n"
 
 
 def outputs_capacity(blueprint: Blueprint, static: StaticSystem) -> int:

@@ -11,7 +11,8 @@ from mbm.emit.c.header import STATUSES
 from mbm.emit.c.ranges import range_beginning, range_solve
 from mbm.emit.c.sizes import lossy
 from mbm.emit.c.text import status_text
-from mbm.emit.routines.noises import ASSUMPTIONS, SCATTER, SQUARES, TOLD
+from mbm.emit.routines.noises import SCATTER, SQUARES, TOLD
+from mbm.emit.routines.untold import ASSUMPTIONS
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import BlockCase, Blueprint
 from mbm.solver import description as at

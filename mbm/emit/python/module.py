@@ -15,7 +15,8 @@ from mbm.emit.python.rows import clause_functions, finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
 from mbm.emit.python.text import WIDTH, docstring, literal, optional, remark
 from mbm.emit.routines.modules import called_in_python, emitted_module
-from mbm.emit.routines.noises import ASSUMPTIONS, SCATTER, SQUARES, TOLD
+from mbm.emit.routines.noises import SCATTER, SQUARES, TOLD
+from mbm.emit.routines.untold import ASSUMPTIONS
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
 from mbm.machine.program import Operator

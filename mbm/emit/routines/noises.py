@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from math import fabs, inf, isfinite, sqrt
+from math import fabs, inf, isfinite
 
-from mbm.emit.routines.agreement import covariance_anew
 from mbm.emit.routines.rows import evaluate_row, residuals_of_row, row_scratch, takes_part
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
 from mbm.solver.batch import solve_alone
 from mbm.solver.description import NOT_FINITE_AT_START, REASON, Problem
 from mbm.solver.linear_algebra import copied, dot, filled
 from mbm.solver.noise_factors import (
+    BESIDE_ROUNDS,
     BETWEEN,
     LEAST_REDUNDANCY,
     NOISE_ROUNDS,
-    OWN,
-    SAME_COVARIANCES,
     SETTLED_FACTORS,
-    TRIED,
+    SHRINKINGS,
     VANISHED,
-    changed,
     fading,
+    is_nothing,
+    leap,
     noise_ratio,
+    nothing_left,
+    starting,
 )
 from mbm.solver.workspace import Rows, Work
 
@@ -43,11 +44,16 @@ UNTOLD = 7
 """… and has none now."""
 EXACT = 8
 """1: it is fitted exactly."""
-TOLD = 9
+BEFORE = 9
+"""The change before the last."""
+KEPT = 10
+"""Its factor while another is tried."""
+STARTED = 11
+"""1: the factor that it starts with is found."""
+TRIED_AS_NOTHING = 12
+"""1: it is fitted exactly, and was tried as nothing."""
+TOLD = 13
 """Numbers that are known of a group: what its residuals say, and these."""
-
-ASSUMPTIONS = 2
-"""About noise: what was never checked is larger, what is estimated as nothing is."""
 
 
 def rescale(problem: Problem, rows: Rows, group: Integer, ratio: Real) -> None:
@@ -124,6 +130,75 @@ def tell_groups(problem: Problem, work: Work, kappa: ConstantReals, told: Reals,
     return sound
 
 
+def add_column_squares(
+    problem: Problem, rows: Rows, point: ConstantReals, group: Integer, scale: Real, total: Reals, scratch: Reals
+) -> None:
+    """Add to ``total`` (n,) the sums of the squares of a group's derivatives (-1: of all that has none), scaled."""
+    n = problem.n
+    line = scratch[row_scratch(problem) :]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
+        if block.noise == group:
+            for row in range(rows.data.blocks[b].rows):
+                evaluate_row(problem, rows, point, b, row, scratch, line, line[block.outputs :])
+                for u in range(block.unit_count):
+                    unit = block.units[u]
+                    if takes_part(problem, rows, b, row, unit) == 1:
+                        for i in range(unit.first, unit.last):
+                            slopes = line[block.outputs + i * n :]
+                            for j in range(n):
+                                total[j] += scale * slopes[j] * slopes[j]
+
+
+def start_of(
+    problem: Problem, rows: Rows, point: ConstantReals, group: Integer, told: ConstantReals, spare: Reals
+) -> Real:  # fmt: skip
+    """The factor with which a group starts (`starting`) beside what is known, ``spare`` (n,); 0: they share nothing."""
+    n = problem.n
+    own = spare[n:]
+    filled(n, 0.0, own)
+    add_column_squares(problem, rows, point, group, 1.0, own, spare[2 * n :])
+    least = inf
+    most = 0.0
+    for j in range(n):
+        if own[j] > 0.0 and spare[j] > 0.0:
+            least = min(least, own[j] / spare[j])
+            most = max(most, own[j] / spare[j])
+    found = 0.0
+    if most > 0.0:
+        found = starting(least, most, told[REDUNDANCY], told[COUNT])
+    return found
+
+
+def start_factors(problem: Problem, work: Work, factors: Reals, told: Reals, spare: Reals) -> None:
+    """The factors with which the groups start: groups whose unknowns rows of known noise share come first."""
+    rows = work.rows
+    point = work.answer.numbers
+    n = problem.n
+    filled(n, 0.0, spare)
+    add_column_squares(problem, rows, point, -1, 1.0, spare, spare[2 * n :])
+    for _ in range(problem.noises):
+        chosen = -1
+        factor = 0.0
+        for g in range(problem.noises):
+            if told[g * TOLD + STARTED] == 0.0 and factor == 0.0:
+                factor = start_of(problem, rows, point, g, told[g * TOLD :], spare)
+                if factor != 0.0 or chosen < 0:
+                    chosen = g
+        if factor == 0.0:
+            factor = 1.0
+        told[chosen * TOLD + STARTED] = 1.0
+        factors[chosen] = factor
+        add_column_squares(problem, rows, point, chosen, 1.0 / (factor * factor), spare, spare[2 * n :])
+    moved = 0
+    for g in range(problem.noises):
+        if factors[g] != 1.0:
+            moved = 1
+            rescale(problem, rows, g, factors[g])
+    if moved == 1:
+        solve_alone(problem, rows.data, point, work)
+
+
 def advance(groups: Integer, number: Integer, factors: Reals, told: Reals) -> Integer:
     """The factors after round ``number``; 1: they are settled."""
     settled = 1
@@ -134,6 +209,8 @@ def advance(groups: Integer, number: Integer, factors: Reals, told: Reals) -> In
         if number == 0:
             own[FIRST] = factors[g] * ratio
             own[CHECKED] = 1.0 - own[UNTOLD]
+            if own[UNTOLD] == 1.0:
+                ratio = 1.0 / factors[g]
         if (own[UNTOLD] == 0.0 and own[SCATTER] == 0.0) or factors[g] * ratio < VANISHED * own[FIRST]:
             own[EXACT] = 1.0
         if own[EXACT] == 1.0:
@@ -141,33 +218,118 @@ def advance(groups: Integer, number: Integer, factors: Reals, told: Reals) -> In
         if fabs(ratio - 1.0) > SETTLED_FACTORS:
             settled = 0
         own[RATIO] = ratio
-        factors[g] = factors[g] * ratio
+        if number % BETWEEN == BETWEEN - 1:
+            own[RATIO] = ratio * leap(own[BEFORE], ratio)
+        own[BEFORE] = ratio
+        factors[g] = factors[g] * own[RATIO]
     return settled
+
+
+def changed_factor(problem: Problem, work: Work, factors: Reals, group: Integer, ratio: Real) -> None:
+    """Multiply the factor of a group."""
+    factors[group] = factors[group] * ratio
+    rescale(problem, work.rows, group, ratio)
+
+
+def settle_beside(
+    problem: Problem, work: Work, kappa: ConstantReals, group: Integer, factors: Reals, told: Reals, spare: Reals
+) -> Integer:  # fmt: skip
+    """Rounds for all other groups with the factor of one as it is; 0: residuals are no finite numbers."""
+    sound = 1
+    number = 0
+    going = 1
+    while going == 1 and number < BESIDE_ROUNDS:
+        solve_alone(problem, work.rows.data, work.answer.numbers, work)
+        sound = tell_groups(problem, work, kappa, told, spare)
+        going = 0
+        number += 1
+        for g in range(problem.noises if sound == 1 else 0):
+            own = told[g * TOLD :]
+            if g != group and own[EXACT] == 0.0:
+                ratio = noise_ratio(own[SCATTER], own[REDUNDANCY])
+                if fabs(ratio - 1.0) > SETTLED_FACTORS:
+                    going = 1
+                changed_factor(problem, work, factors, g, ratio)
+    return sound
+
+
+def put_back(problem: Problem, work: Work, factors: Reals, told: ConstantReals) -> None:
+    """The factors that were `KEPT`."""
+    for g in range(problem.noises):
+        rescale(problem, work.rows, g, told[g * TOLD + KEPT] / factors[g])
+        factors[g] = told[g * TOLD + KEPT]
 
 
 def fade(
     problem: Problem, work: Work, kappa: ConstantReals, factors: Reals, told: Reals, spare: Reals
 ) -> None:  # fmt: skip
     """Let factors vanish that fall, and do where nothing is left (`fading`); ends with a solve if one was tried."""
-    rows = work.rows
     groups = problem.noises
     for g in range(groups):
-        told[g * TOLD + RATIO] = 1.0
-        if told[g * TOLD + CHECKED] == 1.0:
-            told[g * TOLD + RATIO] = fading(
-                told[g * TOLD + SCATTER], told[g * TOLD + REDUNDANCY], told[g * TOLD + COUNT]
-            )
+        own = told[g * TOLD :]
+        own[RATIO] = 1.0
+        if own[CHECKED] == 1.0:
+            own[RATIO] = fading(own[SCATTER], own[REDUNDANCY], own[COUNT])
     for g in range(groups):
         ratio = told[g * TOLD + RATIO]
         if ratio != 1.0:
-            rescale(problem, rows, g, ratio)
-            solve_alone(problem, rows.data, work.answer.numbers, work)
-            sound = tell_groups(problem, work, kappa, told, spare)
-            if sound == 1 and told[g * TOLD + SCATTER] < told[g * TOLD + REDUNDANCY]:
-                factors[g] = factors[g] * ratio
+            for k in range(groups):
+                told[k * TOLD + KEPT] = factors[k]
+            changed_factor(problem, work, factors, g, ratio)
+            sound = settle_beside(problem, work, kappa, g, factors, told, spare)
+            if sound == 1 and is_nothing(told[g * TOLD + SCATTER], told[g * TOLD + REDUNDANCY]) == 1:
+                changed_factor(problem, work, factors, g, nothing_left(told[g * TOLD + REDUNDANCY]))
             else:
-                rescale(problem, rows, g, 1.0 / ratio)
-                solve_alone(problem, rows.data, work.answer.numbers, work)
+                put_back(problem, work, factors, told)
+            solve_alone(problem, work.rows.data, work.answer.numbers, work)
+
+
+def is_beside_noise(problem: Problem, told: ConstantReals) -> Integer:
+    """Whether some noise is stated, or told by residuals."""
+    found = 0
+    for b in range(problem.residual_blocks):
+        if problem.blocks[b].noise < 0:
+            found = 1
+    for g in range(problem.noises):
+        if told[g * TOLD + EXACT] == 0.0 and told[g * TOLD + UNTOLD] == 0.0:
+            found = 1
+    return found
+
+
+def forgo(
+    problem: Problem, work: Work, kappa: ConstantReals, factors: Reals, told: Reals, spare: Reals
+) -> Integer:  # fmt: skip
+    """Whether a group that is fitted exactly is nothing beside noise that is told; once for each."""
+    groups = problem.noises
+    done = 0
+    beside = is_beside_noise(problem, told)
+    for g in range(groups):
+        own = told[g * TOLD :]
+        if beside == 1 and done == 0 and own[EXACT] == 1.0 and own[TRIED_AS_NOTHING] == 0.0:
+            own[TRIED_AS_NOTHING] = 1.0
+            for k in range(groups):
+                told[k * TOLD + KEPT] = factors[k]
+            number = 0
+            while number < SHRINKINGS:
+                left = own[REDUNDANCY]
+                changed_factor(problem, work, factors, g, nothing_left(left))
+                solve_alone(problem, work.rows.data, work.answer.numbers, work)
+                sound = tell_groups(problem, work, kappa, told, spare)
+                number += 1
+                if sound == 0 or own[REDUNDANCY] > 0.5 * left:
+                    number = SHRINKINGS
+                elif own[REDUNDANCY] <= LEAST_REDUNDANCY:
+                    number = SHRINKINGS
+                    done = 1
+            for k in range(groups):
+                if told[k * TOLD + UNTOLD] == 1.0 and told[k * TOLD + REDUNDANCY] > LEAST_REDUNDANCY:
+                    done = 0
+            if done == 1:
+                own[EXACT] = 0.0
+            else:
+                put_back(problem, work, factors, told)
+                solve_alone(problem, work.rows.data, work.answer.numbers, work)
+    return done
 
 
 def settle_noises(
@@ -175,83 +337,31 @@ def settle_noises(
 ) -> None:  # fmt: skip
     """The solve that has ended, again and again with the noise that its residuals show, until that settles.
 
-    ``factors`` (groups,) become the factors, ``told`` (groups, `TOLD`) what is known of them; ``spare``: `FOUND`, what
-    `evaluate_row` and a row of it want.
+    ``factors`` (groups,) become the factors, ``told`` (groups, `TOLD`) what is known of them; ``spare``: `FOUND` or two
+    vectors (n,), what `evaluate_row` and a row of it want.
     """
     rows = work.rows
     groups = problem.noises
     filled(groups, 1.0, factors)
     filled(groups * TOLD, 0.0, told)
     going = 1 if groups > 0 else 0
+    if going == 1:
+        going = tell_groups(problem, work, kappa, told, spare)
+    if going == 1:
+        start_factors(problem, work, factors, told, spare)
     number = 0
     while going == 1 and number < NOISE_ROUNDS:
         going = tell_groups(problem, work, kappa, told, spare)
         if going == 1:
-            if advance(groups, number, factors, told) == 1:
-                going = 0
+            settled = advance(groups, number, factors, told)
             for g in range(groups):
                 rescale(problem, rows, g, told[g * TOLD + RATIO])
             solve_alone(problem, rows.data, work.answer.numbers, work)
             number += 1
-            if going == 1 and number % BETWEEN == 0:
+            if settled == 1:
+                going = forgo(problem, work, kappa, factors, told, spare)
+            elif number % BETWEEN == 0:
                 fade(problem, work, kappa, factors, told, spare)
-
-
-def assumed(told: ConstantReals, unchecked: Integer) -> Integer:
-    """Whether nothing tells the noise of a group, which was never checked (``unchecked`` 1), or is nothing (0)."""
-    found = 0
-    if told[UNTOLD] == 1.0 and told[EXACT] == 0.0 and told[CHECKED] == 1.0 - float(unchecked):
-        found = 1
-    return found
-
-
-def set_assumptions(problem: Problem, work: Work, told: ConstantReals, apart: Reals, covariances: Reals) -> None:
-    """``covariances`` (1 + `ASSUMPTIONS`, n, n): that at the end of a solve, and those under each assumption.
-
-    What differs by more than ``apart`` (`ASSUMPTIONS`,) is not known; 0: the assumption is not made.
-    """
-    n = problem.n
-    rows = work.rows
-    made = 0
-    for which in range(ASSUMPTIONS):
-        unchecked = 1 if which == 0 else 0
-        apart[which] = 0.0
-        for g in range(problem.noises):
-            if assumed(told[g * TOLD :], unchecked) == 1:
-                apart[which] = SAME_COVARIANCES if unchecked == 1 else OWN
-                rescale(problem, rows, g, TRIED)
-        if apart[which] != 0.0:
-            made = 1
-            covariance_anew(problem, work, covariances[(1 + which) * n * n :])
-        for g in range(problem.noises):
-            if assumed(told[g * TOLD :], unchecked) == 1:
-                rescale(problem, rows, g, 1.0 / TRIED)
-    if made == 1:
-        covariance_anew(problem, work, work.answer.covariance)
-        copied(n * n, work.answer.covariance, covariances)
-
-
-def is_untold(n: Integer, apart: ConstantReals, covariances: ConstantReals, gradient: ConstantReals) -> Integer:
-    """1 where a quantity with the ``gradient`` (n,) depends on noise that nothing tells, by `set_assumptions`."""
-    found = 0
-    for which in range(ASSUMPTIONS):
-        if apart[which] != 0.0:
-            given = quadratic_form(n, covariances, gradient)
-            other = quadratic_form(n, covariances[(1 + which) * n * n :], gradient)
-            if changed(given, other, apart[which], given) == 1:
-                found = 1
-    return found
-
-
-def mask_untold(n: Integer, apart: ConstantReals, covariances: ConstantReals, covariance: Reals) -> None:
-    """NaN for the elements of a covariance (n, n) that depend on noise that nothing tells."""
-    for which in range(ASSUMPTIONS):
-        other = covariances[(1 + which) * n * n :]
-        for i in range(n if apart[which] != 0.0 else 0):
-            for j in range(n):
-                size = sqrt(covariances[i * n + i] * covariances[j * n + j])
-                if changed(covariances[i * n + j], other[i * n + j], apart[which], size) == 1:
-                    covariance[i * n + j] = inf - inf
 
 
 def spread_of_group(

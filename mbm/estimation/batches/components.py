@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.formulas import of_arrays
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.descent import native_sets, plain_ends, weighted
 from mbm.estimation.batches.factor import factors
@@ -20,9 +21,9 @@ from mbm.estimation.settings import Settings
 from mbm.estimation.solve.weighing import REWEIGHTED_SEARCHES
 from mbm.estimation.starts.closed_forms.completion import plans
 from mbm.estimation.starts.closed_forms.situation import Situation
-from mbm.estimation.uncertainty.variance import Helmert
+from mbm.estimation.uncertainty.variance import Helmert, starting_factors
 from mbm.problem.types import BlockRole, Problem
-from mbm.solver.noise_factors import NOISE_ROUNDS
+from mbm.solver.noise_factors import NOISE_ROUNDS, starting
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ class Rounds:
         self._unknown = unknown
         self._places = begin.places
         self._factors = begin.factors.copy()
-        self._noise = Helmert(len(begin.places), len(unknown))
+        self._noise = Helmert(np.ones((len(begin.places), len(unknown))))
         self._kept = begin.kept
         self._rows = [stack.lines(number, begin.places)[0] for number in range(len(stack.equations.groups))]
         self.ends = self._minima(np.arange(len(begin.places)), begin.points)
@@ -119,6 +120,8 @@ class Rounds:
     def done(self) -> Ends:
         """The minima with factors that are settled."""
         active = np.flatnonzero(~self.lost & bool(len(self._unknown)))
+        self._start(active)
+        active = active[~self.lost[active]]
         for number in range(NOISE_ROUNDS):
             if not len(active) or self._settings.stopped():
                 break
@@ -166,8 +169,33 @@ class Rounds:
         """What is kept in some solves."""
         return None if self._kept is None else self._kept.of(self._rows, which)
 
-    def _told(self, which: Indices) -> tuple[Floats, Floats]:
-        """Sums of squares and redundancy (K, unknown) of the groups of unknown noise."""
+    def _start(self, which: Indices) -> None:
+        """With the factors that are near the noise of others, where those of 1 are far from it."""
+        if not len(which):
+            return
+        portion, _, slopes, redundancy = self._linearised(which)
+        mine = self._in_groups(portion)
+        squares = np.square(slopes)
+        stated = np.asarray(~mine.any(axis=0))
+        known = np.where(stated[:, :, None], squares, 0.0).sum(axis=1)
+        far = np.zeros(len(which), dtype=bool)
+        for rows in mine:
+            own = np.where(rows[:, :, None], squares, 0.0).sum(axis=1)
+            both = (own > 0.0) & (known > 0.0)
+            others = np.where(both.any(axis=1, keepdims=True), known, squares.sum(axis=1) - own)
+            ratio = np.where((own > 0.0) & (others > 0.0), own / others, np.nan)
+            least, most = np.fmin.reduce(ratio, axis=1, initial=np.inf), np.fmax.reduce(ratio, axis=1, initial=0.0)
+            left = np.where(rows, redundancy, 0.0).sum(axis=1)
+            far |= of_arrays(starting)(least, most, left, rows.sum(axis=1).astype(float)) != 1.0
+        for k in np.flatnonzero(far).tolist():
+            groups = [np.flatnonzero(rows[k]) for rows in mine]
+            self._noise.factors[which[k]] = starting_factors(slopes[k], redundancy[k], groups)
+        moved = which[(self._noise.factors[which] != 1.0).any(axis=1)]
+        self._factors[np.ix_(moved, self._unknown)] = self._noise.factors[moved]
+        self._minimise(moved)
+
+    def _linearised(self, which: Indices) -> tuple[Portion, Floats, Floats, Floats]:
+        """The equations of some solves where they are: squared residuals (K, m), slopes (K, m, n) and redundancy."""
         kept = self._kept_in(which)
         portion = Portion(self._stack, self._places[which], kept, self._factors[which])
         residuals, slopes = portion.linearised(self.ends.points[which])
@@ -178,12 +206,20 @@ class Rounds:
         found = factors(rooted_slopes(portion, residuals, slopes) if lossy else slopes)
         self.lost[which] |= ~found.good
         redundancy = np.clip(1.0 - np.square(found.basis).sum(axis=2), 0.0, 1.0)
-        of_groups = np.zeros((2, len(which), len(self._unknown)))
-        for place, owner in enumerate(self._unknown.tolist()):
-            solve, slot = portion.block_slots(owner)
-            for total, each in zip(of_groups, (scattered, redundancy), strict=True):
-                total[:, place] = np.bincount(solve, weights=each[solve, slot], minlength=len(which))
-        return of_groups[0], of_groups[1]
+        return portion, scattered, slopes, redundancy
+
+    def _in_groups(self, portion: Portion) -> Mask:
+        """Which residuals belong to each unknown group, (groups, K, m)."""
+        mine = np.zeros((len(self._unknown), portion.count, portion.most), dtype=bool)
+        for own, owner in zip(mine, self._unknown.tolist(), strict=True):
+            own[portion.block_slots(owner)] = True
+        return mine
+
+    def _told(self, which: Indices) -> tuple[Floats, Floats]:
+        """Sums of squares and redundancy (K, unknown) of the groups of unknown noise."""
+        portion, scattered, _, redundancy = self._linearised(which)
+        mine = self._in_groups(portion)
+        return tuple(np.where(mine, each, 0.0).sum(axis=2).T for each in (scattered, redundancy))
 
 
 def _converged(ends: Ends) -> Mask:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.types import Floats, Minimum, Noise, Observability, Reason
+from mbm.equations.types import Floats, Indices, Minimum, Noise, Observability, Reason
 from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.search.search import Alternative, Found, reweighted
@@ -17,7 +17,7 @@ from mbm.estimation.settings import Settings
 from mbm.estimation.uncertainty.informed import informed
 from mbm.estimation.uncertainty.observability import observed_at
 from mbm.estimation.uncertainty.stationary import without_stationary
-from mbm.estimation.uncertainty.variance import common_factor, redundancy_numbers, variance_components
+from mbm.estimation.uncertainty.variance import common_factor, redundancy_numbers, starting_factors, variance_components
 from mbm.problem.factors import factor_groups
 from mbm.problem.types import Problem
 from mbm.values import dataclass
@@ -100,7 +100,7 @@ class _Weighing:
             cost = float(np.square(robust.scattering(minimum.residuals)).sum())
             noise = common_factor(cost, self.equations.count + observed.equalities - observed.rank)
             return minimum, dict.fromkeys(self.unknown[0], noise), None
-        components = variance_components(self._reweighted, groups)
+        components = variance_components(self._reweighted, groups, self._starting(groups))
         factors = self._row_factors([noise.factor for noise in components.noises])
         noises = dict(robust.noise)
         for group, noise in zip(self.unknown, components.noises, strict=True):
@@ -148,6 +148,13 @@ class _Weighing:
         return self._robust.scattering(minimum.residuals), redundancy_numbers(
             minimum.jacobian, observed, minimum.blocks
         )
+
+    def _starting(self, groups: Sequence[Indices]) -> Floats:
+        """Factors of the groups from which the rounds start."""
+        ones = np.ones(len(groups))
+        told = self._reweighted(ones)
+        there = self._minimise(self._row_factors(ones))
+        return ones if told is None else starting_factors(there.jacobian, told[1], groups)
 
     def _left(self) -> int:
         """Iterations that the rounds have left."""

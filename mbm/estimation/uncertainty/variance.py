@@ -12,13 +12,19 @@ from mbm.equations.formulas import of_arrays
 from mbm.equations.types import Components, Fit, Floats, Indices, Mask, Noise, NoiseState, Observability, SparseJacobian
 from mbm.solver.chi_square import chi_square_tail
 from mbm.solver.noise_factors import (
+    BESIDE_ROUNDS,
     BETWEEN,
     LEAST_REDUNDANCY,
     NOISE_ROUNDS,
     SETTLED_FACTORS,
+    SHRINKINGS,
     VANISHED,
     fading,
+    is_nothing,
+    leap,
     noise_ratio,
+    nothing_left,
+    starting,
 )
 
 Reweighted = Callable[[Floats], tuple[Floats, Floats] | None]
@@ -70,6 +76,32 @@ def common_factor(cost: float, dof: int) -> Noise:
     return Noise(factor=sqrt(cost / dof), state=NoiseState.ESTIMATED)
 
 
+def starting_factors(jacobian: Floats, redundancy: Floats, groups: Sequence[Indices]) -> Floats:
+    """Factors (groups,) of unknown noise to start from, of the derivatives (m, n) and redundancy (m,) with factors 1.
+
+    Groups whose unknowns others share come first: rows of stated noise, then groups whose factor is found.
+    """
+    own = [_column_squares(jacobian[rows]) for rows in groups]
+    stated = np.ones(len(redundancy), dtype=bool)
+    stated[np.concatenate(groups)] = False
+    known = _column_squares(jacobian[np.flatnonzero(stated)])
+    factors, waiting = np.ones(len(groups)), list(range(len(groups)))
+    while waiting:
+        k = next((k for k in waiting if bool(((own[k] > 0.0) & (known > 0.0)).any())), waiting[0])
+        waiting.remove(k)
+        both = (own[k] > 0.0) & (known > 0.0)
+        ratios = own[k][both] / known[both]
+        least, most = float(ratios.min(initial=np.inf)), float(ratios.max(initial=0.0))
+        factors[k] = starting(least, most, float(redundancy[groups[k]].sum()), float(len(groups[k])))
+        known = known + own[k] / factors[k] ** 2
+    return factors
+
+
+def _column_squares(rows: Floats) -> Floats:
+    """Sums (n,) of the squares of derivatives (k, n), which may be sparse."""
+    return np.asarray((rows**2).sum(axis=0)).ravel()
+
+
 class Helmert:
     """Noise factors (K, groups) of K solves: simplified Helmert iteration (Förstner 1979), round by round.
 
@@ -78,12 +110,14 @@ class Helmert:
     had some in the first round (``checked``) lose it as their factor vanishes beside the noise of others.
     """
 
-    def __init__(self, solves: int, groups: int) -> None:
-        self.factors = np.ones((solves, groups))
-        self.exact = np.zeros((solves, groups), dtype=bool)
+    def __init__(self, start: Floats) -> None:
+        self.factors = start.copy()
+        self.exact = np.zeros(start.shape, dtype=bool)
         self.untold = self.exact.copy()
         self.checked = self.exact.copy()
+        self._ratios = np.ones(start.shape)
         self._first: Floats | None = None
+        self._rounds = 0
 
     @np.errstate(all="ignore")
     def advance(self, which: Indices, squares: Floats, redundancy: Floats) -> tuple[Mask, Mask]:
@@ -94,68 +128,128 @@ class Helmert:
         before = self.factors[which]
         self.untold[which] = redundancy <= LEAST_REDUNDANCY
         exact = self.exact[which] | (~self.untold[which] & (squares == 0.0))
-        after = before * np.where(exact, 1.0, of_arrays(noise_ratio)(squares, redundancy))
+        ratio = np.where(exact, 1.0, of_arrays(noise_ratio)(squares, redundancy))
+        after = before * ratio
         sound: Mask = np.asarray(np.isfinite(after + squares + redundancy).all(axis=1))
         if self._first is None:
             self._first = np.ones(self.factors.shape)
             self._first[which] = after
             self.checked[which] = ~self.untold[which]
+            after = np.where(self.untold[which], 1.0, after)
         vanished = after < VANISHED * self._first[which]
         after = np.where(vanished | ~sound[:, None], before, after)
         self.exact[which] = exact | (vanished & sound[:, None])
-        self.factors[which] = after
         near = (np.abs(after / before - 1.0) <= SETTLED_FACTORS).all(axis=1)
+        self._rounds += 1
+        if self._rounds % BETWEEN == 0:
+            after = np.where(after == before, after, after * of_arrays(leap)(self._ratios[which], ratio))
+        self._ratios[which] = ratio
+        self.factors[which] = after
         return np.asarray(sound & near), sound
 
-    def fade(self, told: Callable[[Floats], Shares | None], shares: Shares, rows: Sequence[int]) -> None:
-        """Let factors of the first solve vanish that fall with the ``shares`` of a round, and do where nothing is left.
 
-        ``told`` gives the shares with other factors (groups,).
-        """
+class _Rounds:
+    """The rounds of one solve."""
+
+    def __init__(self, solve: Reweighted, groups: Sequence[Indices], start: Floats) -> None:
+        self.helmert = Helmert(start[None])
+        self._solve = solve
+        self._groups = groups
+        self._stated = False
+        self._tried = np.zeros(len(groups), dtype=bool)
+
+    def _told(self, factors: Floats) -> Shares | None:
+        """Sums of squares and redundancy (1, groups) with some factors; None: no minimum was found."""
+        found = self._solve(factors.copy())
+        if found is None:
+            return None
+        self._stated = sum(map(len, self._groups)) < len(found[0])
+        squares, redundancy = (
+            [[each[rows].sum() for rows in self._groups]] for each in (np.square(found[0]), found[1])
+        )
+        return np.array(squares), np.array(redundancy)
+
+    def done(self) -> bool:
+        """Rounds until all factors settle, and whether they do."""
+        helmert, only = self.helmert, np.zeros(1, dtype=np.int64)
+        for number in range(1, NOISE_ROUNDS + 1):
+            shares = self._told(helmert.factors[0])
+            if shares is None:
+                return False
+            (settled,), (sound,) = helmert.advance(only, *shares)
+            if not sound:
+                return False
+            if settled and not self._forgo(shares):
+                return True
+            if not settled and number % BETWEEN == 0:
+                self._fade(shares)
+        return False
+
+    def _fade(self, shares: Shares) -> None:
+        """Let factors vanish that fall, and do where nothing is left, with the other factors as they then are."""
         squares, redundancy = (each[0].tolist() for each in shares)
-        for k, count in enumerate(rows):
-            faded = fading(squares[k], redundancy[k], count)
-            if self.checked[0, k] and faded != 1.0:
-                factors = self.factors[0].copy()
-                factors[k] *= faded
-                there = told(factors)
-                if there is not None and there[0][0, k] < there[1][0, k]:
-                    self.factors[0] = factors
+        for k, rows in enumerate(self._groups):
+            faded = fading(squares[k], redundancy[k], float(len(rows)))
+            if self.helmert.checked[0, k] and faded != 1.0:
+                there = self._beside(k, faded)
+                if there is not None and is_nothing(*there[1]):
+                    there[0][k] *= nothing_left(there[1][1])
+                    self.helmert.factors[0] = there[0]
+
+    def _beside(self, k: int, faded: float) -> tuple[Floats, tuple[float, float]] | None:
+        """All factors with that of group k ``faded``, and its squares and redundancy there."""
+        factors = self.helmert.factors[0].copy()
+        factors[k] *= faded
+        stays = self.helmert.exact[0].copy()
+        stays[k] = True
+        for number in range(1, BESIDE_ROUNDS + 1):
+            shares = self._told(factors)
+            if shares is None:
+                break
+            ratio = np.where(stays, 1.0, of_arrays(noise_ratio)(shares[0][0], shares[1][0]))
+            if not np.isfinite(ratio).all():
+                break
+            factors = factors * ratio
+            if number == BESIDE_ROUNDS or (np.abs(ratio - 1.0) <= SETTLED_FACTORS).all():
+                return factors, (float(shares[0][0, k]), float(shares[1][0, k]))
+        return None
+
+    def _forgo(self, shares: Shares) -> bool:
+        """Whether a group that is fitted exactly is nothing beside noise that is told; once for each."""
+        helmert = self.helmert
+        beside = self._stated or bool((~helmert.exact & ~helmert.untold).any())
+        for k in np.flatnonzero(helmert.exact[0] & ~self._tried & beside).tolist():
+            self._tried[k] = True
+            factors, left = helmert.factors[0].copy(), float(shares[1][0, k])
+            for _ in range(SHRINKINGS):
+                factors[k] *= nothing_left(left)
+                there = self._told(factors)
+                if there is None or there[1][0, k] > 0.5 * left:
+                    break
+                left = float(there[1][0, k])
+                if left <= LEAST_REDUNDANCY and (there[1][helmert.untold] <= LEAST_REDUNDANCY).all():
+                    helmert.exact[0, k], helmert.factors[0] = False, factors
+                    return True
+        return False
 
 
 @np.errstate(all="ignore")
-def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Components:
+def variance_components(solve: Reweighted, groups: Sequence[Indices], start: Floats | None = None) -> Components:
     """Factors of several groups of unknown noise; rows in none of the ``groups`` have stated noise and keep it.
 
-    Rounds of `Helmert` until all factors settle. Residuals of no minimum, or whose squares are no finite numbers, tell
-    nothing of noise: the factors that led to them are the last, unsettled.
+    Rounds of `Helmert` from ``start`` (groups,; None: 1) until all factors settle. Residuals of no minimum, or whose
+    squares are no finite numbers, tell nothing of noise: the factors that led to them are the last, unsettled.
     """
-    helmert, only = Helmert(1, len(groups)), np.zeros(1, dtype=np.int64)
-    settled = False
-
-    def told(factors: Floats) -> Shares | None:
-        found = solve(factors.copy())
-        if found is None:
-            return None
-        squares, redundancy = ([[each[rows].sum() for rows in groups]] for each in (np.square(found[0]), found[1]))
-        return np.array(squares), np.array(redundancy)
-
-    for number in range(1, NOISE_ROUNDS + 1):
-        shares = told(helmert.factors[0])
-        if shares is None:
-            break
-        (settled,), (sound,) = helmert.advance(only, *shares)
-        if settled or not sound:
-            break
-        if number % BETWEEN == 0:
-            helmert.fade(told, shares, [len(rows) for rows in groups])
+    rounds = _Rounds(solve, groups, np.ones(len(groups)) if start is None else start)
+    settled = rounds.done()
+    helmert = rounds.helmert
     noises = (
         Noise(factor=float(factor), state=_state(exact=exact, untold=untold, checked=checked))
         for factor, exact, untold, checked in zip(
             helmert.factors[0], helmert.exact[0], helmert.untold[0], helmert.checked[0], strict=True
         )
     )
-    return Components(noises=tuple(noises), settled=bool(settled))
+    return Components(noises=tuple(noises), settled=settled)
 
 
 def _state(*, exact: bool, untold: bool, checked: bool) -> NoiseState:
