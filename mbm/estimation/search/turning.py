@@ -33,6 +33,9 @@ ASTRAY = 0.2
 FAR = 2.2
 """Root mean square of residuals over the median of their sizes from which some may be no noise: of that it is 1.48."""
 
+LEAST_ROWS = 3
+"""Rows of a contour below which residuals have no neighbours that could be alike."""
+
 ROUNDS = 3
 
 
@@ -44,15 +47,17 @@ def with_turns(equations: Assembled, found: Found, settings: Settings, problem: 
             break
         alike = [each.minimum for each in found.alternatives if equal_costs(each.minimum.cost, found.minimum.cost)]
         points = np.concatenate([_turned(equations, each.point) for each in (found.minimum, *alike)])
+        if not len(points):
+            break
         starts = tuple(Beginning(point=point, origin=found.origin) for point in points)
-        other = search(equations, starts, settings, problem, agrees) if len(starts) > 1 else found
+        other = search(equations, starts, settings, problem, agrees)
         if not other.minimum.reason.converged:
             break
         lower = takes_over(found.minimum.cost, other.minimum.cost, rounding_at(equations, found.minimum))
         best = other if lower else found
         found = replace(
             best,
-            tally=_together(found.tally, other.tally, best.tally),
+            tally=_together(found, other, best),
             iterations=found.iterations + other.iterations,
             evaluations=found.evaluations + other.evaluations,
         )
@@ -65,7 +70,11 @@ def _astray(equations: Assembled, minimum: Minimum) -> bool:
     """Whether residuals along a contour are no noise: neighbouring ones are alike, or some far beyond the others."""
     if not minimum.reason.converged or len(minimum.residuals) != equations.count:
         return False
+    if np.sqrt(minimum.cost) <= rounding_at(equations, minimum):
+        return False
     for own in _along_contours(equations, minimum.residuals):
+        if len(own) < LEAST_ROWS:
+            continue
         squares = np.square(own)
         alike = float(np.square(np.diff(own)).sum()) < 2 * (1 - ASTRAY) * float(squares.sum())
         if alike or float(squares.mean()) > FAR**2 * float(np.median(squares)):
@@ -94,12 +103,12 @@ def _turned(equations: Assembled, point: Floats) -> Floats:
     return layout.retract(np.tile(point, (len(steps), 1)), steps)
 
 
-def _together(first: Tally | None, second: Tally | None, best: Tally | None) -> Tally | None:
-    """What was tried in both searches; the best was found as often as in the one that found it."""
-    if first is None or second is None or best is None:
-        return first or second
+def _together(first: Found, second: Found, best: Found) -> Tally:
+    """What was tried in both searches, and how many of them all reached the cost of the best."""
+    tallies = [each.tally or Tally(tried=1, converged=1, best_found=1) for each in (first, second)]
+    lowest = [equal_costs(each.minimum.cost, best.minimum.cost) for each in (first, second)]
     return Tally(
-        tried=first.tried + second.tried,
-        converged=first.converged + second.converged,
-        best_found=best.best_found,
+        tried=sum(each.tried for each in tallies),
+        converged=sum(each.converged for each in tallies),
+        best_found=sum(each.best_found for each, low in zip(tallies, lowest, strict=True) if low),
     )

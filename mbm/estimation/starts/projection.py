@@ -16,6 +16,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.starts.magnitudes import Magnitudes, magnitudes
 from mbm.estimation.starts.random_starts import costs, numbers_at, random_points
+from mbm.expression.nodes import Outlined
 
 FEW, MOST = 128, 2048
 """Points that are looked at: twice as many with each nonlinear unknown, but no more than these."""
@@ -39,6 +40,9 @@ of an oscillation follows its frequency so steeply that steps in both together f
 
 SCANNED_NUMBERS = 30_000_000
 """Residuals that are computed at these values at most, or what takes as long: a second or so."""
+
+OUTLINE = 300_000
+"""Residuals that take as long as the outline of a curved model: some 10 ms."""
 
 SOLVED = 20
 """Products in the normal equations of the linear unknowns that take as long as one residual."""
@@ -67,7 +71,8 @@ def projected_points(
     bent = np.flatnonzero(missing & ~linear)
     width = len(bent)
     columns = int(linear.sum()) + 1
-    each = max(equations.whole, 1) * columns
+    outlines = sum(isinstance(call.external, Outlined) for group in equations.groups for call in group.kernel.calls)
+    each = (max(equations.whole, 1) + OUTLINE * outlines) * columns
     count = min(FEW * 2 ** min(width, 8), MOST, NUMBERS // each)
     most = WITH_LINEAR if linear.any() else WITHOUT_LINEAR
     if not 0 < width <= most or bool((layout.number[missing] < 0).any()) or count < FEW:
