@@ -126,7 +126,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         followed=solution.followed,
         starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),
         coverage=problem.request.coverage,
-        examination=once(guarded(solution.lock, lambda: _examined(problem, solution, how))),
+        examination=once(guarded(solution.lock, once(lambda: _examined(problem, solution, how)))),
     )
 
 

@@ -58,7 +58,7 @@ def as_data(result: Result) -> Result:
     """The result without functions."""
     return replace(
         result,
-        solves=tuple(map(_solve, result.solves)),
+        solves=tuple(map(solve_as_data, result.solves)),
         options=dict(result.options),
         seen=None,
         described=None,
@@ -66,7 +66,8 @@ def as_data(result: Result) -> Result:
     )
 
 
-def _solve(solve: SolveReport) -> SolveReport:
+def solve_as_data(solve: SolveReport) -> SolveReport:
+    """The report of a solve without functions."""
     return replace(
         solve,
         key=dict(solve.key),

@@ -108,6 +108,18 @@ def test_a_propagation():
     np.testing.assert_array_equal(loaded["a"].samples, found["a"].samples)
 
 
+@pytest.mark.parametrize("sigma", ["", " :sigma 0.1"])
+def test_the_solves_of_a_propagation(sigma):
+    text = LINE[:-1].replace("(shift 1.5)", f"(shift 1.5{sigma})") + " (for-each run))"
+    data = {"d": {name: np.tile(each, 2) for name, each in DATA["d"].items()} | {"run": np.repeat([1, 2], 4)}}
+    found = mbm.loads(text).propagate(50, data=data, seed=1)
+    for each in found.solves:
+        loaded = again(each)
+        np.testing.assert_array_equal(loaded["a"].samples, each["a"].samples)
+        assert loaded.solve.key == each.solve.key
+        np.testing.assert_array_equal(loaded["b"].interval, each["b"].interval)
+
+
 def test_closed_forms_of_the_caller_come_along():
     problem = again(mbm.loads(LINE, closed_forms=(Guess(),)))
     assert next(iter(problem.registry.closed_forms())).name == "guess"

@@ -7,7 +7,8 @@ import pickle
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from threading import RLock
+from threading import Barrier, RLock
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 
 import mbm
 from mbm.estimation.solve import estimate
+from mbm.report import from_solution
 from mbm.report.later import LaterByNumber, LaterReports
 from mbm.report.types import SolveReport, SolveStatus
 
@@ -161,3 +163,26 @@ def test_threads_read_solves_that_were_made_together() -> None:
     wanted = [read(each) for each in solved.solves] * 8
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(lambda k: read(solved.solves[k % 8]), range(64))) == wanted
+
+
+def test_threads_that_ask_at_once_wait_for_one_examination(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    def examined(*given: Any) -> Any:
+        made.append(given)
+        sleep(0.05)  # so that the others ask meanwhile
+        return original(*given)
+
+    original = from_solution._examined
+    monkeypatch.setattr(from_solution, "_examined", examined)
+    solve = mbm.loads(f"(problem p (data d external) {KINDS['curved']})").compile().solve(data=table(1, 24)).first
+    together = Barrier(4)
+
+    def ask(_: int) -> Any:
+        together.wait()
+        return solve.record.examined()
+
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(ask, range(4)))
+    assert len(made) == 1
+    assert all(each is answers[0] for each in answers)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Mapping
 from dataclasses import field
+from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,19 +50,29 @@ class _Tables:
     _rows: int = 0
     _fast: bool = False
     _made: list[tuple[Library, Callable[..., int]]] = field(default_factory=list)
+    _making: Lock = field(default_factory=Lock)
 
     def run(self, rows: int) -> Callable[..., int]:
         """`mbm.solver.tables.evaluate_rows`, which takes addresses and a number of rows, for so many of them."""
         self._rows += rows
         many = self._rows >= MANY * EVALUATIONS
-        if not self._made or (many and not self._fast):
-            name = f"tables {source_digest('solver')}"
-            library = fetched(name, self._store, FAST, compact=True)
-            self._fast = many or library is not None
-            if library is None:
-                library = kept(name, _tables_text, self._store, FAST if many else PLAIN, compact=many)
-            self._made.append((library, _SIGNATURE(library.address("evaluate_rows"))))
+        if self._lacks(many=many):
+            with self._making:
+                if self._lacks(many=many):  # another thread may have made it meanwhile
+                    self._make(many=many)
         return self._made[-1][1]
+
+    def _lacks(self, *, many: bool) -> bool:
+        return not self._made or (many and not self._fast)
+
+    def _make(self, *, many: bool) -> None:
+        name = f"tables {source_digest('solver')}"
+        library = fetched(name, self._store, FAST, compact=True)
+        fast = many or library is not None
+        if library is None:
+            library = kept(name, _tables_text, self._store, FAST if many else PLAIN, compact=many)
+        self._made.append((library, _SIGNATURE(library.address("evaluate_rows"))))
+        self._fast = fast
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

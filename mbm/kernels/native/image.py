@@ -32,6 +32,8 @@ _RELATIVE_32, _CALL_32, _RELATIVE_64 = 2, 4, 24
 _TABLE_32 = (9, 41, 42)
 _ENTRY = 16
 """Bytes of an entry of the table: ``jmp *[rip + 2]``, two bytes that nobody reaches, the address."""
+_ADDRESS = 8
+"""Bytes of an address."""
 
 
 class UnsupportedObjectError(Exception):
@@ -77,7 +79,9 @@ def read(content: bytes) -> Image:
         for entry in entries:
             kind, offset, name = entry.split(" ", 2)
             found[kind][name] = int(offset)
-        whole = int(size) == len(code)
+        inside = all(0 <= place < len(code) for place in found["exports"].values())
+        inside &= all(0 <= place <= len(code) - _ADDRESS for place in found["imports"].values())
+        whole = int(size) == len(code) and inside
     except (ValueError, KeyError):
         raise DamagedImageError("head") from None
     if not content.startswith(MAGIC) or not whole:

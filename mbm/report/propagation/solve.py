@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from mbm.problem.types import Problem
 from mbm.report.elements import element_names, factors, shown_sigma, shown_values
 from mbm.report.geometric import difference
 from mbm.report.intervals import intervals
+from mbm.report.pickled import solve_as_data
 from mbm.report.types import DerivedValue, Estimate, Floats, Kind, Mask, SolveReport
 from mbm.simulation.trials.drawn import Drawn
 from mbm.simulation.trials.run import Sampled, validated
@@ -136,6 +138,11 @@ class PropagatedSolve:
         items = {each.quantity.name: each for each in _items(solve)}
         parts = tuple(replace(part, item=items[part.item.quantity.name]) for part in self.parts)
         return replace(self, solve=solve, parts=parts)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """It pickles as data, as solves do."""
+        kept = self.of(solve_as_data(self.solve))
+        return partial(type(self), **{each.name: getattr(kept, each.name) for each in fields(kept)}), ()
 
     @property
     def trials(self) -> int:

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("llvmlite")
 
 from mbm.kernels.native import engine, image
-from mbm.kernels.native.image import DamagedImageError, Image, Loaded, UnsupportedObjectError, linked, read
+from mbm.kernels.native.image import MAGIC, DamagedImageError, Image, Loaded, UnsupportedObjectError, linked, read
 from mbm.machine.vectors import VECTORISED
 
 pytestmark = pytest.mark.skipif(not image.supported(), reason="images run on Linux on x86-64")
@@ -89,6 +89,16 @@ def test_an_image_comes_back_as_it_was_written():
 def test_what_is_not_whole_is_refused(spoil):
     with pytest.raises(DamagedImageError):
         read(spoil(made().written()))
+
+
+@pytest.mark.parametrize(
+    "places", ["imports 99999999 sin", "imports 1 sin", "imports -1 sin", "exports 8 f", "exports -1 f"]
+)
+def test_places_outside_are_refused(places):
+    """Eight bytes of code: an address stands at 0 or nowhere, a function begins before the end."""
+    with pytest.raises(DamagedImageError):
+        read(MAGIC + places.encode() + b"\n8\n\n" + bytes(8))
+    assert read(MAGIC + b"exports 7 f\nimports 0 sin\n8\n\n" + bytes(8)).exports == {"f": 7}
 
 
 def test_calls_of_what_is_not_there_are_refused():
