@@ -50,18 +50,32 @@ FEWEST = 8
 MISFIT, LEAST_NOISE = 4.0, 1.0
 """A strip that shows something else has so many times the usual variance about the fit, which counts as 1 at least."""
 
+SHARPER = 2.0
+"""Standard deviations by which a point must turn more than those beside it to be seen as a corner."""
+
+UNLIKE = 1.5
+"""The same factor from which a strip shows something else as well, if little. Chance makes so much of 40 pixels in two
+strips of a hundred: where a line hardly turns that costs nothing."""
+
+UNEVEN = np.sqrt(17.5)
+"""Standard deviation of a curvature less those beside it, for errors of 1 in points 1 apart: -½, 2, -3, 2, -½."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bends:
-    """The curvature (n,) of a line at its points in 1/px, positive to the right as seen with y down, and its σ (n,)."""
+    """The curvature (n,) of a line at its points in 1/px, positive to the right as seen with y down, and its σ (n,).
+
+    ``own`` (n,) is that of the circle through a point and the two beside it.
+    """
 
     mean: Floats
     sigma: Floats
+    own: Floats
 
     @classmethod
     def unknown(cls, count: int) -> Bends:
         """That of so many points of a line that was not measured yet."""
-        return cls(mean=np.zeros(count), sigma=np.full(count, OPEN))
+        return cls(mean=np.zeros(count), sigma=np.full(count, OPEN), own=np.zeros(count))
 
 
 def smoothed(line: Floats) -> Floats:
@@ -85,8 +99,10 @@ def refined(levels: Sequence[Image], lines: Sequence[Floats], spacing: float) ->
             coarse = _on_edge(level, line, Bends.unknown(len(line)), spacing, LEAST_NOISE, None)
             line = coarse.points
         noise = usual or _usual(coarse) or LEAST_NOISE
-        found.append(_on_edge(levels[0], line, _bends(line), spacing, noise, usual))
-        usual = usual or _usual(found[-1])
+        bends = _bends(line)
+        fitted = _on_edge(levels[0], line, bends, spacing, noise, usual)
+        usual = usual or _usual(fitted)
+        found.append(_with_corners(fitted, bends, coarse.covariances[:, 0, 0], spacing, usual))
     return tuple(found)
 
 
@@ -115,7 +131,7 @@ def _bends(line: Floats) -> Bends:
     sides = np.hypot(*before.T) * np.hypot(*after.T) * np.hypot(*(after - before).T)
     own = -2 * across / np.maximum(sides, 1e-9)
     three = np.stack([np.roll(own, 1), own, np.roll(own, -1)])
-    return Bends(mean=three.mean(axis=0), sigma=np.maximum(np.ptp(three, axis=0), CERTAIN))
+    return Bends(mean=three.mean(axis=0), sigma=np.maximum(np.ptp(three, axis=0), CERTAIN), own=own)
 
 
 def _on_edge(image: Image, line: Floats, bends: Bends, spacing: float, noise: float, usual: float | None) -> Fitted:
@@ -140,6 +156,23 @@ def _on_edge(image: Image, line: Floats, bends: Bends, spacing: float, noise: fl
             found = _without_misfits(_replaced(found, _fitted(image, shorter), again), usual)
     good = found.good & (np.abs(found.parameters[:, BEND] - bends.mean) * strips.half < CORNER)
     return replace(found, points=np.where(good[:, None], found.points, line), good=good)
+
+
+def _with_corners(found: Fitted, bends: Bends, variances: Floats, spacing: float, usual: float | None) -> Fitted:
+    """With the error of strips in which a line does not bend evenly, as it seems.
+
+    A line that turns by an angle θ in the middle of a strip of half width h lies θh/4 from the mean of its sides, and
+    3θh/32 from the parabola through them. θ is what it turns by at a point more than beside it; or where the strip
+    shows something else as well, all that it turns by about there, which the parabola has missed. ``variances`` (n,)
+    are those of the points that curvatures are from.
+    """
+    beside = (np.roll(bends.own, 1) + np.roll(bends.own, -1)) / 2
+    chance = SHARPER * UNEVEN * np.sqrt(variances) / spacing**2
+    half = min(spacing / 2, WIDEST)
+    more = spacing * np.maximum(np.abs(bends.own) - np.abs(beside) - chance, 0.0)
+    unlike = found.noise > UNLIKE * (usual or LEAST_NOISE)
+    shift = half * np.where(unlike, 3 * spacing * np.abs(bends.mean) / 4, 3 * more / 32)
+    return replace(found, covariances=found.covariances + np.square(shift)[:, None, None] * np.eye(2))
 
 
 def _fitted(image: Image, patches: Patches) -> Fitted:
