@@ -9,10 +9,11 @@ import pytest
 
 import mbm
 from mbm import compiler
+from mbm.expression.nodes import External, Outlined
 from mbm.kernels.backends import calling, casadi_map, numpy_stream
 from mbm.kernels.backends.native import NativeBackend
 from mbm.kernels.called_functions import CalledFunctions
-from mbm.kernels.types import Backend, Kernel
+from mbm.kernels.types import Backend, Floats, Kernel
 
 BACKENDS = (casadi_map.BACKEND, numpy_stream.BACKEND, NativeBackend())
 WHERE = "tests.kernels.functions"
@@ -163,3 +164,36 @@ def test_fingerprints_tell_functions_apart() -> None:
 
     assert fingerprint("square") != fingerprint("root")
     assert fingerprint("square") == fingerprint("square")
+
+
+def test_what_was_given_for_rows_is_known_there_for_derivatives_and_for_the_first_of_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (kernel,), (plain,) = (
+        kernels(f"(observe rows (- ({wave} 1) x) :sigma 0.1)")
+        for wave in (WAVES.format("a", "[(* b x) y]"), in_the_language("a", "(* b x)", "y"))
+    )
+    functions = CalledFunctions(Path.cwd(), allowed=True)
+    asked: list[int] = []
+    values = CalledFunctions.values
+
+    def counted(self: CalledFunctions, called: External | Outlined, arguments: Floats) -> Floats:
+        asked.append(len(arguments))
+        return values(self, called, arguments)
+
+    monkeypatch.setattr(CalledFunctions, "values", counted)
+    backend = calling.backend(numpy_stream.BACKEND, functions)
+    inputs = inputs_for(kernel, names_of(kernel), np.random.default_rng(4))
+    same = inputs_for(plain, names_of(kernel), np.random.default_rng(4))
+    wanted = numpy_stream.BACKEND.stream(plain).values_and_jacobian(same)
+    stream, table = backend.stream(kernel), backend.prepare(kernel, 3)
+    stream.values(inputs)
+    found = stream.values_and_jacobian(inputs)
+    table.inputs[:] = inputs[:3]
+    first = table.values_and_jacobian()
+    assert asked == [5]
+    np.testing.assert_allclose(found[0], wanted[0], rtol=1e-14)
+    np.testing.assert_array_equal(first[1], found[1][:3])
+    table.inputs[0] += 0.1
+    assert not np.array_equal(table.values(), first[0])
+    assert asked == [5, 3]

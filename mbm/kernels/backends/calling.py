@@ -30,17 +30,24 @@ class CallingBackend:
     functions: CalledFunctions
     name: str
     store: Store | None
+    _streams: dict[Kernel, CallingStream] = field(default_factory=dict, init=False)
 
     def prepare(self, kernel: Kernel, rows: int) -> Evaluation:
         """Buffers for ``rows`` rows."""
         if not kernel.calls:
             return self.inner.prepare(kernel, rows)
         width = len(kernel.variables) + len(kernel.parameters)
-        return _Evaluation(np.zeros((rows, width)), _stream(kernel, self))
+        return _Evaluation(np.zeros((rows, width)), self._calling(kernel))
 
     def stream(self, kernel: Kernel) -> Stream:
         """The kernel for any number of rows."""
-        return _stream(kernel, self) if kernel.calls else self.inner.stream(kernel)
+        return self._calling(kernel) if kernel.calls else self.inner.stream(kernel)
+
+    def _calling(self, kernel: Kernel) -> CallingStream:
+        """The one of a kernel: what it gave for rows is known wherever these are asked for again."""
+        if kernel not in self._streams:
+            self._streams[kernel] = _stream(kernel, self)
+        return self._streams[kernel]
 
     def tabulated(self, programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
         """Those of ``inner``: programs call nothing."""
@@ -185,14 +192,14 @@ class CallingStream:
     def _with_results(self, inputs: Floats, *, derivatives: bool) -> Floats:
         """The inputs with what the calls give behind them; derivatives that were not wanted may be zero."""
         found = self._memory.last
-        if found is None or not np.array_equal(found.inputs, inputs):
+        if found is None or not np.array_equal(found.inputs[: len(inputs)], inputs):
             found = self._called(inputs)
         if derivatives and not found.derivatives:
             for (call, _), arguments in zip(self.calls, found.arguments, strict=True):
                 self._differentiate(call, arguments, found.whole)
             found.derivatives = True
         self._memory.last = found
-        return found.whole
+        return found.whole[: len(inputs)]
 
     def _called(self, inputs: Floats) -> _Results:
         whole, every = np.zeros((len(inputs), self.width)), []

@@ -105,25 +105,29 @@ class _Call:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tabulated:
-    """A program for any number of rows; ``work`` is filled anew by each call."""
+    """A program for any number of rows; ``work`` is filled anew by each call.
+
+    ``places`` are the addresses of ``table`` and ``work``.
+    """
 
     library: Library
     tables: _Tables
     outputs: int
     table: NDArray[np.int64]
     work: Floats
+    places: tuple[int, int]
 
     @staticmethod
     def of(library: Library, name: str, program: Program, tables: _Tables) -> _Tabulated:
         width, outputs = len(program.inputs), len(program.outputs)
         table = np.array([library.address(name), width, outputs, 0, PORTION], dtype=np.int64)
-        return _Tabulated(library, tables, outputs, table, np.empty(PORTION * LANES * (width + outputs)))
+        work = np.empty(PORTION * LANES * (width + outputs))
+        return _Tabulated(library, tables, outputs, table, work, (address(table), address(work)))
 
     def __call__(self, inputs: Floats) -> Floats:
         found = np.empty((len(inputs), self.outputs))
-        place = address(found)
-        run = self.tables.run(len(inputs))
-        run(address(self.table), len(inputs), address(inputs), place, place, address(self.work))
+        place, (table, work) = address(found), self.places
+        self.tables.run(len(inputs))(table, len(inputs), address(inputs), place, place, work)
         return found
 
 
