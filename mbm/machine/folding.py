@@ -64,11 +64,12 @@ def compared(operator: str, left: Expression, right: Expression) -> Expression:
     return Compare(operator, left, right)
 
 
-def assigns_or_leaves(body: list[ast.stmt], name: str) -> bool:
-    """Whether the body of a loop assigns its variable, or holds a ``break`` or ``continue``."""
-    for node in (inner for statement in body for inner in ast.walk(statement)):
-        if isinstance(node, ast.Break | ast.Continue):
-            return True
-        if isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Store):
-            return True
-    return False
+def assigned(body: list[ast.stmt]) -> set[str]:
+    """The names that the body of a loop assigns, those of elements and fields left aside."""
+    inner = (node for statement in body for node in ast.walk(statement))
+    return {node.id for node in inner if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+
+
+def leaves(body: list[ast.stmt]) -> bool:
+    """Whether the body of a loop holds a ``break`` or ``continue``."""
+    return any(isinstance(node, ast.Break | ast.Continue) for statement in body for node in ast.walk(statement))

@@ -3,7 +3,8 @@
 What may be used: ``for i in range(…)``, ``while``, ``if``, ``break``, ``continue``, ``return``, assignments to names
 and to elements (also ``+= -= *= /=``), ``a[k:]`` for the array from an element on, arithmetic, comparisons, the
 intrinsic functions, ``a if c else b``, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, `call_kernel`,
-`call_fused`, `call_normal`, and other functions of this kind: they are found by their names and read too. Parameters
+`call_fused`, `call_normal`, and other functions of this kind: they are found by their names and read too. Neither the
+variable of a loop nor a name in its ``range`` is assigned within it: Python takes them once, C each time. Parameters
 and results are annotated with `Real`, `Integer`, `Reals`, `Integers`, `ConstantReals`, `ConstantIntegers`. A variable
 has the type of what is first assigned to it.
 
@@ -20,7 +21,7 @@ from types import FunctionType, MappingProxyType
 
 from mbm.machine import records
 from mbm.machine.definitions import Definitions
-from mbm.machine.folding import COMPARISONS, OPERATORS, assigns_or_leaves, compared, folded
+from mbm.machine.folding import COMPARISONS, OPERATORS, assigned, compared, folded, leaves
 from mbm.machine.kinds import Held, Kind, Member, Record, Records, Type
 from mbm.machine.tree import (
     EXTERNAL,
@@ -181,7 +182,7 @@ class _Reader:
                 if isinstance(test, Literal):
                     return self._block(node.body if test.value else node.orelse)
             case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range"), args=[stop])):
-                if self._expression(stop) == Literal(1) and not assigns_or_leaves(node.body, name):
+                if self._expression(stop) == Literal(1) and name not in assigned(node.body) and not leaves(node.body):
                     held = self._names.pop(name, None)
                     self._fixed[name] = Literal(0)
                     body = self._block(node.body)
@@ -205,6 +206,9 @@ class _Reader:
                 if len(bounds) > 2 or node.orelse:
                     raise self._refuse(node)
                 start = bounds[0] if len(bounds) == 2 else Literal(0)
+                kept = {name} | {each.id for a in arguments for each in ast.walk(a) if isinstance(each, ast.Name)}
+                if kept & assigned(node.body):
+                    raise self._refuse(node.iter)
                 variable = self._local(name, Type.INTEGER, node)
                 return For(variable, start, bounds[-1], self._block(node.body))
             case ast.While():

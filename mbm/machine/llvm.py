@@ -195,7 +195,7 @@ class _Lowering:
                 pass
 
     def _for(self, node: For) -> None:
-        """The loop's variable may be assigned in the body: what counts has a place of its own."""
+        """What counts has a place of its own: behind the loop its variable has the value of the last round."""
         place = f"%v.{node.variable.name}"
         start, stop = self._value(node.start), self._value(node.stop)
         counter = self._scratch(INTEGER)

@@ -369,7 +369,24 @@ def with_mixed(n: Integer) -> Real:
     return n * 2.0
 
 
-@pytest.mark.parametrize("wrong", [with_strings, with_mixed])
+def with_moved_stop(n: Integer) -> Integer:
+    """Python takes the end of a range once, C each time."""
+    found = 0
+    for _i in range(n if found == 0 else 0):
+        found = 1
+    return found
+
+
+def with_skipped_steps(n: Integer) -> Integer:
+    """Python goes on from its own count, C from the variable."""
+    found = 0
+    for i in range(n):
+        i += 1
+        found += i
+    return found
+
+
+@pytest.mark.parametrize("wrong", [with_strings, with_mixed, with_moved_stop, with_skipped_steps])
 def test_other_python_is_refused(wrong):
     with pytest.raises(NotInTargetLanguageError):
         module_of("wrong", [wrong])

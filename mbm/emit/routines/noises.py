@@ -121,8 +121,10 @@ def share_of_group(
 def tell_groups(problem: Problem, work: Work, kappa: ConstantReals, told: Reals, spare: Reals) -> Integer:
     """What the residuals at the end of a solve say of all groups, into ``told``; 0: they are no finite numbers."""
     answer = work.answer
-    sound = 0 if answer.states[REASON] == NOT_FINITE_AT_START else 1
-    for g in range(problem.noises if sound == 1 else 0):
+    if answer.states[REASON] == NOT_FINITE_AT_START:
+        return 0
+    sound = 1
+    for g in range(problem.noises):
         share_of_group(problem, work.rows, answer.numbers, answer.covariance, kappa, g, 1, spare)
         copied(FOUND, spare, told[g * TOLD :])
         if not (isfinite(spare[SCATTER]) and isfinite(spare[REDUNDANCY])):
