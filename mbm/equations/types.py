@@ -357,6 +357,7 @@ class NoiseState(Enum):
     COVERED = "the stated common errors explain all of the residuals, which leaves nothing to estimate the noise"
     NOTHING = "the noise of other rows explains all of the residuals, so that the noise is estimated as nothing"
     EXACT = "all residuals are zero, which leaves nothing to estimate the noise"
+    DEPENDENT = "without scatter, or in proportion to others, components leave nothing to estimate the covariance"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -365,13 +366,26 @@ class Noise:
 
     Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight, not an estimate (of NOTHING, 0 is).
     ``rho`` is the correlation of neighbouring rows, ``covariance`` (k, k) that of a row's components, where those are
-    estimated.
+    estimated. ``dependent`` are components of which some combination has no residuals at all.
     """
 
     factor: float
     state: NoiseState
     rho: float | None = None
     covariance: Floats | None = None
+    dependent: tuple[int, ...] = ()
+
+    @property
+    def why(self) -> str:
+        """Why nothing is estimated, as the beginning of a sentence."""
+        if not self.dependent:
+            return self.state.value
+        which = " and ".join(str(each + 1) for each in self.dependent)
+        if len(self.dependent) == 1:
+            return f"component {which} has no scatter, which leaves nothing to estimate the covariance"
+        return (
+            f"components {which} have residuals that depend linearly, which leaves nothing to estimate the covariance"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,6 +20,7 @@ from mbm.report.types import DerivedValue, Floats, Mask, Quantity
 from mbm.values import replace
 
 NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
+DEPENDENT = "the covariance of the noise is unknown, and some combination of its components has no scatter"
 VANISHED = "the noise that it is due to is estimated as nothing"
 FREE = "the data do not determine it"
 _NOT_FINITE = "the value is not finite"
@@ -71,7 +72,11 @@ def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floa
 def untold_noise(solution: Solution) -> str | None:
     """Why what the data determine has no standard deviation; None where all of it has."""
     states = {noise.state for noise in solution.noise.values()}
-    told = {NoiseState.NO_REDUNDANCY: NO_NOISE, NoiseState.NOTHING: VANISHED}
+    told = {
+        NoiseState.NO_REDUNDANCY: NO_NOISE,
+        NoiseState.DEPENDENT: DEPENDENT,
+        NoiseState.NOTHING: VANISHED,
+    }
     return ", or ".join(sentence for state, sentence in told.items() if state in states) or None
 
 

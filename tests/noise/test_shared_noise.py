@@ -219,6 +219,28 @@ def test_too_few_rows_for_a_covariance_are_said(rows):
     assert result["v"].sigma is None or np.isnan(result["v"].sigma)
 
 
+@pytest.mark.parametrize(
+    ("readings", "said"),
+    [
+        ([2, 2, 2, 2, 2, 2], "component 2 has no scatter"),
+        ([2.01, 2.02, 2.0, 2.03, 1.99, 2.01], "components 1 and 2 have residuals that depend linearly"),
+    ],
+)
+def test_components_that_depend_on_one_another_leave_no_covariance(readings, said):
+    """Σdd'/(n − 1) is singular: no standard deviation is invented, of whatever unit."""
+    voltages = [5.01, 5.02, 5.00, 5.03, 4.99, 5.01]
+    result = solved(f"""(problem p {table("r", u=voltages, i=readings)} (unknowns (mu (vector 2)))
+      (observe r (= [u i] mu) :covariance unknown) (derive (ratio (/ (mu 1) (mu 2)))))""")
+    (told,) = [d for d in result.first.diagnostics if d.code.name == "noise-not-estimated"]
+    assert said in told.message
+    assert "zero" not in told.message
+    assert dict(result.first.noise) == {"r": None}
+    np.testing.assert_allclose(result["mu"].value, [np.mean(voltages), np.mean(readings)], rtol=1e-12)
+    assert np.isnan(result["mu"].sigma).all()
+    assert np.isnan(result["ratio"].sigma)
+    assert "some combination of its components has no scatter" in result["ratio"].reason
+
+
 def test_two_rows_tell_no_correlation():
     result = solved(f"(problem p {table('r', y=Y[:2])} (unknowns (a)) (observe r (= y a) :correlation (ar1 unknown)))")
     assert "noise-not-estimated" in [d.code.name for d in result.first.diagnostics]

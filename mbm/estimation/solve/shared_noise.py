@@ -45,6 +45,10 @@ DEGENERATE = 1e-12
 """Relative eigenvalue of a scatter matrix that is a rounding: some combination of the components is fitted exactly."""
 
 
+NO_PART = 1e-6
+"""Square of a component's part in a combination without scatter that is a rounding."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _State:
     """``logs`` (groups,) of the squares of factors, arctanh of rho by block, and the patterns that follow."""
@@ -86,6 +90,7 @@ class Rounds:
         self._known = np.zeros(len(groups), dtype=bool)
         self._states = [NoiseState.ESTIMATED for _ in groups]
         self._free: dict[int, NoiseState] = {p.owner: NoiseState.ESTIMATED for p in structure.patterns if p.unknown}
+        self._dependent: dict[int, tuple[int, ...]] = {}
         self._free |= {p.owner: NoiseState.ESTIMATED for p in structure.patterns if p.lower is not None}
         self._at = _State(logs=np.zeros(len(groups)), z={p.owner: 0.0 for p in _chains(structure)}, structure=structure)
         self._first = self._at.logs
@@ -155,11 +160,14 @@ class Rounds:
             along = basis[pattern.lines].reshape(len(rows), size, -1)
             left = len(rows) * np.eye(size) - np.einsum("rik,rjk->ij", along, along)
             scatter = rows.T @ rows
-            spread = np.linalg.eigvalsh(scatter)
+            spread, directions = np.linalg.eigh(scatter)
             if float(np.linalg.eigvalsh(left)[0]) < size - LEAST_REDUNDANCY:
                 self._free[pattern.owner] = NoiseState.NO_REDUNDANCY
             elif not float(spread[0]) > DEGENERATE * max(float(spread[-1]), 1e-300):
-                self._free[pattern.owner] = NoiseState.EXACT
+                self._free[pattern.owner] = NoiseState.DEPENDENT
+                flat = spread <= DEGENERATE * float(spread[-1])
+                held = np.square(directions[:, flat]).sum(axis=1) > NO_PART
+                self._dependent[pattern.owner] = tuple(np.flatnonzero(held).tolist())
             else:
                 root = np.linalg.inv(np.real(sqrtm(left)))
                 grown = root @ scatter @ root
@@ -253,7 +261,12 @@ class Rounds:
                 state = own.state
             factor = 1.0 if own is None else own.factor
             if pattern.lower is not None:
-                found[pattern.owner] = Noise(factor=factor, state=state, covariance=pattern.lower @ pattern.lower.T)
+                found[pattern.owner] = Noise(
+                    factor=factor,
+                    state=state,
+                    covariance=pattern.lower @ pattern.lower.T,
+                    dependent=self._dependent.get(pattern.owner, ()),
+                )
             elif pattern.chains is not None:
                 found[pattern.owner] = Noise(factor=factor, state=state, rho=pattern.chains.rho)
         return found

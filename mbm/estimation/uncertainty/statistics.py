@@ -195,7 +195,7 @@ def statistics(
     for each in alternatives:
         estimated = _masked(estimated, each)
     diagnostics = tuple(
-        faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.state.value, _wanted(problem, i))
+        faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.why, _wanted(problem, i))
         for i, n in noise.items()
         if n.state not in (NoiseState.ESTIMATED, NoiseState.NOTHING)
     )
@@ -310,8 +310,9 @@ def _alternatives(equations: Assembled, minimum: Minimum, noise: Mapping[int, No
         return observed, covariance(observed)
 
     given = None
-    for state, apart in ((NoiseState.NO_REDUNDANCY, SAME_COVARIANCES), (NoiseState.NOTHING, OWN)):
-        untold = [i for i, n in noise.items() if n.state is state]
+    untellable = (NoiseState.NO_REDUNDANCY, NoiseState.DEPENDENT)
+    for states, apart in ((untellable, SAME_COVARIANCES), ((NoiseState.NOTHING,), OWN)):
+        untold = [i for i, n in noise.items() if n.state in states]
         if untold:
             given = given or with_weights(None)
             weights = np.ones(equations.count)

@@ -263,7 +263,7 @@ def _unknown_noise(problem: Problem, equations: Assembled, solution: Solution) -
     for number, noise in solution.noise.items():
         if noise.state is not NoiseState.ESTIMATED:
             block = problem.blocks[number]
-            why = noise.state.value
+            why = noise.why
             mend = "state the noise with `:sigma`"
             raise MbmError(faults.not_propagated(block.span, f"the unknown noise of `{block.name}`", why, mend))
     shared: dict[str, list[int]] = {}
