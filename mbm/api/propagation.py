@@ -194,7 +194,7 @@ def _of_solve(trials: _Trials, solve: SolveReport, asked: _Asked) -> PropagatedS
         warnings.append(faults.not_settled(problem.span, found.trials))
     if found.stopped:
         warnings.append(faults.stopped(problem.span, found.trials))
-    return PropagatedSolve(solve=solve, parts=parts, sampled=found, varies=ready.varies, diagnostics=tuple(warnings))
+    return PropagatedSolve(solve=solve, parts=parts, sampled=found, diagnostics=tuple(warnings))
 
 
 def _silent(done: int, total: int) -> None:

@@ -291,12 +291,46 @@ def test_an_interruption_ends_the_trials() -> None:
     assert "interrupted after 10,000 trials" in made.diagnostics[0].message
 
 
-def test_trials_without_a_value_are_counted() -> None:
-    made = propagated("(problem p (constants (a 1 :sigma 1)) (derive (y (log a))))")
+def test_trials_that_do_not_converge_are_counted() -> None:
+    """Where c is not above 0 the equation has no value."""
+    made = propagated("(problem p (constants (c 1 :sigma 1)) (unknowns (a)) (observe (= 0 (+ a (log c))) :sigma 0.1))")
     failed = norm.cdf(-1.0)
     assert made.only.sampled.failed / TRIALS == pytest.approx(failed, abs=4 * np.sqrt(failed / TRIALS))
     assert [each.code.name for each in made.diagnostics] == ["failed-trials"]
     assert made.document()["solves"][0]["propagation"]["failed"] == made.only.sampled.failed
+
+
+def test_a_quantity_without_a_value_in_some_trials_leaves_the_others_whole() -> None:
+    """a is normal, and √(a − 1) is there for the upper half of it: a − 1 is then half-normal."""
+    made = propagated(
+        "(problem p (constants (a 1 :sigma 1)) (derive (y (sqrt (- a 1))) (z (+ a 1)) (w (log (- a 9)))))"
+    )
+    assert made.only.sampled.failed == 0
+    assert not made.diagnostics
+    chance = 4.0 / np.sqrt(TRIALS)
+    assert float(made["z"].mean) == pytest.approx(2.0, abs=chance)
+    assert float(made["z"].sigma) == pytest.approx(1.0, abs=chance)
+    assert made["z"].undefined == 0
+    assert made["y"].undefined / TRIALS == pytest.approx(0.5, abs=chance)
+    assert float(np.nanmean(made["y"].samples ** 2)) == pytest.approx(np.sqrt(2.0 / np.pi), abs=2.0 * chance)
+    assert float(made["y"].mean) == pytest.approx(0.8222, abs=2.0 * chance)  # Γ(3/4) 2^¼/√π
+    written = made.document()["solves"][0]["propagation"]
+    assert written["y"]["undefined"] == made["y"].undefined
+    assert written["y"]["validated"] is None
+    assert "undefined" not in written["z"]
+    assert (written["w"]["mean"], written["w"]["reason"]) == (None, "the value is not finite")
+    text = made.table()
+    assert f"no value in {int(made['y'].undefined):,} trials" in text
+    assert "the value is not finite" in text
+
+
+def test_only_what_depends_on_an_input_without_variance_has_none() -> None:
+    more = "(c 3 :prior (student 3 0.1 1.5)) (d 2 :sigma 0.1)"
+    made = propagated(f"(problem p (constants {more}) (derive (heavy (* c d)) (light (* 2 d))))")
+    assert np.isnan(made["heavy"].sigma)
+    assert float(made["light"].sigma) == pytest.approx(0.2, abs=0.2 * 4 / np.sqrt(2 * TRIALS))
+    assert made["heavy"].validated is None
+    assert made.document()["solves"][0]["propagation"]["heavy"]["reason"] == "an input has no variance"
 
 
 REFUSED = {

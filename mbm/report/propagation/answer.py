@@ -264,14 +264,19 @@ def _rows(found: PropagatedSolve, part: Part) -> Iterator[tuple[str, ...]]:
     unit = unit_text(part.item.quantity)
     for k, name in enumerate(part.names):
         place = part.columns.start + k
+        missing, varies = int(found.sampled.undefined[place]), bool(found.sampled.varies[place])
+        if missing == len(found.sampled.samples):
+            yield name, "undefined", "", "", "", part.item.reason or "it has no finite value"
+            continue
         sigma = float(told.sigma[place])
-        scale = sigma if found.varies else float(np.diff(told.interval[place])[0]) / 4.0
-        mean = _number(float(told.mean[place] if found.varies else told.median[place]), scale)
+        scale = sigma if varies else float(np.diff(told.interval[place])[0]) / 4.0
+        mean = _number(float(told.mean[place] if varies else told.median[place]), scale)
         ends = [_interval(told.interval[place], scale), _interval(told.shortest[place], scale)]
-        middle = mean if found.varies else f"{mean} (median)"
-        verdict = "" if agrees is None else "agrees" if agrees[k] else "differs"
+        middle = mean if varies else f"{mean} (median)"
+        verdict = {None: "", True: "agrees", False: "differs"}[agrees[k]]
         linear = f"{_interval(part.linear[k], scale)} {verdict}" if verdict else "none"
-        yield name, f"{middle} {unit}".rstrip(), _sigma(sigma) if found.varies else "none", *ends, linear
+        linear += f"; no value in {missing:,} trials" if missing else ""
+        yield name, f"{middle} {unit}".rstrip(), _sigma(sigma) if varies else "none", *ends, linear
 
 
 def _interval(ends: np.ndarray, scale: float) -> str:

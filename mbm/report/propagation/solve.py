@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from mbm.equations.manifolds import numbers_of_stated
+from mbm.equations.types import Indices
 from mbm.estimation.uncertainty.derived import reported
 from mbm.problem.types import Problem
 from mbm.report.elements import element_names, factors, shown_sigma, shown_values
 from mbm.report.geometric import difference
 from mbm.report.intervals import intervals
 from mbm.report.pickled import solve_as_data
-from mbm.report.types import DerivedValue, Estimate, Floats, Kind, Mask, SolveReport
+from mbm.report.types import DerivedValue, Estimate, Floats, Kind, SolveReport
 from mbm.simulation.trials.drawn import Drawn
 from mbm.simulation.trials.run import Sampled, validated
 from mbm.text.render import as_json
@@ -55,7 +56,7 @@ def parts_of(solve: SolveReport) -> tuple[Part, ...]:
     place = 0
     for item in _items(solve):
         values = shown_values(item)
-        if item.quantity.kind is Kind.DIRECTION or not bool(np.isfinite(values).all()):
+        if item.quantity.kind is Kind.DIRECTION:
             continue
         told = intervals(item, solve.coverage)
         ends = np.stack([values - told.expanded, values + told.expanded], axis=-1)
@@ -88,6 +89,7 @@ def scalars_of(problem: Problem, parts: tuple[Part, ...], drawn: Drawn) -> Calla
         flat = numbers_of_stated(derived.kind, derived.dimension, stated.reshape(-1, stated.shape[-1]))
         return np.asarray(flat).reshape(count, *shape)
 
+    @np.errstate(all="ignore")
     def scalars(points: Floats) -> Floats:
         found = np.empty((len(points), parts[-1].columns.stop if parts else 0))
         for part in parts:
@@ -106,7 +108,8 @@ class Propagation:
     ``interval`` is probabilistically symmetric, ``shortest`` the shortest; both have a last axis [low, high], at the
     coverage of the solve. ``validated``: the linear interval agrees with ``interval`` to two digits of the standard
     deviation (GUM Supplement 1, clause 8); None where there is no linear interval. ``samples`` are those of the trials
-    that converged, along the first axis. ``mean`` and ``sigma`` are NaN where an input has no variance.
+    that converged, along the first axis, NaN where it has no value; ``undefined`` says in how many it has none, and all
+    else is of the others. ``mean`` and ``sigma`` are NaN where an input that it depends on has no variance.
     """
 
     name: str
@@ -118,19 +121,19 @@ class Propagation:
     shortest: Floats
     validated: bool | None
     samples: Floats
+    undefined: Indices
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PropagatedSolve:
     """The trials of one solve.
 
-    ``sampled`` has the scalars of the ``parts``, ``varies`` says that all inputs have a variance.
+    ``sampled`` has the scalars of the ``parts``.
     """
 
     solve: SolveReport
     parts: tuple[Part, ...]
     sampled: Sampled
-    varies: bool
     diagnostics: tuple[Diagnostic, ...]
 
     def of(self, solve: SolveReport) -> PropagatedSolve:
@@ -171,25 +174,26 @@ class PropagatedSolve:
         """The names of the scalars, as they stand in the samples."""
         return tuple(name for part in self.parts for name in part.names)
 
-    def agrees(self, part: Part) -> Mask | None:
-        """Whether the linear interval of each scalar (k,) is validated; None where one has none."""
-        if not self.varies or not bool(np.isfinite(part.linear).all()):
-            return None
-        return validated(part.linear, self.sampled.spreads.of(part.columns))
+    def agrees(self, part: Part) -> tuple[bool | None, ...]:
+        """Whether the linear interval of each scalar is validated; None where it has none."""
+        told = self.sampled.varies[part.columns] & np.isfinite(part.linear).all(axis=1)
+        found = validated(part.linear, self.sampled.spreads.of(part.columns))
+        return tuple(each if known else None for each, known in zip(found.tolist(), told.tolist(), strict=True))
 
     def _of(self, part: Part) -> Propagation:
         told, shape = self.sampled.spreads, part.shape
-        moments, agrees = 1.0 if self.varies else np.nan, self.agrees(part)
+        moments, agrees = np.where(self.sampled.varies[part.columns], 1.0, np.nan), self.agrees(part)
         return Propagation(
             name=part.item.quantity.name,
             unit=part.item.quantity.unit,
-            mean=moments * told.mean[part.columns].reshape(shape),
-            sigma=moments * told.sigma[part.columns].reshape(shape),
+            mean=(moments * told.mean[part.columns]).reshape(shape),
+            sigma=(moments * told.sigma[part.columns]).reshape(shape),
             median=told.median[part.columns].reshape(shape),
             interval=told.interval[part.columns].reshape(*shape, 2),
             shortest=told.shortest[part.columns].reshape(*shape, 2),
-            validated=None if agrees is None else bool(agrees.all()),
+            validated=None if None in agrees else all(agrees),
             samples=self.sampled.samples[:, part.columns].reshape(-1, *shape),
+            undefined=self.sampled.undefined[part.columns].reshape(shape),
         )
 
 
@@ -203,7 +207,11 @@ def propagation_document(found: PropagatedSolve) -> dict[str, Any]:
         entry = {
             name: _numbers(getattr(each, name)) for name in ("mean", "sigma", "interval", "shortest", "median")
         } | {"validated": each.validated, "unit": each.unit}
-        if not found.varies:
+        if bool(each.undefined.any()):
+            entry["undefined"] = each.undefined.tolist()
+        if not bool(np.isfinite(each.median).all()):
+            entry["reason"] = part.item.reason or "it has no finite value"
+        elif not bool(found.sampled.varies[part.columns].all()):
             entry["reason"] = "an input has no variance"
         elif each.validated is None:
             entry["reason"] = "there is no linear interval"

@@ -57,7 +57,7 @@ class Drawn:
     ``point`` (N,) are the estimates and the values of constants. ``cells`` (m,) is the place of each residual's shift
     among the parameters, ``free_constants`` the places (k,) of the constants among the numbers, with their standard
     deviations ``sigmas`` (k,) and laws. ``derived`` are the groups of each derived quantity. ``shared`` are residuals
-    with noise in common, and what their errors are of independent ones.
+    with noise in common, and what their errors are of independent ones. ``all_drawn``: not only what has no variance.
     """
 
     problem: Problem
@@ -71,17 +71,24 @@ class Drawn:
     laws: tuple[Law, ...]
     unknown_noise: tuple[Redundancy, ...]
     shared: tuple[tuple[Indices, Floats], ...] = ()
+    all_drawn: bool = True
 
     @property
     def nothing(self) -> bool:
         """Nothing is drawn."""
         return not len(self.cells) and not len(self.places)
 
-    @property
-    def varies(self) -> bool:
-        """Every input has a variance: t distributions of two degrees of freedom and fewer have none."""
+    def without_variance(self) -> Drawn | None:
+        """The same where only inputs without a variance are drawn; None where all have one.
+
+        t distributions of two degrees of freedom and fewer have none.
+        """
         laws = (*self.laws, *(law for group in self.equations.groups for law in _laws(self.problem, group)))
-        return all(law.has_variance for law in laws) and all(each.dof > 2.0 for each in self.unknown_noise)
+        untold = tuple(each for each in self.unknown_noise if each.dof <= 2.0)
+        if not untold and all(law.has_variance for law in laws):
+            return None
+        steady = [law.has_variance for law in self.laws]
+        return replace(self, sigmas=np.where(steady, 0.0, self.sigmas), unknown_noise=untold, all_drawn=False)
 
     def draws(self, count: int, seed: int, words: tuple[str, ...], number: int) -> tuple[Floats, Floats]:
         """So many draws of block ``number``: points (T, N) to start from, and by how much what each residual compares
@@ -97,7 +104,7 @@ class Drawn:
         for group in self.equations.groups:
             shape = (count, group.rows, group.kernel.outputs)
             part = slice(group.first, group.first + group.count)
-            shifts[:, part] = _variates(self.problem, group, rng, shape).reshape(count, -1)
+            shifts[:, part] = (_variates(self.problem, group, rng, shape) * self._drawn(group)).reshape(count, -1)
         for lines, root in self.shared:
             shifts[:, lines] = shifts[:, lines] @ root.T
         for group in self.equations.groups:
@@ -109,6 +116,17 @@ class Drawn:
         for each in self.unknown_noise:
             shifts[:, each.places] *= np.sqrt(each.dof / rng.chisquare(each.dof, count))[:, None]
         return points, shifts
+
+    def _drawn(self, group: Group) -> Floats:
+        """1 for the residuals (rows, outputs) of a group that are drawn, 0 for others."""
+        found = np.full((group.rows, group.kernel.outputs), float(self.all_drawn))
+        for law, each in zip(_laws(self.problem, group), group.whiteners, strict=True):
+            if not law.has_variance:
+                found[:, each.first : each.last] = 1.0
+        places = np.arange(group.first, group.first + group.count).reshape(found.shape)
+        for untold in () if self.all_drawn else self.unknown_noise:
+            found[np.isin(places, untold.places)] = 1.0
+        return found
 
     def derived_values(self, owner: int, points: Floats) -> Floats:
         """A derived quantity at points (T, N), as its kernels state it: (T, rows, outputs); NaN where no case holds."""

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
+from functools import cached_property
 from math import ceil, isfinite, sqrt
 
 import numpy as np
 
-from mbm.equations.types import Floats, Mask
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.trials import TrialSolver
 from mbm.simulation.trials import faults
 from mbm.simulation.trials.drawn import Drawn
@@ -44,9 +45,21 @@ class Spreads:
         return Spreads(**{each.name: getattr(self, each.name)[columns] for each in fields(self)})
 
 
-@np.errstate(all="ignore")
 def spreads(samples: Floats, level: float) -> Spreads:
-    """What samples (T, S) say at a level of coverage, by their order (7.6, 7.7)."""
+    """What samples (T, S) say at a level of coverage, each scalar by those that have a value of it."""
+    missing = np.isnan(samples)
+    if not bool(missing.any()):
+        return _spreads(samples, level)
+    there = (samples[~none, k] for k, none in enumerate(missing.T))
+    alone = [_spreads((own if len(own) else np.array([np.nan]))[:, None], level) for own in there]
+    return Spreads(
+        **{each.name: np.concatenate([getattr(found, each.name) for found in alone]) for each in fields(Spreads)}
+    )
+
+
+@np.errstate(all="ignore")
+def _spreads(samples: Floats, level: float) -> Spreads:
+    """The same of samples that are all finite, by their order (7.6, 7.7)."""
     ordered = np.sort(samples, axis=0)
     count = len(ordered)
     held = min(max(int(level * count + 0.5), 1), count - 1) if count > 1 else 0
@@ -94,15 +107,13 @@ def scatter(blocks: list[Spreads]) -> Spreads:
     return Spreads(**found)
 
 
-def wanting(scattering: Spreads, tolerance: Floats, *, moments: bool) -> Floats:
+def wanting(scattering: Spreads, tolerance: Floats, *, moments: Mask) -> Floats:
     """By how much (S,) twice the scatter of the results exceeds the tolerance; at most 1 where they have settled.
 
-    ``moments``: mean and standard deviation exist.
+    ``moments`` (S,): mean and standard deviation exist. Of what some block has no value, nothing is awaited.
     """
-    parts = [scattering.median, *scattering.interval.T]
-    if moments:
-        parts = [scattering.mean, scattering.sigma, *scattering.interval.T]
-    worst = np.max(np.stack(parts), axis=0)
+    middle = np.where(moments, np.maximum(scattering.mean, scattering.sigma), scattering.median)
+    worst = np.nan_to_num(np.max(np.stack([middle, *scattering.interval.T]), axis=0), nan=0.0, posinf=np.inf)
     still = worst == 0.0
     return np.where(
         still, 0.0, 2.0 * worst / np.where(still | (tolerance > 0.0), np.maximum(tolerance, 1e-300), 1e-300)
@@ -120,6 +131,9 @@ def validated(linear: Floats, found: Spreads) -> Mask:
 
 MOST_NUMBERS = 100_000_000
 """Numbers that samples may hold: 0.8 GB, and as much again while they are sorted."""
+
+MOVED, UNMOVED = 20, 1e-9
+"""Trials that show what an input moves: one without a variance does so by far more than solves are rounded."""
 
 MOST_ADAPTIVE = 2_000_000
 """Trials after which an adaptive propagation ends, settled or not."""
@@ -145,16 +159,17 @@ class Asked:
     stopped: Callable[[], bool]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Sampled:
-    """The ``samples`` (T, S) of the trials that converged, and what they say.
+    """The ``samples`` (T, S) of the trials that converged, NaN where a quantity has no value, and what they say.
 
-    ``failed`` trials did not converge, or have no finite value. ``settled``: the results hold to the meaningful digits
-    (None: nobody asked).
+    ``varies`` (S,): nothing without a variance is drawn for it. ``failed`` trials did not converge. ``settled``: the
+    results hold to the meaningful digits (None: nobody asked).
     """
 
     samples: Floats
     spreads: Spreads
+    varies: Mask
     failed: int
     settled: bool | None
     stopped: bool
@@ -163,6 +178,11 @@ class Sampled:
     def trials(self) -> int:
         """All trials that were made."""
         return len(self.samples) + self.failed
+
+    @cached_property
+    def undefined(self) -> Indices:
+        """In how many of the trials that converged each scalar (S,) has no value."""
+        return np.asarray(np.isnan(self.samples).sum(axis=0))
 
 
 def sampled(drawn: Drawn, solver: TrialSolver, scalars: Scalars, count: int, asked: Asked) -> Sampled:
@@ -179,6 +199,7 @@ def sampled(drawn: Drawn, solver: TrialSolver, scalars: Scalars, count: int, ask
     limit = asked.trials or min(MOST_ADAPTIVE, most // size * size)
     kept: list[Floats] = []
     blocks: list[Spreads] = []
+    varies = _varying(drawn, solver, scalars, count, asked)
     failed = done = 0
     settled = stopped = False
     while done < limit and not settled:
@@ -193,7 +214,7 @@ def sampled(drawn: Drawn, solver: TrialSolver, scalars: Scalars, count: int, ask
             blocks.append(spreads(found, asked.coverage))
         expected = limit
         if asked.trials is None and len(blocks) > 1:
-            ratio = _wanting(drawn, blocks)
+            ratio = _wanting(varies, blocks)
             settled, expected = ratio < 1.0, min(limit, ceil(done * max(ratio, 1.0) ** 2))
         asked.progress(done, max(expected, done))
     whole = np.concatenate(kept) if kept else np.zeros((0, count))
@@ -205,27 +226,37 @@ def sampled(drawn: Drawn, solver: TrialSolver, scalars: Scalars, count: int, ask
     return Sampled(
         samples=whole,
         spreads=spreads(whole, asked.coverage),
+        varies=varies,
         failed=failed,
         settled=settled if asked.trials is None else None,
         stopped=stopped,
     )
 
 
-def _wanting(drawn: Drawn, blocks: list[Spreads]) -> float:
+def _wanting(varies: Mask, blocks: list[Spreads]) -> float:
     """By how much the results have not settled, the worst of them."""
-    moments = drawn.varies
-    middle = np.mean([each.sigma for each in blocks], axis=0)
-    if not moments:
-        middle = np.mean([np.diff(each.interval, axis=1)[:, 0] / 4.0 for each in blocks], axis=0)
-    return float(wanting(scatter(blocks), tolerances(middle), moments=moments).max(initial=0.0))
+    widths = [np.where(varies, each.sigma, np.diff(each.interval, axis=1)[:, 0] / 4.0) for each in blocks]
+    return float(wanting(scatter(blocks), tolerances(np.mean(widths, axis=0)), moments=varies).max(initial=0.0))
+
+
+def _varying(drawn: Drawn, solver: TrialSolver, scalars: Scalars, count: int, asked: Asked) -> Mask:
+    """Which scalars (S,) stay where they are while only that is drawn which has no variance."""
+    heavy = drawn.without_variance()
+    if heavy is None:
+        return np.ones(count, dtype=bool)
+    moved = _block(heavy, solver, scalars, MOVED, 0, asked)
+    if not len(moved):
+        return np.zeros(count, dtype=bool)
+    size = np.maximum(np.abs(moved).max(axis=0), np.finfo(float).tiny)
+    return np.asarray((np.ptp(moved, axis=0) <= UNMOVED * size) | np.isnan(moved).all(axis=0))
 
 
 @np.errstate(all="ignore")
 def _block(drawn: Drawn, solver: TrialSolver, scalars: Scalars, count: int, number: int, asked: Asked) -> Floats:
-    """The scalars (K, S) of those trials of a block that converged and have finite values."""
+    """The scalars (K, S) of those trials of a block that converged; NaN where one has no finite value."""
     points, shifts = drawn.draws(count, asked.seed, asked.words, number)
     parameters = np.tile(solver.parameters, (count, 1))
     parameters[:, drawn.cells] -= shifts  # what was measured is more by as much
     ends, converged = solver.solved(points, parameters, asked.workers)
-    found = scalars(ends)
-    return found[converged & np.isfinite(found).all(axis=1)]
+    found = scalars(ends)[converged]
+    return np.where(np.isfinite(found), found, np.nan)
