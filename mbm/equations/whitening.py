@@ -66,6 +66,7 @@ class Whitener:
         """Its transpose applied to whitened values (…, rows, outputs): (…, rows, k)."""
         return self._product("rij,...ri->...rj", values)
 
+    @np.errstate(all="ignore")
     def _product(self, sum_of: str, values: Floats) -> Floats:
         """The equation's part of ``values`` by the weights: each by its own, or by matrices as ``sum_of`` says."""
         part = values[..., self.first : self.last]

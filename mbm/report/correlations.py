@@ -84,6 +84,7 @@ def _between(solve: SolveReport) -> Floats | None:
     return own
 
 
+@np.errstate(all="ignore")
 def _times(solution: Solution, gradient: Floats) -> Floats:
     """The covariance of the estimates times the gradient (k, n) of derived quantities, (n, k)."""
     estimated = solution.covariance

@@ -61,6 +61,7 @@ def coordinate_values(quantity: Quantity, numbers: Floats) -> Floats:
     return np.concatenate(columns, axis=-1)
 
 
+@np.errstate(invalid="ignore")
 def difference(quantity: Quantity, first: Floats, second: Floats) -> Floats:
     """What leads from one value of a quantity to another (…,), SI, with the shape of its sigmas; angles by half turns.
 

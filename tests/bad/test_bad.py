@@ -55,6 +55,7 @@ ELSEWHERE = {
     "no-board": "images/test_what_is_said.py",
     "no-candidates": "report/test_designs.py",
     "no-object": "images/test_contour_faults.py",
+    "no-rotation": "report/test_trajectories.py",
     "no-equation-for-row": "api/test_stream.py",
     "noise-too-large": "noise/test_shared_noise.py",
     "no-budget": "report/test_budgets.py",

@@ -278,7 +278,26 @@ def test_an_alignment_that_is_not_observable_is_an_answer_in_doubt(tmp_path, cap
           (unknowns (S (pose 3) :init (pose3)))
           (observe d (= [ref.x ref.y ref.z] (transform S [est.x est.y est.z])) :sigma 0.1))""")
     assert run(["trajectory", str(file)]) == 1
-    assert "absolute, position" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "absolute, position" in said
+    assert "unobservable" in said
+    assert "not determined by the data" in said
+
+
+@pytest.mark.parametrize("quaternion", ["0 0 0 0", "nan 0 0 1"])
+def test_a_quaternion_that_is_no_rotation_is_told_with_its_line(quaternion, tmp_path):
+    ref, est = written(tmp_path)
+    lines = est.read_text().splitlines()
+    lines[7] = " ".join([*lines[7].split()[:4], quaternion])
+    est.write_text("\n".join(lines))
+    file = tmp_path / "p.mbm"
+    file.write_text(FILE.format(ref=ref, est=est, more=ALIGNMENTS["se3"], equation=ALIGNED))
+    with pytest.raises(mbm.MbmError) as caught:
+        trajectory_file(file, SolveOptions())
+    (fault,) = caught.value.diagnostics
+    assert fault.code.name == "no-rotation"
+    assert (fault.place.file, fault.place.row) == (str(est), 8)
+    assert f"length {'0' if quaternion == '0 0 0 0' else 'nan'}" in fault.message
 
 
 @pytest.mark.parametrize(

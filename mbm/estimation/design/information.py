@@ -50,8 +50,8 @@ class Expected:
 class Information:
     """The whitened Jacobian at a point: ``rows`` (m, n) of what is measured, and (k, n) of each of the ``candidates``.
 
-    ``gradient`` (q, n) is that of the quantity by the free coordinates ``free``; ``minimum`` has the point and its
-    constraints.
+    ``gradient`` (q, n) is that of the quantity by the free coordinates ``free``, NaN of numbers without a value, which
+    nothing determines; ``minimum`` has the point and its constraints.
     """
 
     minimum: Minimum
@@ -82,12 +82,15 @@ class Information:
         minimum = replace(self.minimum, jacobian=rows, residuals=np.zeros(len(rows)))
         observed = observed_at(minimum, np.zeros(rows.shape[1]))
         observed = with_gauge(observed, self.layout, self.free, minimum.point, self.gauge)
-        found = propagate(self.gradient, observed, covariance(observed))
-        weighted = self.gradient / observed.scale
+        there = np.isfinite(self.gradient).all(axis=1)
+        gradient = np.where(there[:, None], self.gradient, 0.0)
+        found = propagate(gradient, observed, covariance(observed))
+        weighted = gradient / observed.scale
         lengths = np.sqrt(np.square(weighted).sum(axis=1, keepdims=True))
         along = (weighted / np.where(lengths > 0.0, lengths, 1.0)) @ observed.null_space
         missing = int(np.linalg.matrix_rank(along, tol=SHARE)) if along.size else 0
-        return Expected(matrix=found.matrix, estimable=found.estimable, missing=missing)
+        matrix = np.where(there[:, None] & there, found.matrix, np.nan)
+        return Expected(matrix=matrix, estimable=found.estimable & there, missing=missing + int((~there).sum()))
 
     def volume(self, counts: Indices, scale: Floats) -> tuple[int, float]:
         """Rank, and the logarithm of the product of the singular values above zero, of the rows by a ``scale`` (n,)."""

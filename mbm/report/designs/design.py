@@ -134,7 +134,8 @@ def _information(
             raise MbmError(faults.not_designed(why, "derive fewer"))
         item = item_of(solve, each)
         scale = np.ravel(np.broadcast_to(factors(item.quantity), np.shape(shown_sigma(item))))[each.place]
-        gradients.append(gradient / scale)
+        value = list(scalars(item))[each.place].value
+        gradients.append(gradient / scale if isfinite(value) else np.full(len(gradient), np.nan))
     lines = [places for _, _, places in rows.units]
     kept = np.concatenate([np.zeros(0, dtype=np.int64), *lines])
     return Information(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mbm.text.types import Code, Diagnostic, Span
+from mbm.text.types import Code, DataPlace, Diagnostic, Span
 
 NO_TRAJECTORY = Code(
     "no-trajectory",
@@ -23,6 +23,19 @@ BAD_DELTA = Code(
     "A step of the relative errors is no number of rows, seconds or metres, or no two poses are so far apart.",
     "Write `10f` for rows, `0.5s` for times, `2m` for the reference's path, shorter than the trajectory.",
 )
+
+
+NO_ROTATION = Code(
+    "no-rotation",
+    "A quaternion of a trajectory has no length, or holds no numbers, so that it is no rotation.",
+    "Correct the line, or leave it out (`:where`).",
+)
+
+
+def no_rotation(place: DataPlace, length: float) -> Diagnostic:
+    """A quaternion of this ``length``, the first number of which stands at ``place``."""
+    message = f"a quaternion of the length {length:g} is no rotation"
+    return Diagnostic(code=NO_ROTATION, message=message, place=place, hint=NO_ROTATION.mend)
 
 
 def no_trajectory(span: Span, why: str) -> Diagnostic:

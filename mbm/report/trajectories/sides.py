@@ -66,7 +66,7 @@ def laid(place: Place, block: Block) -> Laid:
     """Both trajectories, for the rows that are used.
 
     Raises:
-        MbmError: no-trajectory: no row is used.
+        MbmError: no-trajectory: no row is used; no-rotation: a quaternion is no rotation.
 
     """
     owner = next(i for i, each in enumerate(place.problem.blocks) if each is block)
@@ -193,7 +193,13 @@ def _rotations(rows: AtRows, side: str, size: int) -> Floats | None:
     columns = {} if rows.table is None else rows.table.columns
     names = [f"{side}{part}" for part in QUATERNION]
     if size == 3 and all(name in columns and not columns[name].is_text for name in names):
-        return matrix_of_quaternion(unit(rows.values([_column(rows, name) for name in names])))
+        quaternions = rows.values([_column(rows, name) for name in names])
+        lengths = np.linalg.norm(quaternions, axis=1)
+        wrong = np.flatnonzero(~((lengths > 0.0) & np.isfinite(lengths)))
+        if wrong.size and rows.table is not None and rows.positions is not None:
+            place = rows.table.place(int(rows.positions[wrong[0]]), names[0])
+            raise MbmError(faults.no_rotation(place, float(lengths[wrong[0]])))
+        return matrix_of_quaternion(unit(quaternions))
     heading = next((f"{side}{name}" for name in HEADINGS if f"{side}{name}" in columns), None)
     if size == 2 and heading is not None and not columns[heading].is_text:
         return planar(rows.values([_column(rows, heading)])[:, 0])
