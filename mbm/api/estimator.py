@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -55,6 +55,10 @@ class Estimates:
     def sigma(self) -> Floats:
         """Standard deviations of the estimated coordinates (n,)."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of the unknowns."""
+        return iter(self.places)
 
     def __getitem__(self, name: str) -> Floats:
         """The estimates of one unknown in its own shape.
@@ -120,7 +124,8 @@ class Estimator:
         values, covariance, cost = ends
         if not self._plain:
             values, covariance = self._in_units(values, covariance)
-        return Estimates(self.names, values, covariance, cost, CONVERGED, True, self._places)
+        clean = shape.stream is not None and cost < shape.stream.usual
+        return Estimates(self.names, values, covariance, cost, CONVERGED, clean, self._places)
 
     def many(self, *columns: ArrayLike, rows: ArrayLike | None = None, workers: int | None = None) -> Estimates:
         """Solve T data sets: for each input an array (T, rows).
@@ -178,6 +183,8 @@ class Estimator:
         for t in np.flatnonzero(~clean).tolist():
             report = self._shapes.solved(shape, [cells[t] for cells in given])
             values[t], covariance[t], cost[t], status[t] = self._answer(report)
+        if shape.stream is not None:
+            clean &= cost < shape.stream.usual
         return Estimates(self.names, values, covariance, cost, status, clean, self._places)
 
     def _numbers(self, columns: tuple[ArrayLike, ...]) -> list[Floats]:

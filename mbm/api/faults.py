@@ -145,6 +145,12 @@ def stream_stopped(column: str, key: float) -> Diagnostic:
     )
 
 
+def stream_finished() -> Diagnostic:
+    """A stream that the caller has ended."""
+    message = "the stream has ended: its last steps were given by `finish`"
+    return Diagnostic(code=STREAM_STOPPED, message=message, place=None, hint="begin a new stream for further steps")
+
+
 def wrong_count(expected: tuple[str, ...], count: int) -> Diagnostic:
     """Too many or too few arrays."""
     return Diagnostic(

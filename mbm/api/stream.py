@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,7 @@ from mbm.report.named import Named, named
 from mbm.report.quantities import quantity_of
 from mbm.report.spreads import Spread
 from mbm.report.types import Estimate, Quantity
-from mbm.text.types import MbmError
+from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -60,12 +60,12 @@ class StepAnswer:
     """The estimate of one step, whose ``key`` is its value of the steps' column (SI).
 
     ``answer[name]`` is a state or an unknown as ``result[name]`` has one: ``.value`` and ``.sigma`` in the unit of the
-    report, without an axis over the steps. ``cost`` is what the rows of the step add to the cost of the filter, NaN of
+    report, without an axis over the steps. ``cost`` is what the rows of the step add to the cost of the filter, None of
     a smoother, whose steps come later than their rows. ``hypotheses`` are followed after the step.
     """
 
     key: float
-    cost: float
+    cost: float | None
     hypotheses: int
     _found: StepEstimate = field(repr=False)
     _plan: Plan = field(repr=False)
@@ -96,6 +96,10 @@ class StepAnswer:
             ),
             COVERAGE,
         )
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of the states and unknowns."""
+        return iter(self._plan.parts)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -135,7 +139,7 @@ class Stream:
         self._stepper = Stepper(ready, compilation.kernels, compilation.cache)
         self._plan = _plan(ready)
         self._keys: list[float] = []
-        self._ended = False
+        self._ended: Diagnostic | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -158,20 +162,20 @@ class Stream:
                 step is not taken then. Or something is not finite at the step; then the stream is at its end.
 
         """
-        if self._ended:
-            raise MbmError(faults.stream_stopped(self._sequence.column, self._keys[-1] if self._keys else np.nan))
+        if self._ended is not None:
+            raise MbmError(self._ended)
         key, arrived = self._arrivals.read(tables, at, self._keys[-1] if self._keys else None)
         found = self._stepper.take(arrived)
         if self._stepper.failed:
-            self._ended = True
-            raise MbmError(faults.stream_stopped(self._sequence.column, key))
+            self._ended = faults.stream_stopped(self._sequence.column, key)
+            raise MbmError(self._ended)
         self._keys.append(key)
         return None if found is None else self._answer(found, self._keys[-1 - self._stepper.lag])
 
     def finish(self) -> list[StepAnswer]:
         """The estimates of the steps that a smoother has not given yet, given all rows; no step can come then."""
-        found = [] if self._ended else self._stepper.finish()
-        self._ended = True
+        found = [] if self._ended is not None else self._stepper.finish()
+        self._ended = self._ended or faults.stream_finished()
         return [
             self._answer(each, key) for each, key in zip(found, self._keys[len(self._keys) - len(found) :], strict=True)
         ]
@@ -179,7 +183,7 @@ class Stream:
     def _answer(self, found: StepEstimate, key: float) -> StepAnswer:
         return StepAnswer(
             key=key,
-            cost=np.nan if self._smooth else found.cost,
+            cost=None if self._smooth else found.cost,
             hypotheses=found.followed,
             _found=found,
             _plan=self._plan,

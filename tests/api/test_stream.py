@@ -218,7 +218,7 @@ def test_a_stream_ends_where_nothing_is_finite():
     stream = mbm.loads(text).compile(data={"z": {"k": [0.0, 1.0], "y": [0.0, 1.0]}}).stream()
     stream.step({"z": {"k": 0.0, "y": 0.0}})
     for _ in range(2):
-        with pytest.raises(mbm.MbmError, match="stream-stopped"):
+        with pytest.raises(mbm.MbmError, match="stream-stopped: the stream has ended at `k` = 1,"):
             stream.step({"z": {"k": 1.0, "y": 0.0}})
     assert stream.finish() == []
 
@@ -252,3 +252,22 @@ def test_transitions_with_other_numbers_at_each_step(method, sigma):
     tables = {"o": o, "z": {"k": k, "y1": k + 0.1 * g.normal(size=7), "y2": 0.1 * g.normal(size=7)}}
     compiled = mbm.loads(text).compile(data=tables)
     same(compiled.solve(), fed(compiled, tables), ["at"])
+
+
+def test_a_step_names_what_it_estimates_and_a_smoother_has_no_cost_of_a_step():
+    text = """(problem p (data seen (table (t x) (0 0) (1 0)))
+      (states :over t (p :init 0 :sigma 1)) (unknowns (b :init 0 :sigma 1))
+      (dynamics (random-walk p :sigma 0.1)) (observe seen (= x (+ p b)) :sigma 0.1) (solve :method {}))"""
+    stream = mbm.loads(text.format("ekf")).compile().stream()
+    answer = stream.step({"seen": {"t": 0, "x": 0.2}})
+    assert sorted(answer) == ["b", "p"]
+    assert "p" in answer
+    assert "q" not in answer
+    # (x − 0)²/S with S = 1 + 1 + 0.01
+    assert answer.cost == pytest.approx(0.04 / 2.01, rel=1e-9)
+    smoother = mbm.loads(text.format("(smoother :lag 1)")).compile().stream()
+    assert smoother.step({"seen": {"t": 0, "x": 0.2}}) is None
+    assert smoother.step({"seen": {"t": 1, "x": 0.2}}).cost is None
+    smoother.finish()
+    with pytest.raises(mbm.MbmError, match="`finish`"):
+        smoother.step({"seen": {"t": 2, "x": 0.2}})

@@ -64,6 +64,8 @@ class RobustStream:
         self._system = system
         self._agreement = agreement
         self._rules = rules
+        self.usual = rules.usual
+        """As of a `Stream`."""
         self._rooms = Rooms()
         self._single = self._room = self._made(1)
         self.single: Floats = self._single.parameters[0]

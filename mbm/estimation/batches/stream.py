@@ -76,6 +76,8 @@ class Stream:
         self._start = start
         self._rules = rules
         self._rivals = rivals
+        self.usual = rules.usual
+        """The cost that a fit as stated noise lets expect stays below."""
         self._function: Callable[[int], int] | None = None
         self._room = self._single = self._made(1)
         self._first = self._single.solves.ctypes.data
@@ -231,8 +233,10 @@ def stream_of(
     alone = not corrected and (equations.linear or (given and unchallenged))
     if not alone and problem.estimates_noise:
         return "a fit of unknown noise does not show that a better one is elsewhere: state a start, or the noise"
+    usual = np.inf if problem.estimates_noise else usual_cost(equations.count - equations.dimension)
     rules = Rules(
-        most=np.inf if alone else usual_cost(equations.count - equations.dimension),
+        most=np.inf if alone else usual,
+        usual=usual,
         estimated=problem.estimates_noise,
         angles=_angles(equations),
         places=places,

@@ -59,8 +59,9 @@ class StreamEnds:
 class Rules:
     """What an end is judged and finished by.
 
-    ``most`` is the largest cost that stated noise lets expect (infinite: nothing is expected), ``estimated`` whether
-    one factor of the noise follows from the residuals, ``angles`` the numbers that are angles. ``places`` (n,) are
+    ``usual`` is the largest cost that stated noise lets expect (infinite: nothing is expected), ``most`` the largest
+    that asks for no look at other minima (infinite: there are none). ``estimated`` says whether one factor of the noise
+    follows from the residuals, ``angles`` the numbers that are angles. ``places`` (n,) are
     those of the coordinates among the numbers, -1 for rotations and directions.
     """
 
@@ -68,6 +69,7 @@ class Rules:
     estimated: bool
     angles: tuple[int, ...]
     places: Indices
+    usual: float = np.inf
 
     def clean(self, cost: Any, reason: Any, deficient: Any, held: Any, freedom: Any) -> Any:
         """Whether nothing speaks against an end: numbers of one solve, or arrays of all."""
