@@ -117,8 +117,11 @@ def _refuse(problem: Problem) -> None:
             wrong.append(faults.not_propagated(block.span, f"the loss of `{block.name}`", judged, mend))
         if block.structure.estimated or (block.structure.joins and block.unknown_factor):
             why, mend = "noise that rows share is drawn where all of it is known", "state it with numbers"
-            what = f"{block.structure.what} of `{block.name}`"
-            wrong.append(faults.not_propagated(block.structure.place or block.span, what, why, mend))
+            what, at = f"{block.structure.what} of `{block.name}`", block.structure.place or block.span
+            if not block.structure.estimated:
+                what, at = f"{what} beside unknown noise", block.span
+                mend = "state its size: `:sigma` with a number or a column"
+            wrong.append(faults.not_propagated(at, what, why, mend))
         if block.errors:
             why = "errors in measured columns are not drawn yet"
             mend = "make the true values unknowns: `(observe (= x (true i)) :sigma s)`"

@@ -265,9 +265,9 @@ def not_a_condition(span: Span, got: str) -> Diagnostic:
     )  # fmt: skip
 
 
-def bad_form(span: Span, message: str, usage: str) -> Diagnostic:
+def bad_form(span: Span, message: str, usage: str, mend: str | None = None) -> Diagnostic:
     """A special form or definition that is not built as it should."""
-    return Diagnostic(code=BAD_FORM, message=message, place=span, hint=f"usage: {usage}")
+    return Diagnostic(code=BAD_FORM, message=message, place=span, hint=mend or f"usage: {usage}")
 
 
 def duplicate_definition(span: Span, name: str, other: Span) -> Diagnostic:
@@ -343,11 +343,12 @@ def list_too_long(place: Place | None, length: int, limit: int) -> Diagnostic:
 
 
 def ambiguous_name(span: Span, name: str, table: str, other: str, declared: Span | None) -> Diagnostic:
-    """A plain name with two meanings."""
+    """A plain name with two meanings; a table that is made on the spot has no name to write before its column."""
+    named = "" if table.startswith("(") else f"write `{table}.{name}` for the column, or "
     labels = (Label(declared, f"the {other} of this name"),) if declared is not None else ()
     return Diagnostic(
         code=AMBIGUOUS_NAME, message=f"`{name}` is both a column of `{table}` and {_article(other)}", place=span,
-        hint=f"write `{table}.{name}` for the column, or rename one of them", labels=labels,
+        hint=f"{named}rename one of them", labels=labels,
     )  # fmt: skip
 
 

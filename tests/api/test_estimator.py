@@ -391,20 +391,3 @@ def test_what_the_closed_form_leads_to_has_its_own_covariance() -> None:
     found = problem.estimator("r")([5.0, 2.9, 6.9])
     assert found["p"][1] == pytest.approx(3.055, abs=5e-4)
     agree(found, problem.solve(), ("p",))
-
-
-def test_a_fit_that_the_stated_noise_makes_improbable_is_not_clean() -> None:
-    """Its values and status are those of whole solves all the same: a line has one minimum."""
-    text = "(problem p (data d external) (unknowns (a :init 0) (b :init 0)) (observe d (= y (+ a (* b x))) :sigma {}))"
-    x = np.arange(20.0)
-    fits = 1.0 + 2.0 * x + 0.1 * (-1.0) ** np.arange(20)
-    off = fits + np.where(x < 4, 10.0, 0.0)
-    for sigma, expected in (("0.1", [True, False]), ("unknown", [True, True])):
-        estimator = mbm.loads(text.format(sigma)).compile(data={"d": {"x": x, "y": fits}}).estimator("x", "y")
-        many = estimator.many(np.array([x, x]), np.array([fits, off]))
-        assert many.clean.tolist() == expected
-        assert [bool(estimator(x, y).clean) for y in (fits, off)] == expected
-        assert many.status.tolist() == ["converged", "converged"]
-        slope = np.polyfit(x, off, 1)[0]
-        assert many["b"][1] == pytest.approx(slope, rel=1e-9)
-        assert "b" in many

@@ -392,14 +392,3 @@ def test_exit_status_and_files(tank, capsys):
     assert run(["design", "tank.mbm", "--candidates", "none.csv"]) == 2
     assert run(["design", "tank.mbm", "--candidates", "tank.mbm"]) == 2
     assert (tank / "tank.mbm").read_text() == FILE
-
-
-@pytest.mark.parametrize("form", ["(sqrt (- a 5))", "(log (- b 9))", "(/ a (- b b))"])
-def test_a_quantity_without_a_value_is_not_determined(form):
-    """Beside unknowns that the data leave free, too."""
-    text = """(problem p (data d external) (unknowns (a :init 1) (b :init 1) (c :init 1))
-      (observe d (= y (+ a (* b t) c)) :sigma 0.1) (derive (w {}) (v (* 2 b))))"""
-    told = expected(mbm.loads(text.format(form)).design(data={"d": {"t": T}}))
-    assert (told["a"], told["w"]) == (None, None)
-    assert told["v"] == pytest.approx(2.0 * sigma_of(rows_of(T, np.ones(5)), [0, 1]), rel=1e-9)
-    assert mbm.loads(text.format(form)).design("w", data={"d": {"t": T}}).sigma is None

@@ -82,7 +82,7 @@ class Information:
         minimum = replace(self.minimum, jacobian=rows, residuals=np.zeros(len(rows)))
         observed = observed_at(minimum, np.zeros(rows.shape[1]))
         observed = with_gauge(observed, self.layout, self.free, minimum.point, self.gauge)
-        there = np.isfinite(self.gradient).all(axis=1)
+        there: Mask = np.asarray(np.isfinite(self.gradient).all(axis=1))
         gradient = np.where(there[:, None], self.gradient, 0.0)
         found = propagate(gradient, observed, covariance(observed))
         weighted = gradient / observed.scale

@@ -297,7 +297,7 @@ def depends_on_unknown(span: Span, wanted: str, unknown: str) -> Diagnostic:
     """An unknown where none may be."""
     return Diagnostic(
         code=DEPENDS_ON_UNKNOWN, message=f"{wanted} must be known before the solve, but holds the unknown `{unknown}`",
-        place=span, hint="use columns, constants and numbers only",
+        place=span, hint=f"use {'`unknown`, `model`, ' if wanted == '`:sigma`' else ''}columns, constants, numbers",
     )  # fmt: skip
 
 

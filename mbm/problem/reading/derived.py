@@ -179,7 +179,7 @@ def _refuse_other(work: Workspace, form: Sequence) -> None:
     defined = function is not None and not isinstance(function, LibraryModel)
     if defined or (value is not None and not isinstance(value, TableName)):
         message = "`grid` is a definition or variable of yours here, and `:over` takes a table"
-        raise MbmError(language_faults.bad_form(form.span, message, f"call yours otherwise, to write {GRID_USAGE}"))
+        raise MbmError(language_faults.bad_form(form.span, message, GRID_USAGE, "call yours otherwise"))
 
 
 def _end(work: Workspace, form: Form) -> RowValues:
@@ -196,7 +196,8 @@ def _end(work: Workspace, form: Form) -> RowValues:
             raise MbmError(language_faults.bad_form(leaf.span or form.span, message, GRID_USAGE))
         if isinstance(leaf, Constant) and leaf.name in work.uncertain:
             message = f"an end of a grid is an exact number, and `{leaf.name}` has a standard deviation"
-            raise MbmError(language_faults.bad_form(leaf.span or form.span, message, GRID_USAGE))
+            mend = "write the number itself, or another constant without `:sigma`"
+            raise MbmError(language_faults.bad_form(form.span, message, GRID_USAGE, mend))
     return values
 
 

@@ -69,7 +69,7 @@ def _distribution(work: Workspace, declaration: Declaration) -> Sequence | None:
     for other in ("sigma", "covariance"):
         if declaration.options.get(other) is not None:
             message = f"`:prior` and `:{other}` state two priors of `{declaration.name.name}`"
-            raise MbmError(language_faults.bad_form(places[other], message, "keep one of them"))
+            raise MbmError(language_faults.bad_form(places[other], message, "", "keep one of them"))
     if declaration.dimension:
         message = f"`:prior` is for numbers, and a {declaration.kind.value} is none"
         raise MbmError(language_faults.bad_form(form.span, message, "`:init` with `:sigma` or `:covariance`"))
