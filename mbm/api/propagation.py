@@ -119,8 +119,7 @@ def _refuse(problem: Problem) -> None:
             why, mend = "noise that rows share is drawn where all of it is known", "state it with numbers"
             what, at = f"{block.structure.what} of `{block.name}`", block.structure.place or block.span
             if not block.structure.estimated:
-                what, at = f"{what} beside unknown noise", block.span
-                mend = "state its size: `:sigma` with a number or a column"
+                mend, at = "state its size: `:sigma` with a number or a column", block.span
             wrong.append(faults.not_propagated(at, what, why, mend))
         if block.errors:
             why = "errors in measured columns are not drawn yet"

@@ -17,7 +17,7 @@ from mbm.equations.spreads import Freedom
 from mbm.equations.types import Floats
 from mbm.estimation.coverage.student import coverage_factors
 from mbm.estimation.search.solution import DerivedSolution
-from mbm.estimation.trust.curvature import Curvature, followed_ends, most_followed
+from mbm.estimation.trust.curvature import Curvature, flat_reach, followed_ends, most_followed
 from mbm.estimation.trust.nonlinearity import OF_LIKELIHOODS, TOLERATED
 from mbm.values import dataclass
 
@@ -103,6 +103,8 @@ class Profiles:
                     place = int(one.known[doubtful])
                     far = float(reach[place])
                     below[place], above[place] = followed_ends(curvature.around, one, doubtful, far, ACCURACY)
+                if one.about is not None and one.flat.size:
+                    below[one.flat], above[one.flat] = flat_reach(curvature.around, one.about, reach[one.flat])
         return below, above
 
     def _reach(self, level: float, freedom: Freedom) -> Floats:
@@ -130,7 +132,9 @@ def profiles(
 ) -> Profiles | None:
     """What follows the intervals that curvature misplaces, or a limit of the ``likelihood``; None: nothing does."""
     share = _share(likelihood)
-    if found is not None and not (found.ends.off(share).size or any(one.ends.off(share).size for one in found.derived)):
+    if found is not None and not (
+        found.ends.off(share).size or any(one.ends.off(share).size or one.flat.size for one in found.derived)
+    ):
         found = None
     if found is None and likelihood is None:
         return None

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, affine
 from mbm.equations.surface import OnSurface, on_surface
-from mbm.equations.types import Covariance, Floats, Indices, Minimum
+from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.derived_profile import DerivedProfile
 from mbm.estimation.trust.nonlinearity import (
@@ -35,11 +35,19 @@ MOST_BROUGHT_BACK = 600
 """Squared directions times profiles that are followed on curved constraints, to which each point goes back alone."""
 
 
+UNMOVED = 1e-6
+"""Share of its size by which a number without a derivative has to move to be taken for more than a rounding."""
+
+MOST_BETWEEN = 12
+"""Directions between which pairs are tried as well."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DerivedEnds:
     """The ``ends`` of the numbers ``known`` (k,) of a derived quantity, by their places in it.
 
-    ``values`` (P, k) gives these numbers at P points, ``gradient`` (k, n) is that at the minimum.
+    ``values`` (P, k) gives these numbers at P points, ``gradient`` (k, n) is that at the minimum. ``flat`` are places
+    of numbers whose derivative is zero there although they vary around it, as a square at 0; ``about`` gives those.
     """
 
     owner: int
@@ -48,6 +56,8 @@ class DerivedEnds:
     gradient: Floats
     values: Callable[[Floats], Floats]
     angle: bool
+    flat: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    about: Callable[[Floats], Floats] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,16 +158,69 @@ def _derived(
         sigma = one.sigma.ravel()
         parts = np.abs(one.gradient) @ np.nan_to_num(propagation.outcome.covariance.sigma)
         known = np.flatnonzero(np.isfinite(one.values.ravel()) & np.isfinite(sigma) & (sigma > DETERMINED * parts))
-        if not known.size:
+        still = np.flatnonzero(np.isfinite(one.values.ravel()) & (sigma <= DETERMINED * parts))
+        flat = still[_varies(around, _picked(groups[0], still, turned), parts[still])] if still.size else still
+        if not known.size and not flat.size:
             continue
         values, gradient = _picked(groups[0], known, turned), one.gradient[known]
-        ends = derived_ends(around, gradient, values, stated.angle)
+        none = IntervalEnds(lower=np.ones(0), upper=np.ones(0))
         found = DerivedEnds(
-            owner=one.owner, known=known, ends=ends, gradient=gradient, values=values, angle=stated.angle
+            owner=one.owner,
+            known=known,
+            ends=derived_ends(around, gradient, values, stated.angle) if known.size else none,
+            gradient=gradient,
+            values=values,
+            angle=stated.angle,
+            flat=flat,
+            about=_picked(groups[0], flat, turned),
         )
         found, done = _followed(around, found, followed)
         followed -= done
         yield found
+
+
+def _varies(around: Surroundings, values: Callable[[Floats], Floats], parts: Floats) -> Mask:
+    """Which numbers (k,), whose linear standard deviations are nothing beside their ``parts``, vary nevertheless."""
+    begin = values(around.minimum.point[None])[0]
+    moved = np.abs(values(around.points(_directions(around))) - begin)
+    return np.asarray((moved > UNMOVED * np.maximum(np.abs(begin), parts)).any(axis=0))
+
+
+def _directions(around: Surroundings) -> Floats:
+    """Unit vectors (p, k): the k axes, and between two of them, a pair for each, where these are not too many."""
+    size = around.factor.shape[1]
+    one = np.eye(size)
+    pairs = [(i, j) for i in range(size) for j in range(i)] if size <= MOST_BETWEEN else []
+    between = [(one[i] + sign * one[j]) / np.sqrt(2.0) for i, j in pairs for sign in (1.0, -1.0)]
+    return np.array([*one, *between]).reshape(-1, size)
+
+
+@np.errstate(all="ignore")
+def flat_reach(around: Surroundings, values: Callable[[Floats], Floats], reach: Floats) -> tuple[Floats, Floats]:
+    """How far numbers (k,) go below and above their values within so many deviations (k,) of the estimates.
+
+    What is flat at the estimates is there at an end of its interval, and the other one lies where the estimates are
+    ``reach`` deviations away: along axes, between two of them, and where the second differences are largest.
+    """
+    along, size = _directions(around), around.factor.shape[1]
+    begin = values(around.minimum.point[None])[0]
+    below, above = np.zeros(len(reach)), np.zeros(len(reach))
+    for place, far in enumerate(reach.tolist()):
+        bends = _moved(around, values, along * far, place).sum(axis=0) - 2.0 * begin[place]
+        hessian = np.diag(bends[:size])
+        if len(along) > size:
+            rows, columns = np.tril_indices(size, -1)
+            mixed = bends[size:].reshape(-1, 2)
+            hessian[rows, columns] = hessian[columns, rows] = 0.5 * (mixed[:, 0] - mixed[:, 1])
+        tried = np.vstack([along, np.linalg.eigh(np.nan_to_num(hessian))[1].T])
+        moved = _moved(around, values, tried * far, place) - begin[place]
+        below[place], above[place] = max(-float(np.nanmin(moved)), 0.0), max(float(np.nanmax(moved)), 0.0)
+    return below, above
+
+
+def _moved(around: Surroundings, values: Callable[[Floats], Floats], steps: Floats, place: int) -> Floats:
+    """A number after each of some steps (p, k) in deviations, back and forth: (2, p)."""
+    return values(around.points(steps / NORMAL_95))[:, place].reshape(2, -1)
 
 
 def _picked(group: Group, which: Indices, turned: Floats) -> Callable[[Floats], Floats]:

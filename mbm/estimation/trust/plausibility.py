@@ -186,6 +186,10 @@ def _nonlinear_derived(propagation: Propagation, derived: tuple[DerivedEnds, ...
             row, place = divmod(int(one.known[i]), size)
             name = scalar_name(stated.name, keys[row], _index(stated.shape, place))
             texts.append(_ends(name, float(one.ends.lower[i]), float(one.ends.upper[i])))
+        for which in one.flat.tolist():
+            row, place = divmod(which, size)
+            name = scalar_name(stated.name, keys[row], _index(stated.shape, place))
+            texts.append(f"`{name}` beyond its width of 0, as the derivative is zero there")
         if texts:
             yield faults.too_nonlinear(stated.span, texts)
 

@@ -1,0 +1,45 @@
+"""Derived quantities whose derivative is zero at the estimates: standard deviations of 0 are doubted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm, t
+
+import mbm
+
+ONE = """(problem p (data d (table (y) (0.1) (-0.1))) (unknowns (b)) (observe d (= y b) :sigma 0.1)
+  (derive (size (abs b)) (square (* b b)) (cosine (cos b)) (line (* 3 b)) (still (* 0 b))))"""
+TWO = """(problem p (data d (table (y z) (0.1 0.2) (-0.1 -0.2))) (unknowns (b) (c)) (observe d (= [y z] [b c]))
+  (derive (product (* b c)) (form (+ (* b b) (* 2 c c) (* b c)))))"""
+
+
+def doubted(solve: mbm.Solve) -> set[str]:
+    said = " ".join(d.message for d in solve.diagnostics if d.code.name == "too-nonlinear")
+    return {name for name in solve if f"`{name}` beyond its width of 0" in said}
+
+
+def test_one_estimate() -> None:
+    solve = mbm.loads(ONE).solve().first
+    reach = norm.ppf(0.975) * 0.1 / np.sqrt(2.0)
+    assert doubted(solve) == {"size", "square", "cosine"}
+    for name, ends in (("size", [0, reach]), ("square", [0, reach**2]), ("cosine", [np.cos(reach), 1])):
+        assert solve[name].sigma == pytest.approx(0.0, abs=1e-12)
+        np.testing.assert_allclose(solve[name].interval(0.95), ends, rtol=1e-3, atol=1e-12)
+    np.testing.assert_allclose(solve["line"].interval(0.95), [-3 * reach, 3 * reach], rtol=1e-6)
+
+
+def test_forms_of_two_estimates_with_the_noise_unknown() -> None:
+    """Within a circle of the radius r a quadratic form reaches from λ₁ r² (or 0) to λ₂ r²."""
+    solve = mbm.loads(TWO).solve().first
+    square = (t.ppf(0.975, 2) * np.sqrt(0.1 / 2 / 2)) ** 2
+    assert doubted(solve) == {"product", "form"}
+    np.testing.assert_allclose(solve["product"].interval(0.95), [-square / 2, square / 2], rtol=1e-3)
+    np.testing.assert_allclose(solve["form"].interval(0.95), [0, square * (3 + np.sqrt(2)) / 2], rtol=1e-3, atol=1e-9)
+
+
+def test_what_a_constraint_determines_is_not_doubted() -> None:
+    text = """(problem p (data d (table (y z) (1 2) (1.1 2.1))) (unknowns (b) (c))
+      (observe d (= [y z] [b c]) :sigma 0.1)
+      (constraints (= (+ b c) 3)) (derive (square (^ (+ b c) 2))))"""
+    assert not doubted(mbm.loads(text).solve().first)
