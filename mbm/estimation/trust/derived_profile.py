@@ -44,37 +44,61 @@ class DerivedProfile(Profile):
 
     def _grown(self, multiple: float, beside: Floats) -> tuple[float, Floats]:
         """As for a coordinate; infinite where the quantity cannot be brought to so many times its target."""
-        step = multiple * self.direction + beside
         wanted = multiple * self.target
-        merit, cost, point, residuals, gap = self._judged(step, wanted)
+        here = self._judged(multiple * self.direction + beside, wanted)
         for _ in range(STEPS):
-            slopes = self.equations.jacobian(point) @ self.others if np.isfinite(merit) else np.full((1, 1), np.nan)
-            gradient, curvature = self._derivatives(point)
-            length = float(np.linalg.norm(gradient))
-            if not (np.isfinite(slopes).all() and np.isfinite(curvature).all() and np.isfinite(length) and length > 0):
+            there = self._nearer(here, wanted)
+            if there is None:
                 break
-            move = self.others @ _constrained(residuals, slopes, gradient, curvature, gap)
-            for halving in range(SHORTER):
-                trial = self._judged(step + move / 2**halving, wanted)
-                if trial[0] < merit:
-                    break
-            else:
-                break
-            gain, step = merit - trial[0], step + move / 2**halving
-            merit, cost, point, residuals, gap = trial
-            reached = abs(gap) <= REACHED * abs(wanted)
+            gain, here = here.merit - there.merit, there
+            reached = abs(here.gap) <= REACHED * abs(wanted)
             if gain < (SETTLED if reached else STUCK) * self.level:
                 break
-        growth = (cost - self.least) / self.level
-        found = abs(gap) <= SETTLED * abs(wanted) and np.isfinite(growth)
-        return (float(np.sqrt(max(growth, 0.0))) if found else float("inf")), step - multiple * self.direction
+        growth = (here.cost - self.least) / self.level
+        found = abs(here.gap) <= SETTLED * abs(wanted) and np.isfinite(growth)
+        return (float(np.sqrt(max(growth, 0.0))) if found else float("inf")), here.step - multiple * self.direction
 
-    def _judged(self, step: Floats, wanted: float) -> tuple[float, float, Floats, Floats, float]:
-        """After a step: what is to be made small, the cost, the point, the residuals, how much the quantity lacks."""
+    def _judged(self, step: Floats, wanted: float) -> _Place:
+        """Where a step leads to."""
         cost, point, residuals = self._at(step)
         gap = wanted - float(self.change(point[None])[0])
         merit = cost + FIRMLY * self.level * abs(gap / self.target)
-        return (merit if np.isfinite(merit) else float("inf")), cost, point, residuals, gap
+        merit = merit if np.isfinite(merit) else float("inf")
+        return _Place(step=step, merit=merit, cost=cost, point=point, residuals=residuals, gap=gap)
+
+    def _nearer(self, here: _Place, wanted: float) -> _Place | None:
+        """The place after a step that makes the merit smaller; None where there is none.
+
+        Where the step overshoots a kink, to the other side of a larger of two or of a size, the quantity as it is on
+        one side leads back to the other. There both sides have to reach the target.
+        """
+        slopes = (
+            self.equations.jacobian(here.point) @ self.others if np.isfinite(here.merit) else np.full((1, 1), np.nan)
+        )
+        gradient, curvature = self._derivatives(here.point)
+        if not (np.isfinite(slopes).all() and np.isfinite(curvature).all() and np.isfinite(gradient).all()):
+            return None
+        if not gradient.any():
+            return None
+        move = _constrained(here.residuals, slopes, gradient[None], curvature, np.array([here.gap]))
+        there = self._shortened(here, move, wanted)
+        if there is not None or abs(here.gap) <= REACHED * abs(wanted):
+            return there
+        beyond = self._judged(here.step + self.others @ move, wanted)
+        other, _ = self._derivatives(beyond.point)
+        if not np.isfinite([beyond.gap, *other]).all():
+            return None
+        gaps = np.array([here.gap, beyond.gap + float(other @ move)])
+        both = _constrained(here.residuals, slopes, np.stack([gradient, other]), 0.0 * curvature, gaps)
+        return self._shortened(here, both, wanted)
+
+    def _shortened(self, here: _Place, move: Floats, wanted: float) -> _Place | None:
+        """The place after a move, halved until it makes the merit smaller; None where it never does."""
+        for halving in range(SHORTER):
+            there = self._judged(here.step + self.others @ move / 2**halving, wanted)
+            if there.merit < here.merit:
+                return there
+        return None
 
     def _derivatives(self, point: Floats) -> tuple[Floats, Floats]:
         """First (k,) and second (k, k) derivatives of the quantity along the columns of ``others``, by differences."""
@@ -93,17 +117,29 @@ class DerivedProfile(Profile):
         return (ahead - behind) / (2 * DIFFERENCE), curvature
 
 
-def _constrained(residuals: Floats, slopes: Floats, gradient: Floats, curvature: Floats, gap: float) -> Floats:
-    """The c (k,) that makes ‖residuals + slopes c‖² − 2λ·curvature(c)/2 least where gradient·c = gap.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Place:
+    """The ``point`` after a ``step`` (n,): ``merit`` is to be made small, ``gap`` is what the quantity lacks there."""
 
-    λ is the multiplier at hand. Without the curvature where it would make the Hessian indefinite.
+    step: Floats
+    merit: float
+    cost: float
+    point: Floats
+    residuals: Floats
+    gap: float
+
+
+def _constrained(residuals: Floats, slopes: Floats, gradients: Floats, curvature: Floats, gaps: Floats) -> Floats:
+    """The c (k,) that makes ‖residuals + slopes c‖² − 2λ·curvature(c)/2 least where gradients (r, k) c = gaps (r,).
+
+    λ is the multiplier at hand of the first. Without the curvature where it would make the Hessian indefinite.
     """
-    length = float(np.linalg.norm(gradient))
-    first = gradient * gap / length**2
-    basis = np.linalg.qr(np.column_stack([gradient / length, np.eye(len(gradient))]))[0][:, 1:]
+    first = np.asarray(np.linalg.lstsq(gradients, gaps, rcond=None)[0], dtype=np.float64)
+    count = len(gradients)
+    basis = np.linalg.qr(gradients.T, mode="complete")[0][:, count:]
     if not basis.shape[1]:
         return first
-    multiplier = float(gradient @ (slopes.T @ residuals)) / length**2
+    multiplier = float(np.linalg.lstsq(gradients.T, slopes.T @ residuals, rcond=None)[0][0])
     hessian = slopes.T @ slopes
     for bent in (hessian - multiplier * curvature, hessian):
         reduced = basis.T @ bent @ basis
