@@ -131,6 +131,7 @@ class Reason(Enum):
     SMALL_OFFSET = ("converged", "the next step is negligible beside the uncertainty of the estimates")
     ROUNDING = ("converged", "no step improves the fit beyond rounding")
     EXACT_FIT = ("converged", "the residuals are zero to rounding")
+    KINK = ("converged", "the equations have a kink here, and the fit gets worse on all sides of it")
     CLOSED_FORM = ("converged", "this is the answer of the closed form, as was asked")
     ONE_STEP = ("converged", "the equations are linear and were solved in one step")
     NO_UNKNOWNS = ("converged", "there are no unknowns: the quantities are computed from what is given")

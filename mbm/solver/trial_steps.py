@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from math import isfinite
 
+from mbm.machine.kinds import LANES
 from mbm.machine.words import ConstantReals, Integer, Real
 from mbm.solver.decisions import BEND, CURVED_SHARE, UNDECIDED
 from mbm.solver.description import Problem
@@ -24,7 +25,7 @@ from mbm.solver.linear_algebra import (
 from mbm.solver.manifolds import coordinates_of, place_coordinates, retract
 from mbm.solver.step_control import shortened
 from mbm.solver.steps import boxed_step, judge_step, land, limited_step
-from mbm.solver.sweeps import sweep
+from mbm.solver.sweeps import set_triangle, sweep
 from mbm.solver.workspace import Linearisation, Work
 
 
@@ -136,6 +137,25 @@ def try_step(
         work.cost_tried = lower
         work.tried = work.corrected_trial
         work.residuals_tried = (work.residuals_here + 2) % 3
+
+
+def factor_there(
+    problem: Problem,
+    work: Work,
+) -> Integer:
+    """The trial point as the other place, with its triangle; 0 where that is not finite."""
+    n = problem.n
+    there = work.other
+    copied(problem.numbers, work.tried, there.point)
+    there.cost = work.cost_tried
+    if LANES > 1:
+        set_triangle(problem, there, work)
+    else:
+        sweep(problem, there.point, 0, work.penalised, work.rows, work.rows.constants, there.triangle)
+    total = 0.0
+    for i in range((n + 1) * (n + 1)):
+        total += there.triangle[i]
+    return 1 if isfinite(total) else 0
 
 
 def same_point(problem: Problem, a: ConstantReals, b: ConstantReals) -> Integer:

@@ -30,7 +30,6 @@ from mbm.solver.decisions import (
     UNSCALED,
 )
 from mbm.solver.description import (
-    FLAT,
     NO_FINITE_STEP,
     NOT_FINITE_AT_START,
     ONE_STEP,
@@ -41,14 +40,15 @@ from mbm.solver.description import (
     Problem,
 )
 from mbm.solver.equations import cost_at_point
-from mbm.solver.linear_algebra import copied, filled
+from mbm.solver.kinks import settle_at_kink
+from mbm.solver.linear_algebra import filled
 from mbm.solver.linearisation import arrive, judge
 from mbm.solver.manifolds import coordinates_of, place_coordinates, retract
 from mbm.solver.newton import set_curvature
 from mbm.solver.step_control import radius_after, remaining
 from mbm.solver.steps import project
 from mbm.solver.sweeps import set_triangle, summed, sweep
-from mbm.solver.trial_steps import cost_of_trial, same_point, shortening, step_within, try_step
+from mbm.solver.trial_steps import cost_of_trial, factor_there, same_point, shortening, step_within, try_step
 from mbm.solver.workspace import Work
 
 
@@ -147,25 +147,6 @@ def solve_directly(
         work.stop = UNSURE
 
 
-def factor_there(
-    problem: Problem,
-    work: Work,
-) -> Integer:
-    """The trial point as the other place, with its triangle; 0 where that is not finite."""
-    n = problem.n
-    there = work.other
-    copied(problem.numbers, work.tried, there.point)
-    there.cost = work.cost_tried
-    if LANES > 1:
-        set_triangle(problem, there, work)
-    else:
-        sweep(problem, there.point, 0, work.penalised, work.rows, work.rows.constants, there.triangle)
-    total = 0.0
-    for i in range((n + 1) * (n + 1)):
-        total += there.triangle[i]
-    return 1 if isfinite(total) else 0
-
-
 def arrive_there(
     problem: Problem,
     share: Real,
@@ -244,7 +225,7 @@ def stuck(
     elif work.finite == 0:
         work.stop = NO_FINITE_STEP
     elif work.patience > 0:
-        work.stop = FLAT
+        settle_at_kink(problem, work)
     else:
         take_curvature(problem, work)
         work.patience = PATIENCE

@@ -551,13 +551,13 @@ static int status_of(const struct frame *f)
 {
     const long reason = f->states[0];
 
-    if (reason == 7)
+    if (reason == 8)
         return DERIVED_NOT_FINITE;
-    if (reason == 9)
+    if (reason == 10)
         return DERIVED_INFEASIBLE;
     if (f->states[4] != 0)
         return DERIVED_UNOBSERVABLE;
-    if (reason < 1 || reason > 4)
+    if (reason < 1 || reason > 5)
         return DERIVED_NOT_CONVERGED;
     return DERIVED_CONVERGED;
 }

@@ -135,3 +135,17 @@ def test_twice_an_unknown_is_as_doubtful_as_the_unknown(sigma):
     assert found["q"].interval(0.95) == pytest.approx(2 * found["a"].interval(0.95), rel=1e-2)
     said = [each.message for each in found.diagnostics if each.code.name == "too-nonlinear"]
     assert sum("`a`" in each for each in said) == sum("`q`" in each for each in said)
+
+
+@pytest.mark.parametrize("apart", [0.02, 0.08, 0.15])
+def test_the_larger_of_two_ends_below_where_both_have_come_down(apart: float) -> None:
+    """Two means with the standard deviation 1: the larger is t below its estimate where t² + (t − apart)² = 1.96²."""
+    found = mbm.loads(
+        f"(problem p (data d (table (y z) ({apart} 0))) (unknowns (a) (b)) (observe d (= [y z] [a b]) :sigma 1)"
+        " (derive (m (max a b)) (s (- (min (- a) (- b))))))"
+    ).solve()
+    below = (apart + np.sqrt(2 * norm.ppf(0.975) ** 2 - apart**2)) / 2
+    for name in ("m", "s"):
+        assert found[name].interval_kind == "profile"
+        # ends are found to 1/100 of the cost's root
+        assert found[name].interval() == pytest.approx([apart - below, apart + norm.ppf(0.975)], abs=0.02 * below)

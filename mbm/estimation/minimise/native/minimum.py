@@ -24,6 +24,7 @@ ENDINGS = {
     of.SMALL_OFFSET: Reason.SMALL_OFFSET,
     of.ROUNDING: Reason.ROUNDING,
     of.EXACT_FIT: Reason.EXACT_FIT,
+    of.KINK: Reason.KINK,
     of.ONE_STEP: Reason.ONE_STEP,
     of.RUNNING: Reason.INTERRUPTED,
     of.FLAT: Reason.FLAT,
@@ -32,7 +33,7 @@ ENDINGS = {
     of.INFEASIBLE: Reason.INFEASIBLE,
 }
 
-SURE = (of.RUNNING, of.SMALL_OFFSET, of.ROUNDING, of.EXACT_FIT, of.ONE_STEP)
+SURE = (of.RUNNING, of.SMALL_OFFSET, of.ROUNDING, of.EXACT_FIT, of.KINK, of.ONE_STEP)
 """Ends that kernels are believed which eliminate corrections row by row."""
 
 SAME, TINY = 1e-9, 1e-9
