@@ -82,18 +82,20 @@ def _uneven(
         return
     leverage, deviations = np.square(basis).sum(axis=2), portion.deviations()
     for owner in owners:
-        measured, rows = np.zeros(residuals.shape), np.full(residuals.shape, -1, dtype=np.int64)
-        for number, (each, solve, slots) in enumerate(portion.groups()):
-            group, lines = stack.equations.groups[number], stack.lines(number, which)[1]
-            side = measured_side(problem, group, stack.tables, lines) if each == owner else None
-            if side is not None:
-                measured[solve[:, None], slots] = side
-                rows[solve[:, None], slots] = table_rows(problem, group, stack.tables, lines)[:, None]
+        sides: list[Floats | None] = []
+        numbers: list[Indices | None] = []
+        for number, group in enumerate(stack.equations.groups):
+            lines = stack.lines(number, which)[1]
+            side = measured_side(problem, group, stack.tables, lines) if group.kernel.owner == owner else None
+            sides.append(side)
+            numbers.append(None if side is None else table_rows(problem, group, stack.tables, lines)[:, None])
+        measured, rows = portion.by_slot(sides), portion.by_slot(numbers, missing=-1)
         counts = (rows >= 0).sum(axis=1)
         fitted = measured + residuals * deviations
         for count in np.unique(counts[counts >= TELLING_ROWS]).tolist():
             solves = np.flatnonzero(counts == count)
-            at = solves[:, None], np.nonzero(rows[solves] >= 0)[1].reshape(-1, count)
+            there = np.nonzero(rows[solves] >= 0)[1].reshape(-1, count)
+            at = solves if count == portion.most else (solves[:, None], there)
             alike = Clauses(
                 fitted=fitted[at],
                 residuals=residuals[at],

@@ -38,6 +38,9 @@ NO_DIFFERENCE = 1e-9
 BY_CHANCE = 0.01
 """Share of all solves in which errors that are as stated are said to be uneven."""
 
+LEAST = 2.57
+"""Standard deviations of a rank correlation below which chance makes one as large in more than that share."""
+
 
 class With(StrEnum):
     """What errors may grow with."""
@@ -89,12 +92,15 @@ class Clauses:
         n = self.fitted.shape[1]
         largest = np.abs(self.fitted).max(axis=1, keepdims=True)
         steps = np.round(self.fitted / (NO_DIFFERENCE * largest))
-        columns = np.stack([_ranks(each) for each in (np.abs(steps), steps, self.rows.astype(np.float64))])
+        by_value, by_row = _ranks(steps), _ranks(self.rows)
+        sized = np.abs(steps)
+        columns = np.stack([by_value if bool((sized == steps).all()) else _ranks(sized), by_value, by_row])
         found = correlations(columns, self._sizes())
         found = np.where(np.isfinite(found) & self._telling(largest), found, 0.0)
         tests = _different(columns)
         worst = np.abs(found).argmax(axis=0)
-        for place, best in enumerate(worst.tolist()):
+        for place in np.flatnonzero(np.abs(found).max(axis=0) * sqrt(n - 1) > LEAST).tolist():
+            best = int(worst[place])
             correlation = float(found[best, place])
             chance = erfc(abs(correlation) * sqrt(0.5 * (n - 1)))
             if chance * tests[place] * clauses < BY_CHANCE:
@@ -104,8 +110,11 @@ class Clauses:
         """Ranks of the residuals' sizes; those that nothing checks stand in the middle."""
         free = 1.0 - self.leverage
         sizes = np.where(free > UNCHECKED, np.abs(self.residuals) / np.sqrt(np.maximum(free, UNCHECKED)), np.nan)
-        middle = np.isfinite(sizes).sum(axis=1, keepdims=True) // 2  # no np.nanmedian, which loads masked arrays
-        return _ranks(np.where(np.isnan(sizes), np.take_along_axis(np.sort(sizes, axis=1), middle, axis=1), sizes))
+        unknown = np.isnan(sizes)
+        if unknown.any():
+            middle = np.isfinite(sizes).sum(axis=1, keepdims=True) // 2  # no np.nanmedian, which loads masked arrays
+            sizes = np.where(unknown, np.take_along_axis(np.sort(sizes, axis=1), middle, axis=1), sizes)
+        return _ranks(sizes)
 
     def _telling(self, largest: Floats) -> Mask:
         """Where residuals (T, n) are those of readings with noise, and checked by one another."""
@@ -129,20 +138,24 @@ def _different(columns: Floats) -> Indices:
     return found
 
 
-def _ranks(values: Floats) -> Floats:
+def _ranks(values: Floats | Indices) -> Floats:
     """Ranks (T, n) along each row, about their mean; equal values share one."""
     n = values.shape[1]
-    order = np.argsort(values, axis=1, kind="stable")
-    ordered = np.take_along_axis(values, order, axis=1)
+    places, each = np.arange(n), np.arange(len(values))[:, None]
+    if bool((values[:, 1:] > values[:, :-1]).all()):
+        return np.broadcast_to(places - 0.5 * (n - 1), values.shape)
+    order = np.argsort(values, axis=1)
+    ordered = values[each, order]
     new = np.ones(values.shape, dtype=bool)
     new[:, 1:] = ordered[:, 1:] != ordered[:, :-1]
-    last = np.ones(values.shape, dtype=bool)
-    last[:, :-1] = new[:, 1:]
-    places = np.arange(n)
-    low = np.maximum.accumulate(np.where(new, places, 0), axis=1)
-    high = np.minimum.accumulate(np.where(last, places, n)[:, ::-1], axis=1)[:, ::-1]
+    low = high = places
+    if not bool(new.all()):
+        last = np.ones(values.shape, dtype=bool)
+        last[:, :-1] = new[:, 1:]
+        low = np.maximum.accumulate(np.where(new, places, 0), axis=1)
+        high = np.minimum.accumulate(np.where(last, places, n)[:, ::-1], axis=1)[:, ::-1]
     result = np.empty(values.shape)
-    np.put_along_axis(result, order, 0.5 * (low + high) - 0.5 * (n - 1), axis=1)
+    result[each, order] = 0.5 * (low + high) - 0.5 * (n - 1)
     return result
 
 
