@@ -25,7 +25,7 @@ REFERENCES = 7
 def made_with_others(name: str, target: str, folder: Path) -> Path:
     """A solver made with some rows, whose test wants to see what mbm answers for other ones."""
     made = written(of_text(with_rows(name, 0), target), folder)
-    other = {file.path: file for file in of_text(with_rows(name, 1), target)}
+    other = {file.path: file for file in of_text(with_rows(name, 1), "python")}  # data and references are as for C
     replaced = [file for path, file in other.items() if path.startswith("data/") or path == "reference.csv"]
     return written(tuple(replaced), made)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import importlib.util
 import shutil
 import sys
@@ -76,10 +77,11 @@ def close(found, wanted) -> bool:
     return bool(np.all(np.abs(np.asarray(found) - wanted) <= CLOSE * np.abs(wanted).max(initial=1e-300)))
 
 
+@functools.cache
 def at_the_start(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Residuals and Jacobian of the compiled problem at its start."""
     compiled = mbm.loads(SHAPES[name]).compile()
-    nothing = np.zeros(len(mbm.loads(SHAPES[name]).solve().covariance.matrix))
+    nothing = np.zeros(len(compiled.solve().covariance.matrix))
     return compiled.residuals(nothing), compiled.jacobian(nothing)
 
 
