@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from mbm.equations.assembling import blank
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
@@ -33,6 +35,10 @@ def told(known: Told, sequence: Sequence, kernels: KernelSet, starts: Mapping[st
     if not sequence.static or sequence.estimator.whole:
         return known
     binder = known.binder
-    found = replace(binder, layout=layout(binder.problem, binder.tables, starts, spread=True))
-    equations = blank(found, kernels)
-    return Told(equations=equations, binder=found, places=spread_places(known.equations, equations, known.places))
+    spread = layout(binder.problem, binder.tables, starts, spread=True)
+    places = spread_places(known.equations, blank(replace(binder, layout=spread), kernels), known.places)
+    # What does not vary is certain at every step, not at the first alone.
+    fixed = spread.fixed.copy()
+    fixed[np.delete(places.coordinates, places.free, axis=1)] = True
+    found = replace(binder, layout=replace(spread, fixed=fixed))
+    return Told(equations=blank(found, kernels), binder=found, places=places)

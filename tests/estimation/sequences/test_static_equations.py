@@ -167,3 +167,15 @@ def test_a_stream_takes_an_equation_with_the_first_row_that_comes(compiled, give
         for name in "ab":
             assert now[name].value == pytest.approx(np.ravel(whole[name].value)[k], rel=1e-12)
             assert now[name].sigma == pytest.approx(np.ravel(whole[name].sigma)[k], rel=1e-12)
+
+
+@pytest.mark.parametrize("method", ["ekf", "iterated-ekf", "smoother", "batch"])
+def test_a_certain_static_state_is_certain_at_every_step(method):
+    text = f"""(problem p (data d (table (t y) (0 0.3) (1 0.4) (2 0.2) (3 0.5)))
+      (states :over t (a :init 0.2 :sigma 0) (b :init 1 :sigma 1) (q :init 0 :sigma 1))
+      (dynamics (static a) (static b) (random-walk q :sigma 1)) (observe d (= y (+ a q (* b t))) :sigma 0.1)
+      (derive (twice (* 2 a))) (solve :method {method}))"""
+    solve = mbm.loads(text).solve().first
+    for name in ("a", "twice"):
+        assert not np.asarray(solve[name].sigma).any()
+    assert bool((np.asarray(solve["b"].sigma) > 0.4).all())  # four readings of 1 and a slope over 3 s

@@ -8,6 +8,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import mbm
+from mbm.estimation.search import starting
+from mbm.estimation.starts import projection, random_starts
 from mbm.estimation.starts.silhouettes.hulls import corners_between
 
 pytest.importorskip("shapely")
@@ -190,3 +192,25 @@ def test_what_has_no_pose_is_not_trusted():
       (observe d {BOX.format("T")} :sigma 0.1))""")
     found = problem.solve(data={"d": columns(points)})
     assert found.first.cost > 1e4
+
+
+@pytest.mark.slow
+def test_a_sphere_is_looked_for_with_few_outlines(monkeypatch):
+    """Each takes ten milliseconds: no scan of thousands, but the starts that any problem has."""
+    asked = []
+
+    def costs(equations, points):
+        asked.append(len(points))
+        return original(equations, points)
+
+    original = random_starts.costs
+    for module in (starting, projection):
+        monkeypatch.setattr(module, "costs", costs)
+    turns = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    radius = 0.03 / np.sqrt(0.7**2 - 0.03**2)  # the tangent of the cone of a sphere straight ahead
+    points = radius * np.stack([900 * np.cos(turns), 910 * np.sin(turns)], axis=1) + [320, 240]
+    text = f"""(problem p (data d external) {CAMERA} (unknowns (c (vector 3)))
+      (observe d (contour-distance (silhouette cam (trans c (sphere 3cm))) [u v]) :sigma 0.1))"""
+    solve = mbm.loads(text).solve(data={"d": columns(points)}, starts=2).first
+    assert sum(asked) < 200
+    np.testing.assert_allclose(solve["c"].value, [0.0, 0.0, 0.7], atol=1e-4)
