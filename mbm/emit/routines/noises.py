@@ -286,7 +286,7 @@ def fade(
             solve_alone(problem, work.rows.data, work.answer.numbers, work)
 
 
-def is_beside_noise(problem: Problem, told: ConstantReals) -> Integer:
+def told_beside(problem: Problem, told: ConstantReals) -> Integer:
     """Whether some noise is stated, or told by residuals."""
     found = 0
     for b in range(problem.residual_blocks):
@@ -304,7 +304,7 @@ def forgo(
     """Whether a group that is fitted exactly is nothing beside noise that is told; once for each."""
     groups = problem.noises
     done = 0
-    beside = is_beside_noise(problem, told)
+    beside = told_beside(problem, told)
     for g in range(groups):
         own = told[g * TOLD :]
         if beside == 1 and done == 0 and own[EXACT] == 1.0 and own[TRIED_AS_NOTHING] == 0.0:
