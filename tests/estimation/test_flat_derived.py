@@ -43,3 +43,13 @@ def test_what_a_constraint_determines_is_not_doubted() -> None:
       (observe d (= [y z] [b c]) :sigma 0.1)
       (constraints (= (+ b c) 3)) (derive (square (^ (+ b c) 2))))"""
     assert not doubted(mbm.loads(text).solve().first)
+
+
+def test_many_keys_say_what_each_says() -> None:
+    each = "(k y) (1 0.1) (1 -0.1) (2 0.3) (2 0.1) (3 0.5) (3 0.4) (4 0.2) (4 -0.2)"
+    text = ONE.replace("(y) (0.1) (-0.1)", each).replace("(unknowns", "(for-each k) (unknowns")
+    solves = mbm.loads(text).solve().solves
+    flat = {"size", "square", "cosine"}
+    assert [doubted(solve) for solve in solves] == [flat, set(), set(), flat]
+    reach = norm.ppf(0.975) * 0.1 / np.sqrt(2.0)
+    np.testing.assert_allclose(solves[3]["square"].interval(0.95), [0, reach**2], rtol=1e-3, atol=1e-12)

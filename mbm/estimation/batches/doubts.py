@@ -18,7 +18,7 @@ from mbm.estimation.batches.factor import Factors, Spread, factors
 from mbm.estimation.batches.losses import rooted_slopes
 from mbm.estimation.batches.portion import Portion, stated
 from mbm.estimation.batches.types import Ends
-from mbm.estimation.trust.curvature import MOST_DERIVED
+from mbm.estimation.trust.curvature import MOST_DERIVED, UNMOVED, directions
 from mbm.estimation.trust.leverage import drawn
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
@@ -149,13 +149,28 @@ def _derived_ends(around: _Intervals, one: DerivedColumns, place: int, angle: bo
     image = np.matmul(one.gradient[:, place, None, :], around.found.root)[:, 0]
     length = np.sqrt(np.square(image).sum(axis=1))
     parts = np.sqrt(np.square(around.found.root).sum(axis=2))
-    told = length > DETERMINED * np.einsum("kn,kn->k", np.abs(one.gradient[:, place]), parts)
+    parts = np.einsum("kn,kn->k", np.abs(one.gradient[:, place]), parts)
+    told = length > DETERMINED * parts
     along = image / np.where(length > 0.0, length, 1.0)[:, None]
     grown = np.ones((2, len(length))) if linear else around.ratios(along)
     there = (stated(one.group, around.point(along, side) + around.turned)[:, place] for side in SIDES)
     moves = [values - one.values[:, place] for values in there]
     ends = derived_ratios(np.stack(moves), around.noise * length, grown, angle=angle)
-    return np.where(told, ends, 1.0)
+    if not bool(told.all()):
+        ends = np.where(told, ends, np.where(_varies(around, one, place, parts), np.inf, 1.0))
+    return ends
+
+
+def _varies(around: _Intervals, one: DerivedColumns, place: int, parts: Floats) -> Mask:
+    """In which solves (K,) a derived number moves around the estimates, though its derivative may be zero there."""
+    begin, found = one.values[:, place], np.zeros(len(parts), dtype=bool)
+    least = UNMOVED * np.maximum(np.abs(begin), parts)
+    for along in directions(around.found.root.shape[2]):
+        each = np.broadcast_to(along, (len(parts), len(along)))
+        for side in SIDES:
+            there = stated(one.group, around.point(each, side) + around.turned)[:, place]
+            found |= np.abs(there - begin) > least
+    return found
 
 
 def _off(ends: Floats, limit: float) -> Mask:

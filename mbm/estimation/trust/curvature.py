@@ -182,13 +182,12 @@ def _derived(
 def _varies(around: Surroundings, values: Callable[[Floats], Floats], parts: Floats) -> Mask:
     """Which numbers (k,), whose linear standard deviations are nothing beside their ``parts``, vary nevertheless."""
     begin = values(around.minimum.point[None])[0]
-    moved = np.abs(values(around.points(_directions(around))) - begin)
+    moved = np.abs(values(around.points(directions(around.factor.shape[1]))) - begin)
     return np.asarray((moved > UNMOVED * np.maximum(np.abs(begin), parts)).any(axis=0))
 
 
-def _directions(around: Surroundings) -> Floats:
+def directions(size: int) -> Floats:
     """Unit vectors (p, k): the k axes, and between two of them, a pair for each, where these are not too many."""
-    size = around.factor.shape[1]
     one = np.eye(size)
     pairs = [(i, j) for i in range(size) for j in range(i)] if size <= MOST_BETWEEN else []
     between = [(one[i] + sign * one[j]) / np.sqrt(2.0) for i, j in pairs for sign in (1.0, -1.0)]
@@ -202,7 +201,8 @@ def flat_reach(around: Surroundings, values: Callable[[Floats], Floats], reach: 
     What is flat at the estimates is there at an end of its interval, and the other one lies where the estimates are
     ``reach`` deviations away: along axes, between two of them, and where the second differences are largest.
     """
-    along, size = _directions(around), around.factor.shape[1]
+    size = around.factor.shape[1]
+    along = directions(size)
     begin = values(around.minimum.point[None])[0]
     below, above = np.zeros(len(reach)), np.zeros(len(reach))
     for place, far in enumerate(reach.tolist()):
