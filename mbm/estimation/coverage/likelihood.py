@@ -247,7 +247,9 @@ def _sides(profile: Profile, law: Law, limits: tuple[float, float], sigma: float
 
 
 def _surprise(profile: Profile, law: Law, sign: float, distance: float) -> float:
-    return law.surprise(profile.growth(sign * distance))
+    """What is left at a distance; where a likelihood has no value, far out, as little as is ever looked at."""
+    found = law.surprise(profile.growth(sign * distance))
+    return found if found < 2.0 * MOST_LOOKED_AT else 2.0 * MOST_LOOKED_AT
 
 
 def _side(surprise: Callable[[float], float], limit: float, step: float, least: float) -> Side:

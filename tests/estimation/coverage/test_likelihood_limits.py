@@ -228,3 +228,14 @@ def test_intervals_of_rates_hold_them(rate: float, count: int) -> None:
     ends = np.array([each["m"].interval() for each in found.solves])
     # counts have gaps: the coverage is between 92.5 % (1 − 3α/2) and 1, and 1000 runs are known to 1.5 %
     assert ((ends[:, 0] <= rate) & (rate <= ends[:, 1])).mean() > 0.93
+
+
+def test_trials_that_a_place_tells_apart_have_no_estimate_and_break_nothing() -> None:
+    """Complete separation (Albert and Anderson 1984): far out the likelihood overflows on the way."""
+    x, y = np.linspace(-2, 2, 12), np.repeat([0.0, 1.0], [4, 8])
+    result = mbm.loads(
+        "(problem p (data d external) (unknowns (a) (b))"
+        " (observe d (= y (/ 1 (+ 1 (exp (- (+ a (* b x))))))) :distribution (binomial 1)))"
+    ).solve(data={"d": {"x": x, "y": y}})
+    assert result.status == "attention"
+    assert "NaN" not in result.to_json()
