@@ -15,6 +15,7 @@ from typing import TypeAlias
 from mbm.expression.algebra import UndefinedValueError, constant_value
 from mbm.expression.dimension import NONE, Dimension, Exponent, whole
 from mbm.expression.nodes import Apply, Column, Component, Constant, Dimensions, Expression, Number, leaves, postorder
+from mbm.expression.rows import RowChoice
 from mbm.text.types import Span
 from mbm.values import dataclass
 
@@ -112,6 +113,8 @@ class Inference:
                 return Term(node.dimension)
             variable = ("constant", node.name)
         elif isinstance(node, Column):
+            if node.row is RowChoice.COUNT:
+                return Term(NONE)
             place = (node.table, node.name)
             place = self._declared.same_column.get(place, place)
             known = self._declared.columns.get(place)

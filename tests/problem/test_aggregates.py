@@ -268,6 +268,16 @@ def test_a_constraint_takes_cells_in_degrees_as_what_they_are(key, constraint, a
     assert of(found.first, "a").unit == "degC"
 
 
+@pytest.mark.parametrize("key", ["", "(for-each g)"])
+@pytest.mark.parametrize("head", ["mean d", "rms d", "median d", "quantile d 0.3", "max d"])
+def test_an_aggregate_in_a_constraint_has_the_unit_of_its_form(key, head):
+    text = f"""(problem p (data d (table (g x y) (1 1m 2s) (1 2m 4s) (2 3m 7s))) {key} (unknowns (a) (b :init 1))
+      (observe d (= y (* a x)) :sigma 1s) (constraints (<= ({head} (* a x)) 9s) (<= ({head} (* b x)) 9s)))"""
+    assert [each.code.name for each in mbm.loads(text).check()] == ["unmentioned"]
+    assert of(mbm.loads(text).solve().first, "b").unit == "s/m"
+    assert [each.code.name for each in mbm.loads(text.replace("(* a x)) 9s", "(* a x)) 9m")).check()] == ["unit-clash"]
+
+
 @pytest.mark.parametrize("dividing", ["(for-each g)", "(window g :length 1 :step 1)"])
 def test_a_form_that_wants_texts_of_divided_rows_is_told_why(faults, dividing):
     (fault,) = faults(f"""(problem p (data d (table (g k y) (1 "x" 1) (1 "y" 2) (2 "x" 3))) {dividing}
@@ -277,6 +287,28 @@ def test_a_form_that_wants_texts_of_divided_rows_is_told_why(faults, dividing):
     assert "`k`" in fault.message
     assert "`for-each`" in fault.message
     assert "unknown" not in fault.message
+
+
+@pytest.mark.parametrize("level", [0, 0.05, 0.3, 0.5, 2 / 3, 0.9, 1])
+@pytest.mark.parametrize("sizes", [(1, 2, 3, 7, 8), (5, 5, 5)])
+def test_quantiles_of_keys_of_many_sizes_are_those_of_numpy(level, sizes):
+    """The formula is that of the most rows, whatever the level; a is above zero, so that rows keep their order."""
+    g = np.repeat(np.arange(len(sizes)), sizes)
+    x = np.random.default_rng(5).uniform(1, 4, len(g))
+    text = f"""(problem p (data d external) (for-each g) (unknowns (a :init 1)) (observe d (= y (* a x)) :sigma 1)
+      (constraints (= (quantile d {level!r} (* a x)) 3)) (solve :constraints exact))"""
+    found = mbm.loads(text).solve(data={"d": {"g": g, "x": x, "y": x}}).solves
+    wanted = [3 / np.quantile(x[g == k], level) for k in range(len(sizes))]
+    assert [float(of(each, "a").value) for each in found] == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize("keys", ["", "(for-each g)"])
+def test_medians_of_hundreds_of_rows_can_be_written_out(keys):
+    text = f"""(problem p (data d external) {keys} (unknowns (a :init 1)) (observe d (= y (* a x)) :sigma 1)
+      (constraints (= (median d (* a x)) 3)))"""
+    x = np.linspace(1, 2, 383)
+    told = mbm.loads(text).check(data={"d": {"g": (np.arange(383) < 3) * 1.0, "x": x, "y": x}})
+    assert "too-much-to-compile" not in [fault.code.name for fault in told]
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 13, 32, 37])

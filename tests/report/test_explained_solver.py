@@ -46,17 +46,24 @@ def test_an_unknown_is_named_as_it_was_declared(kind: str, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("divided", "equation"),
+    ("divided", "rows", "equation"),
     [
-        ("(for-each k)", "(a*d.x[1] + Piecewise((a*d.x[2], 1 < count(d)), (0, True)))/count(d) - 1*5"),
-        ("", "(a*1 + a*2)/2 - 1*5"),
+        (
+            "(for-each k)",
+            "(1 1) (1 2) (2 3)",
+            "(a*d.x[1] + Piecewise((a*d.x[2], 1 < count(d)), (0, True)))/count(d) - 1*5",
+        ),
+        ("(for-each k)", "(1 1) (1 2)", "(a*d.x[1] + a*d.x[2])/2 - 1*5"),
+        ("", "(1 1) (1 2)", "(a*1 + a*2)/2 - 1*5"),
     ],
 )
-def test_aggregates_in_constraints_read_cells_and_count_rows(tmp_path: Path, divided: str, equation: str) -> None:
-    """A row by its number from 1, as the language counts, and how many rows the solve has."""
+def test_aggregates_in_constraints_read_cells_and_count_rows(
+    tmp_path: Path, divided: str, rows: str, equation: str
+) -> None:
+    """A row by its number from 1, as the language counts, and how many rows the solve has, if not all have as many."""
     path = tmp_path / "means.mbm"
     path.write_text(
-        f"""(problem means (data d (table (k x) (1 1) (1 2))) (unknowns (a)) (observe d (= x a) :sigma 1)
+        f"""(problem means (data d (table (k x) {rows})) (unknowns (a)) (observe d (= x a) :sigma 1)
         {divided} (constraints (= (mean d (* a x)) 5 :name middle)))"""
     )
     assert f"constraint middle\n    0 = {equation}\n" in explain(path)
