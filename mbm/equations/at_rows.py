@@ -45,7 +45,7 @@ class AtRows:
 
         def value(leaf: Leaf) -> Values:
             if isinstance(leaf, Column) and leaf.sampling is not None:
-                return sampled_column(leaf, leaf.sampling, value, self.tables)
+                return sampled_column(leaf, leaf.sampling, value, self.tables, (self.table, self.positions))
             if not isinstance(leaf, Component):
                 return data(leaf)
             entry = self.layout.entry(leaf.unknown)

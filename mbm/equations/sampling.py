@@ -10,10 +10,11 @@ import numpy as np
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.expression.evaluate import Values, evaluate
 from mbm.expression.nodes import Component, Constant, Leaf, Number, Sampling, leaves
+from mbm.expression.rows import Row
 from mbm.kernels.types import Kernel
 from mbm.problem.rows import Positions, column_numbers, lookup
 from mbm.problem.tables import Table
-from mbm.problem.times import interval_of, places_around, time_nodes
+from mbm.problem.times import TimedRows, interval_of, places_around, timed_for
 from mbm.symbolic.types import ColumnInput
 from mbm.values import dataclass
 
@@ -22,19 +23,31 @@ Numbers = Callable[[Indices], Floats]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Part:
+    """Rows of a sampled table with the same keys: ``times`` (n,) ascend; ``nodes`` (n − 1, inputs) are between two."""
+
+    times: Floats
+    nodes: Floats
+
+    def outside(self, at: Floats) -> Mask:
+        """Which times lie beyond the ends."""
+        return np.asarray((at < self.times[0]) | (at > self.times[-1]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sampled:
     """The inputs of a kernel that one ``sample`` fills.
 
-    ``times`` (n,) ascend; ``inputs`` are the places of the parameters, ``nodes`` (n − 1, inputs) their values between
-    two times. ``places`` gives for each number of an unknown in the time its place (rows,) among all, ``data`` the
-    values of its other leaves, ``coordinates`` those that move it. Beyond the span the last interval goes on where
-    ``extended``, else there is no value.
+    ``parts`` are rows with the same keys, and ``part`` (rows,) says which of these each row has, -1: none. ``inputs``
+    are the places of the parameters. ``places`` gives for each number of an unknown in the time its place (rows,) among
+    all, ``data`` the values of its other leaves, ``coordinates`` those that move it. Beyond the span the last interval
+    goes on where ``extended``, else there is no value.
     """
 
     sampling: Sampling
-    times: Floats = field(repr=False)
+    parts: tuple[Part, ...] = field(repr=False)
+    part: Indices = field(repr=False)
     inputs: Indices
-    nodes: Floats = field(repr=False)
     places: Mapping[int, Indices] = field(repr=False)
     data: Mapping[int, Values] = field(repr=False)
     coordinates: Indices = field(repr=False)
@@ -57,6 +70,7 @@ class Sampled:
         """The inputs of some rows."""
         return replace(
             self,
+            part=self.part[rows],
             places={leaf: places[rows] for leaf, places in self.places.items()},
             data={leaf: known[rows] if isinstance(known, np.ndarray) else known for leaf, known in self.data.items()},
         )
@@ -64,18 +78,23 @@ class Sampled:
     def inside(self, numbers: Numbers, rows: Indices) -> Mask:
         """Which rows are sampled within the span of the table; one without a time yet counts as inside."""
         at = self.at(numbers, rows, whole=True)
-        return np.asarray(~((at < self.times[0]) | (at > self.times[-1])))
+        beyond = np.stack([each.outside(at) for each in self.parts])
+        return np.asarray(~beyond[self.part, np.arange(len(rows))] & (self.part >= 0))
 
     def fill(self, target: Floats, numbers: Numbers, rows: Indices, *, whole: bool = True) -> None:
         """Put the values of the rows around the times into ``target`` (…, rows, parameters)."""
         at = self.at(numbers, rows, whole=whole)
-        outside = np.isnan(at)
-        if not self.extended:
-            outside |= (at < self.times[0]) | (at > self.times[-1])
-        target[..., self.inputs] = self.nodes[interval_of(self.times, at)]
-        if outside.any():
-            for column in self.inputs:
-                target[..., column][outside] = np.nan
+        part = self.part if whole else self.part[rows]
+        for number, each in enumerate(self.parts):
+            chosen = np.flatnonzero(part == number) if len(self.parts) > 1 else np.arange(len(part))
+            times = at[..., chosen]
+            outside = np.isnan(times) if self.extended else np.isnan(times) | each.outside(times)
+            values = each.nodes[interval_of(each.times, times)]
+            if outside.any():
+                values[outside] = np.nan
+            target[..., chosen[:, None], self.inputs] = values
+        if len(self.parts) > 1:
+            target[..., np.flatnonzero(part < 0)[:, None], self.inputs] = np.nan
 
 
 def samplings(kernel: Kernel) -> tuple[Sampling, ...]:
@@ -103,8 +122,7 @@ def sampled_inputs(
     """
     table, positions, tables, constants = given
     other = tables[sampling.table]
-    times, order = time_nodes(sampling, other)
-    around = places_around(times, times[:-1])
+    parts, part = timed_for(sampling, other, table, positions, 1 if positions is None else len(positions))
     inputs = [(i, p) for i, p in enumerate(kernel.parameters) if isinstance(p, ColumnInput) and p.sampling is sampling]
     found_places: dict[int, Indices] = {}
     data: dict[int, Values] = {}
@@ -120,11 +138,20 @@ def sampled_inputs(
             data[id(leaf)] = float(leaf.value) if isinstance(leaf, Number) else known(leaf)
     return Sampled(
         sampling=sampling,
-        times=times,
+        parts=tuple(
+            Part(times=each.times, nodes=_between(each, [(column_numbers(other, p.name), p.row) for _, p in inputs]))
+            for each in parts
+        ),
+        part=part,
         inputs=np.array([i for i, _ in inputs], dtype=np.int64),
-        nodes=np.column_stack([column_numbers(other, p.name)[order][around[p.row]] for _, p in inputs]),
         places=found_places,
         data=data,
         coordinates=np.unique(np.concatenate(coordinates)) if coordinates else np.empty(0, dtype=np.int64),
         extended=extended,
     )
+
+
+def _between(rows: TimedRows, inputs: list[tuple[Floats, Row]]) -> Floats:
+    """The values (n − 1, inputs) of columns of a table in the rows around what is between two times."""
+    around = places_around(rows.times, rows.times[:-1])
+    return np.column_stack([values[rows.positions][around[side]] for values, side in inputs])

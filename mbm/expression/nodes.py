@@ -179,12 +179,17 @@ Member: TypeAlias = LiteralMember | ColumnMember
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sampling:
-    """A time ``at`` for the row at hand, and the column ``by`` of ``table`` that it is looked up in."""
+    """A time ``at`` for the row at hand, and the column ``by`` of ``table`` that it is looked up in.
+
+    Among rows that differ in ``keys``, or in a column ``passing`` with which times start anew, nothing lies between.
+    """
 
     table: str
     by: str
     at: Expression = field(repr=False)
     span: Span = field(repr=False)
+    keys: tuple[str, ...] = ()
+    passing: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, Sampling, leaves
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, leaves
 from mbm.expression.rows import Row, RowChoice, chosen_place
 from mbm.problem import faults
 from mbm.problem.previous import column_before, has_before
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of
 from mbm.problem.tables import CellKey, PairDeclaration, Table
-from mbm.problem.times import time_nodes
+from mbm.problem.times import timed_rows
 from mbm.problem.types import Block, Problem, Static
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic, MbmError
@@ -106,9 +106,6 @@ def check_data(
         if positions is not None and mask is not None:
             positions = positions[mask[positions]]
         errors.extend(_cells(each.leaves, table, positions, tables, families))
-        for leaf in each.leaves:
-            if isinstance(leaf, Column) and leaf.sampling is not None and leaf.name == leaf.sampling.by:
-                errors.extend(_times(leaf.sampling, tables[leaf.table], problem.request.for_each))
     return _first_of_each(errors), warnings
 
 
@@ -144,28 +141,14 @@ def _cells(
     return found
 
 
-def _times(sampling: Sampling, table: Table, for_each: tuple[str, ...]) -> list[Diagnostic]:
-    """What is wrong with the times of a table that is sampled, which begin anew with each key of ``for-each``.
-
-    A key with too few of them is one solve's matter.
-    """
-    columns = [table.keys(name) for name in for_each if name in table.columns]
-    parts: dict[tuple[CellKey, ...], list[int]] = {}
-    for place, key in enumerate(zip(*columns, strict=True)):
-        parts.setdefault(key, []).append(place)
-    sampled = [table.take(np.array(places)) for places in parts.values() if len(places) > 1] or [table]
-    found: list[Diagnostic] = []
-    for part in sampled:
-        try:
-            time_nodes(sampling, part)
-        except MbmError as error:
-            found.extend(error.diagnostics)
-    return found
-
-
 def _finite(
     leaf: Column, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
 ) -> list[Diagnostic]:
+    if leaf.sampling is not None and leaf.name == leaf.sampling.by:
+        try:
+            timed_rows(leaf.sampling, tables[leaf.table])
+        except MbmError as error:
+            return list(error.diagnostics)
     owner, rows = _rows(leaf, leaf.row, table, positions, tables)
     numbers = column_numbers(owner, leaf.name)
     rows = rows[has_before(owner)[rows]] if column_before(leaf.name) is not None else rows

@@ -15,7 +15,7 @@ from mbm.problem.aggregates import WrittenOut
 from mbm.problem.kinds import AggregateKind
 from mbm.problem.previous import has_before, looks_back
 from mbm.problem.tables import ROW, CellKey, Numbers, Table
-from mbm.problem.times import places_around, time_nodes
+from mbm.problem.times import places_around, timed_for
 from mbm.problem.types import RowValues, Static
 from mbm.text.types import Diagnostic, MbmError, Place
 
@@ -60,7 +60,7 @@ def lookup(table: Table | None, positions: Positions | None, tables: Mapping[str
         if not isinstance(leaf, Column):
             raise TypeError(leaf)
         if leaf.sampling is not None:
-            return sampled_column(leaf, leaf.sampling, value, tables)
+            return sampled_column(leaf, leaf.sampling, value, tables, (table, positions))
         if leaf.row is RowChoice.KEYED:
             return column_numbers(tables[leaf.table], leaf.name)[keyed_rows(leaf, table, positions, tables)]
         if leaf.row is RowChoice.EACH and table is not None and leaf.table == table.name:
@@ -71,14 +71,25 @@ def lookup(table: Table | None, positions: Positions | None, tables: Mapping[str
     return value
 
 
-def sampled_column(leaf: Column, sampling: Sampling, value: Lookup, tables: Mapping[str, Table]) -> Numbers:
-    """A column in one of the rows around times that ``value`` knows; NaN beyond the span."""
-    owner = tables[sampling.table]
-    times, order = time_nodes(sampling, owner)
-    at = np.atleast_1d(np.asarray(evaluate((sampling.at,), value)[0], dtype=np.float64))
-    rows = order[places_around(times, at)[leaf.row]]
-    inside = (at >= times[0]) & (at <= times[-1])
-    return np.where(inside, column_numbers(owner, leaf.name)[rows], np.nan)
+def sampled_column(
+    leaf: Column,
+    sampling: Sampling,
+    value: Lookup,
+    tables: Mapping[str, Table],
+    here: tuple[Table | None, Positions | None],
+) -> Numbers:
+    """A column in one of the rows around times that ``value`` knows for the rows ``here``; NaN beyond the span."""
+    owner, (table, positions) = tables[sampling.table], here
+    count = 1 if table is None else len(table) if positions is None else len(positions)
+    parts, part = timed_for(sampling, owner, table, positions, count)
+    at = np.broadcast_to(np.asarray(evaluate((sampling.at,), value)[0], dtype=np.float64), (count,))
+    numbers, found = column_numbers(owner, leaf.name), np.full(count, np.nan)
+    for number, each in enumerate(parts):
+        chosen = (part == number) & (at >= each.times[0]) & (at <= each.times[-1])
+        if chosen.any():
+            rows = places_around(each.times, at[chosen])[leaf.row]
+            found[chosen] = numbers[each.positions[rows]]
+    return found
 
 
 def keyed_rows(

@@ -63,7 +63,9 @@ def sample(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     if external is not None:
         raise MbmError(faults.external_misplaced(external, "the time of `sample`"))
     by = _time_column(table, options.get("by"), at, name.span)
-    sampling = Sampling(table=table.name, by=by, at=at, span=form.span)
+    keys, passing = world.divided
+    passing = tuple(column for column in passing if column != by)
+    sampling = Sampling(table=table.name, by=by, at=at, span=form.span, keys=keys, passing=passing)
     cubic = _is_cubic(evaluator, options.get("order"), scope, table)
 
     def evaluated(row: RowChoice) -> Value:

@@ -7,8 +7,10 @@ import numpy as np
 from mbm.expression.nodes import Sampling
 from mbm.expression.rows import Row, RowChoice
 from mbm.problem import faults
-from mbm.problem.tables import Numbers, Table
+from mbm.problem.self_pairing import Positions, by_key, starts_anew
+from mbm.problem.tables import CellKey, Numbers, Table
 from mbm.text.types import MbmError, Span
+from mbm.values import dataclass
 
 
 def numbers_of(table: Table, name: str, span: Span) -> str:
@@ -20,8 +22,16 @@ def numbers_of(table: Table, name: str, span: Span) -> str:
     return name
 
 
-def time_nodes(sampling: Sampling, table: Table) -> tuple[Numbers, np.ndarray]:
-    """The times of a sampled table in ascending order, shape (n,), and the positions of their rows.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TimedRows:
+    """Rows of a sampled table with the same keys: ``times`` (n,) ascend, ``positions`` (n,) are those in the table."""
+
+    times: Numbers
+    positions: Positions
+
+
+def timed_rows(sampling: Sampling, table: Table) -> dict[tuple[CellKey, ...], TimedRows]:
+    """The rows of a sampled table by the values of `dividing` columns.
 
     Raises:
         MbmError: fewer than two rows, a time that is missing or no number, or two rows at one time.
@@ -34,13 +44,48 @@ def time_nodes(sampling: Sampling, table: Table) -> tuple[Numbers, np.ndarray]:
         raise MbmError(faults.not_finite_cell(place, sampling.by, value, sampling.span))
     if len(table) < 2:  # nothing lies between fewer
         raise MbmError(faults.too_few_times(sampling.span, table.name, len(table)))
+    return {
+        cells: _in_order(sampling, table, rows, times[rows])
+        for cells, rows in by_key(table, dividing(sampling, table)).items()
+    }
+
+
+def dividing(sampling: Sampling, table: Table) -> tuple[str, ...]:
+    """The columns across whose values a sampled table has nothing between two rows."""
+    anew = (c for c in sampling.passing if c in table.columns and starts_anew(table, sampling.by, c))
+    return (*(key for key in sampling.keys if key in table.columns), *anew)
+
+
+def _in_order(sampling: Sampling, table: Table, rows: Positions, times: Numbers) -> TimedRows:
     order = np.argsort(times, kind="stable")
     ordered = times[order]
     repeated = np.flatnonzero(np.diff(ordered) == 0)
     if repeated.size:
-        here, there = (table.place(int(order[repeated[0] + i]), sampling.by) for i in (1, 0))
+        here, there = (table.place(int(rows[order[repeated[0] + i]]), sampling.by) for i in (1, 0))
         raise MbmError(faults.repeated_time(here, there, sampling.by, float(ordered[repeated[0]]), sampling.span))
-    return ordered, order
+    return TimedRows(times=ordered, positions=rows[order])
+
+
+def timed_for(
+    sampling: Sampling, owner: Table, table: Table | None, positions: Positions | None, count: int
+) -> tuple[tuple[TimedRows, ...], Positions]:
+    """The rows of a sampled table by keys, and for each of ``count`` rows at hand which of these it has; -1: none.
+
+    A table at hand without the keys has the first.
+    """
+    found = timed_rows(sampling, owner)
+    if len(found) == 1:
+        return tuple(found.values()), np.zeros(count, dtype=np.int64)
+    keys = dividing(sampling, owner)
+    common = [key for key in keys if table is not None and key in table.columns]
+    numbers: dict[tuple[CellKey, ...], int] = {}
+    for number, cells in enumerate(found):
+        numbers.setdefault(tuple(cells[keys.index(key)] for key in common), number)
+    if table is None or not common:
+        return tuple(found.values()), np.zeros(count, dtype=np.int64)
+    cells_of = list(zip(*(table.keys(key) for key in common), strict=True))
+    rows = range(len(table)) if positions is None else positions.tolist()
+    return tuple(found.values()), np.array([numbers.get(cells_of[row], -1) for row in rows], dtype=np.int64)
 
 
 def interval_of(times: Numbers, at: Numbers) -> np.ndarray:

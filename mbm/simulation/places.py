@@ -41,7 +41,7 @@ class Rows:
             if isinstance(leaf, Component):
                 return self._component(leaf)
             if isinstance(leaf, Column) and leaf.sampling is not None:
-                return sampled_column(leaf, leaf.sampling, value, self.tables)
+                return sampled_column(leaf, leaf.sampling, value, self.tables, (self.table, self.positions))
             if isinstance(leaf, Column) and leaf.name in replaced and self.own(leaf):
                 return replaced[leaf.name]
             return given(leaf)

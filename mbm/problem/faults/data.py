@@ -197,7 +197,7 @@ def repeated_time(place: Place, other: Place, column: str, time: float, used: Sp
     return Diagnostic(
         code=BAD_TIME, message=f"two rows have the time {time:.17g} in `{column}`, and values between times are wanted",
         place=place, labels=(Label(other, "first here"), Label(used, "the column of times here")),
-        hint="leave one of them out",
+        hint="leave one of them out; runs with a clock of their own are told apart by a column in `for-each`",
     )  # fmt: skip
 
 
