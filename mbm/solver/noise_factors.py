@@ -41,6 +41,9 @@ SHRINKINGS = 3
 FAR_APART = 100.0
 """Times that the noise a group starts with may be off, by what its rows and others say of the same unknowns."""
 
+SLOW = 0.8
+"""Share of a change in the next one from which rounds do not settle by themselves in half of those that there are."""
+
 LONGEST_LEAP = 10.0
 """By how much the end of a sequence of factors may differ from where it is."""
 
@@ -99,10 +102,10 @@ def starting(least: Real, most: Real, redundancy: Real, count: Real) -> Real:
 
 
 def leap(before: Real, ratio: Real) -> Real:
-    """From a factor to the end of its sequence, by its last two ratios (Aitken 1926); 1 where they do not settle."""
+    """From a factor to the end of its sequence, by its last two ratios (Aitken 1926); 1 if rounds get there."""
     first = before - 1.0
     second = ratio - 1.0
-    if first * second > 0.0 and fabs(second) < fabs(first):
+    if first * second > 0.0 and SLOW * fabs(first) < fabs(second) and fabs(second) < fabs(first):
         return min(max(1.0 + second * second / (first - second), 1.0 / LONGEST_LEAP), LONGEST_LEAP)
     return 1.0
 
