@@ -203,7 +203,8 @@ class Rounds:
         if kept is not None:  # without the loss of the tails
             scattered /= portion.by_slot(kept.information)
         lossy = self._stack.equations.lossy
-        found = factors(rooted_slopes(portion, residuals, slopes) if lossy else slopes)
+        slopes = rooted_slopes(portion, residuals, slopes) if lossy else slopes
+        found = factors(slopes)
         self.lost[which] |= ~found.good
         redundancy = np.clip(1.0 - np.square(found.basis).sum(axis=2), 0.0, 1.0)
         return portion, scattered, slopes, redundancy
