@@ -31,8 +31,16 @@ KNOWN_BEFORE = 1e-24
 
 
 def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) -> None:
-    """The distribution where ``value + slopeᵀ d`` is not above zero, or is zero; d are coordinates about the mean."""
+    """The distribution where ``value + slopeᵀ d`` is not above zero, or is zero; d are coordinates about the mean.
+
+    An inequality cuts nothing of what nothing is known of yet.
+    """
     n = walk.chain.n
+    unknown = open_square(walk, slope)
+    if unknown > 0.0:
+        if equality == 1 and isfinite(unknown + value):
+            close_along(walk, value, slope, unknown)
+        return
     direction = walk.singular_step
     square = 0.0
     terms = 0.0
@@ -68,9 +76,60 @@ def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) 
             for i in range(n):
                 column[i * n] = 0.0
         walk.step[j] = shift * walk.along[j]
+    go_along(walk)
+
+
+def open_square(walk: Walk, slope: ConstantReals) -> Real:
+    """The square of how much a value changes along the open vectors, by `share` along each; 0: it is known."""
+    n = walk.chain.n
+    square = 0.0
+    terms = 0.0
+    for k in range(walk.open_count):
+        walk.share[k] = dot(n, walk.open[k * n :], slope)
+        square += walk.share[k] * walk.share[k]
+        for j in range(n):
+            term = walk.open[k * n + j] * slope[j]
+            terms += term * term
+    return square if square > KNOWN_BEFORE * terms else 0.0
+
+
+def close_along(walk: Walk, value: Real, slope: ConstantReals, square: Real) -> None:
+    """An equality of what was open until now, with its `open_square`: nothing is compared, the cost stays as it is.
+
+    The open vectors are turned so that one alone changes the value. The mean goes along it, and the vectors of the
+    factor go so far along it that they change nothing any more (a measurement without noise of what has no prior).
+    """
+    n = walk.chain.n
+    count = walk.open_count
+    seen = walk.share
+    turned = -sqrt(square) if seen[0] > 0.0 else sqrt(square)
+    seen[0] -= turned
+    norm = dot(count, seen, seen)
+    for j in range(n):
+        away = 0.0
+        for k in range(count):
+            away += seen[k] * walk.open[k * n + j]
+        for k in range(count):
+            walk.open[k * n + j] -= 2.0 * away / norm * seen[k]
+    for i in range(n):
+        own = walk.factor[i * n :]
+        add_multiple(n, -dot(n, own, slope) / turned, walk.open, own)
+    filled(n, 0.0, walk.step)
+    add_multiple(n, -value / turned, walk.open, walk.step)
+    walk.open_count -= 1
+    for i in range(walk.open_count * n):
+        walk.open[i] = walk.open[i + n]
+    walk.last_equations += 1
+    go_along(walk)
+
+
+def go_along(walk: Walk) -> None:
+    """The mean after `step`, and the vectors about it."""
+    n = walk.chain.n
     copied(walk.chain.numbers, walk.point, walk.mean)
     retract(walk.seen, walk.mean, walk.step, walk.point)
     transport(walk.seen, walk.mean, walk.step, n, walk.turn, walk.factor)
+    transport(walk.seen, walk.mean, walk.step, walk.open_count, walk.turn, walk.open)
 
 
 def cut_bounds(walk: Walk, first: Integer) -> None:
@@ -98,8 +157,10 @@ def put_limits(walk: Walk, b: Integer, inputs: Reals) -> None:
 
 
 def violation_along(walk: Walk, value: Real, slope: ConstantReals) -> Real:
-    """By how many standard deviations an inequality is violated."""
+    """By how many standard deviations an inequality is violated; 0 where these have no end."""
     n = walk.chain.n
+    if open_square(walk, slope) > 0.0:
+        return 0.0
     square = 0.0
     for i in range(n):
         along = dot(n, walk.factor[i * n :], slope)

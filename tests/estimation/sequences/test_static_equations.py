@@ -179,3 +179,23 @@ def test_a_certain_static_state_is_certain_at_every_step(method):
     for name in ("a", "twice"):
         assert not np.asarray(solve[name].sigma).any()
     assert bool((np.asarray(solve["b"].sigma) > 0.4).all())  # four readings of 1 and a slope over 3 s
+
+
+@pytest.mark.parametrize(
+    "equation", ["(= (+ a b) 1.5)", "(= (+ a b) 1.5 :over d)", "(= (+ a b) (* 1.5 (/ x x)) :over d)"]
+)
+def test_an_equation_of_states_without_a_prior_determines_one(equation):
+    """With b alone left free, y - 1.5 = b (x - 1): least squares of the rows so far, in closed form."""
+    x = np.array([-0.8, 0.3, 0.7, -0.2, 0.5])
+    y = 1 + 0.5 * x + np.array([0.05, -0.12, 0.08, 0.11, -0.03])
+    result = mbm.loads(
+        "(problem p (data d external) (states :over t (a) (b)) (dynamics (static a) (static b))"
+        f" (observe d (= y (+ a (* b x))) :sigma 0.1) (constraints {equation}) (solve :method ekf))"
+    ).solve(data={"d": {"t": np.arange(5.0), "x": x, "y": y}})
+    squares = np.cumsum((x - 1) ** 2)
+    slope = np.cumsum((x - 1) * (y - 1.5)) / squares
+    assert result.status == "ok"
+    assert np.ravel(result["b"].value) == pytest.approx(slope, abs=1e-9)
+    assert np.ravel(result["a"].value) == pytest.approx(1.5 - slope, abs=1e-9)
+    assert np.ravel(result["b"].sigma) == pytest.approx(0.1 / np.sqrt(squares), rel=1e-9)
+    assert result.solves[0].dof == 4
