@@ -19,7 +19,7 @@ from mbm.solver.trial_steps import cost_of_trial, factor_there
 from mbm.solver.workspace import Work
 
 ACROSS = 1e-4
-"""Step to the other side, in standard deviations: a kink has to be as near as that."""
+"""Step to the other side, by the relative offset (about in standard deviations): a kink has to be as near as that."""
 
 LEVEL = 1e-3
 """Relative offset that the mean of both gradients may leave."""
@@ -31,9 +31,12 @@ ALONG = 20
 def settle_at_kink(problem: Problem, work: Work) -> None:
     """Go to the minimum along the kink that the iteration is at, which no step improves any more; `stop` says so.
 
-    FLAT where there is no kink, at a bound, and where the rank is not full.
+    FLAT where there is no kink, at a bound, where the rank is not full, and beside penalties, whose rounds need more
+    digits than a kink has.
     """
     work.stop = FLAT
+    if work.penalised == 1:
+        return
     if work.curvature_known == 1:
         work.curvature_known = 0
         judge(problem, work.here, 0, work)

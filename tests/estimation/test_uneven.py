@@ -80,7 +80,7 @@ def test_scores_are_rank_correlations(rows: int) -> None:
 def _clauses(fitted: np.ndarray, residuals: np.ndarray) -> Clauses:
     none = np.zeros(fitted.shape)
     rows = np.broadcast_to(np.arange(fitted.shape[1]), fitted.shape)
-    return Clauses(fitted=fitted, residuals=residuals, deviations=none + 1.0, leverage=none, rows=rows)
+    return Clauses(fitted=fitted, errors=residuals, residuals=residuals, leverage=none, rows=rows)
 
 
 @pytest.mark.parametrize("clauses", [1, 2])
@@ -110,3 +110,21 @@ def test_many_solves_say_what_single_ones_say() -> None:
         alone = mbm.loads(text()).solve(data={"d": {"x": x, "y": y}})
         assert [d.message for d in solve.diagnostics] == [d.message for d in alone.diagnostics]
     assert sum(CODE in [d.code.name for d in solve.diagnostics] for solve in many.solves) >= 2
+
+
+@pytest.mark.parametrize("noise", [100.0, 1e-3])
+def test_a_clause_beside_stated_noise(noise: float) -> None:
+    """The unknown factor of one clause is no part of its model's values, single or with for-each."""
+    rng = np.random.default_rng(5)
+    y = 10 + 20 * X + noise * rng.normal(size=(20, X.size))
+    clauses = f"(observe e (= z a) :sigma {noise})"
+    problem = "(problem p (data d external) (data e (table (z) (10))) (unknowns (a) (b)) "
+    problem += f"(observe d (= y (+ a (* b x))) :sigma unknown) {clauses} "
+    compiled = mbm.loads(problem + ")").compile()
+    alone = [compiled.solve(data={"d": {"x": X, "y": each}}).diagnostics for each in y]
+    many = mbm.loads(problem + "(for-each run))").solve(
+        data={"d": {"run": np.repeat(np.arange(20), X.size), "x": np.tile(X, 20), "y": y.ravel()}}
+    )
+    said = [[d.code.name for d in each].count(CODE) for each in alone]
+    assert said == [[d.code.name for d in solve.diagnostics].count(CODE) for solve in many.solves]
+    assert sum(said) <= 2

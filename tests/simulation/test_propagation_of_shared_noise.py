@@ -41,9 +41,15 @@ def test_draws_have_the_covariance_of_all_rows(option: str, covariance: np.ndarr
     assert correlation == pytest.approx(expected, abs=4 * (1 - expected**2) / np.sqrt(TRIALS))
 
 
-@pytest.mark.parametrize("option", [":correlation (ar1 unknown)", ":sigma unknown :common ((0.5 :per day))"])
-def test_noise_that_is_shared_and_estimated_is_refused(option: str) -> None:
+@pytest.mark.parametrize(
+    ("option", "mend"),
+    [
+        (":correlation (ar1 unknown)", "state it with numbers"),
+        (":sigma unknown :common ((0.5 :per day))", "`:sigma` with a number"),
+    ],
+)
+def test_noise_that_is_shared_and_estimated_is_refused(option: str, mend: str) -> None:
     with pytest.raises(mbm.MbmError) as error:
         line(option).propagate(100)
     assert [each.code.name for each in error.value.diagnostics] == ["not-propagated"]
-    assert "state it with numbers" in str(error.value.diagnostics[0].hint)
+    assert mend in str(error.value.diagnostics[0].hint)

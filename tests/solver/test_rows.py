@@ -79,8 +79,18 @@ def test_what_only_constraints_feel_has_their_scale():
     triangle, scale = np.zeros(9), np.zeros(2)
     triangle[0] = 1.0
     held, slopes = np.array([2.0, 0.0, 4.0]), np.array([5.0, 6.0, 7.0, 8.0, 9.0, 16.0])
-    set_scales(2, 2, np.array([0, 1]), triangle, 3, held, slopes, scale)
+    problem = SimpleNamespace(n=2, number_of=np.array([0, 1]))
+    set_scales(problem, 2, np.array([0, 1]), triangle, 3, held, slopes, scale)
     assert scale == pytest.approx([1.0, np.hypot(6.0 / 2.0, 16.0 / 4.0)])
+
+
+def test_a_column_of_a_rotation_that_is_rounding_is_scaled_as_the_longest():
+    """Of numbers (0 and up in `number_of`) even the smallest column has its own length."""
+    triangle, scale = np.zeros(16), np.zeros(3)
+    triangle[[0, 5, 10]] = 2.0, 1e-15, 1e-15
+    none = np.zeros(3)
+    set_scales(SimpleNamespace(n=3, number_of=np.array([-1, -1, 0])), 3, np.arange(3), triangle, 0, none, none, scale)
+    assert scale.tolist() == [2.0, 2.0, 1e-15]
 
 
 @pytest.mark.parametrize("fresh", [0, 1])

@@ -91,15 +91,16 @@ def _uneven(
             numbers.append(None if side is None else table_rows(problem, group, stack.tables, lines)[:, None])
         measured, rows = portion.by_slot(sides), portion.by_slot(numbers, missing=-1)
         counts = (rows >= 0).sum(axis=1)
-        fitted = measured + residuals * deviations
+        errors = residuals * deviations
+        fitted = measured + errors
         for count in np.unique(counts[counts >= TELLING_ROWS]).tolist():
             solves = np.flatnonzero(counts == count)
             there = np.nonzero(rows[solves] >= 0)[1].reshape(-1, count)
             at = solves if count == portion.most else (solves[:, None], there)
             alike = Clauses(
                 fitted=fitted[at],
+                errors=errors[at],
                 residuals=residuals[at],
-                deviations=deviations[at],
                 leverage=leverage[at],
                 rows=rows[at],
             )

@@ -62,6 +62,9 @@ FINE = 100
 
 HALVINGS = 60
 
+SHORTER_STEPS = 40
+"""Steps to where a likelihood has a value, those that are halved as they lead to none counted."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Likelihood:
@@ -95,7 +98,8 @@ class Likelihood:
             held |= ~np.isnan(self.limits.step)
         wanted = held | np.isnan(sigma) | (places - below < lower) | (places + above > upper)
         asked = numbers >= 0 if held.any() else wanted & (numbers >= 0)
-        for which in np.flatnonzero(asked)[:MOST_FOLLOWED].tolist():
+        others = np.flatnonzero(asked & ~wanted)[:MOST_FOLLOWED]
+        for which in [*np.flatnonzero(asked & wanted).tolist(), *others.tolist()]:
             law = Law(dof=float(freedom.dof[which]), inflation=float(freedom.inflation[which]), scaled=self.scaled)
             profile = Profile(self.equations, self.minimum, which, self.variance, self.settings)
             reached = law.of_square(float(k[which]) ** 2)
@@ -144,19 +148,27 @@ class Profile:
     def growth(self, step: float) -> float:
         """By how many variances the cost grows with a step of the coordinate, least over all others; infinite where
         there is no value.
+
+        Where there is none with the others as they are at the nearest step so far, shorter steps lead there.
         """
-        start = self._points[min(self._points, key=lambda each: abs(each - step))].copy()
-        start[self._number] = self.value + step
-        residuals = self._others.residuals(start)
-        if not bool(np.isfinite(residuals).all()):
-            return np.inf
-        cost = float(residuals @ residuals)
-        if self._others.dimension:
-            found = minimise(self._others, start, self._settings)
-            if not found.feasible:
-                return np.inf
-            cost, self._points[step] = found.cost, found.point
-        return max(cost - self._least, 0.0) / self._variance
+        near, there = min(self._points, key=lambda each: abs(each - step)), step
+        for _ in range(SHORTER_STEPS):
+            start = self._points[near].copy()
+            start[self._number] = self.value + there
+            residuals = self._others.residuals(start)
+            cost = float(residuals @ residuals)
+            if not np.isfinite(cost) and self._others.dimension:
+                there = 0.5 * (near + there)
+                continue
+            if np.isfinite(cost) and self._others.dimension:
+                found = minimise(self._others, start, self._settings)
+                if not found.feasible:
+                    break
+                cost, self._points[there] = found.cost, found.point
+            if there == step:
+                return max(cost - self._least, 0.0) / self._variance
+            near, there = there, step
+        return np.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -22,6 +22,7 @@ from mbm.estimation.trust.nonlinearity import (
     Surroundings,
     derived_ends,
     interval_ends,
+    moved,
     surroundings,
 )
 from mbm.estimation.trust.profile import END_ACCURACY, Surface
@@ -40,6 +41,13 @@ UNMOVED = 1e-6
 
 MOST_BETWEEN = 12
 """Directions between which pairs are tried as well."""
+
+
+FARTHER = 0.05
+"""Share by which a quantity goes beyond an end at some point that is as likely, from which on that is followed."""
+
+MOST_PAIRS = 10
+"""Directions of which pairs are looked along, too: 200 points."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -227,6 +235,15 @@ def _picked(group: Group, which: Indices, turned: Floats) -> Callable[[Floats], 
     return lambda points: group.values_at(points + turned).reshape(len(points), -1)[:, which]
 
 
+def _spread_out(count: int) -> Floats:
+    """Unit vectors (p, k) along axes and, of few, between two of them, to both sides."""
+    axes = np.eye(count)
+    first, second = np.triu_indices(count if count <= MOST_PAIRS else 0, 1)
+    pairs = [axes[first] + sign * axes[second] for sign in (-1.0, 1.0)]
+    every = np.vstack([axes, *(each / np.sqrt(2.0) for each in pairs)])
+    return np.vstack([-every, every])
+
+
 def most_followed(around: Surroundings) -> int:
     """How many profiles of doubtful numbers are followed to their true ends; of more, the quick look has to do."""
     if not isinstance(around.equations, OnSurface):
@@ -247,17 +264,25 @@ def followed_ends(
         moved = one.values(points)[:, which] - begin
         return moved - 2 * np.pi * np.round(moved / (2 * np.pi)) if one.angle else moved
 
-    lower, upper = (
-        DerivedProfile(
+    def end(direction: Floats, target: float) -> float:
+        return DerivedProfile(
             equations=around.equations,
             point=minimum.point,
             least=minimum.cost,
-            direction=sign * reach * (around.factor @ image) / sigma,
+            direction=direction,
             others=around.factor,
             level=reach**2 * around.variance,
             change=change,
-            target=sign * reach * sigma,
+            target=target,
         ).end(accuracy)
-        for sign in (-1.0, 1.0)
-    )
+
+    lower, upper = (end(sign * reach * (around.factor @ image) / sigma, sign * reach * sigma) for sign in (-1.0, 1.0))
+    steps = reach * (_spread_out(around.factor.shape[1]) @ around.factor.T)
+    moves = change(moved(around.equations, minimum.point, steps)) / (reach * sigma)
+    # Beyond a kink another piece of the quantity may reach farther than that which holds at the minimum.
+    least, most = int(moves.argmin()), int(moves.argmax())
+    if -moves[least] > (1.0 + FARTHER) * lower:
+        lower = max(lower, end(steps[least] / -moves[least], -reach * sigma))
+    if moves[most] > (1.0 + FARTHER) * upper:
+        upper = max(upper, end(steps[most] / moves[most], reach * sigma))
     return lower * reach * sigma, upper * reach * sigma

@@ -73,13 +73,13 @@ def _single(problem: Problem, equations: Assembled, group: Group) -> bool:
 class Clauses:
     """T clauses of n rows each: arrays (T, n).
 
-    ``fitted`` are the model's values, ``residuals`` are whitened by ``deviations``, the fit takes the share
-    ``leverage`` of the variance of each, and ``rows`` are their numbers in the table.
+    ``fitted`` are the model's values, which differ by ``errors`` from the readings. The fit takes the share
+    ``leverage`` of the variance of each of the whitened ``residuals``; ``rows`` are their numbers in the table.
     """
 
     fitted: Floats
+    errors: Floats
     residuals: Floats
-    deviations: Floats
     leverage: Floats
     rows: Indices
 
@@ -118,7 +118,7 @@ class Clauses:
 
     def _telling(self, largest: Floats) -> Mask:
         """Where residuals (T, n) are those of readings with noise, and checked by one another."""
-        made = (np.abs(self.residuals * self.deviations) > NO_DIFFERENCE * largest).any(axis=1)
+        made = (np.abs(self.errors) > NO_DIFFERENCE * largest).any(axis=1)
         checked = 1.0 - self.leverage.mean(axis=1) >= CHECKED
         return np.asarray(made & checked & np.isfinite(self.fitted).all(axis=1))
 
@@ -172,10 +172,10 @@ def uneven_noise(
             continue
         sides = [measured_side(problem, group, tables) for group in groups]
         measured = np.concatenate([side[:, 0] for side in sides if side is not None])
-        deviations = np.concatenate([1.0 / group.whiteners[0].weights[:, 0] for group in groups])
-        residuals, rows = minimum.residuals[places], np.concatenate([table_rows(problem, g, tables) for g in groups])
-        columns = measured + residuals * deviations, residuals, deviations, leverage[places], rows
-        names = "fitted", "residuals", "deviations", "leverage", "rows"
+        errors = np.concatenate([group.values(minimum.point)[:, 0] for group in groups])
+        rows = np.concatenate([table_rows(problem, group, tables) for group in groups])
+        columns = measured + errors, errors, minimum.residuals[places], leverage[places], rows
+        names = "fitted", "errors", "residuals", "leverage", "rows"
         clause = Clauses(**{name: each[None] for name, each in zip(names, columns, strict=True)})
         for _, grown, correlation in clause.uneven(len(owners)):
             yield uneven_clause(problem, owner, grown, correlation)

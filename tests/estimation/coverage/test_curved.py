@@ -149,3 +149,23 @@ def test_the_larger_of_two_ends_below_where_both_have_come_down(apart: float) ->
         assert found[name].interval_kind == "profile"
         # ends are found to 1/100 of the cost's root
         assert found[name].interval() == pytest.approx([apart - below, apart + norm.ppf(0.975)], abs=0.02 * below)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "form"),
+    [(0.5, 0.2, "(max a (* 2 b))"), (0.2, 0.05, "(max a b (- a b))"), (0.08, 0.0, "(+ (abs a) (abs b))")],
+)
+def test_another_piece_may_reach_farther_than_that_at_the_estimate(a: float, b: float, form: str) -> None:
+    """Both ends are extremes over the disc where the cost has grown by 1.96²."""
+    found = mbm.loads(
+        f"(problem p (data d (table (y z) ({a} {b}))) (unknowns (a) (b)) (observe d (= [y z] [a b]) :sigma 1)"
+        f" (derive (m {form})))"
+    ).solve()["m"]
+    turn, radius = np.meshgrid(np.linspace(0, 2 * np.pi, 4001), norm.ppf(0.975) * np.linspace(0, 1, 401))
+    u, v = a + radius * np.cos(turn), b + radius * np.sin(turn)
+    forms = {"(max a (* 2 b))": np.maximum(u, 2 * v), "(max a b (- a b))": np.maximum(np.maximum(u, v), u - v)}
+    values = forms.get(form, np.abs(u) + np.abs(v))
+    # ends are found to 1/100 of the cost's root
+    assert found.interval() == pytest.approx(
+        [values.min(), values.max()], abs=0.02 * norm.ppf(0.975) * float(found.sigma)
+    )

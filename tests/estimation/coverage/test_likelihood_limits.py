@@ -239,3 +239,33 @@ def test_trials_that_a_place_tells_apart_have_no_estimate_and_break_nothing() ->
     ).solve(data={"d": {"x": x, "y": y}})
     assert result.status == "attention"
     assert "NaN" not in result.to_json()
+
+
+@pytest.mark.parametrize("bound", ["positive", ":in (0 100)"])
+def test_a_signal_beside_a_background_without_counts(bound: str) -> None:
+    """Two counts are s + b, none half of b. The others have to move along, for a mean below zero has no likelihood.
+
+    Of b alone exp(-b/2) is left, as s makes the first count fit; of s the profile in closed form, summed up on a grid.
+    """
+    result = mbm.loads(
+        f"(problem p (data d (table (k) (2))) (data e (table (k) (0))) (unknowns (s :init 1) (b {bound} :init 1))"
+        " (observe d (= k (+ s b)) :distribution poisson) (observe e (= k (* 0.5 b)) :distribution poisson))"
+    ).solve()
+    assert result["b"].interval() == pytest.approx([0.0, -2.0 * log(0.05)], abs=NEAR * 6)
+    s = np.linspace(-60.0, 60.0, 120_001)
+    b = np.maximum(0.0, 4.0 / 3.0 - s)
+    with np.errstate(all="ignore"):
+        left = np.exp(-(s + b - 2.0 - 2.0 * np.log((s + b) / 2.0)) - 0.5 * b)
+    left = np.where(np.isfinite(left), left, 0.0)
+    order = np.argsort(-left, kind="stable")
+    inside = s[order[: 1 + int(np.searchsorted(np.cumsum(left[order]), 0.95 * left.sum()))]]
+    assert result["s"].interval() == pytest.approx([inside.min(), inside.max()], abs=NEAR * 6)
+
+
+def test_the_last_of_many_rates_has_its_interval_too() -> None:
+    counts = " ".join(f"({k} {n})" for k, n in enumerate([9, 7, 8, 6, 9, 5, 7, 8, 9, 6, 7, 5, 8, 0]))
+    result = mbm.loads(
+        f"(problem p (data d (table (k n) {counts}) :key k) (unknowns (m :per d positive :init 5))"
+        " (observe d (= n (m k)) :distribution poisson))"
+    ).solve()
+    assert np.asarray(result["m"].interval())[-1] == pytest.approx([0.0, -log(0.05)], abs=NEAR * 3)
