@@ -168,13 +168,18 @@ def conflicting_constraints(
     )
 
 
-def near_bound(span: Span, names: Sequence[str], what: str) -> Diagnostic:
-    """The scalars ``names`` of an unknown ended at ``what``: a bound, `the end of its model`, `zero`."""
+def near_bound(span: Span, names: Sequence[str], what: str, derived: Sequence[str] = ()) -> Diagnostic:
+    """The scalars ``names`` of an unknown ended at ``what``: a bound, `the end of its model`, `zero`.
+
+    The quantities ``derived`` change with them.
+    """
     verb = "is" if len(names) == 1 else "are each"
     held = f"{verb} driven to zero, where `positive` ends" if what == "zero" else f"{verb} held at {what}"
+    staying = "it stays" if len(names) == 1 else "they stay"
+    beside = f"; the standard deviations of {listed(derived)} suppose that {staying} there" if derived else ""
     return Diagnostic(
         code=NEAR_BOUND,
-        message=f"{listed(names)} {held}",
+        message=f"{listed(names)} {held}{beside}",
         place=span,
         hint=NEAR_BOUND.mend,
         severity=Severity.WARNING,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -138,7 +139,7 @@ def _examined(problem: Problem, solution: Solution, how: Shown) -> Examined:
         diagnostics=(
             *solution.diagnostics,
             *solution.doubts(),
-            *_near_bounds(solution, how.names),
+            *_near_bounds(problem, solution, how.names),
             *constraint_diagnostics(problem, solution, how.names),
         ),
     )
@@ -317,7 +318,7 @@ def _at_last(estimate: Estimate) -> Estimate:
     )
 
 
-def _near_bounds(solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic, ...]:
+def _near_bounds(problem: Problem, solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic, ...]:
     """A warning for each unknown that is held at its bounds or by its model, or was driven to the zero above it."""
     if not solution.minimum.at_bound.any():
         return ()
@@ -332,10 +333,21 @@ def _near_bounds(solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic
     for entry in layout.entries:
         places = range(entry.coordinates.start, entry.coordinates.stop)
         for what, which in kinds:
-            held = [names[i] for i in places if which[i]]
+            held = [i for i in places if which[i]]
             if held:
-                found.append(faults.near_bound(entry.unknown.span, held, what))
+                derived = _moving_with(problem, solution, held)
+                found.append(faults.near_bound(entry.unknown.span, [names[i] for i in held], what, derived))
     return tuple(found)
+
+
+def _moving_with(problem: Problem, solution: Solution, coordinates: Sequence[int]) -> list[str]:
+    """The derived quantities that some of the coordinates change."""
+    places = np.flatnonzero(np.isin(solution.free, coordinates))
+    return [
+        problem.derived[one.owner].name
+        for one in solution.derived
+        if one.gradient is not None and bool(np.nan_to_num(one.gradient[..., places]).any())
+    ]
 
 
 def _observability(solution: Solution, names: tuple[str, ...]) -> Observability:

@@ -269,3 +269,13 @@ def test_the_last_of_many_rates_has_its_interval_too() -> None:
         " (observe d (= n (m k)) :distribution poisson))"
     ).solve()
     assert np.asarray(result["m"].interval())[-1] == pytest.approx([0.0, -log(0.05)], abs=NEAR * 3)
+
+
+def test_what_is_derived_from_an_estimate_at_its_limit_says_so() -> None:
+    result = mbm.loads(
+        "(problem p (data d (table (k) (0) (0))) (data e (table (k) (4))) (unknowns (m positive :init 1) (b :init 1))"
+        " (observe d (= k m) :distribution poisson) (observe e (= k b) :distribution poisson)"
+        " (derive (twice (* 2 m)) (more (- b m)) (other (* 2 b))))"
+    ).solve()
+    said = [each.message for each in result.diagnostics if each.code.name == "near-bound"]
+    assert len(said) == 1 and "the standard deviations of `twice`, `more` suppose that it stays there" in said[0]
