@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import approx_fprime, least_squares
 
 import mbm
 from tests.robust import test_trust
@@ -93,7 +93,7 @@ LIMITED = """
 
 
 def test_rows_that_a_constraint_bends_do_not_contradict_one_another():
-    """The minimum is that of SLSQP, to a thousandth of the standard deviations; only the constraints are named."""
+    """The minimum is that on both constraints, to a thousandth of the standard deviations; only these are named."""
     steps = np.array([[1, 0, 90], [1.02, 0.01, 91], [0.98, 0, 89], [1, 0.02, 90]]) * [1, 1, np.pi / 180]
 
     def misfits(x):
@@ -104,16 +104,20 @@ def test_rows_that_a_constraint_bends_do_not_contradict_one_another():
         angle = np.angle(np.exp(1j * (second[:, 2] - first[:, 2] - steps[:, 2])))
         return np.concatenate([angle / 0.01, apart.real / 0.02, apart.imag / 0.02])
 
-    limits = [
-        {"type": "ineq", "fun": lambda x: 1 - np.hypot(x[0] - x[6], x[1] - x[7])},
-        {"type": "ineq", "fun": lambda x: x[3] - 1.2},
-    ]
-    start = np.array([1, 0, np.pi / 2, 1, 1, np.pi, 0, 1, -np.pi / 2])
-    outside = minimize(lambda x: misfits(x) @ misfits(x), start, constraints=limits, method="SLSQP", tol=1e-12)
+    def on_both(z):  # where both constraints hold as equations, which leaves seven numbers free
+        (x, y, a, second_y, second_a, turn, third_a) = z
+        return np.array([x, y, a, 1.2, second_y, second_a, x - np.cos(turn), y - np.sin(turn), third_a])
+
+    start = np.array([1, 0, np.pi / 2, 1, np.pi, -np.pi / 4, -np.pi / 2])
+    outside = least_squares(lambda z: misfits(on_both(z)), start, xtol=1e-14, ftol=1e-14, gtol=1e-12)
+    x = on_both(outside.x)
+    slopes = approx_fprime(x, lambda x: misfits(x) @ misfits(x), 1e-7)
+    across = np.array([x[0] - x[6], x[1] - x[7]])
+    assert slopes[3] > 0 and slopes[[0, 1]] @ across < 0  # both are pushed against
     found = mbm.loads(LIMITED).solve().first
     assert found.status.value == "converged"
-    assert found.cost == pytest.approx(outside.fun, rel=1e-6)
-    assert found["T"][3].translation == pytest.approx(outside.x[3:5], abs=2e-5)
+    assert found.cost == pytest.approx(2 * outside.cost, rel=1e-6)
+    assert found["T"][3].translation == pytest.approx(x[3:5], abs=2e-5)
     assert told(found) == []
     held = [d.message for d in found.diagnostics if d.code.name == "active-constraint"]
     assert ["near" in held[0], "far" in held[1]] == [True, True]
