@@ -67,7 +67,7 @@ def test_scores_are_rank_correlations(rows: int) -> None:
     fitted = np.repeat(rng.normal(size=(1, rows // 2)), 2, axis=1)
     residuals = np.square(fitted) * rng.normal(size=(1, rows))
     clauses = _clauses(fitted, residuals)
-    place, grown, correlation = next(clauses.uneven(1))
+    place, grown, correlation = clauses.uneven(1)[0]
     columns = {
         "the size of its readings": np.abs(fitted),
         "its readings": fitted,
@@ -91,7 +91,7 @@ def test_chance(clauses: int) -> None:
     """
     rng = np.random.default_rng(7)
     residuals = rng.standard_t(3, size=(20_000, 30))
-    found = list(_clauses(np.sort(rng.random(residuals.shape)), residuals).uneven(clauses))
+    found = _clauses(np.sort(rng.random(residuals.shape)), residuals).uneven(clauses)
     share = 0.01 / clauses
     assert share * 0.5 < len(found) / 20_000 < share + 3 * np.sqrt(share / 20_000)
 

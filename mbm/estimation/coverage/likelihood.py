@@ -157,18 +157,22 @@ class Profile:
             start[self._number] = self.value + there
             residuals = self._others.residuals(start)
             cost = float(residuals @ residuals)
-            if not np.isfinite(cost) and self._others.dimension:
+            if not self._others.dimension:
+                return self._told(cost)
+            if not np.isfinite(cost):
                 there = 0.5 * (near + there)
                 continue
-            if np.isfinite(cost) and self._others.dimension:
-                found = minimise(self._others, start, self._settings)
-                if not found.feasible:
-                    break
-                cost, self._points[there] = found.cost, found.point
+            found = minimise(self._others, start, self._settings)
+            if not found.feasible:
+                break
+            self._points[there] = found.point
             if there == step:
-                return max(cost - self._least, 0.0) / self._variance
+                return self._told(found.cost)
             near, there = there, step
         return np.inf
+
+    def _told(self, cost: float) -> float:
+        return max(cost - self._least, 0.0) / self._variance if np.isfinite(cost) else np.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

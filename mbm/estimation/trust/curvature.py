@@ -22,7 +22,7 @@ from mbm.estimation.trust.nonlinearity import (
     Surroundings,
     derived_ends,
     interval_ends,
-    moved,
+    points_after,
     surroundings,
 )
 from mbm.estimation.trust.profile import END_ACCURACY, Surface
@@ -42,12 +42,8 @@ UNMOVED = 1e-6
 MOST_BETWEEN = 12
 """Directions between which pairs are tried as well."""
 
-
 FARTHER = 0.05
 """Share by which a quantity goes beyond an end at some point that is as likely, from which on that is followed."""
-
-MOST_PAIRS = 10
-"""Directions of which pairs are looked along, too: 200 points."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -235,21 +231,11 @@ def _picked(group: Group, which: Indices, turned: Floats) -> Callable[[Floats], 
     return lambda points: group.values_at(points + turned).reshape(len(points), -1)[:, which]
 
 
-def _spread_out(count: int) -> Floats:
-    """Unit vectors (p, k) along axes and, of few, between two of them, to both sides."""
-    axes = np.eye(count)
-    first, second = np.triu_indices(count if count <= MOST_PAIRS else 0, 1)
-    pairs = [axes[first] + sign * axes[second] for sign in (-1.0, 1.0)]
-    every = np.vstack([axes, *(each / np.sqrt(2.0) for each in pairs)])
-    return np.vstack([-every, every])
-
-
 def most_followed(around: Surroundings) -> int:
     """How many profiles of doubtful numbers are followed to their true ends; of more, the quick look has to do."""
     if not isinstance(around.equations, OnSurface):
         return MOST_FOLLOWED
-    directions = int(around.factor.shape[1])
-    return min(MOST_FOLLOWED, MOST_BROUGHT_BACK // directions**2)
+    return min(MOST_FOLLOWED, MOST_BROUGHT_BACK // int(around.factor.shape[1]) ** 2)
 
 
 def followed_ends(
@@ -277,8 +263,9 @@ def followed_ends(
         ).end(accuracy)
 
     lower, upper = (end(sign * reach * (around.factor @ image) / sigma, sign * reach * sigma) for sign in (-1.0, 1.0))
-    steps = reach * (_spread_out(around.factor.shape[1]) @ around.factor.T)
-    moves = change(moved(around.equations, minimum.point, steps)) / (reach * sigma)
+    along = directions(around.factor.shape[1])
+    steps = reach * (np.vstack([-along, along]) @ around.factor.T)
+    moves = np.nan_to_num(change(points_after(around.equations, minimum.point, steps))) / (reach * sigma)
     # Beyond a kink another piece of the quantity may reach farther than that which holds at the minimum.
     least, most = int(moves.argmin()), int(moves.argmax())
     if -moves[least] > (1.0 + FARTHER) * lower:

@@ -72,13 +72,12 @@ class DerivedProfile(Profile):
         Where the step overshoots a kink, to the other side of a larger of two or of a size, the quantity as it is on
         one side leads back to the other. There both sides have to reach the target.
         """
-        slopes = (
-            self.equations.jacobian(here.point) @ self.others if np.isfinite(here.merit) else np.full((1, 1), np.nan)
-        )
-        gradient, curvature = self._derivatives(here.point)
-        if not (np.isfinite(slopes).all() and np.isfinite(curvature).all() and np.isfinite(gradient).all()):
+        if not np.isfinite(here.merit):
             return None
-        if not gradient.any():
+        slopes = self.equations.jacobian(here.point) @ self.others
+        gradient, curvature = self._derivatives(here.point)
+        finite = bool(np.isfinite(slopes).all() and np.isfinite(curvature).all() and np.isfinite(gradient).all())
+        if not finite or not gradient.any():
             return None
         move = _constrained(here.residuals, slopes, gradient[None], curvature, np.array([here.gap]))
         there = self._shortened(here, move, wanted)

@@ -91,7 +91,7 @@ class Surroundings:
     def points(self, along: Floats) -> Floats:
         """The linear ends of intervals in the directions ``along`` (p, k), unit vectors: all lower, then all upper."""
         steps = NORMAL_95 * (along @ self.factor.T)
-        return moved(self.equations, self.minimum.point, np.vstack([-steps, steps]))
+        return points_after(self.equations, self.minimum.point, np.vstack([-steps, steps]))
 
     def ratios(self, along: Floats, points: Floats) -> Floats:
         """The true ends (2, p) as multiples of the linear ones, where the cost grows on as it does up to those."""
@@ -232,7 +232,7 @@ def _complement(direction: Floats) -> Floats:
     return np.asarray(np.linalg.qr(np.column_stack([direction, np.eye(len(direction))]))[0][:, 1:])
 
 
-def moved(equations: Surface, point: Floats, steps: Floats) -> Floats:
+def points_after(equations: Surface, point: Floats, steps: Floats) -> Floats:
     """The points (k, N) from ``point`` (N,) after each of the ``steps`` (k, n), bounds left aside."""
     if not isinstance(equations, Assembled):
         return np.stack([equations.retract(point, step) for step in steps])

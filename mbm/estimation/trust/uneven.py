@@ -38,9 +38,6 @@ NO_DIFFERENCE = 1e-9
 BY_CHANCE = 0.01
 """Share of all solves in which errors that are as stated are said to be uneven."""
 
-LEAST = 2.57
-"""Standard deviations of a rank correlation below which chance makes one as large in more than that share."""
-
 
 class With(StrEnum):
     """What errors may grow with."""
@@ -84,7 +81,7 @@ class Clauses:
     rows: Indices
 
     @np.errstate(all="ignore")
-    def uneven(self, clauses: int) -> Iterator[tuple[int, With, float]]:
+    def uneven(self, clauses: int) -> list[tuple[int, With, float]]:
         """Which of them have errors beyond what chance makes of one of so many ``clauses`` of a solve.
 
         Then what these grow with the most, and the rank correlation.
@@ -99,12 +96,12 @@ class Clauses:
         found = np.where(np.isfinite(found) & self._telling(largest), found, 0.0)
         tests = _different(columns)
         worst = np.abs(found).argmax(axis=0)
-        for place in np.flatnonzero(np.abs(found).max(axis=0) * sqrt(n - 1) > LEAST).tolist():
-            best = int(worst[place])
-            correlation = float(found[best, place])
-            chance = erfc(abs(correlation) * sqrt(0.5 * (n - 1)))
-            if chance * tests[place] * clauses < BY_CHANCE:
-                yield place, tuple(With)[best], correlation
+        largest_found = found[worst, np.arange(len(worst))].tolist()
+        return [
+            (place, tuple(With)[worst[place]], correlation)
+            for place, correlation in enumerate(largest_found)
+            if erfc(abs(correlation) * sqrt(0.5 * (n - 1))) * tests[place] * clauses < BY_CHANCE
+        ]
 
     def _sizes(self) -> Floats:
         """Ranks of the residuals' sizes; those that nothing checks stand in the middle."""
