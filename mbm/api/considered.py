@@ -30,11 +30,18 @@ def with_constants(
     result: Result, constants: tuple[ConstantValue, ...], inputs: Inputs, again: Callable[[Inputs], Result]
 ) -> Result:
     """The ``result`` with the uncertainties of ``constants``, for which the problem is solved ``again`` with others."""
-    moved = []
+    return considered(result, moved(constants, inputs, again))
+
+
+def moved(
+    constants: tuple[ConstantValue, ...], inputs: Inputs, again: Callable[[Inputs], Result]
+) -> list[tuple[ConsideredConstant, Result, Result]]:
+    """Each number of the uncertain ``constants``, and what is found ``again`` with it below and above its value."""
+    found = []
     for constant, element in _uncertain(constants):
         below, above = (again(_moved(inputs, constant, element, side)) for side in (-1.0, 1.0))
-        moved.append((_named(constant, element), below, above))
-    return considered(result, moved)
+        found.append((_named(constant, element), below, above))
+    return found
 
 
 def _named(constant: ConstantValue, place: int) -> ConsideredConstant:

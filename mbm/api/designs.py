@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import islice
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from mbm import compiler
+from mbm.api.considered import moved
 from mbm.api.planned import Plan, Planner
 from mbm.compiler import Inputs, SolveSettings
+from mbm.equations.selection import Selection, selections
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.joining import prepare
 from mbm.problem.likely import called, likelihood_of
-from mbm.problem.tables import Table
+from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Block, Equation, EquationCase, Method, NoiseKind, Problem
 from mbm.report.designs import faults
-from mbm.report.designs.design import designed
+from mbm.report.designs.design import Offered, designed
 from mbm.text.types import Diagnostic, MbmError
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.api.compiled import CompiledProblem
@@ -82,14 +86,86 @@ def design_of(
         plans.append(planner.plan(declarations, wish.observation))
         return plans[-1].tables
 
-    found = compiler.elaborated(problem.program, problem.name, inputs, problem.registry, load)
-    _refuse(found.problem)
+    every = compiler.elaborated(problem.program, problem.name, inputs, problem.registry, load)
+    _refuse(every.problem)
     plan, given, point = plans[-1], at, "given"
+    every, key = _with_key(every, plan.candidates, wish.solve)
     if given is None:
-        given = _estimated(problem, inputs) if plan.measured else None
+        given = _estimated(problem, inputs, key) if plan.measured else None
         point = "start" if given is None else "estimates"
-    exact, notes = _exact(found, problem, inputs, given or {})
-    return designed(_solved(exact, problem, inputs).solves[0], plan.candidates, wish, point=point, notes=notes)
+    exact, notes = _exact(every, wish.solve, problem, inputs, given or {})
+    solved = _solved(exact.of(every), problem, inputs)
+
+    def again(inputs: Inputs) -> Result:
+        other = compiler.elaborated(problem.program, problem.name, inputs, problem.registry, lambda _: exact.raw)
+        return _solved(exact.of(other), problem, inputs)
+
+    pairs = [
+        (constant, (below.solves[0], above.solves[0]))
+        for constant, below, above in moved(every.problem.constants, inputs, again)
+    ]
+    return designed(solved.solves[0], plan.candidates, wish, key=key, point=point, notes=notes, moved=pairs)
+
+
+def _selection(every: Elaborated, number: int) -> Selection:
+    """The tables of one of the solves of a problem.
+
+    Raises:
+        MbmError: not-designed: there are fewer; what is wrong with the columns that tell them apart.
+
+    """
+    count, picked = selections(every.problem, every.tables)
+    found = next(islice(picked, number - 1, None), None)
+    if found is None:
+        why = f"solve {number} is asked for, and there are {count}"
+        raise MbmError(faults.not_designed(why, f"give a number from 1 to {count}"))
+    return found
+
+
+def _with_key(every: Elaborated, offered: Offered | None, number: int) -> tuple[Elaborated, Mapping[str, CellKey]]:
+    """The key of one of the solves, and the tables with it in the cells of candidates that have no key of their own."""
+    key = _selection(every, number).key
+    if offered is None or not offered.keyless:
+        return every, key
+    table = every.raw[offered.table]
+    ours, columns = table.rows >= offered.first, dict(table.columns)
+    for name in offered.keyless:
+        column, cell = columns[name], key[name]
+        if column.texts is not None:
+            texts = tuple(str(cell) if own else text for own, text in zip(ours, column.texts, strict=True))
+            columns[name] = replace(column, texts=texts)
+        else:
+            columns[name] = replace(column, numbers=np.where(ours, cell, np.asarray(column.numbers)))
+    raw = {**every.raw, offered.table: replace(table, columns=columns)}
+    return replace(every, raw=raw, tables=prepare(every.problem, raw)), key
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Exact:
+    """Measurements that meet a problem exactly: ``raw`` tables, and ``starts`` that are the true values.
+
+    ``factors`` are those of unknown noise by name; ``number`` is that of the solve.
+    """
+
+    raw: Mapping[str, Table]
+    starts: Mapping[str, tuple[float, ...]]
+    factors: Mapping[str, float]
+    number: int
+
+    def of(self, every: Elaborated) -> Elaborated:
+        """The one solve of these measurements, with stated noise and without losses."""
+        problem = every.problem
+        tables = _selection(replace(every, tables=prepare(problem, self.raw)), self.number).tables
+        blocks = tuple(_stated(block, self.factors.get(block.factor_name, 1.0)) for block in problem.blocks)
+        request = replace(problem.request, method=Method.AUTO, routine=None, robust=None, starts=None)
+        one = _alone(replace(every, problem=replace(problem, blocks=blocks, request=request)), tables)
+        return replace(one, raw=self.raw, starts=self.starts)
+
+
+def _alone(every: Elaborated, tables: Mapping[str, Table]) -> Elaborated:
+    """The problem of one solve, whose ``tables`` are those."""
+    request = replace(every.problem.request, for_each=(), window=None)
+    return replace(every, problem=replace(every.problem, request=request), tables=tables)
 
 
 def _refuse(problem: Problem) -> None:
@@ -99,11 +175,9 @@ def _refuse(problem: Problem) -> None:
         MbmError: not-designed.
 
     """
-    request = problem.request
-    if request.for_each or request.window is not None or problem.sequence is not None:
-        what = "`for-each`" if request.for_each else "`window`" if request.window is not None else "`states`"
-        why = f"with {what} there is more than one solve, or more than one step"
-        raise MbmError(faults.not_designed(why, "plan one problem without it: `(problem plan :like NAME …)`"))
+    if problem.sequence is not None:
+        why = "with `states` what a row tells depends on the steps before and after it"
+        raise MbmError(faults.not_designed(why, "simulate the experiments that you compare, with `mbm simulate`"))
     if not problem.unknowns:
         raise MbmError(faults.not_designed("the problem has no unknowns", "`mbm solve` says how accurate it is"))
     joined = next((block for block in problem.blocks if block.structure.joins), None)
@@ -115,27 +189,24 @@ def _refuse(problem: Problem) -> None:
         if likelihood is not None:
             why = f"what a reading of `{block.name}` tells depends on its value: {called(likelihood)}"
             raise MbmError(faults.not_designed(why, "simulate the experiments that you compare, with `mbm simulate`"))
-    if any(constant.sigmas for constant in problem.constants):
-        why = "a constant has a standard deviation, which is not counted here"
-        raise MbmError(faults.not_designed(why, "make it an unknown with a prior: `(h :init 70cm :sigma 1mm)`"))
 
 
-def _estimated(problem: Opened, inputs: Inputs) -> Mapping[str, object] | None:
-    """The result document of a solve of what is measured; None where there is none."""
+def _estimated(problem: Opened, inputs: Inputs, key: Mapping[str, CellKey]) -> Mapping[str, object] | None:
+    """The result document of the solve with a key of what is measured; None where there is none."""
     from mbm.report.document import document
 
     try:
         result = problem.compiled(inputs, "auto").result(SolveSettings())
     except MbmError:
         return None
-    found = document(result)
-    return found if len(result.solves) == 1 and result.solves[0].cost is not None else None
+    found = [solve for solve in result.solves if dict(solve.key) == dict(key) and solve.cost is not None]
+    return document(replace(result, solves=tuple(found))) if found else None
 
 
 def _exact(
-    found: Elaborated, problem: Opened, inputs: Inputs, at: Mapping[str, object]
-) -> tuple[Elaborated, tuple[Diagnostic, ...]]:
-    """The problem with stated noise, at values that its measurements meet exactly, and what had to be assumed.
+    every: Elaborated, number: int, problem: Opened, inputs: Inputs, at: Mapping[str, object]
+) -> tuple[_Exact, tuple[Diagnostic, ...]]:
+    """What measurements of a solve would be without noise, and what had to be assumed.
 
     Raises:
         MbmError: no-true-value: an unknown has neither a value nor a start; what the simulation cannot solve.
@@ -147,26 +218,26 @@ def _exact(
     from mbm.simulation.simulate import simulate
     from mbm.simulation.types import Simulating
 
-    factors = noise_factors(found.problem, at, {})
+    selection = _selection(every, number)
+    found, blocks = _alone(every, selection.tables), every.problem.blocks
+    factors = noise_factors(every.problem, at, {})(selection.key)
     calls = CalledFunctions(problem.program.base, allowed=inputs.allow_external).outputs
     asked = Simulating(seeds=(1,), calls=calls, exact=True)
-    values = _anywhere(found, problem, inputs, given_starts(found.problem, found.tables, at)({}))
-    made = simulate(found, lambda _: values, factors, asked)
-    raw, truth = _with_cells(found, made), made.truths[0]
-    told = {name: known.factor for name, known in factors({}).items() if known.factor is not None}
+    values = _anywhere(found, problem, inputs, given_starts(every.problem, every.tables, at)(selection.key))
+    made = simulate(found, lambda _: values, lambda _: factors, asked)
+    truth = made.truths[0]
+    told = {name: known.factor for name, known in factors.items() if known.factor is not None}
     starts = {e.unknown.name: tuple(truth.numbers[e.range].tolist()) for e in truth.layout.entries}
-    blocks = tuple(_stated(block, told.get(block.factor_name, 1.0)) for block in found.problem.blocks)
-    request = replace(found.problem.request, method=Method.AUTO, routine=None, robust=None, starts=None)
-    plain = replace(found.problem, blocks=blocks, request=request)
     notes = [
         faults.assumed(f"the noise factor of `{name}` is taken to be 1", "give a result document with `--at`")
-        for name in dict.fromkeys(b.factor_name for b in found.problem.blocks if b.unknown_factor)
+        for name in dict.fromkeys(block.factor_name for block in blocks if block.unknown_factor)
         if name not in told
     ]
-    if any(block.loss is not None for block in found.problem.blocks) or found.problem.request.robust is not None:
+    if any(block.loss is not None for block in blocks) or every.problem.request.robust is not None:
         notes.append(faults.assumed("no reading is an outlier: losses and `:robust` do not count", "none is needed"))
     notes += [note for note in made.notes if note.code.name == "assumed-value" and at]
-    return replace(found, problem=plain, raw=raw, tables=prepare(plain, raw), starts=starts), tuple(notes)
+    exact = _Exact(raw=_with_cells(found, made), starts=starts, factors=told, number=number)
+    return exact, tuple(notes)
 
 
 def _anywhere(found: Elaborated, problem: Opened, inputs: Inputs, values: Mapping[str, Floats]) -> Mapping[str, Floats]:

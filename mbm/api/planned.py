@@ -76,6 +76,7 @@ class Planner:
         measured = _symbols(observed, name)
         own = found.get(name)
         cells = _cells(rows, measured if own is None else measured | (set(rows.columns) - set(own.columns)))
+        rows, keyless = self._with_keys(rows, own)
         costs = _costs(rows) if own is None or COST not in own.columns else np.ones(len(rows))
         kept = {key: column for key, column in rows.columns.items() if own is None or key in own.columns}
         if own is None:
@@ -94,8 +95,21 @@ class Planner:
         return Plan(
             tables=ordered,
             measured=complete,
-            candidates=Offered(table=name, first=first, cells=cells, costs=costs),
+            candidates=Offered(table=name, first=first, cells=cells, costs=costs, keyless=keyless),
         )
+
+    def _keys(self) -> set[str]:
+        """The columns that tell solves apart."""
+        clauses = [clause for clause in self._clauses if clause.head == "for-each"]
+        return {item.name for clause in clauses for item in clause.items[1:] if isinstance(item, Symbol)}
+
+    def _with_keys(self, rows: Table, own: Table | None) -> tuple[Table, tuple[str, ...]]:
+        """Candidates with the key of the first of their ``own`` table's rows where they have none, and the columns."""
+        if own is None or not len(own):
+            return rows, ()
+        keyless = sorted(self._keys() & set(own.columns) - set(rows.columns))
+        first = own.take(np.zeros(len(rows), dtype=np.int64)).columns
+        return replace(rows, columns={**rows.columns, **{key: first[key] for key in keyless}}), tuple(keyless)
 
     def _missing(self, declaration: TableDeclaration) -> bool:
         given = declaration.name in self._inputs.tables or declaration.name in self._inputs.paths
@@ -149,7 +163,7 @@ class Planner:
         lacking: list[str] = []
         for name in tables:
             rows = self._as_rows(declared, name, _symbols(observed, name), found)
-            wanted = set(found[name].columns) - _symbols(observed, name) if name in found else set()
+            wanted = set(found[name].columns) - _symbols(observed, name) - self._keys() if name in found else set()
             missing = sorted(wanted - set(rows.columns))
             if missing:
                 lacking.append(f"those of `{name}` lack `{missing[0]}`")

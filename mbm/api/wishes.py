@@ -12,7 +12,7 @@ class Wishes(TypedDict, total=False):
     ``"D"`` (least determinant of the covariance). ``choose`` is how many candidates to choose, ``budget`` what they may
     cost, ``repeats`` whether one may be chosen again. ``sigma`` is a wanted standard deviation, a number in the unit of
     the quantity or a text such as ``"1mm"``. ``observation`` names the clause whose rows the candidates are, ``seed``
-    what the search for sets draws from.
+    what the search for sets draws from, ``solve`` which of many solves is planned, from 1.
     """
 
     criterion: str
@@ -22,3 +22,4 @@ class Wishes(TypedDict, total=False):
     sigma: float | str
     observation: str
     seed: int
+    solve: int

@@ -55,13 +55,8 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
     if not solve.status.trusted or lost is not None:
         reason = f"the solves with `{lost}` moved by a part of its standard deviation did not converge"
         return _without_sigmas(solve, reason) if solve.status.trusted else solve
-    pairs = [pair for _, pair in moved]
-    shares = np.array([moved_by(constant.value, constant.sigma) for constant, _ in moved])
+    estimates, derived = _all_moves(solve, moved)
     dof = np.array([constant.dof for constant, _ in moved])
-    estimates = [
-        _moves([(a.estimates[i], b.estimates[i]) for a, b in pairs], shares) for i in range(len(solve.estimates))
-    ]
-    derived = [_moves([(a.derived[i], b.derived[i]) for a, b in pairs], shares) for i in range(len(solve.derived))]
     return replace(
         solve,
         estimates=tuple(
@@ -83,6 +78,29 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
             for i, (constant, _) in enumerate(moved)
         ),
     )
+
+
+def moves_by_name(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> dict[str, Floats]:
+    """What a standard deviation of each constant does to each number of a solve (constants,), by its name, in SI."""
+    estimates, derived = _all_moves(solve, moved)
+    return {**dict(_named(solve.estimates, estimates)), **dict(_named(solve.derived, derived))}
+
+
+def _all_moves(
+    solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]
+) -> tuple[list[Floats], list[Floats]]:
+    """What a standard deviation of each constant does to the estimates, and to the derived quantities."""
+    pairs, shares = [pair for _, pair in moved], shares_of([constant for constant, _ in moved])
+    estimates = [
+        _moves([(a.estimates[i], b.estimates[i]) for a, b in pairs], shares) for i in range(len(solve.estimates))
+    ]
+    derived = [_moves([(a.derived[i], b.derived[i]) for a, b in pairs], shares) for i in range(len(solve.derived))]
+    return estimates, derived
+
+
+def shares_of(constants: Sequence[ConsideredConstant]) -> Floats:
+    """The share of its standard deviation by which each of the constants is moved (constants,)."""
+    return np.array([moved_by(constant.value, constant.sigma) for constant in constants])
 
 
 def without_variance(result: Result, name: str) -> Result:

@@ -317,8 +317,6 @@ def test_a_thousand_simulated_experiments_scatter_as_expected():
 @pytest.mark.parametrize(
     ("change", "code", "message"),
     [
-        ({"text": LINE.replace("(unknowns", "(for-each s) (unknowns")}, "not-designed", "`for-each`"),
-        ({"text": LINE.replace("(unknowns", "(constants (g 1 :sigma 1)) (unknowns")}, "not-designed", "constant"),
         ({"text": LINE.replace("s))", "s) :common ((0.1 :per t)))")}, "not-designed", "`:common`"),
         ({"candidates": {"t": [1.0]}}, "no-candidates", "lack `s`"),
         ({"candidates": {"t": [1.0], "s": [1.0], "cost": [-1.0]}, "choose": 1}, "no-candidates", "cost"),

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 @click.option("--problem", metavar="NAME", help="The problem of the file, where it holds several.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
+@click.option("--solve", type=click.IntRange(min=1), default=1, metavar="N", help="Which solve, of many (from 1).")
 @click.option("--seed", type=click.IntRange(min=0), default=1, metavar="N", help="Seed of the search for sets.")
 @click.option("--json", "json_path", metavar="PATH|-", help="Write everything as JSON.")
 @click.option("--csv", "csv_path", metavar="PATH", help="Write the candidates (without any: what to expect) as CSV.")
@@ -88,6 +89,7 @@ def _design(given: dict[str, Any]) -> Design:
         sigma=given["sigma"],
         observation=given["observation"],
         seed=given["seed"],
+        solve=given["solve"],
     )
     at = None if given["at"] is None else initial_values(Path(given["at"]))
     return design_file(given["file"], options, at, given["candidates"], wish)

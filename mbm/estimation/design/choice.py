@@ -27,7 +27,7 @@ BETTER = 1e-9
 """Relative improvement that counts: less is rounding, and would exchange equal candidates for ever."""
 
 MOST_REPEATS = 10**9
-"""Repeats beyond which a standard deviation is not reached: more measurements than anybody makes."""
+"""Repeats up to which a standard deviation is sought: more measurements than anybody makes."""
 
 Score: TypeAlias = tuple[int, float]
 """Combinations that are missing, and what is to be small; the first decides."""
@@ -80,7 +80,7 @@ def choose(information: Information, wish: Wish, seed: int) -> Choice:
     size = len(information.candidates)
     every = _every(wish, size)
     if every is not None:
-        best = np.zeros(size, dtype=np.int64)
+        best = every[0] if every else np.zeros(size, dtype=np.int64)
         for counts in every:
             best = counts if _better(score(counts), score(best)) else best
         return Choice(counts=best, expected=information.expected(best), exhaustive=True)
@@ -104,11 +104,11 @@ def repeats_for(information: Information, candidate: int, wanted: float) -> int 
 
     if enough(0):
         return 0
-    if not enough(MOST_REPEATS):
-        return None
     below, above = 0, 1
     while not enough(above):
         below, above = above, 2 * above
+        if above > MOST_REPEATS:
+            return None
     while above - below > 1:
         middle = (below + above) // 2
         below, above = (below, middle) if enough(middle) else (middle, above)
@@ -168,7 +168,10 @@ def _every(wish: Wish, size: int) -> list[Indices] | None:
 
 
 def _greedy(counts: Indices, wish: Wish, score: Callable[[Indices], Score]) -> Indices:
-    """A set with the candidate added again and again that gains most, for its cost where costs are bounded."""
+    """A set with the candidate added again and again that gains most, for its cost where costs are bounded.
+
+    Where any number may be chosen, it ends with the one that loses: with uncertain constants, weights are not the best.
+    """
     while True:
         now = score(counts)
         best: tuple[int, float, int] | None = None
@@ -183,7 +186,7 @@ def _greedy(counts: Indices, wish: Wish, score: Callable[[Indices], Score]) -> I
             rate = gain / price if price > 0.0 and then[0] == now[0] else gain
             key = (then[0], -rate, place)
             best = key if best is None or key < best else best
-        if best is None:
+        if best is None or (wish.count is None and (best[0], best[1]) > (now[0], 0.0)):
             return counts
         counts = counts.copy()
         counts[best[2]] += 1

@@ -6,9 +6,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mbm.problem.naming import key_text
 from mbm.report.columns import aligned, left, right
 from mbm.report.designs.types import Candidate, ChosenSet, Planned
 from mbm.report.digits import plain
+from mbm.report.solve_document import solve_key
 from mbm.text.shown import Paint, Style, joined
 from mbm.values import dataclass
 from mbm.version import __version__
@@ -61,6 +63,7 @@ def design_document(design: Planned) -> dict[str, Any]:
         "mbm": __version__,
         "problem": design.problem,
         "design": {
+            "key": solve_key(design.key),
             "point": design.point,
             "expected": {
                 each.name: {"value": each.value, "sigma": each.sigma, "unit": each.unit} for each in design.expected
@@ -164,7 +167,8 @@ SAME_SIGMA = 1.0005
 def text(design: Planned, *, color: bool = False, full: bool = False) -> str:
     """The tables, with a line break at the end; ``full`` shows every line."""
     paint = Paint(color)
-    lines = [f"design of {paint(design.problem, Style.HEADING)}, {POINTS[design.point]}", ""]
+    key = "".join(f", {name} = {key_text(value)}" for name, value in design.key.items())
+    lines = [f"design of {paint(design.problem, Style.HEADING)}{key}, {POINTS[design.point]}", ""]
     lines += [*_expected(design, paint, full), ""]
     lines += [*_worth(design, paint, full), ""]
     if design.candidates:

@@ -20,24 +20,32 @@ from mbm.expression.units import Unit, parse_unit
 from mbm.problem import faults as problem_faults
 from mbm.problem.types import Problem
 from mbm.report.budgets.targets import Target, called, gradient_of, item_of, targets_of
+from mbm.report.considered import Pair, moves_by_name, shares_of
 from mbm.report.designs import faults
 from mbm.report.designs.answer import Design
 from mbm.report.designs.types import Candidate, ChosenSet, DesignWish, ExpectedSigma, RowWorth
 from mbm.report.elements import coordinate_quantity, factors, scalars, shown_sigma, unit_text
-from mbm.report.types import Kind, Quantity, SolveReport
+from mbm.report.spreads import ConsideredConstant
+from mbm.report.types import Key, Kind, Quantity, SolveReport, SolveStatus
 from mbm.scales import SI
 from mbm.text.types import Diagnostic, MbmError, Source, Span
 from mbm.values import dataclass
 
+_ANSWERED = (SolveStatus.CONVERGED, SolveStatus.UNOBSERVABLE)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Offered:
-    """Rows of ``table`` from number ``first`` on are candidates: their columns as given, and their ``costs`` (c,)."""
+    """Rows of ``table`` from number ``first`` on are candidates: their columns as given, and their ``costs`` (c,).
+
+    ``keyless`` are columns that tell solves apart, and that the candidates have not: they belong to each.
+    """
 
     table: str
     first: int
     cells: Mapping[str, Sequence[Any]]
     costs: Floats
+    keyless: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,9 +57,19 @@ class _Rows:
 
 
 def designed(
-    solve: SolveReport, offered: Offered | None, wish: DesignWish, *, point: str, notes: Sequence[Diagnostic] = ()
+    solve: SolveReport,
+    offered: Offered | None,
+    wish: DesignWish,
+    *,
+    key: Mapping[str, Key],
+    point: str,
+    notes: Sequence[Diagnostic],
+    moved: Sequence[tuple[ConsideredConstant, Pair]],
 ) -> Design:
     """The design of a problem whose solve has exact measurements, candidates among them.
+
+    ``key`` tells the solve from others of the problem, ``moved`` are each uncertain constant and the solves of the same
+    measurements with it below and above its value.
 
     Raises:
         MbmError: not-designed, no-candidates, unknown-quantity; unit-clash or temperature-and-difference for a wanted
@@ -61,11 +79,12 @@ def designed(
     problem, solution = _solved(solve)
     rows = _rows(problem, solution, offered)
     targets = list(targets_of(solve))
-    every = _information(solve, problem, solution, rows, targets)
+    shifted = _shifted(solve, moved)
+    every = _information(solve, problem, solution, rows, targets, shifted)
     nothing = np.zeros(len(rows.candidates), dtype=np.int64)
     expected = every.expected(nothing)
     asked = called(solve, wish.quantity, targets) if wish.quantity is not None else _estimates(solve, targets)
-    information = _information(solve, problem, solution, rows, asked)
+    information = _information(solve, problem, solution, rows, asked, shifted)
     units = {unit_text(item_of(solve, each).quantity) for each in asked}
     motions = any(item_of(solve, each).quantity.kind in (Kind.POSE, Kind.SIMILARITY) for each in asked)
     alike = len(units) == 1 and (len(asked) == 1 or not motions)
@@ -73,6 +92,7 @@ def designed(
     wanted = _wanted(wish.sigma, solve, problem, asked)
     return Design(
         problem=problem.name,
+        key=key,
         point=point,
         expected=tuple(_expected(solve, each, expected, i) for i, each in enumerate(targets)),
         worth=_worth(information, rows, asked, told),
@@ -122,11 +142,40 @@ def _rows(problem: Problem, solution: Solution, offered: Offered | None) -> _Row
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Shifted:
+    """What a standard deviation of each of c constants does to all ``numbers`` (c,), by name and in SI, and to the
+    ``residuals`` (m, c).
+    """
+
+    numbers: Mapping[str, Floats]
+    residuals: Floats
+
+
+def _shifted(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> _Shifted:
+    """What uncertain constants do to a solve.
+
+    Raises:
+        MbmError: not-designed.
+
+    """
+    left = []
+    for (constant, pair), share in zip(moved, shares_of([constant for constant, _ in moved]), strict=True):
+        below, above = (_solved(each)[1].minimum.residuals for each in pair)
+        if below.shape != above.shape or any(each.status not in _ANSWERED for each in pair):
+            why = f"the solves with `{constant.name}` moved by a part of its standard deviation find no other answer"
+            raise MbmError(faults.not_designed(why, "make it an unknown with a prior: `(h :init 70cm :sigma 1mm)`"))
+        left.append((above - below) / (2 * share))
+    count = len(_solved(solve)[1].minimum.jacobian)
+    numbers = moves_by_name(solve, moved) if moved else {}
+    return _Shifted(numbers=numbers, residuals=np.array(left).reshape(len(moved), count).T)
+
+
 def _information(
-    solve: SolveReport, problem: Problem, solution: Solution, rows: _Rows, targets: Sequence[Target]
+    solve: SolveReport, problem: Problem, solution: Solution, rows: _Rows, targets: Sequence[Target], shifted: _Shifted
 ) -> Information:
     """What the rows tell of some numbers, in the units of the report."""
-    jacobian, gradients = solution.minimum.jacobian, []
+    jacobian, gradients, moves, nothing = solution.minimum.jacobian, [], [], np.zeros(0)
     for each in targets:
         gradient = gradient_of(solution, each)
         if gradient is None:
@@ -136,16 +185,19 @@ def _information(
         scale = np.ravel(np.broadcast_to(factors(item.quantity), np.shape(shown_sigma(item))))[each.place]
         value = list(scalars(item))[each.place].value
         gradients.append(gradient / scale if isfinite(value) else np.full(len(gradient), np.nan))
+        moves.append(shifted.numbers.get(each.name, nothing) / scale)
     lines = [places for _, _, places in rows.units]
     kept = np.concatenate([np.zeros(0, dtype=np.int64), *lines])
+    told = np.hstack([jacobian, shifted.residuals])
     return Information(
         minimum=solution.minimum,
         layout=solution.layout,
         free=solution.free,
         gauge=problem.request.gauge,
-        rows=jacobian[kept],
-        candidates=tuple(jacobian[places] for places in rows.candidates),
+        rows=told[kept],
+        candidates=tuple(told[places] for places in rows.candidates),
         gradient=np.array(gradients).reshape(len(targets), jacobian.shape[1]),
+        moves=np.array(moves).reshape(len(targets), shifted.residuals.shape[1]),
     )
 
 
@@ -184,7 +236,8 @@ def _worth(information: Information, rows: _Rows, asked: Sequence[Target], told:
     known = np.flatnonzero(told.estimable & (told.sigma > 0.0))
     if not len(known):
         return ()
-    variances = replace(information, gradient=information.gradient[known]).without(_places(rows))
+    kept = replace(information, gradient=information.gradient[known], moves=information.moves[known])
+    variances = kept.without(_places(rows))
     growth = np.sqrt(variances / np.square(told.sigma[known]))
     worst = growth.argmax(axis=1)
     found = [

@@ -10,7 +10,7 @@ from mbm.text.types import Code, Diagnostic, Severity, Span
 NOT_DESIGNED = Code(
     "not-designed",
     "The accuracy to expect is computed for one solve of a problem with stated noise, from its equations at one point.",
-    "Ask for one problem without `for-each`, `window` and `states`, and state what the message names.",
+    "Ask for a problem without `states`, say with `--solve` which of many solves is meant, and state what is named.",
 )
 NO_CANDIDATES = Code(
     "no-candidates",

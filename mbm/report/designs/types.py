@@ -17,7 +17,7 @@ class DesignWish:
     one number, ``A`` of several in one unit, else ``D``), ``choose`` and ``budget`` bound the set of candidates
     (None: they do not), ``repeats`` allows one several times, ``sigma`` is a wanted standard deviation, in the unit
     of the quantity or with one, and ``observation`` the clause that the candidates belong to (None: the one whose
-    table has their columns).
+    table has their columns). ``solve`` says which of many is planned, from 1.
     """
 
     quantity: str | None = None
@@ -28,6 +28,7 @@ class DesignWish:
     sigma: float | str | None = None
     observation: str | None = None
     seed: int = 1
+    solve: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,13 +98,15 @@ class ChosenSet:
 class Planned:
     """The accuracy to expect of an experiment, and what to measure next.
 
-    ``point`` says where the model was linearised: ``given``, ``estimates`` or ``start``. ``quantity`` is what was asked
-    for, ``unit`` its unit; without candidates it is ``determined`` with the standard deviation ``sigma`` (of
-    several numbers the root of their mean square; None where their units differ); ``free`` are sentences about what
-    is not determined. ``candidates`` stand in the order of their table.
+    ``key`` tells the solve from others of the problem. ``point`` says where the model was linearised: ``given``,
+    ``estimates`` or ``start``. ``quantity`` is what was asked for, ``unit`` its unit; without candidates it is
+    ``determined`` with the standard deviation ``sigma`` (of several numbers the root of their mean square; None where
+    their units differ); ``free`` are sentences about what is not determined. ``candidates`` stand in the order of their
+    table.
     """
 
     problem: str
+    key: Mapping[str, str | float]
     point: str
     expected: tuple[ExpectedSigma, ...]
     worth: tuple[RowWorth, ...]
