@@ -17,8 +17,10 @@ ERRORS_UNUSED = Code(
 )
 ERRORS_WITH_UNKNOWN_NOISE = Code(
     "errors-with-unknown-noise",
-    "An equation with `:errors` has noise of its own of unknown size; what part of the misfit is whose cannot be told.",
-    "State `:sigma`, or leave the equation without noise of its own where the errors of its columns are all there is.",
+    "An equation with `:errors` has noise of its own of unknown size. Corrections are found with all noise stated; "
+    "where some is estimated, it is told from the errors with the true values among the unknowns.",
+    "State `:sigma`, or make the true values unknowns: `(u :per TABLE :init x :sigma 0.3)` in the place of "
+    "`:errors ((x 0.3))`, and `(u key)` in that of `x`.",
 )
 ERRORS_DIFFER = Code(
     "errors-differ",
@@ -64,7 +66,7 @@ def errors_with_unknown_noise(span: Span, observation: str, column: str, declare
     return Diagnostic(
         code=ERRORS_WITH_UNKNOWN_NOISE, place=span, labels=(Label(declared, note),) if declared is not None else (),
         message=f"give `{observation}` a `:sigma`: it uses `{column}`, which has `:errors`",
-        hint="the noise of such an observation cannot be estimated",
+        hint=f"or make the true values unknowns in its place, `(u :per TABLE :init {column} :sigma …)`",
     )  # fmt: skip
 
 
