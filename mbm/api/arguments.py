@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import os
 from collections.abc import Mapping
 from typing import SupportsIndex
 
@@ -29,6 +30,30 @@ def by_name(argument: str, given: object) -> dict[str, object]:
         if not isinstance(name, str):
             raise MbmError(faults.not_by_name(argument, f"a mapping with the key {name!r}, which is no text"))
     return dict(given)
+
+
+def text_of(given: object) -> str:
+    """The text of a problem.
+
+    Raises:
+        MbmError: it is no text (`wrong-argument`).
+
+    """
+    if not isinstance(given, str):
+        raise MbmError(faults.no_text(given))
+    return given
+
+
+def path_of(given: object) -> str:
+    """The name of a file.
+
+    Raises:
+        MbmError: it is no path (`wrong-argument`).
+
+    """
+    if not isinstance(given, str | os.PathLike) or not isinstance(found := os.fspath(given), str):
+        raise MbmError(faults.no_path(given))
+    return found
 
 
 def threads(given: object) -> int | None:

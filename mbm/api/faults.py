@@ -44,7 +44,7 @@ STREAM_STOPPED = Code(
 WRONG_ARGUMENT = Code(
     "wrong-argument",
     "An argument of a call from Python is of another kind than the call takes.",
-    "Tables, constants and true values are given by name, in a dict; `workers` is a whole number from 1, or None; "
+    "A problem is a text, or the name of a file; tables, constants and true values are given by name, in a dict; `workers` is a whole number from 1, or None; "
     "`trials` is `auto` or a whole number from 2; `x` has one number for each name in `result.covariance.names`.",
 )
 
@@ -257,6 +257,18 @@ def no_place_of_a_step(given: object) -> Diagnostic:
         place=None,
         hint="it is where the step is, in SI: the value of the steps' column",
     )
+
+
+def no_text(given: object) -> Diagnostic:
+    """A problem that is no text."""
+    message = f"a problem is a text (`str`), not a value of type `{type(given).__name__}`"
+    return Diagnostic(code=WRONG_ARGUMENT, message=message, place=None, hint="`mbm.load` takes the name of a file")
+
+
+def no_path(given: object) -> Diagnostic:
+    """A file that has no name."""
+    message = f"`path` is a value of type `{type(given).__name__}`; the name of a file (`str` or `Path`) is wanted"
+    return Diagnostic(code=WRONG_ARGUMENT, message=message, place=None, hint="`mbm.loads` takes the text of a problem")
 
 
 def no_seed(given: object) -> Diagnostic:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from mbm import compiler
-from mbm.api.arguments import by_name, overrides_of
+from mbm.api.arguments import by_name, overrides_of, path_of, text_of
 from mbm.api.checking import without_start
 from mbm.api.compilation import Origin
 from mbm.api.compiled import CompiledProblem, as_json, compiled
@@ -55,7 +55,7 @@ def load(path: str | Path, *, sandbox: str | Path | None = None, closed_forms: S
 
 def opened(path: str | Path, *, sandbox: str | Path | None = None, closed_forms: Sequence[ClosedForm] = ()) -> Problem:
     """As ``load``, with nothing read yet but the characters: what is wrong with them, ``.program`` says."""
-    place, journal = Path(path), Journal()
+    place, journal = Path(path_of(path)), Journal()
     with noting(journal):
         note(place, THE_PROBLEM)
     text = Text(
@@ -76,7 +76,7 @@ def loads(
 ) -> Problem:
     """The problem in a text; tables and ``use`` are relative to ``base``, ``closed_forms`` as for ``load``."""
     read = Text(
-        source=Source("<text>", text),
+        source=Source("<text>", text_of(text)),
         path=Path(base) / "<text>",
         sandbox=Path(sandbox) if sandbox is not None else None,
         closed_forms=tuple(form.name for form in closed_forms),

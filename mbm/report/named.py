@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,12 @@ class Named:
     item: Estimate | DerivedValue
     coverage: float
     place: int | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """It pickles as data, as the result does."""
+        from mbm.report.pickled import item_as_data
+
+        return type(self), (item_as_data(self.item, self.coverage), self.coverage, self.place)
 
     def __getitem__(self, key: Key) -> Named:
         """The member of a family by its key; whole numbers may be integers.

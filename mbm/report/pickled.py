@@ -105,9 +105,13 @@ def _alternative(found: Alternative, coverage: float) -> Alternative:
     return replace(found, estimates=tuple(_items(found.estimates, coverage)))
 
 
+def item_as_data(item: Item, coverage: float) -> Item:
+    """An estimate or derived quantity without functions."""
+    return item if item.spread is None else replace(item, spread=_spread(item.spread, coverage))
+
+
 def _items(items: Iterable[Item], coverage: float) -> Iterable[Item]:
-    for item in items:
-        yield item if item.spread is None else replace(item, spread=_spread(item.spread, coverage))
+    return (item_as_data(item, coverage) for item in items)
 
 
 def _spread(spread: Spread, coverage: float) -> Spread:

@@ -92,3 +92,9 @@ def test_workers_that_are_one(given: Any, compiled: mbm.CompiledProblem) -> None
 def test_coordinates_of_another_shape(given: Any, says: str, compiled: mbm.CompiledProblem) -> None:
     for call in (lambda: compiled.residuals(given), lambda: compiled.jacobian(given)):
         assert says in refused(call, "wrong-argument")
+
+
+@pytest.mark.parametrize("given", [3, None, b"(problem p)", ["(problem p)"]])
+def test_what_is_no_text_and_no_path(given):
+    assert "a problem is a text" in refused(lambda: mbm.loads(given), "wrong-argument")
+    assert "`path` is a value of type" in refused(lambda: mbm.load(given), "wrong-argument")

@@ -100,6 +100,17 @@ class Guess:
         return None
 
 
+def test_each_estimate_and_derived_quantity():
+    """By itself as within its result, intervals by profile included."""
+    text = LINE[:-1] + " (derive (c (exp (* a b)))))"
+    result = mbm.loads(text).solve(data=DATA)
+    for name in result:
+        loaded = again(result[name])
+        assert loaded.value == result[name].value
+        np.testing.assert_array_equal(loaded.interval(), result[name].interval())
+    assert again(result["c"].si).sigma == result["c"].sigma
+
+
 def test_a_propagation():
     found = mbm.loads(LINE).propagate(100, data=DATA, seed=1)
     loaded = again(found)
