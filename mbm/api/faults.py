@@ -44,8 +44,9 @@ STREAM_STOPPED = Code(
 WRONG_ARGUMENT = Code(
     "wrong-argument",
     "An argument of a call from Python is of another kind than the call takes.",
-    "A problem is a text, or the name of a file; tables, constants and true values are given by name, in a dict; `workers` is a whole number from 1, or None; "
-    "`trials` is `auto` or a whole number from 2; `x` has one number for each name in `result.covariance.names`.",
+    "A problem is a text, or the name of a file; tables, constants and true values are given by name, in a dict; "
+    "`workers` is a whole number from 1, or None; `trials` is `auto` or a whole number from 2; `x` has one "
+    "number for each name in `result.covariance.names`.",
 )
 
 

@@ -332,7 +332,28 @@ def given_numbers(entry: Entry, given: Floats | None) -> Floats:
         raise MbmError(problem_faults.bad_override(unknown.name, message))
     if bool(np.isinf(numbers).any()):
         raise MbmError(problem_faults.bad_override(unknown.name, "is not finite"))
-    return numbers
+    return numbers if unknown.manifold.flat else _on_manifold(unknown, numbers.reshape(-1, unknown.size)).reshape(-1)
+
+
+def _on_manifold(unknown: Unknown, numbers: Floats) -> Floats:
+    """Numbers (members, size) with quaternions and directions of unit length."""
+    found = numbers.copy()
+    for piece, first, _ in unknown.manifold.spans():
+        part = found[:, first : first + piece.size]
+        if piece is Piece.SCALE and bool((part <= 0.0).any()):
+            raise MbmError(
+                problem_faults.bad_override(
+                    unknown.name, "has a scale that is not above 0", "leave it out where it is not known"
+                )
+            )
+        if piece in (Piece.QUATERNION, Piece.SPHERE):
+            length = np.linalg.norm(part, axis=1, keepdims=True)
+            if bool((length == 0.0).any()):
+                none, one = ("rotation", "[1, 0, 0, 0]") if piece is Piece.QUATERNION else ("direction", "[0, 0, 1]")
+                message, hint = f"is no {none}: its length is 0", f"{one} is one; leave it out where it is not known"
+                raise MbmError(problem_faults.bad_override(unknown.name, message, hint))
+            part /= length
+    return found
 
 
 def free_positions(found: Layout, used: Mask) -> Indices:

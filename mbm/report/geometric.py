@@ -124,11 +124,12 @@ def numbers_of_written(value: Mapping[str, Any]) -> list[float] | None:
         if "angle" in value:
             return [float(value["angle"]), *rest]
         if "quaternion" in value and len(translation) != 2:
-            q = np.asarray(value["quaternion"], dtype=np.float64)
-            return [*(q / np.linalg.norm(q)).tolist(), *rest]
+            return [*np.asarray(value["quaternion"], dtype=np.float64).tolist(), *rest]
         matrix = np.asarray(value["matrix"], dtype=np.float64)
+        if bool(np.linalg.det(matrix) <= 0.0):
+            return None
         if matrix.shape == (2, 2):
             return [float(np.arctan2(matrix[1, 0], matrix[0, 0])), *rest]
         return [*quaternion_of_matrix(matrix).tolist(), *rest] if matrix.shape == (3, 3) else None
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError):  # np.linalg.LinAlgError, of what is not square, is a ValueError
         return None

@@ -62,6 +62,35 @@ def test_starts_that_are_not_given_by_name(given: Any, compiled: mbm.CompiledPro
     assert "the initial values are a value of type" in refused(lambda: compiled.solve(init=given), "bad-initial-values")
 
 
+TURNED = """(problem turned
+  (unknowns (q (rotation 3)) (d direction) (s (similarity 3)))
+  (observe (= [0 0 1] (rotate q [0 0 1])) (= [1 0 0] (rotate q [1 0 0])) (= [0 1 0] d)
+           (= [1 0 0] (transform s [1 0 0])) (= [0 1 0] (transform s [0 1 0]))
+           (= [0 0 1] (transform s [0 0 1])) :sigma 0.1))"""
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "says"),
+    [
+        ({"d": [0, 0, 0]}, "unknown-override", "`d` is no direction: its length is 0"),
+        ({"q": [0, 0, 0, 0]}, "unknown-override", "`q` is no rotation: its length is 0"),
+        ({"q": {"quaternion": [0, 0, 0, 0]}}, "unknown-override", "`q` is no rotation: its length is 0"),
+        ({"q": {"matrix": np.zeros((3, 3)).tolist()}}, "bad-initial-values", "neither a rotation nor a pose"),
+        ({"q": {"matrix": np.diag([1, 1, -1]).tolist()}}, "bad-initial-values", "neither a rotation nor a pose"),
+        ({"s": [1, 0, 0, 0, 0, 0, 0, 0]}, "unknown-override", "`s` has a scale that is not above 0"),
+    ],
+)
+def test_starts_that_are_no_rotation_and_no_direction(given: Any, code: str, says: str) -> None:
+    assert says in refused(lambda: mbm.loads(TURNED).solve(init=given), code)
+
+
+def test_starts_of_any_length_are_of_unit_length() -> None:
+    """The estimates vary on the sphere about their start, and would keep its length."""
+    result = mbm.loads(TURNED).solve(init={"d": [0, 3, 4], "q": [3, 0, 0, 0.5]})
+    np.testing.assert_allclose(result["d"].value, [0, 1, 0], atol=1e-9)  # the tolerance of the solve
+    assert np.linalg.norm(result["q"].value) == pytest.approx(1.0, abs=1e-12)
+
+
 @pytest.mark.parametrize("given", [0, -1, -3, 2.5, "2", "a", True, [1]])
 def test_workers_that_are_no_number_of_threads(given: Any, compiled: mbm.CompiledProblem, ranges: Ranges) -> None:
     estimator = compiled.estimator()

@@ -246,9 +246,9 @@ def unknown_override(name: str, known: tuple[str, ...], span: Span | None = None
     )
 
 
-def bad_override(name: str, message: str) -> Diagnostic:
+def bad_override(name: str, message: str, hint: str | None = None) -> Diagnostic:
     """A value that does not fit its name."""
-    return Diagnostic(code=UNKNOWN_OVERRIDE, message=f"the value given for `{name}` {message}")
+    return Diagnostic(code=UNKNOWN_OVERRIDE, message=f"the value given for `{name}` {message}", hint=hint)
 
 
 def no_unknowns(span: Span) -> Diagnostic:
