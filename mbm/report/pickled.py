@@ -16,7 +16,7 @@ from mbm.report.types import Alternative, DerivedValue, Estimate, FreeDirection,
 from mbm.values import dataclass
 
 T = TypeVar("T")
-Item = TypeVar("Item", Estimate, DerivedValue)
+Item = TypeVar("Item", bound=Estimate | DerivedValue)
 
 LEVELS = (0.5, 0.6827, 0.9, 0.95, 0.9545, 0.99, 0.9973)
 """Levels at which intervals by profile are kept, beside the coverage of the solve."""
