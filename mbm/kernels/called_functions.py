@@ -104,6 +104,14 @@ class CalledFunctions:
         """
         return self._measuring(called).places(called.figure, numbers, marks)
 
+    def areas_of_flats(self, called: Outlined, numbers: Floats) -> Floats:
+        """What `arcs.areas_of_flats` gives for sets of a figure's numbers (S, size): (S, k).
+
+        Raises:
+            MbmError: missing-extra.
+        """
+        return self._measuring(called).areas_of_flats(called.figure, numbers)
+
     def outputs(self, called: External | Outlined, arguments: tuple[Values, ...]) -> tuple[Values, ...]:
         """As ``values``, for arguments and numbers one by one, each of shape (rows,) or one for all rows."""
         columns = np.broadcast_arrays(np.zeros(1), *arguments)[1:]

@@ -113,12 +113,23 @@ def test_few_points_on_a_wrong_edge_are_noticed(tmp_path):
     assert all(check(tmp_path, "l-block", 1016, 1))
 
 
-def test_a_small_box_whose_corners_are_not_measured_is_found(tmp_path):
-    """Without its corners the hull suits other attitudes better; a face is seen edge-on: too nonlinear for σ."""
-    rng = np.random.default_rng(1016)
+@pytest.mark.parametrize("seed", [1016, 1199])
+def test_a_box_of_which_a_face_is_seen_edge_on_is_found(tmp_path, seed):
+    """The truth is on the other side of edge-on, up to 62 σ away, and costs little more: that is said.
+
+    The corners of the first are not measured: without them the hull suits other attitudes better.
+    """
+    rng = np.random.default_rng(seed)
     R, t = scene("box", rng)
     found = solved(tmp_path, "box", R, t, rng)
-    assert np.linalg.norm(errors("box", found.estimates[0].value, R, t)[:3]) < 0.01
+    (estimate,) = found.estimates
+    off = errors("box", estimate.value, R, t)
+    assert np.linalg.norm(off[:3]) < 0.01
+    assert (np.abs(off) > 4 * estimate.sigma).any()
+    assert "too-nonlinear" in [each.code.name for each in found.diagnostics]
+    reach = (estimate.interval(0.997) - estimate.interval(0.997).mean(axis=1, keepdims=True))[3:]
+    middle = estimate.interval(0.997).mean(axis=1)[3:]
+    assert (np.abs(t - middle) <= reach[:, 1]).all()
 
 
 @pytest.mark.slow

@@ -83,9 +83,17 @@ class Profiles:
             return below, above
         for place in curvature.ends.off(share)[: most_followed(around)].tolist():
             along = around.factor[place] / np.linalg.norm(around.factor[place])
-            lower, upper = around.followed(along, float(reach[place]), ACCURACY)
-            below[place], above[place] = (end * reach[place] * self.sigma[place] for end in (lower, upper))
-        return below, above
+            both = around.followed(along, float(reach[place]), ACCURACY)
+            below[place], above[place] = (end * reach[place] * self.sigma[place] for end in both)
+        if curvature.beyond is None:
+            return below, above
+        linear, ends = reach * self.sigma, curvature.beyond.ends(reach)
+        moved = (np.stack(ends) > linear).any(axis=0)
+        lower, upper = (
+            np.where(moved, np.fmax(np.where(np.isnan(own), linear, own), far), own)
+            for own, far in zip((below, above), ends, strict=True)
+        )
+        return lower, upper
 
     def _derived(self, owner: int, level: float) -> tuple[Floats, Floats]:
         freedom = self.derived[owner]

@@ -2,12 +2,13 @@
 
 From the minimum along rays: the directions of the coordinates' intervals and those of the singular vectors, both ways,
 at distances from a few standard deviations to tens of thousands. Where the cost is far below that of a linear model, or
-falls again, another basin may begin: the most promising of these points are followed down, all at once.
+falls again, another basin may begin: the most promising of these points are followed down, all at once. Of silhouettes
+only what lies beyond the edge-on view of a face is looked at.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from mbm.estimation.search.twins import Twin, separation
 from mbm.estimation.search.valleys import Walks
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
+from mbm.expression.nodes import External
 from mbm.problem.manifold import Piece
 from mbm.problem.types import Problem
 from mbm.values import dataclass
@@ -92,7 +94,7 @@ def why_not(equations: Assembled, problem: Problem) -> str | None:
         return "rows share noise"
     if equations.rows is not None:
         return "rows are left out by consensus"
-    if any(group.kernel.calls for group in equations.groups):
+    if any(isinstance(call.external, External) for group in equations.groups for call in group.kernel.calls):
         return "functions in Python are called"
     if equations.implicit is not None and equations.constraints:
         return "there are constraints beside errors in columns"
@@ -134,12 +136,10 @@ def minima_beside(
     found_well = minimum.reason.converged and minimum.blocks is None and bool(np.isfinite(minimum.cost))
     if not found_well or not looks_beside(equations, settings, problem):
         return ()
-    trials = _promising(equations, about)
-    points = trials if equations.constraints or not len(trials) else _followed(equations, about, settings, trials)
     walks = Walks(equations, settings.stopped)
     found = [
         Basin(minimum=each, starts=np.array([1 + number]))
-        for number, each in enumerate(minima(equations, points, settings, problem.span))
+        for number, each in enumerate(_ends(equations, about, settings, problem))
         if each.reason.converged and each.cost <= most and not same_minimum(walks, minimum, each)
     ]
     found = [each for each in found if not _collapsed(equations, each.minimum.point, minimum.point)]
@@ -151,6 +151,18 @@ def minima_beside(
     return tuple(
         other_minimum(equations, each.minimum, len(each.starts), mirrored=each.twin is Twin.MIRRORED) for each in others
     )
+
+
+def _ends(equations: Assembled, about: Centre, settings: Settings, problem: Problem) -> Iterable[Minimum]:
+    """Where descents from points in other basins, perhaps, end."""
+    if any(group.kernel.calls for group in equations.groups):
+        # Loaded by silhouettes only, so that the others start at once.
+        from mbm.estimation.search.edge_on import minima_beyond
+
+        return minima_beyond(equations, about.minimum, settings, problem)
+    trials = _promising(equations, about)
+    points = trials if equations.constraints or not len(trials) else _followed(equations, about, settings, trials)
+    return minima(equations, points, settings, problem.span)
 
 
 def _followed(equations: Assembled, about: Centre, settings: Settings, trials: Floats) -> Floats:

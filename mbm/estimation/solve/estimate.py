@@ -132,9 +132,11 @@ def estimate(
         found = challenge.answered(search(equations, robust.starts, settings, problem, agrees))
         if SILHOUETTES in found.origin:
             # Loaded by starts from silhouettes only, so that the others start at once.
+            from mbm.estimation.search.edge_on import with_faces_turned
             from mbm.estimation.search.turning import with_turns
 
             found = with_turns(equations, found, settings, problem, agrees)
+            found = with_faces_turned(equations, found, settings, problem, agrees)
     if _places_poses(equations) and found.origin != GIVEN:
         # Loaded by families of poses only, so that the others start at once.
         from mbm.estimation.search.rival_places import with_rival_places
@@ -184,7 +186,7 @@ def answered(
     whole = plain_residuals(every, minimum) if every is weighted else every.plain_residuals(minimum.point)
     freedom = outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
     limits = limited(weighted, minimum, outcome.covariance)
-    bent = once(lambda: curvature(propagation, minimum, derived))
+    bent = once(lambda: curvature(propagation, minimum, derived, lambda: beside()[0]))
     beside = once(lambda: _others(run, end, minimum, outcome, alone=tally is None, origin=origin))
     said = (*robust.diagnostics, *(against := contradictions(problem, run.tables, weighted, minimum, observed)))
     return Solution(

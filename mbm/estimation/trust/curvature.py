@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, affine
 from mbm.equations.surface import OnSurface, on_surface
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
+from mbm.estimation.search.search import Alternative
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.derived_profile import DerivedProfile
 from mbm.estimation.trust.nonlinearity import (
@@ -28,6 +30,9 @@ from mbm.estimation.trust.nonlinearity import (
 from mbm.estimation.trust.profile import END_ACCURACY, Surface
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.estimation.trust.beyond import Beyond
 
 MOST_DERIVED = 200
 """Derived numbers whose intervals are looked at."""
@@ -69,17 +74,27 @@ class Curvature:
     """What was found ``around`` a minimum: the ``ends`` of its coordinates, and of quantities that are ``derived``.
 
     On the curved surface of constraints coordinates bend as well, as quantities do: ``bent`` has those (None: none do).
+    ``beyond`` are minima behind kinks, which ``ends`` take in (None: there are none).
     """
 
     around: Surroundings
     ends: IntervalEnds
     derived: tuple[DerivedEnds, ...]
     bent: DerivedEnds | None = None
+    beyond: Beyond | None = None
 
 
 @np.errstate(all="ignore")
-def curvature(propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSolution, ...]) -> Curvature | None:
-    """How curvature moves the ends of intervals; None where it does not, or is not looked at (`surroundings`)."""
+def curvature(
+    propagation: Propagation,
+    minimum: Minimum,
+    derived: tuple[DerivedSolution, ...],
+    others: Callable[[], Sequence[Alternative]],
+) -> Curvature | None:
+    """How curvature moves the ends of intervals; None where it does not, or is not looked at (`surroundings`).
+
+    ``others`` gives the other minima, which silhouettes may have behind a kink.
+    """
     equations, estimated = propagation.equations, propagation.outcome.covariance
     if not minimum.reason.converged or minimum.blocks is not None:
         return None
@@ -99,7 +114,16 @@ def curvature(propagation: Propagation, minimum: Minimum, derived: tuple[Derived
         return None
     found = tuple(_derived(propagation, around, derived))
     if surface is None:
-        return Curvature(around=around, ends=interval_ends(around, estimated), derived=found)
+        ends, behind = interval_ends(around, estimated), None
+        if any(group.kernel.calls for group in equations.groups):
+            # Loaded by silhouettes and functions in Python only, so that the others start at once.
+            from mbm.estimation.trust.beyond import beyond
+
+            behind = beyond(equations, minimum, others(), around.variance)
+        if behind is not None:
+            lower, upper = (each / (NORMAL_95 * estimated.sigma) for each in behind.ends(NORMAL_95))
+            ends = IntervalEnds(lower=np.maximum(ends.lower, lower), upper=np.maximum(ends.upper, upper))
+        return Curvature(around=around, ends=ends, derived=found, beyond=behind)
     bent = _coordinates(equations, around, estimated)
     every = np.ones((2, len(estimated.sigma)))
     if bent is not None:

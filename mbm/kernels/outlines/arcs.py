@@ -7,7 +7,7 @@ a point of the image is then its winding number about all arcs; no closed body h
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -91,8 +91,7 @@ def _edges(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Iterator[Arc 
     every = _images_of_lines(figure, surveyor, numbers)
     weights = [0] * len(every)
     for face in figure.faces:
-        corners = np.array([every[line][1][0 if along else -1, :2] for line, along in face])
-        turn = int(np.sign(doubled_area(corners)))
+        turn = int(np.sign(_area_of_face(every, face)))
         for line, along in face:
             weights[line] += turn if along else -turn
     for (sheet, places), (at, table), weight in zip(figure.lines, every, weights, strict=True):
@@ -123,6 +122,23 @@ def _images_of_lines(figure: Figure, surveyor: Surveyor, numbers: Floats) -> lis
         table = surveyor.table(sheet, "geometry", np.tile(at, (len(own), 1)), np.repeat(inputs, count, axis=0))
         found |= {k: (at, each) for k, each in zip(own.tolist(), np.split(table, len(own)), strict=True)}
     return [found[k] for k in range(len(owners))]
+
+
+def _area_of_face(every: list[tuple[Floats, Floats]], face: tuple[tuple[int, bool], ...]) -> float:
+    return doubled_area(np.array([every[line][1][0 if along else -1, :2] for line, along in face]))
+
+
+def areas_of_flats(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Floats:
+    """Twice the areas (faces and ends,) of the images of polygons in all that is flat: zero where it is edge-on."""
+    every = _images_of_lines(figure, surveyor, numbers) if figure.lines else []
+    share = np.linspace(0, 1, CELLS + 1)
+
+    def images(patch: int, number: int) -> Floats:
+        sheet, places = figure.patches[patch]
+        return surveyor.table(sheet, "geometry", side_parameters(number, share), numbers[list(places)])[:, :2]
+
+    areas = [_area_of_face(every, face) for face in figure.faces]
+    return np.array([*areas, *(_area_of_end(images, loop) for loop in figure.ends)])
 
 
 def doubled_area(points: Floats) -> float:
@@ -183,8 +199,15 @@ def side_parameters(side: int, share: Floats) -> Floats:
 
 def _sides(figure: Figure, surveyor: Surveyor, patches: list[_Patch], numbers: Floats) -> Iterator[Arc]:
     """The sides of surfaces; those that coincide are one arc, cut wherever one of its surfaces turns its other side."""
+
+    def images(patch: int, number: int) -> Floats | None:
+        return patches[patch].sides[number]
+
+    turns = [int(np.sign(_area_of_end(images, loop))) for loop in figure.ends]
     ends = {
-        (p, side): _turn_of_end(patches, loop) * (1 if along else -1) for loop in figure.ends for p, side, along in loop
+        (p, side): turn if along else -turn
+        for turn, loop in zip(turns, figure.ends, strict=True)
+        for p, side, along in loop
     }
     for group in _same_sides(patches):
         (first, own, _), shares = group[0], [np.linspace(0, 1, CELLS + 1)]
@@ -220,14 +243,14 @@ def _sides(figure: Figure, surveyor: Surveyor, patches: list[_Patch], numbers: F
                 )
 
 
-def _turn_of_end(patches: list[_Patch], loop: tuple[tuple[int, int, bool], ...]) -> int:
-    """Whether a flat end is seen counter-clockwise as its sides run: 1, or −1."""
+def _area_of_end(images: Callable[[int, int], Floats | None], loop: tuple[tuple[int, int, bool], ...]) -> float:
+    """Twice the area of a flat end, positive if it is seen counter-clockwise as its sides run; None: it is a point."""
     pieces = []
     for number, side, along in loop:
-        points = patches[number].sides[side]
+        points = images(number, side)
         if points is not None:
             pieces.append((points if along else points[::-1])[:-1, :2])
-    return int(np.sign(doubled_area(np.concatenate(pieces)))) if pieces else 0
+    return doubled_area(np.concatenate(pieces)) if pieces else 0.0
 
 
 def _same_sides(patches: list[_Patch]) -> list[list[tuple[int, int, bool]]]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from mbm.expression.nodes import Figure, Outlined
 from mbm.kernels.backends.numpy_stream import tabulated
+from mbm.kernels.outlines.arcs import areas_of_flats
 from mbm.kernels.outlines.distances import Feet, feet_of, slopes_of
 from mbm.kernels.outlines.extremes import SIDES, extent, extreme
 from mbm.kernels.outlines.marks import Marks, places_of
@@ -111,6 +112,11 @@ class Outlines:
         """What `places_of` gives: u, v and depth of points of a figure's surfaces."""
         with self._lock, np.errstate(all="ignore"):
             return places_of(marks, self._surveyor(figure), numbers)
+
+    def areas_of_flats(self, figure: Figure, numbers: Floats) -> Floats:
+        """What `arcs.areas_of_flats` gives, for sets of numbers (S, size): (S, faces and ends)."""
+        with self._lock, np.errstate(all="ignore"):
+            return np.array([areas_of_flats(figure, self._surveyor(figure), each) for each in numbers])
 
     def _feet(self, outline: Outline, points: Floats) -> Feet:
         """Those of the last call, if it was about the same points."""

@@ -1,0 +1,54 @@
+"""Other minima next to one, behind a kink of the model, as parts of the region that the data do not exclude."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.types import Floats, Minimum
+from mbm.estimation.search.edge_on import steps_to
+from mbm.estimation.search.search import Alternative
+from mbm.estimation.search.turning import TURN
+from mbm.estimation.search.twins import separation
+from mbm.problem.manifold import Piece
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Beyond:
+    """Minima (k,) next to one: the ``steps`` (k, n) to them, their standard deviations ``spreads`` (k, n).
+
+    ``grown`` (k,) is how much more they cost, in variances of the noise.
+    """
+
+    steps: Floats
+    spreads: Floats
+    grown: Floats
+
+    def ends(self, reach: Floats | float) -> tuple[Floats, Floats]:
+        """How far (n,) the regions in which the cost grows by reach² lie below and above; 0 where none does."""
+        left = np.square(reach) - self.grown[:, None]
+        room = np.sqrt(np.maximum(left, 0.0)) * self.spreads
+        below, above = (np.where(left >= 0.0, room + sign * self.steps, 0.0) for sign in (-1.0, 1.0))
+        return below.max(axis=0, initial=0.0), above.max(axis=0, initial=0.0)
+
+
+def beyond(equations: Assembled, minimum: Minimum, others: Sequence[Alternative], variance: float) -> Beyond | None:
+    """Those of the ``others`` from which no rotation differs by more than `TURN`; None: there are none."""
+    layout = equations.layout
+    turning = layout.angle[equations.free].copy()
+    for curved in layout.curved:
+        if curved.piece is Piece.QUATERNION:
+            turning |= np.isin(equations.free, curved.coordinates)
+    found = [each.minimum for each in others if each.minimum.blocks is None]
+    points = np.array([each.point for each in found]).reshape(-1, len(minimum.point))
+    near = (separation(equations, minimum.point, points)[:, turning] <= TURN).all(axis=1)
+    if not turning.any() or not near.any():
+        return None
+    steps = steps_to(equations, minimum.point, points[near])
+    normals = (found[k].jacobian.T @ found[k].jacobian for k in np.flatnonzero(near).tolist())
+    squares = np.array([np.diag(np.linalg.pinv(each, hermitian=True)) for each in normals])
+    costs = np.array([found[k].cost for k in np.flatnonzero(near).tolist()])
+    return Beyond(steps=steps, spreads=np.sqrt(variance * squares), grown=(costs - minimum.cost) / variance)
