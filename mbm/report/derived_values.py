@@ -19,6 +19,7 @@ from mbm.report.spreads import Ends, Spread
 from mbm.report.types import DerivedValue, Floats, Mask, Quantity
 from mbm.values import replace
 
+EXACT = "the noise is unknown, and residuals that are all zero cannot tell it"
 NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
 DEPENDENT = "the covariance of the noise is unknown, and some combination of its components has no scatter"
 VANISHED = "the noise that it is due to is estimated as nothing"
@@ -74,6 +75,7 @@ def untold_noise(solution: Solution) -> str | None:
     states = {noise.state for noise in solution.noise.values()}
     told = {
         NoiseState.NO_REDUNDANCY: NO_NOISE,
+        NoiseState.EXACT: EXACT,
         NoiseState.DEPENDENT: DEPENDENT,
         NoiseState.NOTHING: VANISHED,
     }

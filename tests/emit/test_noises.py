@@ -42,6 +42,11 @@ TEXTS = {
       (observe d (= y (+ (* a x) b)) :sigma 0.2) (observe q (= z (+ c b)) :sigma (unknown 0.3))
       (observe w (= v (o k)) :sigma 1) (observe dark w (= 0 (o k)) :sigma (unknown 2))
       (derive (sum (+ c (o 1))) (other (+ a (o 2))))""",
+    "exact": f"""{LINE} (data q (table (z) (3) (3) (3))) (unknowns (a :init 1) (b :init 0) (c :init 2))
+      (observe d (= y (+ (* a x) b)) :sigma 0.2) (observe q (= z (+ c b)) :sigma (unknown 0.3))
+      (derive (top (+ (* 6 a) b)) (sum (+ c b)) (more (+ c a)))""",
+    "sharp": f"""{LINE} (data q (table (z) (1.1) (1.1) (1.1))) (unknowns (a :init 1) (b :init 0))
+      (observe d (= y (+ (* a x) b)) :sigma 0.2) (observe q (= z b) :sigma (unknown 0.3)) (derive (top (* 6 b)))""",
 }
 MISSING = {
     "nothing": {"e", "apart"},
@@ -54,6 +59,8 @@ MISSING = {
     "days": {"e", "apart"},
     "unchecked": {"c", "sum", "more"},
     "both": {"c", "o", "sum"},
+    "exact": {"c", "sum", "more"},
+    "sharp": {"b", "top"},
 }
 """What is due to noise that nothing tells, read off the equations: the mean of alike laboratories is not, nor is what
 the noise that is nothing is only a part of, beside a slope or a mean that is not held.

@@ -17,9 +17,11 @@ ASSUMPTIONS = 2
 
 
 def assumed(told: ConstantReals, unchecked: Integer) -> Integer:
-    """Whether nothing tells the noise of a group, which was never checked (``unchecked`` 1), or is nothing (0)."""
+    """Whether nothing tells the noise of a group, never checked or fitted exactly (``unchecked`` 1), or nothing (0)."""
     found = 0
-    if told[UNTOLD] == 1.0 and told[EXACT] == 0.0 and told[CHECKED] == 1.0 - float(unchecked):
+    if told[EXACT] == 1.0:
+        found = unchecked
+    elif told[UNTOLD] == 1.0 and told[CHECKED] == 1.0 - float(unchecked):
         found = 1
     return found
 

@@ -302,17 +302,23 @@ def _stated(equations: Assembled, noise: Mapping[int, Noise]) -> Mask:
 
 
 def _alternatives(equations: Assembled, minimum: Minimum, noise: Mapping[int, Noise]) -> Iterator[Alternative]:
-    """The covariances if noise that the residuals cannot tell, or that is nothing, were larger (`TRIED`)."""
+    """The covariances if noise that the residuals cannot tell, or that is nothing, were larger (`TRIED`).
+
+    Beside common errors, what is fitted exactly has the noise of these.
+    """
     point = equations.coordinates(minimum.point)
 
     def with_weights(weights: Floats | None) -> Propagator:
         observed = observed_at(minimum, point, weights)
         return observed, covariance(observed)
 
-    given = None
-    untellable = (NoiseState.NO_REDUNDANCY, NoiseState.DEPENDENT)
+    given, structure = None, equations.structure
+    common = {p.owner for p in structure.patterns if p.common is not None} if structure is not None else ()
+    untellable = (NoiseState.NO_REDUNDANCY, NoiseState.EXACT, NoiseState.DEPENDENT)
     for states, apart in ((untellable, SAME_COVARIANCES), ((NoiseState.NOTHING,), OWN)):
-        untold = [i for i, n in noise.items() if n.state in states]
+        untold = [
+            i for i, n in noise.items() if n.state in states and not (n.state is NoiseState.EXACT and i in common)
+        ]
         if untold:
             given = given or with_weights(None)
             weights = np.ones(equations.count)
