@@ -10,8 +10,7 @@ import numpy as np
 
 from mbm.equations.layout import Entry, Layout, half_turns
 from mbm.equations.types import Floats, Indices
-from mbm.problem.aggregates import Aggregate
-from mbm.problem.kinds import AggregateKind
+from mbm.problem.aggregates import Aggregate, AggregateKind
 from mbm.problem.stand_ins import stand_in
 from mbm.problem.types import Problem
 from mbm.values import dataclass

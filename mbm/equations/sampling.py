@@ -12,9 +12,8 @@ from mbm.expression.evaluate import Values, evaluate
 from mbm.expression.nodes import Component, Constant, Leaf, Number, Sampling, leaves
 from mbm.expression.rows import Row
 from mbm.kernels.types import Kernel
-from mbm.problem.rows import Positions, column_numbers, lookup
+from mbm.problem.rows import Positions, TimedRows, column_numbers, interval_of, lookup, places_around, timed_for
 from mbm.problem.tables import Table
-from mbm.problem.times import TimedRows, interval_of, places_around, timed_for
 from mbm.symbolic.types import ColumnInput
 from mbm.values import dataclass
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from mbm.problem.joining import distinct
+from mbm.problem.families import distinct, stacked
 from mbm.problem.rows import Positions
 from mbm.problem.sequence.tables import transitions_table
 from mbm.problem.sequence.types import Sequence
-from mbm.problem.stacking import stacked
 from mbm.problem.tables import Table
 from mbm.problem.types import Family, Problem
 

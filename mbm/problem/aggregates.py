@@ -1,14 +1,25 @@
-"""Aggregates: one number made of a number in each row of a table, for derived quantities."""
+"""Aggregates: one number made of a number in each row of a table."""
 
 from __future__ import annotations
 
 from dataclasses import field
+from enum import StrEnum
 
 from mbm.expression.nodes import Expression
-from mbm.problem.kinds import AggregateKind
-from mbm.problem.tables import CellKey
 from mbm.text.types import Span
 from mbm.values import dataclass
+
+
+class AggregateKind(StrEnum):
+    """What one number is made of a number in each row of a table; the value is its name in the language."""
+
+    MEAN = "mean"
+    RMS = "rms"
+    MEDIAN = "median"
+    MINIMUM = "min"
+    MAXIMUM = "max"
+    QUANTILE = "quantile"
+    COUNT = "count"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +34,7 @@ class Aggregate:
     name: str
     kind: AggregateKind
     table: str
-    cases: tuple[tuple[tuple[tuple[str, CellKey], ...], Expression], ...] = field(repr=False)
+    cases: tuple[tuple[tuple[tuple[str, str | float], ...], Expression], ...] = field(repr=False)
     level: float = 0.5
     angle: bool = False
     span: Span

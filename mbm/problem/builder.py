@@ -23,35 +23,39 @@ from mbm.problem.joining import filtered, grid_tables, joined
 from mbm.problem.naming import TakenNames
 from mbm.problem.overrides import Overrides
 from mbm.problem.pairing import paired
-from mbm.problem.reading.aggregates import OVER_ROWS, Gatherer
+from mbm.problem.reading.aggregates import OVER_ROWS, Gatherer, Writer
 from mbm.problem.reading.cameras import read_camera
 from mbm.problem.reading.constants import constant_values, read_constants
 from mbm.problem.reading.constraints import model_constraints, read_constraints
 from mbm.problem.reading.declarations import Declaration, declare_unknowns
 from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.dynamics import read_dynamics
-from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.estimators import read_estimator
-from mbm.problem.reading.named_columns import meant, names_in
-from mbm.problem.reading.noise_structure import check_structures, matrices
-from mbm.problem.reading.observations import read_observation
+from mbm.problem.reading.named_columns import meant, names_in, read_window
+from mbm.problem.reading.noise_structure import check_structures, with_scales
+from mbm.problem.reading.observations import read_observation, with_shared_errors
 from mbm.problem.reading.pairs import read_pair
-from mbm.problem.reading.previous import Earlier, looking_back, previous
 from mbm.problem.reading.request import read_request, trusting
-from mbm.problem.reading.scales import with_scales
-from mbm.problem.reading.sources import DataClause, Formats, in_join_order, plan_of, read_source, refuse_overwriting
+from mbm.problem.reading.sources import (
+    DataClause,
+    Formats,
+    check_members,
+    check_units,
+    in_join_order,
+    matrices,
+    plan_of,
+    read_source,
+    refuse_overwriting,
+)
 from mbm.problem.reading.states import Declared, declare_states, first_states
-from mbm.problem.reading.unions import check_members, check_units
 from mbm.problem.reading.unknowns import given_start, read_unknown
-from mbm.problem.reading.windows import read_window
-from mbm.problem.reading.written_aggregates import Writer
 from mbm.problem.sampling import refuse_corrected
 from mbm.problem.scopes import ProblemScope
 from mbm.problem.sequence.dimensions import open_rates
 from mbm.problem.sequence.types import Sequence as Steps
 from mbm.problem.tables import PairDeclaration, Table, TableDeclaration
 from mbm.problem.types import Block, Derived, Method, Problem, Request, TablePlan, Unknown
-from mbm.problem.vocabulary import FUNCTIONS, SPECIAL_FORMS
+from mbm.problem.vocabulary import FUNCTIONS, SPECIAL_FORMS, Earlier, looking_back, previous
 from mbm.shapes.model import ModelLog, model_maker
 from mbm.text.types import Diagnostic, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
@@ -356,8 +360,11 @@ def _starts(
     return found
 
 
-def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames) -> tuple[Block, ...]:
-    blocks = []
+def _observed(
+    work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames, plans: tuple[TablePlan, ...]
+) -> tuple[tuple[Block, ...], tuple[Diagnostic, ...]]:
+    """Observations and constraints with the errors that their columns share, and the warnings about those."""
+    blocks: list[Block] = []
     for clause in _all(clauses, "observe"):
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
@@ -367,14 +374,7 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames) -
         work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))
     work.scope.gather = None
-    return tuple(blocks)
-
-
-def _observed(
-    work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames, plans: tuple[TablePlan, ...]
-) -> tuple[tuple[Block, ...], tuple[Diagnostic, ...]]:
-    """Observations and constraints with the errors that their columns share, and the warnings about those."""
-    observed: tuple[tuple[Block, ...], tuple[Diagnostic, ...]] = _blocks(work, clauses, taken), ()
+    observed: tuple[tuple[Block, ...], tuple[Diagnostic, ...]] = tuple(blocks), ()
     with work.collecting():
         observed = with_shared_errors(observed[0], plans, work.tables)
         refuse_corrected(observed[0])

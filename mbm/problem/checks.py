@@ -10,9 +10,8 @@ from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Le
 from mbm.expression.rows import Row, RowChoice, chosen_place
 from mbm.problem import faults
 from mbm.problem.previous import column_before, has_before
-from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of
+from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of, timed_rows
 from mbm.problem.tables import CellKey, PairDeclaration, Table
-from mbm.problem.times import timed_rows
 from mbm.problem.types import Block, Problem, Static
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic, MbmError

@@ -12,11 +12,9 @@ from mbm.expression.inference import Clash, Declared, Inference, origin
 from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, leaves
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
-from mbm.problem.aggregates import Aggregate
-from mbm.problem.factor_dimensions import factor_faults
-from mbm.problem.kinds import AggregateKind
+from mbm.problem.aggregates import Aggregate, AggregateKind
 from mbm.problem.previous import column_before
-from mbm.problem.residual_units import with_units
+from mbm.problem.residual_units import factor_faults, with_units
 from mbm.problem.sequence.dimensions import same_columns, scale_faults
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import PairDeclaration, Table

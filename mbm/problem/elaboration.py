@@ -1,4 +1,9 @@
-"""What all clauses share while a problem is elaborated: scopes, rows grouped by static columns, collected errors."""
+"""What all clauses share while a problem is elaborated: scopes, rows grouped by static columns, errors.
+
+How much of a problem is compiled is bounded (`Extent`). The rows of a table share one equation, however many they are:
+what is counted is written out in the problem, by hand, by ``for`` and ``sum``, or by rows that need equations of their
+own.
+"""
 
 from __future__ import annotations
 
@@ -10,23 +15,87 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from mbm.expression.nodes import Apply, Component, Expression, Number, externals, leaves
+from mbm.expression.nodes import (
+    CONDITIONS,
+    Apply,
+    Component,
+    Expression,
+    Number,
+    Operation,
+    externals,
+    leaves,
+    postorder,
+)
 from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, scalar, vector
+from mbm.language.limits import Limits
 from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, StaticColumnNeeded, Value, describe
 from mbm.problem import faults
 from mbm.problem.aggregates import WrittenOut
 from mbm.problem.elaborated import Consulted, Grouping
-from mbm.problem.extent import Extent
 from mbm.problem.previous import column_before, has_before
 from mbm.problem.rows import MAXIMUM_REPORTED, decided, static_cells
 from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.tables import CellKey, Format, Table
-from mbm.problem.types import RowValues, Static, ValueCase
+from mbm.problem.types import Block, Derived, Equation, RowValues, Static, ValueCase
 from mbm.text.faults import MOST_FAULTS, worth_reading
-from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol
+from mbm.text.reader import read
+from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol
 from mbm.values import dataclass
+
+EQUATION, CHOICE = 20, 3
+"""Operations that an equation counts for by itself, and a condition or a choice by one: so much longer they take."""
+
+_CHOICES = CONDITIONS | {Operation.IF}
+
+
+class Extent:
+    """Equations and operations so far. Local to one elaboration."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._most_equations, self._most_operations = limits.written_out()
+        self._equations = 0
+        self._operations = 0
+
+    def add(self, made: Block | Derived) -> None:
+        """Count what an observation, prior, constraint or derived quantity holds.
+
+        Raises:
+            MbmError: too-much-to-compile.
+
+        """
+        if isinstance(made, Block):
+            cases = [tuple(n for e in case.equations for n in (*e.stated, *_written(e))) for case in made.cases]
+        else:
+            cases = [case.values for case in made.cases]
+        self.more(len(cases), made.span)
+        self._operations += EQUATION * len(cases)
+        for nodes in cases:
+            self._operate(nodes, made.span)
+
+    def more(self, equations: int, span: Span) -> None:
+        """Count groups of rows that each have equations of their own.
+
+        Raises:
+            MbmError: too-much-to-compile.
+
+        """
+        self._equations += equations
+        if self._equations > self._most_equations:
+            raise MbmError(faults.too_many_equations(span, self._most_equations))
+
+    def _operate(self, nodes: tuple[Expression, ...], span: Span) -> None:
+        made = [node.operation for node in postorder(nodes) if isinstance(node, Apply)]
+        self._operations += len(made) + (CHOICE - 1) * sum(operation in _CHOICES for operation in made)
+        if self._operations > self._most_operations:
+            raise MbmError(faults.too_many_operations(span, self._most_operations))
+
+
+def _written(equation: Equation) -> tuple[Expression, ...]:
+    """What mbm writes out for the errors of an equation."""
+    return () if equation.likelihood is None else equation.likelihood.residuals
+
 
 _ENDING = (language_faults.TOO_MANY_STEPS, faults.TOO_MUCH_TO_COMPILE)
 """Errors after which nothing more is looked at: what goes too far in one clause would do so in the others."""
@@ -309,3 +378,13 @@ def pair_of(form: Form, what: str) -> tuple[Form, Form]:
     if not isinstance(form, Sequence) or len(form.items) != 2 or any(isinstance(i, Keyword) for i in form.items):
         raise MbmError(language_faults.bad_form(form.span, f"`{what}` wants two ends", f"{what} (lo hi)"))
     return form.items[0], form.items[1]
+
+
+def given_value(work: Workspace, name: str, text: str) -> Value:
+    """The value of a text given from outside for a name."""
+    source = Source(f"<{name}>", text)
+    forms = read(source)
+    if len(forms) != 1:
+        span = Span(source=source, start=0, end=len(text))
+        raise MbmError(language_faults.wrong_kind(span, "one value", f"{len(forms)} forms"))
+    return work.evaluator.wanted(forms[0], work.scope)

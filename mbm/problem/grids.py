@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.expression.nodes import Expression
 from mbm.expression.units import Unit
-from mbm.problem.tables import Column, Numbers, Provenance, Table
 from mbm.scales import SI, Scale
 from mbm.text.types import Span
 from mbm.values import dataclass
@@ -37,23 +37,9 @@ class Grid:
         """The scale of the unit that the values are reported in."""
         return SI if self.unit is None else self.unit.scale
 
-    def shown(self) -> Numbers:
+    def shown(self) -> NDArray[np.float64]:
         """The values (count,) in the unit that they are reported in."""
         scale = self.scale
         with np.errstate(over="ignore", invalid="ignore"):
             found = np.linspace(scale.from_si(self.first), scale.from_si(self.last), self.count)
             return found if scale.zero == 0.0 else np.round(found, ROUNDED)
-
-    def rows(self) -> Table:
-        """The table, its values in SI."""
-        symbol = self.unit.symbol if self.unit is not None else None
-        column = Column(name=self.variable, numbers=self.scale.to_si(self.shown()), unit=symbol)
-        rows = np.arange(1, self.count + 1)
-        provenance = Provenance(path=self.table, sha256=None, rows=self.count, file_rows=rows, inline=True)
-        return Table(
-            name=self.table,
-            columns={self.variable: column},
-            rows=rows,
-            provenance=provenance,
-            key=self.variable,
-        )

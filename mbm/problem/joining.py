@@ -1,4 +1,4 @@
-"""Tables as the equations see them: joined to one another, filtered, with one row for each member of a family."""
+"""Tables as the equations see them: joined to one another, filtered, with those of grids, pairs and families."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from itertools import repeat
 import numpy as np
 
 from mbm.problem import faults
+from mbm.problem.families import with_families
+from mbm.problem.grids import Grid
 from mbm.problem.previous import with_rows_before
 from mbm.problem.rows import MAXIMUM_REPORTED, decided
-from mbm.problem.tables import CellKey, Column, Table
-from mbm.problem.types import Derived, Family, Join, Problem, RowValues, TablePlan
+from mbm.problem.tables import CellKey, Column, Provenance, Table
+from mbm.problem.types import Derived, Join, Problem, RowValues, TablePlan
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic, MbmError
 
@@ -43,10 +45,19 @@ def prepare(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
     return tables
 
 
+def grid_rows(grid: Grid) -> Table:
+    """The table that a grid makes, its values in SI."""
+    symbol = grid.unit.symbol if grid.unit is not None else None
+    column = Column(name=grid.variable, numbers=grid.scale.to_si(grid.shown()), unit=symbol)
+    rows = np.arange(1, grid.count + 1)
+    provenance = Provenance(path=grid.table, sha256=None, rows=grid.count, file_rows=rows, inline=True)
+    return Table(name=grid.table, columns={grid.variable: column}, rows=rows, provenance=provenance, key=grid.variable)
+
+
 def grid_tables(derived: Iterable[Derived]) -> dict[str, Table]:
     """The tables that the grids of derived quantities make."""
     grids = {each.grid.table: each.grid for each in derived if each.grid is not None}
-    return {name: grid.rows() for name, grid in grids.items()}
+    return {name: grid_rows(grid) for name, grid in grids.items()}
 
 
 def unfiltered(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
@@ -117,48 +128,3 @@ def filtered(plan: TablePlan, tables: Mapping[str, Table], where: RowValues | No
     if where is None:
         return table
     return table.take(np.flatnonzero(decided(where, tables)[:, 0]))
-
-
-def with_families(tables: Mapping[str, Table], families: tuple[Family, ...]) -> dict[str, Table]:
-    """``tables`` with, for each family over columns, a table of their distinct values in the order met."""
-    result = dict(tables)
-    for family in families:
-        if family.sources and family.table not in result:
-            from mbm.problem.stacking import stacked
-
-            result[family.table] = stacked(tables, family.sources, family.table)
-        if family.column is not None and family.rows not in result:
-            result[family.rows] = distinct(result[family.table], family, family.rows)
-    return result
-
-
-def distinct(table: Table, family: Family, name: str) -> Table:
-    """One row for each distinct value of a family's column: the first that has it, with that column alone.
-
-    A stacked column keeps its other names.
-
-    Raises:
-        MbmError: the family is ordered, and a cell is no number.
-
-    """
-    column = str(family.column)
-    if family.ordered:
-        positions = _ascending(table, column)
-    else:
-        first: dict[CellKey, int] = {}
-        for i, key in enumerate(table.keys(column)):
-            first.setdefault(key, i)
-        positions = np.fromiter(first.values(), dtype=np.int64, count=len(first))
-    taken = {each: table.columns[each].take(positions) for each in family.names}
-    rows = np.arange(1, len(positions) + 1)
-    provenance = table.provenance.taking(table.rows[positions])
-    return Table(name=name, columns=taken, rows=rows, provenance=provenance, key=column)
-
-
-def _ascending(table: Table, column: str) -> np.ndarray:
-    """The positions of the first row with each value of a column of numbers, by value."""
-    values = table.numbers(column)
-    wrong = np.flatnonzero(~np.isfinite(values))[:MAXIMUM_REPORTED].tolist()
-    if wrong:
-        raise MbmError(*(faults.not_finite_cell(table.place(i, column), column, float(values[i]), None) for i in wrong))
-    return np.unique(values, return_index=True)[1]

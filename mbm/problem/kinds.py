@@ -35,18 +35,6 @@ class LossKind(StrEnum):
     BARRON = "barron"
 
 
-class AggregateKind(StrEnum):
-    """What one number is made of a number in each row of a table; the value is its name in the language."""
-
-    MEAN = "mean"
-    RMS = "rms"
-    MEDIAN = "median"
-    MINIMUM = "min"
-    MAXIMUM = "max"
-    QUANTILE = "quantile"
-    COUNT = "count"
-
-
 class Gauge(StrEnum):
     """What becomes of common motions that no equation notices; the value is the name in ``:gauge``."""
 

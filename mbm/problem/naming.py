@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from mbm.problem.tables import CellKey
+from mbm.text.printer import plain_number
 from mbm.text.types import Span
 
 PRIOR = "prior "
 """What the name of the prior begins with that an unknown states for itself; the unknown's name follows."""
-
-EXACT_INTEGERS = 2**53
-"""From here on a double no longer tells whole numbers apart."""
 
 
 class TakenNames:
@@ -29,12 +26,7 @@ class TakenNames:
         return candidate
 
 
-def plain_number(value: float) -> int | float:
-    """``value`` as people write it: whole numbers without a point, as far as doubles hold them exactly."""
-    return int(value) if float(value).is_integer() and abs(value) < EXACT_INTEGERS else float(value)
-
-
-def key_text(key: CellKey) -> str:
+def key_text(key: str | float) -> str:
     r"""A key inside a name: texts in quotes with ``"`` and ``\\`` escaped, numbers with all their digits.
 
     Two different keys never give the same text.
@@ -46,7 +38,7 @@ def key_text(key: CellKey) -> str:
     return json.dumps(key, ensure_ascii=False)
 
 
-def member_name(name: str, key: CellKey | None, *, at_step: bool = False) -> str:
+def member_name(name: str, key: str | float | None, *, at_step: bool = False) -> str:
     """A quantity, or its member ``key`` where it has members: ``p``, ``cam["left"]``, ``x[1234567]``.
 
     ``at_step``: the key is a step, ``w@12``.
@@ -56,7 +48,7 @@ def member_name(name: str, key: CellKey | None, *, at_step: bool = False) -> str
     return f"{name}@{key_text(key)}" if at_step else f"{name}[{key_text(key)}]"
 
 
-def scalar_name(name: str, key: CellKey | None, index: tuple[int, ...], *, at_step: bool = False) -> str:
+def scalar_name(name: str, key: str | float | None, index: tuple[int, ...], *, at_step: bool = False) -> str:
     """One number of a quantity, as CONTRACT §2 names rows of covariances; ``index`` counts from 1, () for a number."""
     member = member_name(name, key, at_step=at_step)
     return f"{member}[{','.join(map(str, index))}]" if index else member

@@ -1,4 +1,4 @@
-"""What the caller gives instead of what the file says."""
+"""Values that are given: constants with the laws that they follow, and what the caller says instead of the file."""
 
 from __future__ import annotations
 
@@ -6,9 +6,32 @@ from collections.abc import Mapping
 from math import inf
 
 from mbm.expression.units import Unit
-from mbm.problem.laws import NORMAL_LAW, Law
 from mbm.text.types import Span
 from mbm.values import dataclass
+
+NORMAL, RECTANGULAR, TRIANGULAR, TRAPEZOIDAL = "normal", "rectangular", "triangular", "trapezoidal"
+ARCSINE, STUDENT, LOGNORMAL = "arcsine", "student", "lognormal"
+"""The names of the laws, as LANGUAGE §10 has them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """The law of (X − mean)/sigma, which location and scale leave: its name, and the ``shape`` of those that have one.
+
+    The shape is the ratio of top to base (trapezoidal), the degrees of freedom (student), or the geometric standard
+    deviation (lognormal). Without a variance, ``sigma`` stands for the scale.
+    """
+
+    name: str = NORMAL
+    shape: float = 1.0
+
+    @property
+    def has_variance(self) -> bool:
+        """Whether there is a standard deviation."""
+        return self.name != STUDENT or self.shape > 2.0
+
+
+NORMAL_LAW = Law()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from mbm.expression.dimension import NONE
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
-from mbm.problem.rows import MAXIMUM_REPORTED
-from mbm.problem.self_pairing import by_key, later_rows, starts_anew
+from mbm.problem.rows import MAXIMUM_REPORTED, by_key, later_rows, starts_anew
 from mbm.problem.tables import TIME, CellKey, Column, Numbers, Origin, PairDeclaration, StepKind, Table
 from mbm.text.types import MbmError
 from mbm.values import dataclass

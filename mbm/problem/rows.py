@@ -1,4 +1,7 @@
-"""Numbers for the rows of a table: which rows a case holds, and what data-only forms are worth there."""
+"""Numbers for the rows of a table: which rows a case holds, and what data-only forms are worth there.
+
+Which rows lie around a time of a sampled table, and which are paired with later ones of their table.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,187 @@ from numpy.typing import NDArray
 
 from mbm.expression.evaluate import Lookup, Values, evaluate
 from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, Sampling, leaves
-from mbm.expression.rows import RowChoice, chosen_place
+from mbm.expression.rows import Row, RowChoice, chosen_place
 from mbm.problem import faults
-from mbm.problem.aggregates import WrittenOut
-from mbm.problem.kinds import AggregateKind
+from mbm.problem.aggregates import AggregateKind, WrittenOut
 from mbm.problem.previous import has_before, looks_back
-from mbm.problem.tables import ROW, CellKey, Numbers, Table
-from mbm.problem.times import places_around, timed_for
+from mbm.problem.tables import ROW, CellKey, Numbers, StepKind, Steps, Table
 from mbm.problem.types import RowValues, Static
-from mbm.text.types import Diagnostic, MbmError, Place
+from mbm.text.types import Diagnostic, MbmError, Place, Span
+from mbm.values import dataclass
+
+
+def later_rows(
+    table: Table, steps: Steps, keys: tuple[str, ...], scale: Numbers | None, tolerance: float | None
+) -> tuple[Positions, Positions]:
+    """Positions (from 0) of rows that start a pair, ascending, and of the rows that they are paired with.
+
+    ``scale`` (n,) are the times, or what the path is made of lies in the table. Every row starts a pair that has, among
+    the later rows with its ``keys``, one ``step`` rows on, or one nearest to its time or path and the step, within the
+    tolerance: half the median step between neighbours where none is stated. Of two equally near the earlier is taken.
+    """
+    first, second = [], []
+    for rows in by_key(table, keys).values():
+        if steps.kind is StepKind.ROWS:
+            count = max(len(rows) - int(steps.step), 0)
+            first.append(rows[:count])
+            second.append(rows[len(rows) - count :])
+            continue
+        if steps.kind is StepKind.DISTANCE:
+            at = travelled(np.column_stack([table.numbers(name)[rows] for name in steps.along]))
+        else:
+            times = np.empty(0) if scale is None else scale[rows]
+            rows = rows[np.argsort(times, kind="stable")]
+            at = np.sort(times)
+        begin, end = nearest_later(at, steps.step, tolerance)
+        first.append(rows[begin])
+        second.append(rows[end])
+    here, there = (np.concatenate([np.empty(0, dtype=np.int64), *each]) for each in (first, second))
+    order = np.argsort(here, kind="stable")
+    return here[order], there[order]
+
+
+def travelled(points: Numbers) -> Numbers:
+    """The length of the path (n,) to each of the points (n, d)."""
+    lengths = np.sqrt(np.square(np.diff(points, axis=0)).sum(axis=1))
+    return np.concatenate([np.zeros(min(len(points), 1)), np.cumsum(lengths)])
+
+
+def by_key(table: Table, keys: tuple[str, ...]) -> dict[tuple[CellKey, ...], Positions]:
+    """The positions of the rows with each combination of keys, in their order."""
+    if not keys:
+        return {(): np.arange(len(table))}
+    found: dict[tuple[CellKey, ...], list[int]] = {}
+    for position, cells in enumerate(zip(*(table.keys(key) for key in keys), strict=True)):
+        found.setdefault(cells, []).append(position)
+    return {cells: np.array(rows, dtype=np.int64) for cells, rows in found.items()}
+
+
+def starts_anew(table: Table, by: str, column: str) -> bool:
+    """Whether the times, the column ``by``, go on within each value of a column, and back where the next begins."""
+    times, values = (table.columns[name].numbers for name in (by, column))
+    if times is None or values is None:
+        return False
+    back, same = np.diff(times) < 0, np.diff(values) == 0
+    return bool(back.any() and same.any() and not (back & same).any())
+
+
+def nearest_later(at: Numbers, step: float, tolerance: float | None) -> tuple[Positions, Positions]:
+    """Places of ascending numbers (n,), and of the later ones nearest to those plus the step.
+
+    None farther from that than ``tolerance``, by default half the median step between neighbours.
+    """
+    none = np.empty(0, dtype=np.int64)
+    if len(at) < 2:
+        return none, none
+    if tolerance is None:
+        apart = np.diff(np.unique(at))
+        tolerance = float(np.median(apart)) / 2 if apart.size else 0.0
+    begin = np.arange(len(at) - 1)
+    wanted = at[begin] + step
+    after = np.clip(np.searchsorted(at, wanted), begin + 1, len(at) - 1)
+    before = np.maximum(after - 1, begin + 1)
+    end = np.where(np.abs(at[before] - wanted) <= np.abs(at[after] - wanted), before, after)
+    slack = 4 * np.finfo(np.float64).eps * float(np.abs(at).max())
+    kept = np.abs(at[end] - wanted) <= tolerance + slack
+    return begin[kept], end[kept]
+
+
+def numbers_of(table: Table, name: str, span: Span) -> str:
+    """The name of a column of numbers; one of texts is no column of times."""
+    column = table.columns[name]
+    if column.numbers is None:
+        position = column.first_text() or 0
+        raise MbmError(faults.bad_time(table.place(position, name), name, str(column.cell(position)), span))
+    return name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TimedRows:
+    """Rows of a sampled table with the same keys: ``times`` (n,) ascend, ``positions`` (n,) are those in the table."""
+
+    times: Numbers
+    positions: Positions
+
+
+def timed_rows(sampling: Sampling, table: Table) -> dict[tuple[CellKey, ...], TimedRows]:
+    """The rows of a sampled table by the values of `dividing` columns.
+
+    Raises:
+        MbmError: fewer than two rows, a time that is missing or no number, or two rows at one time.
+
+    """
+    times = table.numbers(numbers_of(table, sampling.by, sampling.span))
+    wrong = np.flatnonzero(~np.isfinite(times))
+    if wrong.size:
+        place, value = table.place(int(wrong[0]), sampling.by), float(times[wrong[0]])
+        raise MbmError(faults.not_finite_cell(place, sampling.by, value, sampling.span))
+    if len(table) < 2:  # nothing lies between fewer
+        raise MbmError(faults.too_few_times(sampling.span, table.name, len(table)))
+    return {
+        cells: _in_order(sampling, table, rows, times[rows])
+        for cells, rows in by_key(table, dividing(sampling, table)).items()
+    }
+
+
+def dividing(sampling: Sampling, table: Table) -> tuple[str, ...]:
+    """The columns across whose values a sampled table has nothing between two rows."""
+    anew = (c for c in sampling.passing if c in table.columns and starts_anew(table, sampling.by, c))
+    return (*(key for key in sampling.keys if key in table.columns), *anew)
+
+
+def _in_order(sampling: Sampling, table: Table, rows: Positions, times: Numbers) -> TimedRows:
+    order = np.argsort(times, kind="stable")
+    ordered = times[order]
+    repeated = np.flatnonzero(np.diff(ordered) == 0)
+    if repeated.size:
+        here, there = (table.place(int(rows[order[repeated[0] + i]]), sampling.by) for i in (1, 0))
+        raise MbmError(faults.repeated_time(here, there, sampling.by, float(ordered[repeated[0]]), sampling.span))
+    return TimedRows(times=ordered, positions=rows[order])
+
+
+def timed_for(
+    sampling: Sampling, owner: Table, table: Table | None, positions: Positions | None, count: int
+) -> tuple[tuple[TimedRows, ...], Positions]:
+    """The rows of a sampled table by keys, and for each of ``count`` rows at hand which of these it has; -1: none.
+
+    A table at hand without the keys has the first.
+    """
+    found = timed_rows(sampling, owner)
+    if len(found) == 1:
+        return tuple(found.values()), np.zeros(count, dtype=np.int64)
+    keys = dividing(sampling, owner)
+    common = [key for key in keys if table is not None and key in table.columns]
+    numbers: dict[tuple[CellKey, ...], int] = {}
+    for number, cells in enumerate(found):
+        numbers.setdefault(tuple(cells[keys.index(key)] for key in common), number)
+    if table is None or not common:
+        return tuple(found.values()), np.zeros(count, dtype=np.int64)
+    cells_of = list(zip(*(table.keys(key) for key in common), strict=True))
+    rows = range(len(table)) if positions is None else positions.tolist()
+    return tuple(found.values()), np.array([numbers.get(cells_of[row], -1) for row in rows], dtype=np.int64)
+
+
+def interval_of(times: Numbers, at: Numbers) -> np.ndarray:
+    """The places among ascending ``times`` (n,) of the rows before times ``at``, beyond the ends those next to them."""
+    return np.clip(np.searchsorted(times, at, side="right") - 1, 0, max(len(times) - 2, 0))
+
+
+def places_around(times: Numbers, at: Numbers) -> dict[Row, np.ndarray]:
+    """The places among ascending ``times`` (n,) of the rows around times ``at`` (m,).
+
+    Beyond the ends they are those of the last interval. Three points make a parabola in any order, so that the third
+    row from an end stands in where there is none two before or after.
+    """
+    last = len(times) - 1
+    before = interval_of(times, at)
+    return {
+        RowChoice.TWO_BEFORE: np.where(before > 0, before - 1, min(2, last)),
+        RowChoice.BEFORE: before,
+        RowChoice.AFTER: before + 1,
+        RowChoice.TWO_AFTER: np.where(before + 2 <= last, before + 2, max(last - 2, 0)),
+    }
+
 
 Positions = NDArray[np.int64]
 

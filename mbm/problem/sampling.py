@@ -32,10 +32,10 @@ from mbm.language.vocabulary.rigid import compose_rotations, inverse_rotation, l
 from mbm.language.vocabulary.rotations import exponential
 from mbm.problem import faults
 from mbm.problem.aggregates import is_aggregate
-from mbm.problem.options import split_options
+from mbm.problem.clauses import split_options
+from mbm.problem.rows import numbers_of
 from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.tables import TIME, Table
-from mbm.problem.times import numbers_of
 from mbm.problem.types import Block
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 

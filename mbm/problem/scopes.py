@@ -14,7 +14,7 @@ from mbm.language.coerce import scalar
 from mbm.language.scope import LocalScope, opened
 from mbm.language.values import Array, Evaluator, Scope, StaticColumnNeeded, TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
-from mbm.problem.kinds import AggregateKind
+from mbm.problem.aggregates import AggregateKind
 from mbm.problem.tables import ROW, CellKey, Table
 from mbm.problem.tables import Column as TableColumn
 from mbm.text.types import Form, MbmError, Sequence, Span

@@ -17,11 +17,10 @@ from mbm.expression.units import Unit
 from mbm.problem.aggregates import Aggregate, WrittenOut
 from mbm.problem.grids import Grid
 from mbm.problem.kinds import ConsensusKind, ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation
-from mbm.problem.laws import NORMAL_LAW, Law
 from mbm.problem.likelihoods.types import Likelihood
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.noise import PLAIN, NoiseStructure
-from mbm.problem.overrides import ConstantValue
+from mbm.problem.overrides import NORMAL_LAW, ConstantValue, Law
 from mbm.problem.requests import Enclosing, GivenStarts, RandomStarts, Window
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration

@@ -10,8 +10,7 @@ from mbm.expression.nodes import Column, Component, Constant, Expression, Leaf, 
 from mbm.expression.units import scale_of
 from mbm.expression.zero_points import DIFFERENCE, KELVIN, TEMPERATURE, Weights, ZeroPoints, without_unit
 from mbm.problem import faults
-from mbm.problem.aggregates import Aggregate
-from mbm.problem.kinds import AggregateKind
+from mbm.problem.aggregates import Aggregate, AggregateKind
 from mbm.problem.sequence.types import Sequence
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, Derived, RowValues, TablePlan, Unknown

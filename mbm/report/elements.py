@@ -9,11 +9,12 @@ from itertools import product
 
 import numpy as np
 
-from mbm.problem.naming import member_name, plain_number, scalar_name
+from mbm.problem.naming import member_name, scalar_name
 from mbm.report import geometric
 from mbm.report.digits import Measured, enclosed, measured
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask, Quantity, SolveReport
 from mbm.scales import SI
+from mbm.text.printer import plain_number
 from mbm.values import dataclass
 
 

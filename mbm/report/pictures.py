@@ -14,6 +14,7 @@ from mbm.expression.evaluate import Values, evaluate
 from mbm.expression.nodes import Column, Component, Expression, Leaf, externals, leaves
 from mbm.expression.rows import RowChoice
 from mbm.expression.units import parse_unit
+from mbm.problem.joining import grid_rows
 from mbm.problem.modelled import columns_of, observations_of
 from mbm.problem.rows import column_numbers, lookup
 from mbm.problem.tables import ROW, Table
@@ -191,7 +192,7 @@ def band(problem: Problem, solution: Solution, derived: Derived, clause: str | N
     if derived.grid is None or derived.kind is not None or derived.shape or solution.elsewhere is None:
         return None
     grid = derived.grid if derived.grid.count >= SMOOTH else replace(derived.grid, count=SMOOTH)
-    return prediction(problem, solution, derived, grid.rows(), clause=clause)
+    return prediction(problem, solution, derived, grid_rows(grid), clause=clause)
 
 
 def curve_of(found: Prediction, abscissa: Floats) -> Curve:

@@ -19,8 +19,8 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.likelihoods import Readings
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.problem.laws import NORMAL_LAW
 from mbm.problem.likelihoods.types import SHIFT
+from mbm.problem.overrides import NORMAL_LAW
 from mbm.problem.types import Problem
 from mbm.simulation.laws import log_densities
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mbm.equations.types import Floats
-from mbm.problem.laws import ARCSINE, LOGNORMAL, NORMAL, RECTANGULAR, STUDENT, TRAPEZOIDAL, TRIANGULAR, Law
+from mbm.problem.overrides import ARCSINE, LOGNORMAL, NORMAL, RECTANGULAR, STUDENT, TRAPEZOIDAL, TRIANGULAR, Law
 
 Shape = tuple[int, ...]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.equations.types import Floats, Mask
 from mbm.expression.evaluate import Values, evaluate
-from mbm.problem.faults.data import bad_noise
+from mbm.problem.faults.noise import bad_noise
 from mbm.problem.types import Equation, NoiseKind
 from mbm.simulation.places import Rows
 from mbm.simulation.types import Outliers

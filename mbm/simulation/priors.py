@@ -13,7 +13,7 @@ from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.layout import Layout
 from mbm.equations.types import Floats
 from mbm.kernels.types import KernelSet
-from mbm.problem.laws import NORMAL_LAW
+from mbm.problem.overrides import NORMAL_LAW
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.simulation import faults

@@ -110,3 +110,12 @@ def _print_atom(atom: Symbol | Keyword | Text | Numeral) -> str:
             return print_text(atom.value)
         case Numeral():
             return print_number(atom.value) + (atom.unit or "")
+
+
+EXACT_INTEGERS = 2**53
+"""From here on a double no longer tells whole numbers apart."""
+
+
+def plain_number(value: float) -> int | float:
+    """``value`` as people write it: whole numbers without a point, as far as doubles hold them exactly."""
+    return int(value) if float(value).is_integer() and abs(value) < EXACT_INTEGERS else float(value)

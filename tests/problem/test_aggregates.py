@@ -7,7 +7,7 @@ import pytest
 
 import mbm
 from mbm.api.emitting import emit_file
-from mbm.problem.reading.written_aggregates import exchanges
+from mbm.problem.reading.aggregates import exchanges
 from mbm.report.options import SolveOptions
 
 T = np.array([0.0, 0.5, 1.1, 1.7, 2.4, 3.0, 3.3])

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import mbm
-from mbm.problem.laws import Law
+from mbm.problem.overrides import Law
 from mbm.simulation.laws import log_densities, standard_variates
 
 WHOLE = {

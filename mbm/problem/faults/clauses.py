@@ -5,7 +5,6 @@ from __future__ import annotations
 from mbm.expression.nodes import External, Outlined
 from mbm.expression.units import parse_unit
 from mbm.language.limits import more_work
-from mbm.problem.tables import Member
 from mbm.solver.description import RULES
 from mbm.solver.losses import LOSSES
 from mbm.text.suggest import did_you_mean, listed, suggestion
@@ -190,11 +189,11 @@ def unknown_table(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
     )
 
 
-def union_of_chosen_rows(member: Member, option: str, union: str) -> Diagnostic:
+def union_of_chosen_rows(span: Span, name: str, option: str, union: str) -> Diagnostic:
     """A member of the table ``union`` has ``option``, which acts after the union is made."""
     return Diagnostic(
-        code=UNION_OF_CHOSEN_ROWS, message=f"`{member.name}` has `{option}`, but `{union}` takes it as it is read",
-        place=member.span, hint=f"write `{option}` into the clause of `{union}`",
+        code=UNION_OF_CHOSEN_ROWS, message=f"`{name}` has `{option}`, but `{union}` takes it as it is read",
+        place=span, hint=f"write `{option}` into the clause of `{union}`",
     )  # fmt: skip
 
 

@@ -1,15 +1,161 @@
-"""From what an equation says of its errors to the likelihood that least squares take."""
+"""From what an equation says of its errors to the likelihood that least squares take.
+
+Weights that the model decides: with C the covariance of n components, ``-2 log L`` is ``hᵀ C⁻¹ h + log det C``, and the
+expected information ``JᵀC⁻¹J + ½ tr(C⁻¹ ∂C C⁻¹ ∂C)`` (Magnus 1978). Both are sums over a triangular root L of C, as
+residuals whose squares are the log-determinant. Counts and Student's distribution have signed roots of deviances.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import field
+from math import sqrt
 
 from mbm.expression.nodes import Expression, Operation
-from mbm.expression.terms import Term, chosen, function, held, square_root
-from mbm.problem.likelihoods import deviances, tails, weights
+from mbm.expression.terms import Term, chosen, function, held, polynomial, square, square_root
+from mbm.problem.likelihoods import tails
 from mbm.problem.likelihoods.types import SHIFT, Law, Likelihood, Truncation
 from mbm.values import dataclass
+
+Matrix = list[list[Term]]
+
+
+def determinant(scale: Term, reference: Term, power: float = 2.0) -> Term:
+    """√(SHIFT + power · log(scale/reference))."""
+    return square_root(SHIFT + power * function(Operation.LOG, scale / reference))
+
+
+def told_by_scale(scale: Term) -> Term:
+    """What a standard deviation tells: its derivative is ``√2 σ'/σ``."""
+    return sqrt(2.0) * scale / held(scale)
+
+
+def above_zero(value: Term) -> Term:
+    """A reference, 1 where that is none."""
+    return chosen(value > 0.0, value, 1.0)
+
+
+def square_matrix(entries: Sequence[Term], size: int) -> Matrix:
+    """Entries row by row as rows."""
+    return [list(entries[i * size : (i + 1) * size]) for i in range(size)]
+
+
+def triangular_root(matrix: Matrix) -> Matrix:
+    """L with L Lᵀ the matrix (Cholesky)."""
+    size = len(matrix)
+    root: Matrix = [[matrix[0][0] * 0.0] * size for _ in range(size)]
+    for i in range(size):
+        for j in range(i + 1):
+            left = matrix[i][j]
+            for k in range(j):
+                left = left - root[i][k] * root[j][k]
+            root[i][j] = square_root(left) if i == j else left / root[j][j]
+    return root
+
+
+def solved(root: Matrix, values: Sequence[Term]) -> list[Term]:
+    """L⁻¹ v."""
+    found: list[Term] = []
+    for i, value in enumerate(values):
+        left = value
+        for k in range(i):
+            left = left - root[i][k] * found[k]
+        found.append(left / root[i][i])
+    return found
+
+
+def transposed_times(root: Matrix, values: Sequence[Term]) -> list[Term]:
+    """Lᵀ v."""
+    size = len(values)
+    found = []
+    for j in range(size):
+        total = root[j][j] * values[j]
+        for i in range(j + 1, size):
+            total = total + root[i][j] * values[i]
+        found.append(total)
+    return found
+
+
+def told_by_matrix(matrix: Matrix, root: Matrix) -> list[Term]:
+    """What a matrix tells, n (n + 1)/2 numbers: squares of derivatives add up to ``½ tr(C⁻¹ ∂C C⁻¹ ∂C)``."""
+    size = len(matrix)
+    fixed = [[held(each) for each in row] for row in root]
+    half = [solved(fixed, [matrix[i][j] for i in range(size)]) for j in range(size)]  # columns of L⁻¹ C
+    whole = [solved(fixed, [half[j][i] for j in range(size)]) for i in range(size)]  # rows of L⁻¹ C L⁻ᵀ
+    return [whole[i][j] * (1.0 / sqrt(2.0) if i == j else 1.0) for i in range(size) for j in range(i + 1)]
+
+
+SERIES = 0.2
+"""Relative differences up to which logarithms are series: beyond, they lose one digit at most."""
+
+LEAST = 1e-11
+"""Expected counts whose roots have a finite slope down to zero, so that an estimate comes to rest there if nothing was
+counted; of n trials n times that. Rounding of the expectation is less, and no count tells such rates from zero."""
+
+_ATANH = [1.0 / (2 * k + 3) for k in range(9)]
+"""``(atanh t - t)/t³`` in powers of t²: the last term is below 1e-17 at t = 1/9."""
+
+_LOGARITHM = [1.0 / (2 * k + 1) for k in range(9)]
+"""``atanh(t)/t`` in powers of t²."""
+
+
+def poisson_deviance(counted: Term, mean: Term) -> Term:
+    """The signed root of ``2 (μ - y + y log(y/μ))``, of ``2 μ`` for none counted."""
+    none = ~(counted > 0.0)
+    return chosen(none, _root(2.0 * mean, LEAST), (mean - counted) * square_root(_curvature(counted, mean)))
+
+
+def binomial_deviance(counted: Term, trials: Term, mean: Term) -> Term:
+    """The signed root of ``2 y log(y/μ) + 2 (n - y) log((n - y)/(n - μ))``."""
+    off, missed = mean - counted, trials - counted
+    own = square(off) * _curvature(counted, mean)
+    rest = square(off) * _curvature(missed, trials - mean)
+    between = off * square_root(_curvature(counted, mean) + _curvature(missed, trials - mean))
+    none = _root(2.0 * mean + rest, LEAST * trials)
+    every = -_root(own + 2.0 * (trials - mean), LEAST * trials)
+    return chosen(~(counted > 0.0), none, chosen(~(missed > 0.0), every, between))
+
+
+def student_deviance(ratio: Term, freedom: Term) -> Term:
+    """The signed root of ``(ν + 1) log(1 + t²/ν)`` with t the ``ratio`` of the difference to the scale."""
+    part = square(ratio) / freedom
+    small = part < SERIES
+    inner = part / (2.0 + part)
+    near = 2.0 / (2.0 + part) * polynomial(_LOGARITHM, square(inner))
+    far = function(Operation.LOG, 1.0 + part) / chosen(small, 1.0, part)
+    return ratio * square_root((freedom + 1.0) / freedom * chosen(small, near, far))
+
+
+def poisson_information(mean: Term) -> Term:
+    """2 √μ: its derivative is 1/√μ."""
+    return 2.0 * _root(mean, LEAST)
+
+
+def binomial_information(trials: Term, mean: Term) -> Term:
+    """2 √n atan √(μ/(n - μ)): its derivative is 1/√(μ (1 - μ/n))."""
+    hit, missed = (_root(each, LEAST * trials) for each in (mean, trials - mean))
+    return 2.0 * square_root(trials) * function(Operation.ATAN2, hit, missed)
+
+
+def student_information(off: Term, scale: Term, freedom: Term) -> Term:
+    """The location's: (ν + 1)/(ν + 3) of that of a normal distribution with this scale (Lange et al. 1989)."""
+    return square_root((freedom + 1.0) / (freedom + 3.0)) * off / held(scale)
+
+
+def _root(value: Term, least: Term | float) -> Term:
+    """√a of what is above the ``least``; else continuous down to −least."""
+    return square_root(chosen(value > least, value, 0.5 * (value + least)))
+
+
+def _curvature(counted: Term, mean: Term) -> Term:
+    """``2 (μ - y + y log(y/μ))/(μ - y)²``, 1/y where the two are equal; anything for y = 0."""
+    whole = chosen(counted > 0.0, counted, 1.0)
+    apart = (mean - whole) / whole
+    small = function(Operation.ABS, apart) < SERIES
+    t = apart / (2.0 + apart)
+    near = (1.0 - t) - square(1.0 - t) * t * polynomial(_ATANH, square(t))
+    far = 2.0 * (apart - function(Operation.LOG, mean / whole)) / chosen(small, 1.0, square(apart))
+    return chosen(small, near, far) / whole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,13 +196,13 @@ def _counts(errors: Errors) -> Likelihood:
     residuals, information, spread = [], [], []
     for y, mean in zip(_terms(errors.measured), _terms(errors.model), strict=True):
         if errors.law is Law.POISSON or errors.parameter is None:
-            residuals.append(deviances.poisson(y, mean))
-            information.append(deviances.poisson_information(mean))
+            residuals.append(poisson_deviance(y, mean))
+            information.append(poisson_information(mean))
             spread.append(square_root(function(Operation.MAXIMUM, y, 1.0)))
             continue
         trials = Term(errors.parameter)
-        residuals.append(deviances.binomial(y, trials, mean))
-        information.append(deviances.binomial_information(trials, mean))
+        residuals.append(binomial_deviance(y, trials, mean))
+        information.append(binomial_information(trials, mean))
         share = (y + 0.5) / (trials + 1.0)
         spread.append(square_root(trials * share * (1.0 - share)))
     return _made(errors, residuals, information, spread)
@@ -65,7 +211,7 @@ def _counts(errors: Errors) -> Likelihood:
 def _by_scale(errors: Errors) -> Likelihood:
     """Components that are independent, each with a scale of its own."""
     scales = _terms(errors.sigma)
-    references = scales if errors.reference is None else [weights.above_zero(r) for r in _terms(errors.reference)]
+    references = scales if errors.reference is None else [above_zero(r) for r in _terms(errors.reference)]
     residuals, information = [], []
     for off, scale in zip(_terms(errors.off), scales, strict=True):
         whitened, told = _one(errors, off, scale)
@@ -86,7 +232,7 @@ def _one(errors: Errors, off: Term, scale: Term) -> tuple[Term, Term]:
     ratio = off / scale
     if errors.law is Law.STUDENT and errors.parameter is not None:
         freedom = Term(errors.parameter)
-        return deviances.student(ratio, freedom), deviances.student_information(off, scale, freedom)
+        return student_deviance(ratio, freedom), student_information(off, scale, freedom)
     residual, told = ratio, off / held(scale)
     stated = errors.truncation
     if stated is None:
@@ -118,13 +264,13 @@ def _of_scale(errors: Errors, ratio: Term, scale: Term, reference: Term) -> tupl
     if stated is not None and stated.step is not None:
         half = 0.5 * Term(stated.step)
         return tails.highest(half / scale, half / reference), tails.scaled_information(ratio, half / scale)[1]
-    told = weights.told_by_scale(scale)
+    told = told_by_scale(scale)
     if stated is not None and errors.free:
         told = scale / held(scale)
     if errors.law is Law.STUDENT and errors.parameter is not None:
         freedom = Term(errors.parameter)
         told = square_root(freedom / (freedom + 3.0)) * told
-    return weights.determinant(scale, reference), told
+    return determinant(scale, reference), told
 
 
 def _where_exact(stated: Truncation | None) -> Callable[[Term, float], Term]:
@@ -143,16 +289,16 @@ def _by_matrix(errors: Errors) -> Likelihood:
     """Components with a covariance that the model decides."""
     size = len(errors.off)
     off = _terms(errors.off)
-    matrix = weights.square_matrix(_terms(errors.sigma), size)
-    root = weights.triangular_root(matrix)
+    matrix = square_matrix(_terms(errors.sigma), size)
+    root = triangular_root(matrix)
     fixed = [[held(each) for each in row] for row in root]
-    residuals = weights.transposed_times(root, off) if errors.inverse else weights.solved(root, off)
-    told = weights.transposed_times(fixed, off) if errors.inverse else weights.solved(fixed, off)
-    stated = weights.square_matrix(_terms(errors.reference or errors.sigma), size)
-    references = [square_root(weights.above_zero(stated[i][i])) for i in range(size)]
+    residuals = transposed_times(root, off) if errors.inverse else solved(root, off)
+    told = transposed_times(fixed, off) if errors.inverse else solved(fixed, off)
+    stated = square_matrix(_terms(errors.reference or errors.sigma), size)
+    references = [square_root(above_zero(stated[i][i])) for i in range(size)]
     power = -2.0 if errors.inverse else 2.0
-    residuals += [weights.determinant(root[i][i], references[i], power) for i in range(size)]
-    rest = weights.told_by_matrix(matrix, root)
+    residuals += [determinant(root[i][i], references[i], power) for i in range(size)]
+    rest = told_by_matrix(matrix, root)
     residuals += [off[0] * 0.0] * (len(rest) - size)
     spread = [1.0 / each if errors.inverse else each for each in references]
     return _made(errors, residuals, [*told, *rest], spread)

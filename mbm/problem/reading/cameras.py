@@ -11,8 +11,8 @@ from mbm.expression.projection import NEAR
 from mbm.language import faults as language_faults
 from mbm.language.coerce import scalar, text, vector
 from mbm.language.values import SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
+from mbm.problem.clauses import Options, split_options
 from mbm.problem.elaboration import Workspace
-from mbm.problem.options import Options, split_options
 from mbm.problem.reading.declarations import family_of, keys_of
 from mbm.problem.scopes import Entry, MemberScope
 from mbm.problem.types import Family

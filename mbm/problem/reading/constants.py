@@ -14,14 +14,12 @@ from mbm.language import faults as language_faults
 from mbm.language.coerce import static_number, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
 from mbm.problem import faults
-from mbm.problem.elaboration import Workspace, shaped
-from mbm.problem.laws import NORMAL_LAW, Law
-from mbm.problem.options import Options, split_options
-from mbm.problem.overrides import ConstantValue, Override, Overrides
+from mbm.problem.clauses import Options, split_options
+from mbm.problem.elaboration import Workspace, given_value, shaped
+from mbm.problem.overrides import NORMAL_LAW, ConstantValue, Law, Override, Overrides
 from mbm.problem.reading.distributions import is_distribution, law_of, moments
 from mbm.problem.scopes import Entry
 from mbm.problem.zero_points import is_temperature, stated_difference
-from mbm.text.reader import read
 from mbm.text.types import Form, MbmError, Numeral, Sequence, Source, Span, Symbol
 from mbm.values import dataclass
 
@@ -60,16 +58,6 @@ def _declare(work: Workspace, name: str, form: Form, span: Span, override: Overr
         return _named(value, name, form.span)
 
     work.scope.add(name, Entry("constant", span, make))
-
-
-def given_value(work: Workspace, name: str, text: str) -> Value:
-    """The value of a text given from outside for a name."""
-    source = Source(f"<{name}>", text)
-    forms = read(source)
-    if len(forms) != 1:
-        span = Span(source=source, start=0, end=len(text))
-        raise MbmError(language_faults.wrong_kind(span, "one value", f"{len(forms)} forms"))
-    return work.evaluator.wanted(forms[0], work.scope)
 
 
 def _overridden(work: Workspace, declared: Value, override: Override) -> Value:

@@ -15,10 +15,10 @@ from mbm.language.scope import LocalScope
 from mbm.language.values import Array, PoseValue, RotationValue, Scope
 from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults
+from mbm.problem.clauses import Options, split_options
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.kinds import ConstraintKind, Relation
 from mbm.problem.naming import TakenNames
-from mbm.problem.options import Options, split_options
 from mbm.problem.reading.distributions import DISTRIBUTIONS, USAGES, is_distribution, law_of, moments
 from mbm.problem.reading.equations import data_only, expanded
 from mbm.problem.reading.relations import Pair, both_sides, pairs, refuse_contradictions

@@ -11,10 +11,10 @@ from mbm.language.coerce import integer
 from mbm.language.values import Array, FamilyValue, PoseValue, TextColumn, Value
 from mbm.language.vocabulary.rigid import plane_rotation, quaternion_rotation
 from mbm.problem import faults
+from mbm.problem.clauses import Options, split_options
 from mbm.problem.elaboration import Workspace
-from mbm.problem.joining import with_families
+from mbm.problem.families import with_families
 from mbm.problem.manifold import Manifold, manifold_of
-from mbm.problem.options import Options, split_options
 from mbm.problem.scopes import Entry
 from mbm.problem.tables import ROW
 from mbm.problem.types import Family, UnknownKind

@@ -10,11 +10,11 @@ from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, scalar, vector
 from mbm.language.values import Array, ListValue, Placeable, PoseValue, RotationValue, Scope, TableName, Value
 from mbm.problem import faults
+from mbm.problem.clauses import split_options, stated_unit
 from mbm.problem.elaboration import Workspace
 from mbm.problem.grids import Grid
+from mbm.problem.joining import grid_rows
 from mbm.problem.manifold import manifold_of
-from mbm.problem.options import split_options
-from mbm.problem.reading.unknowns import stated_unit
 from mbm.problem.rows import row_values
 from mbm.problem.scopes import Entry
 from mbm.problem.types import Derived, RowValues, UnknownKind, ValueCase
@@ -60,7 +60,7 @@ def _derived(work: Workspace, item: Form, common: Form | None) -> Derived:
     over, unit = options.get("over"), options.get("unit")
     over = common if over is None else over
     grid = read_grid(work, over) if over is not None else None
-    table = grid.rows() if grid is not None else work.table(over) if over is not None else None
+    table = grid_rows(grid) if grid is not None else work.table(over) if over is not None else None
 
     def evaluate(scope: Scope) -> tuple[Value, tuple[int, ...], tuple[Expression, ...]]:
         value = work.evaluator.wanted(form, scope)
@@ -161,7 +161,7 @@ def read_grid(work: Workspace, form: Form) -> Grid | None:
         ends=(begin.cases[0].values[0], end.cases[0].values[0]),
         span=form.span,
     )
-    if len(np.unique(grid.rows().numbers(grid.variable))) < number:
+    if len(np.unique(grid_rows(grid).numbers(grid.variable))) < number:
         message = f"there are no {number:,} different numbers from `{first.span.text}` to `{last.span.text}`"
         raise MbmError(language_faults.bad_form(form.span, message, GRID_USAGE))
     return grid

@@ -17,7 +17,7 @@ from mbm.language.coerce import static_number
 from mbm.language.functions import UserFunction, UserMacro
 from mbm.language.values import Scope
 from mbm.problem.elaboration import Workspace, shaped
-from mbm.problem.laws import ARCSINE, LOGNORMAL, NORMAL, RECTANGULAR, STUDENT, TRAPEZOIDAL, TRIANGULAR, Law
+from mbm.problem.overrides import ARCSINE, LOGNORMAL, NORMAL, RECTANGULAR, STUDENT, TRAPEZOIDAL, TRIANGULAR, Law
 from mbm.text.types import Form, MbmError, Span
 from mbm.values import dataclass
 

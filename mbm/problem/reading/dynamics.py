@@ -13,13 +13,13 @@ from mbm.language.coerce import difference, vector
 from mbm.language.values import Array, Scope, Value
 from mbm.language.vocabulary.rigid import direction_difference, geometric_difference
 from mbm.problem import faults
+from mbm.problem.clauses import Options, split_options
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.kinds import ConstraintKind, Relation
 from mbm.problem.naming import TakenNames
-from mbm.problem.options import Options, split_options
 from mbm.problem.reading.declarations import Declaration, components
 from mbm.problem.reading.equations import Residual
-from mbm.problem.reading.observations import NOISE, stated_noise, with_noise
+from mbm.problem.reading.noise_structure import NOISE, stated_noise, with_noise
 from mbm.problem.reading.states import Declared
 from mbm.problem.sequence.dimensions import undimensioned
 from mbm.problem.sequence.tables import transitions_table

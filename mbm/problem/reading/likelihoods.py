@@ -11,10 +11,10 @@ from mbm.language.coerce import scalar
 from mbm.language.scope import LocalScope
 from mbm.language.values import Array, Scope, Value
 from mbm.problem import faults
+from mbm.problem.clauses import Options
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.likelihoods.making import Errors, likelihood
 from mbm.problem.likelihoods.types import Law, Truncation
-from mbm.problem.options import Options
 from mbm.problem.reading.equations import Residual
 from mbm.problem.types import Equation, EquationCase, NoiseKind
 from mbm.text.types import Diagnostic, Form, MbmError, Sequence, Span, Symbol, symbols_of

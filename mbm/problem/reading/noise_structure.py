@@ -1,22 +1,125 @@
 """Noise that rows and clauses share: shared factors, an unknown covariance, common errors, correlation.
 
 ``:correlation (matrix "file.csv")``: the file is read as a table that no clause can name.
+
+Limits, rounded readings and long tails have no s² = SSE/redundancy: there ``:sigma unknown`` becomes an unknown of the
+likelihood. ``(observe d … :sigma unknown :below …)`` says the same as ``:sigma d-sigma`` beside
+``(unknowns (d-sigma positive))``, and ``(unknown FORM :as NAME)`` as ``:sigma (* NAME FORM)``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
+from mbm.expression.nodes import Expression, Number
 from mbm.language import faults as language_faults
+from mbm.language.values import Scope
 from mbm.problem import faults
-from mbm.problem.elaboration import Workspace
+from mbm.problem.clauses import Options, split_options
+from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.noise import PLAIN, Correlation, NoiseStructure
-from mbm.problem.options import Options, split_options
-from mbm.problem.reading.sources import DataClause
-from mbm.problem.tables import Table, TableDeclaration
-from mbm.problem.types import Block, EquationCase, Request, RowValues
-from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol, Text
+from mbm.problem.reading.equations import Residual
+from mbm.problem.tables import Table
+from mbm.problem.types import (
+    Block,
+    Equation,
+    EquationCase,
+    NoiseKind,
+    Request,
+    RowValues,
+)
+from mbm.text.types import Bracket, Form, Keyword, MbmError, Sequence, Span, Symbol, Text, symbols_of
 from mbm.values import dataclass
+
+_TOLD_BY_LIKELIHOOD = frozenset({"below", "above", "resolution"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """An observation whose noise is unknown: FORM of ``(unknown FORM :as NAME)``, where they are stated."""
+
+    form: Form | None
+    shared: Symbol | None
+    wants: bool
+    span: Span
+
+
+def with_scales(clauses: tuple[Sequence, ...]) -> tuple[Sequence, ...]:
+    """The clauses with a scale among the unknowns for each observation that needs one; one for all of one name."""
+    asked = {place: found for place, each in enumerate(clauses) if (found := _asked(each)) is not None}
+    shared = {each.shared.name for each in asked.values() if each.wants and each.shared is not None}
+    taken = {each.name for clause in clauses for each in symbols_of(clause)}
+    scales: dict[str, Symbol] = {}
+    made = list(clauses)
+    for place, each in asked.items():
+        if each.wants or (each.shared is not None and each.shared.name in shared):
+            name = each.shared
+            if name is None:
+                name = Symbol(name=_free(f"{_called(clauses[place])}-sigma", taken), span=each.span)
+            scales[name.name] = name
+            made[place] = _with_scale(clauses[place], name, each)
+    if not scales:
+        return clauses
+    heads = (Symbol(name="unknowns", span=next(iter(scales.values())).span),)
+    declared = (_list(name, Symbol(name="positive", span=name.span)) for name in scales.values())
+    return (*made, _list(*heads, *declared))
+
+
+def _asked(clause: Sequence) -> _Asked | None:
+    """What an observation says of unknown noise; None where it is none, or stated otherwise."""
+    if clause.head != "observe":
+        return None
+    pairs = zip(clause.items, clause.items[1:], strict=False)
+    options = {key.name: form for key, form in pairs if isinstance(key, Keyword)}
+    if options.keys() & {"covariance", "information", "bound"}:
+        return None
+    law, sigma = options.get("distribution"), options.get("sigma")
+    wants = bool(options.keys() & _TOLD_BY_LIKELIHOOD) or (isinstance(law, Sequence) and law.head == "student")
+    if sigma is None or is_unknown(sigma):
+        return _Asked(form=None, shared=None, wants=wants, span=clause.items[0].span if sigma is None else sigma.span)
+    if not isinstance(sigma, Sequence) or sigma.head != "unknown":
+        return None
+    try:
+        noise = read_unknown_noise(sigma)
+    except MbmError:
+        return None  # said where the clause is read
+    return _Asked(form=noise.form, shared=noise.shared, wants=wants, span=sigma.span)
+
+
+def _with_scale(clause: Sequence, scale: Symbol, asked: _Asked) -> Sequence:
+    """The clause with the ``scale``, or the scale times FORM, as its standard deviation."""
+    kept: list[Form] = []
+    items = iter(clause.items)
+    for item in items:
+        if isinstance(item, Keyword) and item.name == "sigma":
+            next(items, None)
+        else:
+            kept.append(item)
+    if not asked.wants:  # readings that are no limits have the same likelihood
+        kept += [Keyword(name="below", span=asked.span), Symbol(name="false", span=asked.span)]
+    times = Symbol(name="*", span=asked.span)
+    sigma = scale if asked.form is None else _list(times, scale, asked.form)
+    return replace(clause, items=(*kept, Keyword(name="sigma", span=asked.span), sigma))
+
+
+def _called(clause: Sequence) -> str:
+    """The name of an observation, or of its table."""
+    return next((each.name for each in clause.items[1:2] if isinstance(each, Symbol)), "observe")
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """The name, or the first with a number behind it that nobody has; it is taken then."""
+    number, found = 2, name
+    while found in taken:
+        found, number = f"{name}-{number}", number + 1
+    taken.add(found)
+    return found
+
+
+def _list(first: Symbol, *items: Form) -> Sequence:
+    return Sequence(items=(first, *items), bracket=Bracket.ROUND, span=first.span)
+
 
 USAGE = ":sigma (unknown FORM [:as NAME])"
 COMMON = ":common ((FORM :per COLUMN)…)"
@@ -208,14 +311,66 @@ def matrix_forms(clause: Sequence) -> Iterator[tuple[Sequence, Text]]:
             yield form, path
 
 
-def matrices(clauses: Iterable[Sequence]) -> dict[str, DataClause]:
-    """Their tables."""
-    return {
-        matrix_table(path): DataClause(
-            declaration=TableDeclaration(name=matrix_table(path), source=READER, path=path.value, span=path.span),
-            joins=(),
-            where=None,
-        )
-        for clause in clauses
-        for _, path in matrix_forms(clause)
-    }
+NOISE = ("sigma", "covariance", "information", "bound")
+
+
+def stated_noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:
+    """The kind of noise, its form (None: 1), and whether it holds up to an unknown factor."""
+    given = [k for k in NOISE if options.get(k) is not None]
+    if len(given) > 1:
+        raise MbmError(faults.two_noises(options.places[given[1]]))
+    if not given:
+        return NoiseKind.SIGMA, None, True
+    if frees_covariance(options):
+        return NoiseKind.SIGMA, None, False
+    form = options.get(given[0])
+    if given[0] == "sigma" and form is not None:
+        if isinstance(form, Symbol) and form.name == "unknown":
+            return NoiseKind.SIGMA, None, True
+        if isinstance(form, Sequence) and form.head == "unknown":
+            return NoiseKind.SIGMA, read_unknown_noise(form).form, True
+    return NoiseKind(given[0]), form, False
+
+
+def with_noise(
+    work: Workspace,
+    residual: Residual,
+    kind: NoiseKind,
+    form: Form | None,
+    scope: Scope,
+    *,
+    exact: bool,
+    known: bool = True,
+) -> Equation:
+    """``exact``: without noise of its own, all that is uncertain is in the columns; ``known``: no unknown decides."""
+    size = len(residual.components)
+    if form is None:
+        noise: tuple[Expression, ...] = tuple(Number(0 if exact else 1) for _ in range(size))
+        return _equation(residual, kind, noise)
+    value = work.evaluator.wanted(form, scope)
+    if kind in (NoiseKind.SIGMA, NoiseKind.BOUND):
+        noise = shaped(value, (size,) if size > 1 or not _is_number(value) else (), form.span)
+    elif size == 1 and _is_number(value):
+        noise = shaped(value, (), form.span)
+    else:
+        noise = shaped(value, (size, size), form.span, broadcast=False)
+    if known:
+        work.refuse_unknowns(noise, form.span, f"`:{kind.value}`")
+    return _equation(residual, kind, noise)
+
+
+def _equation(residual: Residual, kind: NoiseKind, noise: tuple[Expression, ...]) -> Equation:
+    return Equation(
+        components=residual.components,
+        noise_kind=kind,
+        noise=noise,
+        measured=residual.measured,
+        measured_columns=residual.columns,
+        units=residual.units,
+        projection=residual.projection,
+        span=residual.span,
+    )
+
+
+def _is_number(value: object) -> bool:
+    return not hasattr(value, "elements") and not hasattr(value, "items")

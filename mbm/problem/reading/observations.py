@@ -1,30 +1,194 @@
-"""``(observe [NAME] [TABLE] EQUATION… option…)``: what was measured, and how well."""
+"""``(observe [NAME] [TABLE] EQUATION… option…)``: what was measured, and how well.
+
+``:errors ((col sigma)…)`` names measured columns with errors of their own, which concern other equations too.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
-from mbm.expression.nodes import Expression, Number
+from mbm.expression.nodes import Column, Number, leaves
 from mbm.language import faults as language_faults
 from mbm.language.values import Scope
 from mbm.problem import faults
-from mbm.problem.elaboration import Workspace, shaped
+from mbm.problem.clauses import split_options
+from mbm.problem.elaboration import Workspace
 from mbm.problem.naming import TakenNames
-from mbm.problem.options import Options, split_options
 from mbm.problem.reading import likelihoods
 from mbm.problem.reading.equations import Residual, residuals
-from mbm.problem.reading.errors import read_errors
+from mbm.problem.reading.estimators import read_loss
+from mbm.problem.reading.noise_structure import (
+    NOISE,
+    read_structure,
+    stated_noise,
+    with_noise,
+)
 from mbm.problem.reading.noise_structure import OPTIONS as SHARED_NOISE
-from mbm.problem.reading.noise_structure import frees_covariance, read_structure, read_unknown_noise
-from mbm.problem.reading.robust import read_loss
 from mbm.problem.tables import Table
-from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
+from mbm.problem.types import Block, BlockRole, Equation, EquationCase, TablePlan, UncertainColumn
 from mbm.text.suggest import closest
-from mbm.text.types import Form, Label, MbmError, Sequence, Span, Symbol
+from mbm.text.types import Diagnostic, Form, Label, MbmError, Sequence, Span, Symbol
+from mbm.values import dataclass
+
+ERRORS_USAGE = ":errors ((column sigma)…)"
+
+
+def read_errors(work: Workspace, form: Form | None, table: Table | None) -> tuple[UncertainColumn, ...]:
+    """The uncertain columns that an ``observe`` clause over ``table`` names; none without the option.
+
+    Raises:
+        MbmError: not pairs of a column and a form, no column of numbers, a sigma that holds an unknown.
+
+    """
+    if form is None:
+        return ()
+    if table is None:
+        raise MbmError(language_faults.bad_form(form.span, "`:errors` wants an observation over a table", ERRORS_USAGE))
+    if not isinstance(form, Sequence) or not form.items:
+        message = "`:errors` wants a list of columns with their sigmas"
+        raise MbmError(language_faults.bad_form(form.span, message, ERRORS_USAGE))
+    found: dict[str, UncertainColumn] = {}
+    for pair in form.items:
+        column = _uncertain(work, pair, table)
+        if column.name in found:
+            raise MbmError(language_faults.duplicate_definition(column.span, column.name, found[column.name].span))
+        found[column.name] = column
+    return tuple(found.values())
+
+
+def _uncertain(work: Workspace, pair: Form, table: Table) -> UncertainColumn:
+    symbol = pair.items[0] if isinstance(pair, Sequence) and len(pair.items) == 2 else None
+    if not isinstance(pair, Sequence) or not isinstance(symbol, Symbol):
+        message = "`:errors` takes pairs (column sigma), e.g. `((x 0.1))`"
+        raise MbmError(language_faults.bad_form(pair.span, message, ERRORS_USAGE))
+    name, sigma = _column_name(symbol, table), pair.items[1]
+    head = sigma.head if isinstance(sigma, Sequence) else sigma.name if isinstance(sigma, Symbol) else None
+    if head == "unknown":
+        message = "the standard deviation of a column's errors must be stated"
+        raise MbmError(language_faults.bad_form(sigma.span, message, ERRORS_USAGE))
+    values = work.values(sigma, table, (), wanted="the sigma of `:errors`")
+    return UncertainColumn(name=name, table=table.name, column=name, key=None, sigma=values, span=pair.span)
+
+
+def _column_name(symbol: Symbol, table: Table) -> str:
+    """The column's name in the table, which may be written with the table's own."""
+    name = symbol.name
+    if name not in table.columns and name.startswith(f"{table.name}."):
+        name = name[len(table.name) + 1 :]
+    column = table.columns.get(name)
+    if column is None:
+        near = closest(symbol.name, table.columns)
+        why = f"is no column of `{table.name}`"
+        raise MbmError(faults.errors_without_column(symbol.span, symbol.name, why, near))
+    if column.is_text:
+        why = "is a column of texts, which have no standard deviation"
+        raise MbmError(faults.errors_without_column(symbol.span, symbol.name, why, None))
+    return name
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """The table and column that a value was measured in, and the column that holds the key of its row there."""
+
+    table: str
+    column: str
+    key: str | None
+
+
+def with_shared_errors(
+    blocks: tuple[Block, ...], plans: tuple[TablePlan, ...], tables: Mapping[str, Table]
+) -> tuple[tuple[Block, ...], tuple[Diagnostic, ...]]:
+    """``blocks`` with the uncertain columns of each: those that it names, and those that other observations name.
+
+    A measured value has one error, so every observation that uses it is corrected by it, under whatever name a join
+    gives it. The warnings are about columns that are named in vain.
+
+    Raises:
+        MbmError: noise of unknown size beside such a column.
+
+    """
+    if not any(block.errors for block in blocks):
+        return blocks, ()
+    joins = {plan.name: plan for plan in plans}
+    declared: dict[tuple[str, str], Span] = {}
+    for block in blocks:
+        for each in block.errors:
+            source = _source(each.table, each.name, joins, tables)
+            declared.setdefault((source.table, source.column), each.span)
+    warnings: list[Diagnostic] = []
+    found = []
+    for block in blocks:
+        if block.role is BlockRole.OBSERVATION and block.table is not None:
+            shared = replace(block, errors=tuple(_errors(block, declared, joins, tables)))
+            _check_noise(shared, frozenset(e.name for e in block.errors))
+            used = {c.name for c in _columns(block)}
+            warnings += [faults.errors_unused(e.span, e.name, block.name) for e in block.errors if e.name not in used]
+            found.append(shared)
+        else:
+            found.append(block)
+    return tuple(found), tuple(warnings)
+
+
+def _errors(
+    block: Block,
+    declared: Mapping[tuple[str, str], Span],
+    joins: Mapping[str, TablePlan],
+    tables: Mapping[str, Table],
+) -> Iterator[UncertainColumn]:
+    own = {each.name: each for each in block.errors}
+    names = dict.fromkeys((*own, *(c.name for c in _columns(block))))
+    for name in names:
+        source = _source(block.table or "", name, joins, tables)
+        if name in own:
+            yield replace(own[name], table=source.table, column=source.column, key=source.key)
+        elif (source.table, source.column) in declared:
+            span = declared[source.table, source.column]
+            yield UncertainColumn(
+                name=name, table=source.table, column=source.column, key=source.key, sigma=None, span=span
+            )
+
+
+def _columns(block: Block) -> Iterator[Column]:
+    """The columns of the block's own table in its equations."""
+    for case in block.cases:
+        for equation in case.equations:
+            for leaf in leaves(equation.components):
+                if isinstance(leaf, Column) and leaf.table == block.table:
+                    yield leaf
+
+
+def _check_noise(block: Block, own: frozenset[str]) -> None:
+    names = frozenset(error.name for error in block.errors)
+    for case in block.cases if own else ():
+        exact = [e for e in case.equations if all(isinstance(n, Number) and n.value == 0 for n in e.noise)]
+        if exact and not any(c.name in names for c in _columns(replace(block, cases=(case,)))):
+            count = sum(len(e.components) for e in exact)
+            raise MbmError(faults.too_few_errors(block.span, block.name, count, 0, None))
+    if not block.errors or not block.unknown_factor:
+        return
+    each = block.errors[0]
+    declared = None if each.name in own else each.span
+    raise MbmError(faults.errors_with_unknown_noise(block.span, block.name, each.name, declared))
+
+
+def _source(table: str, name: str, joins: Mapping[str, TablePlan], tables: Mapping[str, Table]) -> _Source:
+    """Where the column ``name`` of ``table`` was measured: through its joins, and theirs."""
+    plan = joins.get(table)
+    for join in plan.joins if plan is not None else ():
+        prefix = f"{join.alias}."
+        rest = name[len(prefix) :]
+        if name.startswith(prefix) and join.table in tables and rest in tables[join.table].columns:
+            if join.table == table:
+                return _Source(table, rest, join.column)
+            inner = _source(join.table, rest, joins, tables)
+            key = join.column if inner.key is None else prefix + inner.key
+            return _Source(inner.table, inner.column, key)
+    return _Source(table, name, None)
+
 
 USAGE = "(observe [name] [table] equation… [:sigma form])"
-NOISE = ("sigma", "covariance", "information", "bound")
 
 
 def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Block:
@@ -125,65 +289,3 @@ def _free_name(name: Symbol | None, table: Table | None, taken: TakenNames, span
     if name.name in taken.places:
         raise MbmError(language_faults.duplicate_definition(name.span, name.name, taken.places[name.name]))
     return taken.free(name.name, name.span)
-
-
-def stated_noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:
-    """The kind of noise, its form (None: 1), and whether it holds up to an unknown factor."""
-    given = [k for k in NOISE if options.get(k) is not None]
-    if len(given) > 1:
-        raise MbmError(faults.two_noises(options.places[given[1]]))
-    if not given:
-        return NoiseKind.SIGMA, None, True
-    if frees_covariance(options):
-        return NoiseKind.SIGMA, None, False
-    form = options.get(given[0])
-    if given[0] == "sigma" and form is not None:
-        if isinstance(form, Symbol) and form.name == "unknown":
-            return NoiseKind.SIGMA, None, True
-        if isinstance(form, Sequence) and form.head == "unknown":
-            return NoiseKind.SIGMA, read_unknown_noise(form).form, True
-    return NoiseKind(given[0]), form, False
-
-
-def with_noise(
-    work: Workspace,
-    residual: Residual,
-    kind: NoiseKind,
-    form: Form | None,
-    scope: Scope,
-    *,
-    exact: bool,
-    known: bool = True,
-) -> Equation:
-    """``exact``: without noise of its own, all that is uncertain is in the columns; ``known``: no unknown decides."""
-    size = len(residual.components)
-    if form is None:
-        noise: tuple[Expression, ...] = tuple(Number(0 if exact else 1) for _ in range(size))
-        return _equation(residual, kind, noise)
-    value = work.evaluator.wanted(form, scope)
-    if kind in (NoiseKind.SIGMA, NoiseKind.BOUND):
-        noise = shaped(value, (size,) if size > 1 or not _is_number(value) else (), form.span)
-    elif size == 1 and _is_number(value):
-        noise = shaped(value, (), form.span)
-    else:
-        noise = shaped(value, (size, size), form.span, broadcast=False)
-    if known:
-        work.refuse_unknowns(noise, form.span, f"`:{kind.value}`")
-    return _equation(residual, kind, noise)
-
-
-def _equation(residual: Residual, kind: NoiseKind, noise: tuple[Expression, ...]) -> Equation:
-    return Equation(
-        components=residual.components,
-        noise_kind=kind,
-        noise=noise,
-        measured=residual.measured,
-        measured_columns=residual.columns,
-        units=residual.units,
-        projection=residual.projection,
-        span=residual.span,
-    )
-
-
-def _is_number(value: object) -> bool:
-    return not hasattr(value, "elements") and not hasattr(value, "items")

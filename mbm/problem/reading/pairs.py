@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from mbm.expression.nodes import Constant, Number, nearest
 from mbm.expression.units import parse_unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer
-from mbm.language.values import describe
 from mbm.problem import faults
+from mbm.problem.clauses import Options, split_options
 from mbm.problem.elaboration import Workspace
-from mbm.problem.options import Options, split_options
+from mbm.problem.reading.named_columns import stretch
 from mbm.problem.tables import POSITION, SOURCE, TIME, PairDeclaration, StepKind, Steps, Table
-from mbm.problem.zero_points import stated_difference
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
 USAGE = "(pair name (a b) :by t [:tolerance dt] [:interpolate true])"
@@ -164,25 +162,6 @@ def _check_units(first: Table, second: Table, by: Symbol) -> None:
     if left is not None and right is not None and left.dimension != right.dimension:
         shown = [f"column `{by.name}` of `{t.name}` in {u.symbol}" for t, u in ((first, left), (second, right))]
         raise MbmError(faults.unit_clash(by.span, shown[0], shown[1], ()))
-
-
-def stretch(work: Workspace, form: Form, tables: tuple[Table, ...], column: str, what: str) -> float:
-    """A length of time (or of whatever the column measures) above zero, in SI, that goes with the column's unit."""
-    value = work.evaluator.wanted(form, work.scope)
-    if not isinstance(value, Number | Constant):
-        raise MbmError(language_faults.wrong_kind(form.span, "a number known while compiling", describe(value)))
-    for table in tables:
-        unit = table.columns[column].unit if column in table.columns else None
-        known = parse_unit(unit) if unit is not None else None
-        if known is not None and value.dimension is not None and value.dimension != known.dimension:
-            left = f"`{form.span.text}`, {value.dimension.describe()},"
-            right = f"column `{column}` of `{table.name}`, {known.dimension.describe()}"
-            raise MbmError(faults.unit_clash(form.span, left, right, ()))
-    stated_difference(value, form.span)
-    number = nearest(value.value)
-    if not 0 < number < float("inf"):
-        raise MbmError(language_faults.bad_form(form.span, f"`{what}` is a number above zero", f"{what} 1s"))
-    return number
 
 
 def _interpolates(form: Form | None, *, itself: bool) -> bool:

@@ -12,9 +12,9 @@ from mbm.expression.nodes import nearest
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
+from mbm.problem.clauses import only, split_options
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.kinds import ConstraintMethod, Gauge
-from mbm.problem.options import only, split_options
 from mbm.problem.reading.declarations import Declaration
 from mbm.problem.reading.estimators import (
     METHODS,
@@ -22,10 +22,11 @@ from mbm.problem.reading.estimators import (
     checked_cuts,
     is_of_sequences,
     named_estimator,
+    read_consensus,
     read_enclosing,
+    read_trust,
 )
 from mbm.problem.reading.named_columns import named_column
-from mbm.problem.reading.robust import read_consensus, read_trust
 from mbm.problem.reading.unknowns import stated_numbers
 from mbm.problem.requests import GivenStarts, RandomStarts
 from mbm.problem.types import Block, Method, Problem, Request

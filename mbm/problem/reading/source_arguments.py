@@ -8,7 +8,7 @@ from mbm.expression.dimension import NONE, Dimension, base
 from mbm.expression.nodes import Constant, Number, nearest
 from mbm.language import faults as language_faults
 from mbm.language.values import Evaluator, Scope, describe
-from mbm.problem.options import split_options
+from mbm.problem.clauses import split_options
 from mbm.problem.tables import Argument, ArgumentKind, Format
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol, Text
 from mbm.values import dataclass

@@ -9,10 +9,10 @@ from mbm.expression.nodes import Apply, Column, Member, Number, Operation
 from mbm.language import faults as language_faults
 from mbm.language.values import Value
 from mbm.problem import faults
+from mbm.problem.clauses import Options, only, split_options
 from mbm.problem.elaboration import Workspace
-from mbm.problem.joining import with_families
+from mbm.problem.families import with_families
 from mbm.problem.naming import PRIOR
-from mbm.problem.options import Options, only, split_options
 from mbm.problem.reading.declarations import Declaration, components, read_declaration
 from mbm.problem.reading.named_columns import named_column
 from mbm.problem.scopes import Entry, Steps

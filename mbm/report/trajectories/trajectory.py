@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from mbm.problem.pairing import paired_rows
-from mbm.problem.self_pairing import nearest_later, travelled
+from mbm.problem.rows import nearest_later, travelled
 from mbm.problem.tables import TIME, CellKey, PairDeclaration, StepKind
 from mbm.problem.types import Block, Problem
 from mbm.report.trajectories import faults

@@ -12,12 +12,12 @@ from mbm.equations.members import member_cells
 from mbm.estimation.search.solution import Solution
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, leaves
 from mbm.expression.rows import RowChoice
-from mbm.problem.naming import plain_number
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.report.types import Floats, Mask
 from mbm.report.view.seeings import ContourSeeing, CurveSeeing, LineSeeing, Seeing, Sight
 from mbm.report.view.values import answer_lookup, values_of
+from mbm.text.printer import plain_number
 from mbm.values import dataclass
 
 MOST_COVARIANCES = 400

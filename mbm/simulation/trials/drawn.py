@@ -29,8 +29,7 @@ from mbm.expression.algebra import add
 from mbm.expression.nodes import Apply, Column, Expression, Operation
 from mbm.expression.rows import RowChoice
 from mbm.kernels.types import KernelSet
-from mbm.problem.laws import NORMAL_LAW, STUDENT, Law
-from mbm.problem.overrides import ConstantValue
+from mbm.problem.overrides import NORMAL_LAW, STUDENT, ConstantValue, Law
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.tables import Provenance, Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, Problem
