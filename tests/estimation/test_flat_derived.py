@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import norm, t
+from scipy.stats import chi2, norm, t
 
 import mbm
 
@@ -53,3 +53,18 @@ def test_many_keys_say_what_each_says() -> None:
     assert [doubted(solve) for solve in solves] == [flat, set(), set(), flat]
     reach = norm.ppf(0.975) * 0.1 / np.sqrt(2.0)
     np.testing.assert_allclose(solves[3]["square"].interval(0.95), [0, reach**2], rtol=1e-3, atol=1e-12)
+
+
+def test_the_scatter_about_a_line():
+    """Least squares make it least: its derivative is zero but for roundings. At an end all 95 % go into the slopes.
+
+    With χ² about the minimum, n·rms² = SSE + (1.96 σ)² at the farthest point of the 95 % interval of one direction.
+    """
+    text = """(problem p (data d (table (x y) (0 1.1) (1 2.2) (2 2.9) (3 4.2))) (unknowns (a) (b))
+      (observe d (= y (+ a (* b x))) :sigma 0.1) (derive (r (rms d (- y (+ a (* b x)))))))"""
+    x, y = np.arange(4.0), np.array([1.1, 2.2, 2.9, 4.2])
+    scatter = np.sum(np.square(y - np.polyval(np.polyfit(x, y, 1), x)))
+    farthest = np.sqrt((scatter + 0.1**2 * chi2.ppf(0.95, 1)) / 4)
+    result = mbm.loads(text).solve()
+    np.testing.assert_allclose(result["r"].interval(), [np.sqrt(scatter / 4), farthest], rtol=1e-6)
+    assert "derivative is zero" in next(d.message for d in result.diagnostics if d.code.name == "too-nonlinear")

@@ -11,7 +11,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, affine
 from mbm.equations.surface import OnSurface, on_surface
-from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
+from mbm.equations.types import Covariance, Floats, Indices, Minimum
 from mbm.estimation.search.search import Alternative
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.derived_profile import DerivedProfile
@@ -43,6 +43,10 @@ MOST_BROUGHT_BACK = 600
 
 UNMOVED = 1e-6
 """Share of its size by which a number without a derivative has to move to be taken for more than a rounding."""
+
+FLATTER = 1e-6
+"""Share of how far a number varies that its standard deviation reaches where its derivative is zero but for roundings
+and for how far the solve is from the minimum, as that of the root mean square of the residuals is."""
 
 MOST_BETWEEN = 12
 """Directions between which pairs are tried as well."""
@@ -185,9 +189,11 @@ def _derived(
         left -= count
         sigma = one.sigma.ravel()
         parts = np.abs(one.gradient) @ np.nan_to_num(propagation.outcome.covariance.sigma)
-        known = np.flatnonzero(np.isfinite(one.values.ravel()) & np.isfinite(sigma) & (sigma > DETERMINED * parts))
-        still = np.flatnonzero(np.isfinite(one.values.ravel()) & (sigma <= DETERMINED * parts))
-        flat = still[_varies(around, _picked(groups[0], still, turned), parts[still])] if still.size else still
+        told = np.flatnonzero(np.isfinite(one.values.ravel()) & np.isfinite(sigma))
+        varied = _varied(around, _picked(groups[0], told, turned))
+        still = sigma[told] <= np.maximum(DETERMINED * parts[told], FLATTER * varied)
+        known = told[~still]
+        flat = told[still & (varied > UNMOVED * np.maximum(np.abs(one.values.ravel()), parts)[told])]
         if not known.size and not flat.size:
             continue
         values, gradient = _picked(groups[0], known, turned), one.gradient[known]
@@ -207,11 +213,11 @@ def _derived(
         yield found
 
 
-def _varies(around: Surroundings, values: Callable[[Floats], Floats], parts: Floats) -> Mask:
-    """Which numbers (k,), whose linear standard deviations are nothing beside their ``parts``, vary nevertheless."""
+def _varied(around: Surroundings, values: Callable[[Floats], Floats]) -> Floats:
+    """How far numbers (k,) vary within the 95 % intervals of the estimates."""
     begin = values(around.minimum.point[None])[0]
     moved = np.abs(values(around.points(directions(around.factor.shape[1]))) - begin)
-    return np.asarray((moved > UNMOVED * np.maximum(np.abs(begin), parts)).any(axis=0))
+    return np.asarray(np.nan_to_num(moved).max(axis=0, initial=0.0))
 
 
 def directions(size: int) -> Floats:
