@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.layout import Entry, half_turns
+from mbm.equations.layout import Entry
 from mbm.equations.types import Indices
 from mbm.estimation.batches.types import REASONS, Block, Columns
 from mbm.estimation.search.solution import Solution
@@ -43,12 +43,13 @@ def families(problem: Problem, block: Block) -> Iterator[Estimate | DerivedValue
     members = tuple(float(number) for number in block.which)
     every = np.full((count, len(block.layout.number)), np.nan)
     every[:, block.free] = block.columns.sigma
+    reported = block.layout.reported(block.columns.points)
     for entry in block.layout.entries:
         unknown, place = entry.unknown, entry.coordinates
         shape = unknown.shape if not unknown.dimension else (unknown.freedom,)
         shape, leading = (shape, ()) if entry.keys is None else ((entry.members, *shape), (entry.members,))
         numbers = block.columns.points[:, entry.range]
-        values = half_turns(numbers) if unknown.kind is UnknownKind.ANGLE else numbers
+        values = reported[:, entry.range]
         yield Estimate(
             quantity=quantity_of(problem, unknown),
             value=values.reshape(count, *leading, *unknown.shape),

@@ -7,14 +7,14 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from mbm.equations.layout import Entry, half_turns
+from mbm.equations.layout import Entry
 from mbm.equations.types import Reason
 from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.search import Alternative as OtherMinimum
 from mbm.estimation.search.solution import Failure, Hypothesis, Skipped, Solution
 from mbm.estimation.sequences.faults import BEYOND_BOUNDS
 from mbm.problem.naming import member_name
-from mbm.problem.types import Problem, UnknownKind
+from mbm.problem.types import Problem
 from mbm.report import faults
 from mbm.report.constraints import (
     conflict_sentence,
@@ -263,9 +263,7 @@ class _Each:
 def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each) -> Estimate:
     leading = () if entry.keys is None else (entry.members,)
     steps = () if entry.steps is None else (len(entry.steps),)
-    numbers = solution.numbers[entry.range].copy()
-    if entry.unknown.kind is UnknownKind.ANGLE:
-        numbers = half_turns(numbers)
+    numbers = solution.layout.reported(solution.numbers)[entry.range]
     place = entry.coordinates
     own = entry.unknown.shape
     shape = (*leading, *(own if not entry.unknown.dimension else (entry.unknown.freedom,)))

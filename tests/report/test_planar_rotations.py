@@ -30,3 +30,16 @@ def test_they_have_no_quaternion():
         )
     again = mbm.loads(TEXT.replace("(solve :method ekf)", "")).solve(init=document)
     assert again["at"].value[-1, 0] == pytest.approx(3.22 - 2 * np.pi)
+
+
+def test_angles_are_within_half_a_turn_everywhere():
+    """In the text, in Python and for each of many keys as in documents: 3.25 rad are -3.03 rad."""
+    text = """(problem p (data d (table (k h) (1 -3.04) (1 -3.03) (2 -3.02)))
+      (unknowns (R (rotation 2) :init (rot2 3.1)) (P (pose 2) :init (pose2 0 0 3.1) :sigma [1 1 1]))
+      (observe d (= (rot2 h) R) :sigma 0.1) (observe d (= h (heading P)) :sigma 0.1))"""
+    single = mbm.loads(text).solve()
+    many = mbm.loads(text[:-1] + " (for-each k))").solve()
+    for result, angle in ((single.first, -3.03), (many.solves[0], -3.035), (many.solves[1], -3.02)):
+        np.testing.assert_allclose(result["R"].value, angle, atol=1e-9)  # the tolerance of the solve
+        assert result["P"].value[0] == pytest.approx(-3.03, abs=0.02)
+    assert "-3.030" in str(single)
