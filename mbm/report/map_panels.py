@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbm.report.panels import BLUE, CHI_95_2D, GREY, ORANGE, RED, Panel, finish
+from mbm.report.figures import BLUE, CHI_95_2D, GREY, ORANGE, RED, finish
 from mbm.report.plot_data import Map
 from mbm.report.rounding import round_step
 from mbm.report.types import Floats, Mask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from mbm.report.figures import Panel
 
 MOST_EDGES = 30_000
 """Edges that are drawn: each so-manyth of more."""

@@ -5,7 +5,7 @@ Guaranteed bounds as a picture: a bar for each scalar, in parts where the set is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations
 from math import isfinite
@@ -15,6 +15,7 @@ import numpy as np
 
 from mbm.report.digits import enclosed, plain
 from mbm.report.elements import Scalar, element_names, plain_key, scalars, solve_scalars, unit_text
+from mbm.report.figures import BLUE, CHI_95_2D, GREY, RED, SERIES, finish
 from mbm.report.plot_data import Curve, PlotData
 from mbm.report.regions import Region, region
 from mbm.report.row_data import ResidualRow
@@ -25,12 +26,7 @@ from mbm.text.types import MbmError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
-"""Colours that people with colour-blindness tell apart (Okabe and Ito 2008)."""
-
-SERIES = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9")
-CHI_95_2D = 2.447746830680816
-"""Radius in standard deviations that holds 95 % of a normal distribution of the plane: sqrt(-2 ln 0.05)."""
+    from mbm.report.figures import Panel
 
 LONGEST_MARK = 24
 """Characters of a key below a mark of an axis; the frame shrinks to nothing above longer ones."""
@@ -39,8 +35,6 @@ _MOST_OVER_KEY = 6
 
 MOST_PAIRED = 3
 """Numbers of a solve whose pairs are drawn."""
-
-Panel: TypeAlias = "Callable[[Axes], None]"
 
 
 def data_panels(result: Result) -> Iterator[Panel]:
@@ -271,16 +265,6 @@ def _ellipse(covariance: Floats) -> tuple[tuple[float, float], float]:
     axes = 2 * CHI_95_2D * np.sqrt(np.maximum(variances, 0.0))
     angle = np.degrees(np.arctan2(directions[1, 1], directions[0, 1]))
     return (float(axes[1]), float(axes[0])), float(angle)
-
-
-def finish(axes: Axes, *, legend: bool) -> None:
-    """Grid, small ticks, no frame above and at the right."""
-    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8)
-    axes.spines[["top", "right"]].set_visible(False)
-    if legend:
-        axes.legend(fontsize=7, framealpha=0.8, edgecolor="none")
 
 
 LONGEST_LABEL = 70

@@ -50,7 +50,13 @@ def command(**given: Any) -> int:
     Exit status: as `mbm solve`.
     """
     outputs = outputs_at(given, {"csv_path": _rows, "latex_path": _latex}, _drawn)
-    return answered(given, outputs, lambda loaded: _answer(given, loaded), _say, lambda answer: answer.refused)
+    return answered(
+        given,
+        outputs,
+        lambda loaded: _answer(given, loaded),
+        _say,
+        doubts=lambda answer: (*answer.result.diagnostics, *answer.refused),
+    )
 
 
 def _say(answer: BudgetAnswer, screen: Terminal) -> None:

@@ -7,13 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mbm.cli.documents import STANDARD_OUTPUT
-from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import initial_values, solve_options
-from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
-from mbm.cli.output import say, write_bytes
-from mbm.cli.outputs import check_outputs, encoded, outputs_at, write_outputs
-from mbm.cli.statuses import ATTENTION, OK, WRONG
+from mbm.cli.options import Terminal, allow_external_option, verbosity_options
+from mbm.cli.output import say
+from mbm.cli.outputs import answered, outputs_at
 
 if TYPE_CHECKING:
     from mbm.report.designs.answer import Design
@@ -47,20 +44,20 @@ def command(**given: Any) -> int:
 
     Exit status: 0; 1 if something that is estimated, or the quantity asked for, is not determined.
     """
-    screen = terminal()
-    outputs = outputs_at(given, {"csv_path": _rows}, _drawn)
-    check_outputs(outputs, problem_at(given["file"]))
-    design = _design(given)
-    print_diagnostics(() if screen.quiet else design.notes, color=screen.color_errors)
-    wrong = write_outputs(outputs, design, reads_so_far())
-    if given["json_path"] == STANDARD_OUTPUT:
-        write_bytes(encoded(design))
-    else:
-        from mbm.report.designs.answer import text
+    return answered(
+        given,
+        outputs_at(given, {"csv_path": _rows}, _drawn),
+        lambda _: _design(given),
+        _say,
+        doubts=lambda design: design.notes,
+        fine=lambda design: design.observable,
+    )
 
-        say(text(design, color=screen.color, full=screen.verbose), end="")
-    print_diagnostics(wrong, color=screen.color_errors)
-    return WRONG if wrong else OK if design.observable else ATTENTION
+
+def _say(design: Design, screen: Terminal) -> None:
+    from mbm.report.designs.answer import text
+
+    say(text(design, color=screen.color, full=screen.verbose), end="")
 
 
 def _rows(design: Design) -> bytes:

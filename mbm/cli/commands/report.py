@@ -10,13 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mbm.cli.documents import STANDARD_OUTPUT, refuse_standard_output
-from mbm.cli.failure import print_diagnostics
+from mbm.cli.documents import refuse_standard_output
 from mbm.cli.inputs import solve_options
-from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
-from mbm.cli.output import write_bytes
-from mbm.cli.outputs import Output, check_outputs, document_bytes, write_outputs
-from mbm.cli.statuses import ATTENTION, OK, WRONG
+from mbm.cli.options import allow_external_option, verbosity_options
+from mbm.cli.outputs import Output, answered, document_bytes, outputs_at
 
 if TYPE_CHECKING:
     from mbm.report.types import Result
@@ -47,19 +44,16 @@ def command(**given: Any) -> int:
     from mbm.report.page.writing import report_bytes, report_format
 
     refuse_standard_output(given["out"])
-    ending, screen = report_format(given["out"]), terminal()
-    call = _call(given)
-    outputs = [Output(path=given["out"], content=lambda result: report_bytes(result, ending, call))]
-    if given["json_path"] not in (None, STANDARD_OUTPUT):
-        outputs.append(Output(path=given["json_path"], content=document_bytes))
-    check_outputs(outputs, problem_at(given["file"]))
-    result = _solve(given, lambda: check_outputs(outputs, reads_so_far()))
-    print_diagnostics(() if screen.quiet else result.diagnostics, color=screen.color_errors)
-    wrong = write_outputs(outputs, result, reads_so_far())
-    if given["json_path"] == STANDARD_OUTPUT:
-        write_bytes(document_bytes(result))
-    print_diagnostics(wrong, color=screen.color_errors)
-    return WRONG if wrong else OK if result.status.value == "ok" else ATTENTION
+    ending, call = report_format(given["out"]), _call(given)
+    page = Output(path=given["out"], content=lambda result: report_bytes(result, ending, call))
+    return answered(
+        given,
+        [page, *outputs_at(given, {}, document=document_bytes)],
+        lambda loaded: _solve(given, loaded),
+        lambda *_: None,
+        doubts=lambda result: result.diagnostics,
+        document=document_bytes,
+    )
 
 
 def _call(given: dict[str, Any]) -> str:

@@ -2,79 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
 from mbm.cli import faults
-from mbm.cli.documents import STANDARD_OUTPUT, refuse_standard_output
-from mbm.cli.failure import print_diagnostics
+from mbm.cli.documents import refuse_standard_output
 from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
-from mbm.cli.options import Terminal, allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
-from mbm.cli.output import say, write_bytes
-from mbm.cli.outputs import check_outputs, document_bytes, outputs_of, write_outputs
+from mbm.cli.options import Terminal, allow_external_option, terminal, verbosity_options
+from mbm.cli.output import say
+from mbm.cli.outputs import Output, Scenes, answered, document_bytes, outputs_at
 from mbm.cli.progress import ProgressBar
-from mbm.cli.statuses import ATTENTION, OK, WRONG
-from mbm.files.journal import Read
-from mbm.text.types import Diagnostic, MbmError
-from mbm.values import dataclass
+from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
     from mbm.report.types import Result
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scenes:
-    """A folder that is asked for, and the format of its files."""
-
-    form: str
-    folder: Path
-    force: bool
-
-
-def scenes_of(given: Mapping[str, Any]) -> tuple[Scenes, ...]:
-    """What the options of ``mbm solve`` ask for."""
-    return tuple(Scenes(form=form, folder=Path(folder), force=given["force"]) for form, folder in given["written"])
-
-
-def check_scenes(scenes: Sequence[Scenes], reads: tuple[Read, ...]) -> None:
-    """What speaks against writing, as far as can be said before there is anything to write.
-
-    Raises:
-        MbmError: unknown-output, foreign-folder, not-writable, would-overwrite: two go to one folder.
-
-    """
-    if not scenes:
-        return
-    from mbm.files.folders import check_folder, refuse_one_folder
-    from mbm.files.manifest import WRITE
-    from mbm.report.scenes.formats import check_format
-
-    for each in scenes:
-        check_format(each.form)
-        refuse_standard_output(each.folder)
-        check_folder(each.folder, WRITE, force=each.force, reads=reads)
-    refuse_one_folder([each.folder for each in scenes])
-
-
-def write_scenes(scenes: Sequence[Scenes], result: Result, reads: tuple[Read, ...]) -> tuple[Diagnostic, ...]:
-    """Write all files that can be; what went wrong with the others."""
-    if not scenes:
-        return ()
-    from mbm.report.scenes.formats import write
-
-    wrong: list[Diagnostic] = []
-    for each in scenes:
-        try:
-            write(result, each.form, each.folder, force=each.force, reads=reads)
-        except MbmError as error:
-            wrong.extend(error.diagnostics)
-    return tuple(wrong)
-
 
 NOT_YET = ("scheduler",)
 BACKENDS = ("auto", "native", "casadi", "numpy")
@@ -123,27 +70,58 @@ def command(**given: Any) -> int:
     for name in NOT_YET:
         if given[name]:
             raise MbmError(faults.not_available_yet(f"--{name.replace('_', '-')}"))
-    screen = terminal()
-    outputs = outputs_of(given)
-    scenes = scenes_of(given)
+    files = {"csv_path": _solves, "estimates_path": _estimates, "residuals_path": _residuals}
+    scenes = [Scenes(form=form, folder=Path(folder), force=given["force"]) for form, folder in given["written"]]
+    return answered(
+        given,
+        [*outputs_at(given, files, _drawn, document_bytes), *_overlay(given["overlay_path"]), *scenes],
+        lambda loaded: _solve(given, terminal(), loaded),
+        lambda result, screen: _print_table(result, screen, intervals=given["intervals"]),
+        doubts=lambda result: result.diagnostics,
+        document=document_bytes,
+    )
 
-    def check(reads: tuple[Read, ...]) -> None:
-        check_outputs(outputs, reads)
-        check_scenes(scenes, reads)
 
-    check(problem_at(given["file"]))
-    result = _solve(given, screen, lambda: check(reads_so_far()))
-    print_diagnostics(() if screen.quiet else result.diagnostics, color=screen.color_errors)
-    wrong = [*write_outputs(outputs, result, reads_so_far()), *write_scenes(scenes, result, reads_so_far())]
-    try:
-        if given["json_path"] == STANDARD_OUTPUT:
-            write_bytes(document_bytes(result))
-        else:
-            _print_table(result, screen, intervals=given["intervals"])
-    except MbmError as error:  # the files are there, and stay
-        wrong.extend(error.diagnostics)
-    print_diagnostics(wrong, color=screen.color_errors)
-    return WRONG if wrong else OK if result.status.value == "ok" else ATTENTION
+def _solves(result: Result) -> bytes:
+    from mbm.report.exports import write_solves
+
+    return _as_bytes(lambda stream: write_solves(result, stream))
+
+
+def _estimates(result: Result) -> bytes:
+    from mbm.report.exports import write_estimates
+
+    return _as_bytes(lambda stream: write_estimates(result, stream))
+
+
+def _residuals(result: Result) -> bytes:
+    from mbm.report.exports import write_residuals
+
+    return _as_bytes(lambda stream: write_residuals(result, stream))
+
+
+def _as_bytes(write: Callable[[TextIO], None]) -> bytes:
+    stream = StringIO(newline="")
+    write(stream)
+    return stream.getvalue().encode("utf-8", errors="backslashreplace")
+
+
+def _drawn(result: Result) -> Any:
+    from mbm.report.plots import draw
+
+    return draw(result)
+
+
+def _overlay(path: str | None) -> Iterator[Output]:
+    """The images of a result in the format that the name of a file says."""
+    if path is None:
+        return
+    from mbm.report.figures import format_of
+    from mbm.report.view.wishes import overlay_bytes
+
+    refuse_standard_output(path)
+    ending = format_of(path)
+    yield Output(path=path, content=lambda result: overlay_bytes(result, ending))
 
 
 def _solve(given: dict[str, Any], screen: Terminal, loaded: Callable[[], None]) -> Result:

@@ -51,7 +51,7 @@ def command(**given: Any) -> int:
 
     Exit status: 0 drawn; 1 drawn, but the answer should not be trusted as it stands; 2 nothing was drawn.
     """
-    from mbm.report.plots import format_of
+    from mbm.report.figures import format_of
 
     refuse_standard_output(given["out"])
     ending, screen = format_of(given["out"]), terminal()

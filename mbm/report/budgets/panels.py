@@ -58,5 +58,4 @@ def bars(axes: Axes, budget: Budget) -> None:
     axes.set_xlabel(f"contribution{'' if budget.unit is None else f' ({budget.unit})'}")
     left_out = len(budget.rows) - len(rows)
     axes.set_title(heading(budget) + (f" ({left_out} more inputs)" if left_out else ""), fontsize=9)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right"]].set_visible(False)

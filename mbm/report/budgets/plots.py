@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 
 from mbm.report.budgets.panels import COLOURS, MOST_BARS, bars
 from mbm.report.budgets.types import Budget, InputKind
-from mbm.report.plots import show_plainly
-from mbm.text.faults import missing_extra
-from mbm.text.types import MbmError
+from mbm.report.figures import show_plainly, titled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,20 +23,16 @@ def draw(budgets: Sequence[Budget], title: str) -> Figure:
 
     Raises MbmError (missing-extra) if Matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure
-        from matplotlib.patches import Patch
-    except ImportError as error:
-        raise MbmError(missing_extra("plotting", "plot")) from error
     shown = budgets[:MOST_SHOWN]
     heights = [_MARGIN + _BAR * (min(len(budget.rows), MOST_BARS) + 1) for budget in shown]
-    figure = Figure(figsize=(_WIDTH, sum(heights) + 0.5), layout="constrained")
-    figure.suptitle(title, fontsize=11, fontweight="bold")
+    figure = titled(title, _WIDTH, sum(heights) + 0.5)
     grid = figure.add_gridspec(len(shown), 1, height_ratios=heights)
     for number, budget in enumerate(shown):
         bars(figure.add_subplot(grid[number, 0]), budget)
     kinds = [kind for kind in InputKind if any(row.kind is kind for budget in shown for row in budget.rows)]
     if len(kinds) > 1:
+        from matplotlib.patches import Patch
+
         handles = [Patch(color=COLOURS[kind], label=kind.value) for kind in kinds]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(kinds), fontsize=8, frameon=False)
     show_plainly(figure)

@@ -40,7 +40,7 @@ class Design(Planned):
         """
         from mbm.files.writing import write_whole
         from mbm.report.designs.plots import draw
-        from mbm.report.plots import figure_bytes, format_of
+        from mbm.report.figures import figure_bytes, format_of
 
         if path is not None:
             write_whole(path, figure_bytes(draw(self), format_of(path)))

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from numbers import Real
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.report.designs.types import Candidate, Planned
-from mbm.report.plots import show_plainly
-from mbm.text.faults import missing_extra
-from mbm.text.types import MbmError
+from mbm.report.figures import panelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    Panel: TypeAlias = Callable[[Axes], None]
+    from mbm.report.figures import Panel
 
 MOST_WORTH = 24
 """Rows of a panel: those that are worth most."""
@@ -31,23 +28,12 @@ def draw(design: Planned) -> Figure:
 
     Raises MbmError (missing-extra) if Matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MbmError(missing_extra("plotting", "plot")) from error
     panels: list[Panel] = []
     if design.candidates:
         panels.append(partial(_candidates, design=design))
     if any(each.growth is not None for each in design.worth):
         panels.append(partial(_worth, design=design))
-    figure = Figure(figsize=(_PANEL[0] * max(len(panels), 1), _PANEL[1] + 0.4), layout="constrained")
-    figure.suptitle(f"design of {design.problem}", fontsize=11, fontweight="bold")
-    for number, panel in enumerate(panels, start=1):
-        panel(figure.add_subplot(1, len(panels), number))
-    if not panels:
-        figure.text(0.5, 0.5, "nothing is determined", ha="center", va="center")
-    show_plainly(figure)
-    return figure
+    return panelled(f"design of {design.problem}", panels, _PANEL, "nothing is determined")
 
 
 def _candidates(axes: Axes, design: Planned) -> None:
@@ -79,8 +65,7 @@ def _candidates(axes: Axes, design: Planned) -> None:
     axes.set_title("with one candidate" + (f"; {left} leave it open" if left else ""), fontsize=9)
     if axes.get_legend_handles_labels()[1]:
         axes.legend(fontsize=8, frameon=False)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _worth(axes: Axes, design: Planned) -> None:
@@ -93,8 +78,7 @@ def _worth(axes: Axes, design: Planned) -> None:
     axes.set_xlabel(f"standard deviation of {design.quantity or 'the number that suffers most'} without the row, ×")
     needed = sum(each.growth is None for each in design.worth)
     axes.set_title("what rows are worth" + (f"; {needed} cannot be left out" if needed else ""), fontsize=9)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _label(design: Planned, told: str) -> str:

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbm.report import map_panels, panels
+from mbm.report import panels
+from mbm.report.figures import BLUE, GREY, RED, figure_bytes, finish, show_plainly
 from mbm.report.page.types import Block, Picture, Pictures
-from mbm.report.panels import BLUE, GREY, RED, finish
-from mbm.report.plots import figure_bytes, show_plainly
+from mbm.report.plots import REGIONS, RESIDUALS, panels_of
 from mbm.report.row_data import ResidualRow, RowData
 from mbm.report.types import Floats, Result, SolveReport
 
@@ -43,16 +43,9 @@ _METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
 
 def result_pictures(result: Result) -> Iterator[Block]:
     """Bounds, maps, data with the model, estimates; residuals of many solves together."""
-    found: list[Picture] = []
-    solves = result.solves
-    if len(solves) == 1:
-        found += [Picture("guaranteed bounds", each) for each in panels.enclosure_panels(solves[0])]
-    if solves:
-        found += [Picture("map", each) for one in solves[0].maps() for each in map_panels.map_panels(one)]
-    found += [Picture("data and model", each) for each in panels.data_panels(result)]
-    found += [Picture("estimates", each) for each in panels.estimate_panels(result)]
-    if len(solves) > 1:
-        found += [Picture("residuals of all solves, by row", each) for each in panels.residual_panels(result)]
+    left_out = (REGIONS, RESIDUALS) if len(result.solves) == 1 else (REGIONS,)
+    shown = {what: found for what, found in panels_of(result).items() if what not in left_out}
+    found = [Picture(what, panel) for what, each in shown.items() for panel in each]
     if found:
         yield Pictures(tuple(found[:MOST_PICTURES]))
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeAlias
 
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-Panel: TypeAlias = "Callable[[Axes], None]"
+    from mbm.report.figures import Panel
 
 
 @dataclass(frozen=True, slots=True)

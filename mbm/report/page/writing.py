@@ -6,10 +6,10 @@ from pathlib import Path
 
 from mbm.files.writing import checked_target, write_whole
 from mbm.report import faults
+from mbm.report.figures import require_matplotlib
 from mbm.report.page.content import page_of
 from mbm.report.page.html import html
 from mbm.report.types import Result
-from mbm.report.view.pages import require_matplotlib
 from mbm.text.types import MbmError
 
 FORMATS = (".html", ".pdf")

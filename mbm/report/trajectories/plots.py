@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.report.plots import show_plainly
+from mbm.report.figures import show_plainly, titled
 from mbm.report.trajectories.answer import TrajectoryAnswer
 from mbm.report.trajectories.types import DEGREE, Floats, Segments, Trajectory
-from mbm.text.faults import missing_extra
-from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,13 +27,8 @@ def draw(answer: TrajectoryAnswer) -> Figure:
 
     Raises MbmError (missing-extra) if Matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MbmError(missing_extra("plotting", "plot")) from error
     shown = answer.trajectories[:MOST_SHOWN]
-    figure = Figure(figsize=(_INCHES[0] * PANELS, _INCHES[1] * len(shown) + 0.4), layout="constrained")
-    figure.suptitle(answer.result.problem, fontsize=11, fontweight="bold")
+    figure = titled(answer.result.problem, _INCHES[0] * PANELS, _INCHES[1] * len(shown) + 0.4)
     for row, found in enumerate(shown):
         panels = [figure.add_subplot(len(shown), PANELS, row * PANELS + i + 1) for i in range(PANELS)]
         _paths(panels[0], found)

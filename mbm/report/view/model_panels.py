@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbm.report.panels import BLUE, GREEN, GREY, ORANGE, RED
+from mbm.report.figures import BLUE, GREEN, GREY, ORANGE, RED
 from mbm.report.types import Floats
 from mbm.report.view import faults
 from mbm.report.view.hidden import Faces, Stretch

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.report.panels import BLUE, CHI_95_2D, GREEN, GREY, RED
+from mbm.report.figures import BLUE, CHI_95_2D, GREEN, GREY, RED
 from mbm.report.rounding import round_step
 from mbm.report.types import Floats
 from mbm.report.view.beneath import Beneath

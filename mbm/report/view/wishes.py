@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mbm.report.figures import MOST_PANELS
 from mbm.report.map_panels import map_panels
 from mbm.report.maps import maps_of
-from mbm.report.plots import MOST_PANELS
 from mbm.report.view import faults
 from mbm.report.view.answers import Viewed, view_of_result
 from mbm.report.view.beneath import beneath, path_in
@@ -19,7 +19,7 @@ from mbm.report.view.images import ImageRows, image_rows
 from mbm.report.view.model_panels import draw_model
 from mbm.report.view.near_curves import contour_photographs, curve_photographs
 from mbm.report.view.overlay import draw_overlay, overlay_of
-from mbm.report.view.pages import Panel, page_bytes
+from mbm.report.view.pages import page_bytes
 from mbm.report.view.photographs import Photograph, photographs, together
 from mbm.report.view.scene import Scene, scene_of, source_of
 from mbm.report.view.solids import solid_of
@@ -33,6 +33,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from mbm.report.figures import Panel
     from mbm.report.types import Result
 
 
