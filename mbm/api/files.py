@@ -186,8 +186,8 @@ def explain(
 def expand(path: str | Path, form_text: str, *, sandbox: Path | None = None) -> str:
     """The form that ``form_text`` expands to with the definitions of a file."""
     from mbm.language.limits import recursion_room
-    from mbm.language.quasiquote import value_form
     from mbm.language.session import open_session
+    from mbm.language.special import value_form
     from mbm.shapes.model import make_model
     from mbm.text.printer import print_form
     from mbm.text.reader import read

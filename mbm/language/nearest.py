@@ -17,9 +17,23 @@ from mbm.expression.derivative import derivatives
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.expression.substitution import Formula
-from mbm.language.chords import Chord, chords_of, out_of_sight
-from mbm.language.curves import CurveValue, Piece, Point
-from mbm.language.piecewise import both, chosen, defined, either, equal, less, negative, opposite, positive
+from mbm.language.curves import (
+    Chord,
+    CurveValue,
+    Piece,
+    Point,
+    both,
+    chords_of,
+    chosen,
+    defined,
+    either,
+    equal,
+    less,
+    negative,
+    opposite,
+    out_of_sight,
+    positive,
+)
 from mbm.text.types import Span
 from mbm.values import dataclass
 

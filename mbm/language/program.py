@@ -9,9 +9,8 @@ from pathlib import Path
 from mbm.files.faults import too_many_files, unreadable_file
 from mbm.files.source import read_file
 from mbm.language import faults
-from mbm.language.functions import Definition, parse_definition
+from mbm.language.functions import Definition, Parameters, parse_definition, parse_parameters
 from mbm.language.limits import Limits
-from mbm.language.parameters import Parameters, parse_parameters
 from mbm.text import faults as text_faults
 from mbm.text.characters import LARGEST_TEXT, MOST_WORDS, words_in
 from mbm.text.faults import MOST_FAULTS, worth_reading

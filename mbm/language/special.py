@@ -1,4 +1,6 @@
-"""Special forms: what does not evaluate its parts like a function does."""
+"""Special forms: what does not evaluate its parts like a function does; among them forms with
+holes (quasi-quotation).
+"""
 
 from __future__ import annotations
 
@@ -6,17 +8,98 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from mbm.expression.algebra import number, total
+from mbm.expression.forms import to_form
 from mbm.expression.nodes import Apply
 from mbm.language import faults
-from mbm.language.coerce import condition, conditional, integer, scalar, vector
-from mbm.language.functions import UserFunction
+from mbm.language.coerce import condition, conditional, integer, is_form, list_items, scalar, vector
+from mbm.language.functions import UserFunction, parse_parameters
 from mbm.language.limits import ITEMS_PER_STEP
-from mbm.language.parameters import parse_parameters
-from mbm.language.quasiquote import fill
 from mbm.language.scope import LocalScope
-from mbm.language.values import SCALARS, Array, Evaluator, Scope, SpecialForm, Value, size_of
+from mbm.language.values import (
+    SCALARS,
+    Array,
+    Callable_,
+    Evaluator,
+    FamilyValue,
+    ListValue,
+    Scope,
+    SpecialForm,
+    TextColumn,
+    Value,
+    describe,
+    size_of,
+)
 from mbm.language.vocabulary.arithmetic import elementwise_sum
-from mbm.text.types import Form, MbmError, Sequence, Symbol
+from mbm.text.build import sequence, symbol
+from mbm.text.types import Bracket, Form, MbmError, Sequence, Span, Symbol, Text
+
+
+def fill(evaluator: Evaluator, form: Form, scope: Scope, depth: int = 1) -> Form:
+    """``form`` with what stands behind a comma evaluated, and what stands behind ``,@`` spliced in."""
+    if not isinstance(form, Sequence):
+        return form
+    evaluator.budget.enter(form)
+    try:
+        head = form.head
+        if head in ("unquote", "unquote-splicing") and len(form.items) == 2:
+            if depth == 1:
+                value = evaluator.evaluate(form.items[1], scope)
+                evaluator.budget.look(size_of(value), form)
+                return value_form(value, form.items[1].span)
+            inner = fill(evaluator, form.items[1], scope, depth - 1)
+            return Sequence(items=(form.items[0], inner), bracket=form.bracket, span=form.span)
+        deeper = depth + 1 if head == "quasiquote" else depth
+        items: list[Form] = []
+        for item in form.items:
+            if isinstance(item, Sequence) and item.head == "unquote-splicing" and len(item.items) == 2 and deeper == 1:
+                items.extend(_spliced(evaluator, item, scope))
+            else:
+                items.append(fill(evaluator, item, scope, deeper))
+        evaluator.budget.check_length(len(items), form)
+        return Sequence(items=tuple(items), bracket=form.bracket, span=form.span)
+    finally:
+        evaluator.budget.leave()
+
+
+def _spliced(evaluator: Evaluator, form: Sequence, scope: Scope) -> list[Form]:
+    value = evaluator.evaluate(form.items[1], scope)
+    evaluator.budget.look(size_of(value), form)
+    return [value_form(item, form.span) for item in list_items(value, form.items[1].span)]
+
+
+def value_form(value: Value, span: Span) -> Form:
+    """The form that evaluates to ``value``; a list that occurs several times is one form. Not recursive: lists nest."""
+    forms: dict[int, Form] = {}
+    waiting: list[tuple[Value, bool]] = [(value, False)]
+    while waiting:
+        part, ready = waiting.pop()
+        if not isinstance(part, ListValue):
+            forms[id(part)] = _part_form(part, span)
+        elif ready:
+            forms[id(part)] = sequence((forms[id(item)] for item in part.items), span)
+        elif id(part) not in forms:
+            waiting.append((part, True))
+            waiting.extend((item, False) for item in part.items if id(item) not in forms)
+    return forms[id(value)]
+
+
+def _part_form(value: Value, span: Span) -> Form:
+    """The form of anything but a list."""
+    if is_form(value):
+        return value  # type: ignore[return-value]
+    if isinstance(value, SCALARS):
+        return to_form(value, span)
+    if isinstance(value, bool):
+        return symbol("true" if value else "false", span)
+    if isinstance(value, str):
+        return Text(value=value, span=span)
+    if isinstance(value, Array):
+        items = tuple(_part_form(item, span) for item in list_items(value, span))
+        return Sequence(items=items, bracket=Bracket.SQUARE, span=span)
+    if isinstance(value, TextColumn | FamilyValue | Callable_):
+        return symbol(value.name, span)
+    raise MbmError(faults.wrong_kind(span, "something that can stand in a form", describe(value)))
+
 
 LET_USAGE = "(let ((name value)…) body…)"
 

@@ -26,7 +26,7 @@ CLOSED_FORMS, READERS, FUNCTIONS = "mbm.closed_forms", "mbm.readers", "mbm.funct
 
 
 def _vocabulary() -> Vocabulary:
-    from mbm.language.deferred import DeferredFunction
+    from mbm.language.functions import DeferredFunction
     from mbm.language.values import Builtin
     from mbm.registry.plug_ins import Group
     from mbm.shapes.vocabulary import vocabulary

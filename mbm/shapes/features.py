@@ -11,7 +11,7 @@ from mbm.language.coerce import vector
 from mbm.language.curves import CurveValue
 from mbm.language.values import Array, Call, PoseValue, Transform, Value
 from mbm.language.vocabulary.cameras import project_point
-from mbm.language.vocabulary.frames import move_point
+from mbm.language.vocabulary.vectors import move_point
 from mbm.shapes import faults
 from mbm.shapes.paths import KINDS, KINDS_NOT_YET, NUMBERED, ElementName, Segment
 from mbm.shapes.types import (

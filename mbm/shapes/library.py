@@ -8,8 +8,8 @@ from pathlib import Path
 
 from mbm.language.coerce import scalar
 from mbm.language.evaluator import FormEvaluator
+from mbm.language.functions import Parameters, bind
 from mbm.language.limits import Limits
-from mbm.language.parameters import Parameters, bind
 from mbm.language.program import ModelDefinition, read_program
 from mbm.language.scope import EmptyScope
 from mbm.language.values import Call, Evaluator, Value, Vocabulary

@@ -7,7 +7,7 @@ from dataclasses import field
 
 from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Leaf, Number, Opaque, Parameter
 from mbm.language import faults as language_faults
-from mbm.language.parameters import Parameters, bind
+from mbm.language.functions import Parameters, bind
 from mbm.language.program import MODEL_USAGE, ModelDefinition
 from mbm.language.scope import LocalScope
 from mbm.language.values import (

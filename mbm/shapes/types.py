@@ -10,10 +10,10 @@ from typing import TypeAlias
 from mbm.expression.nodes import Expression, Parameter
 from mbm.language import faults
 from mbm.language.curves import CurveValue, Point
-from mbm.language.parameters import Parameters
-from mbm.language.unions import Unitable
+from mbm.language.functions import Parameters
 from mbm.language.values import Array, Call, Callable_, ListValue, Placeable, Scope, Transform, Value, describe
-from mbm.language.vocabulary.frames import move_point
+from mbm.language.vocabulary.comparison import Unitable
+from mbm.language.vocabulary.vectors import move_point
 from mbm.text.types import Form, MbmError, Sequence, Span
 from mbm.values import dataclass
 

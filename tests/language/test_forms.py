@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mbm.language.quasiquote import value_form
+from mbm.language.special import value_form
 from mbm.language.values import StaticColumnNeeded
 from mbm.text.printer import print_form
 from mbm.text.reader import read

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -10,9 +11,23 @@ from mbm.expression.algebra import fold_values, number, subtract, wrap
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
 from mbm.language.coerce import condition, scalar
-from mbm.language.unions import Unitable
-from mbm.language.values import Builtin, Call, StaticColumnNeeded, TextColumn, Value, describe
+from mbm.language.values import Builtin, Call, Placeable, StaticColumnNeeded, TextColumn, Value, describe
 from mbm.text.types import MbmError, Span
+
+
+class Unitable(Placeable):
+    """What has a union with others of its kind."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def united(self, call: Call) -> Value:
+        """What ``(or …)`` of it, the first argument, and the others is.
+
+        Raises:
+            MbmError: one of the others does not go with it.
+
+        """
 
 
 def _compare(operation: Operation, a: Expression, b: Expression, span: Span) -> bool | Apply:

@@ -12,11 +12,22 @@ from mbm.expression.derivative import derivatives
 from mbm.expression.nodes import Expression, Number, Operation
 from mbm.expression.substitution import Formula, depending
 from mbm.language import faults
-from mbm.language.chords import Chord, chords_of
 from mbm.language.coerce import integer, scalar, vector
-from mbm.language.curves import CurveValue, Point
+from mbm.language.curves import (
+    Chord,
+    CurveValue,
+    Point,
+    both,
+    chords_of,
+    chosen,
+    defined,
+    either,
+    equal,
+    negative,
+    opposite,
+    positive,
+)
 from mbm.language.nearest import Bracket, at_knots, distance, middle
-from mbm.language.piecewise import both, chosen, defined, either, equal, negative, opposite, positive
 from mbm.language.values import Array, Builtin, Call, Value, describe
 from mbm.language.vocabulary.curves import curve_of
 from mbm.text.types import MbmError, Span

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from mbm.expression.algebra import ZERO, add, dot, multiply
+from mbm.expression.algebra import ZERO, multiply
 from mbm.expression.nodes import Expression
-from mbm.language import faults
 from mbm.language.coerce import vector
 from mbm.language.values import SCALARS, Array, Builtin, Call, Placeable, Transform, Value
 from mbm.language.vocabulary.rigid import pose
 from mbm.language.vocabulary.rotations import as_rotation
-from mbm.text.types import MbmError, Span
+from mbm.language.vocabulary.vectors import move_point
+from mbm.text.types import Span
 
 
 def translation_transform(value: Value, span: Span) -> Transform:
@@ -31,19 +31,6 @@ def scale_transform(value: Value, span: Span, dimension: int = 3) -> Transform:
     n = len(factors)
     elements = tuple(factors[i] if i == j else ZERO for i in range(n) for j in range(n))
     return Transform(Array((n, n), elements), None, "scale", value)
-
-
-def move_point(by: Transform, point: Array, span: Span) -> Array:
-    """A x + b."""
-    elements = point.elements
-    size = by.matrix.shape[1] if by.matrix is not None else len(by.offset or ())
-    if size != len(elements):
-        raise MbmError(faults.length_clash(span, f"a point of {len(elements)} coordinates", f"`{by.head}` in {size}"))
-    if by.matrix is not None:
-        elements = tuple(dot(row, elements, span) for row in by.matrix.rows())
-    if by.offset is not None:
-        elements = tuple(add(e, b, span) for e, b in zip(elements, by.offset, strict=True))
-    return Array((len(elements),), elements)
 
 
 def _move(call: Call, by: Transform) -> Value:

@@ -5,11 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mbm.expression import algebra
-from mbm.expression.algebra import apply, number
+from mbm.expression.algebra import add, apply, dot, number
 from mbm.expression.nodes import Expression, Operation
 from mbm.language import faults
 from mbm.language.coerce import integer, matrix, vector
-from mbm.language.values import Array, Builtin, Call, ListValue, Placeable, RotationValue, Value, describe
+from mbm.language.values import (
+    Array,
+    Builtin,
+    Call,
+    ListValue,
+    Placeable,
+    RotationValue,
+    Transform,
+    Value,
+    describe,
+)
 from mbm.text.types import MbmError, Span
 
 
@@ -162,6 +172,19 @@ def _identity(call: Call) -> Value:
     call.evaluator.budget.check_length(n * n, call.form)
     call.evaluator.budget.make(n * n, call.form)
     return Array((n, n), tuple(number(int(i == j)) for i in range(n) for j in range(n)))
+
+
+def move_point(by: Transform, point: Array, span: Span) -> Array:
+    """A x + b."""
+    elements = point.elements
+    size = by.matrix.shape[1] if by.matrix is not None else len(by.offset or ())
+    if size != len(elements):
+        raise MbmError(faults.length_clash(span, f"a point of {len(elements)} coordinates", f"`{by.head}` in {size}"))
+    if by.matrix is not None:
+        elements = tuple(dot(row, elements, span) for row in by.matrix.rows())
+    if by.offset is not None:
+        elements = tuple(add(e, b, span) for e, b in zip(elements, by.offset, strict=True))
+    return Array((len(elements),), elements)
 
 
 FUNCTIONS: tuple[Builtin, ...] = (

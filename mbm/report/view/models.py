@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from mbm.language.curves import CurveValue
+from mbm.language.functions import Optional, Parameters
 from mbm.language.limits import Limits, recursion_room
-from mbm.language.parameters import Optional, Parameters
 from mbm.language.program import ModelDefinition, Program
 from mbm.language.session import Session, open_session
 from mbm.language.values import Callable_, Vocabulary
