@@ -15,7 +15,7 @@ from mbm.equations.types import NoiseState, Reason
 from mbm.estimation.search.solution import DerivedSolution, Solution, no_profiles
 from mbm.problem.types import Problem, UnknownKind
 from mbm.report.quantities import keys_over
-from mbm.report.spreads import Ends, Spread
+from mbm.report.spreads import Ends, Spread, changed_ends
 from mbm.report.types import DerivedValue, Floats, Mask, Quantity
 from mbm.values import replace
 
@@ -99,13 +99,12 @@ def coordinate_spread(solution: Solution) -> Spread:
         whole[solution.free] = values
         return whole
 
+    ends = _ends(solution, len(solution.free), lambda found, level: found.of_coordinates(level))
     found = Spread(
         dof=every(solution.freedom.dof, np.inf),
         inflation=every(solution.freedom.inflation, 1.0),
-        ends=_ends(solution, len(solution.free), lambda found, level: found.of_coordinates(level)),
+        ends=None if ends is None else changed_ends(ends, lambda values: every(values, np.nan)),
     )
-    if found.ends is not None:
-        found = replace(found, ends=_changed(found.ends, lambda values: every(values, np.nan)))
     if limits is None:
         return found
     return replace(
@@ -120,8 +119,6 @@ def coordinate_spread(solution: Solution) -> Spread:
 def entry_spread(solution: Solution, every: Spread, entry: Entry, shape: tuple[int, ...]) -> Spread:
     """That of an unknown, of the ``shape`` of its sigmas; limits of angles stand about the value that is reported."""
     found = every.each(lambda values: values[entry.coordinates].reshape(shape))
-    if every.ends is not None:
-        found = replace(found, ends=_changed(every.ends, lambda values: values[entry.coordinates].reshape(shape)))
     if entry.unknown.kind is not UnknownKind.ANGLE or found.lower is None or found.upper is None:
         return found
     numbers = solution.numbers[entry.range].reshape(shape)
@@ -131,9 +128,8 @@ def entry_spread(solution: Solution, every: Spread, entry: Entry, shape: tuple[i
 
 def derived_spread(solution: Solution, one: DerivedSolution, shape: tuple[int, ...]) -> Spread:
     """That of a derived quantity, of the ``shape`` of its sigmas."""
-    found = Spread(dof=one.freedom.dof, inflation=one.freedom.inflation).shaped(shape)
-    ends = _ends(solution, found.dof.size, lambda found, level: found.of_derived(one.owner, level))
-    return found if ends is None else replace(found, ends=_changed(ends, lambda values: values.reshape(shape)))
+    ends = _ends(solution, one.freedom.dof.size, lambda found, level: found.of_derived(one.owner, level))
+    return Spread(dof=one.freedom.dof, inflation=one.freedom.inflation, ends=ends).shaped(shape)
 
 
 def _ends(solution: Solution, count: int, ask: Callable[[Followed, float], tuple[Floats, Floats]]) -> Ends | None:
@@ -148,13 +144,3 @@ def _ends(solution: Solution, count: int, ask: Callable[[Followed, float], tuple
         return (none, none) if followed is None else ask(followed, level)
 
     return ends
-
-
-def _changed(ends: Ends, change: Callable[[Floats], Floats]) -> Ends:
-    """The same ends in other arrays."""
-
-    def changed(level: float) -> tuple[Floats, Floats]:
-        below, above = ends(level)
-        return change(below), change(above)
-
-    return changed

@@ -32,6 +32,7 @@ from mbm.report.types import (
     Observability,
     SolveReport,
 )
+from mbm.values import once
 
 
 def families(problem: Problem, block: Block) -> Iterator[Estimate | DerivedValue]:
@@ -145,7 +146,7 @@ def filled(
         observability=_observed(model.observability, columns, place),
         constraints=model.constraints if columns.limits is None else limit_reports(problem, columns.limits, place),
         noise={name: None if estimated is None else noise[name] for name, estimated in model.noise.items()},
-        residual_summaries=dict(_summaries(model, problem, block, place)),
+        summaries=once(lambda: dict(_summaries(model, problem, block, place))),
         corrections=corrections,
         priors=tuple(
             replace(prior, name=name, value=prior.mean + away, residual=away / prior.sigma)

@@ -113,7 +113,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         observability=_observability(solution, names) if reached else None,
         noise=noise_reports(problem, solution.noise),
         noise_units=noise_units(problem),
-        residual_summaries=residual_summaries(problem, solution),
+        summaries=once(lambda: residual_summaries(problem, solution)),
         raw_residuals=guarded(solution.lock, lambda: of_solution(problem, solution)),
         made_from=lambda: (problem, solution),
         residual_rows=guarded(solution.lock, lambda: residual_rows(problem, solution)),
@@ -211,13 +211,14 @@ def _estimates(solution: Solution, how: Shown, unknown: str | None) -> tuple[Est
 class _Each:
     """Per coordinate (M,): sigma, NaN where there is none; whether it is fixed, held by a bound, and why no sigma is.
 
-    ``unused``: no equation mentions it; ``estimable``: the data determine it; ``unknown``: why nothing has a sigma,
-    ``untold``: why what is determined has none.
+    ``missing``: it has none, though neither holds; ``unused``: no equation mentions it; ``estimable``: the data
+    determine it; ``unknown``: why nothing has a sigma, ``untold``: why what is determined has none.
     """
 
     sigma: Floats
     fixed: Mask
     bound: Mask
+    missing: Mask
     unused: Mask
     estimable: Mask
     unknown: str | None
@@ -239,6 +240,7 @@ class _Each:
             sigma=sigma,
             fixed=solution.layout.fixed,
             bound=bound,
+            missing=np.isnan(sigma) & ~solution.layout.fixed & ~bound,
             unused=unused,
             estimable=estimable,
             unknown=unknown,
@@ -248,7 +250,7 @@ class _Each:
 
     def why_missing(self, place: slice) -> str | None:
         """Why numbers at ``place`` have no sigma; several causes are all named."""
-        missing = np.isnan(self.sigma[place]) & ~self.fixed[place] & ~self.bound[place]
+        missing = self.missing[place]
         if self.unknown is not None or not bool(missing.any()):
             return self.unknown if bool(missing.any()) else None
         used, estimable = ~self.unused[place], self.estimable[place]

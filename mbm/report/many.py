@@ -13,7 +13,7 @@ from mbm.report.digits import Measured, plain
 from mbm.report.elements import Scalar, number_text, solve_scalars, unit_text
 from mbm.report.sentences import diagnostic_sentence, observability_sentences
 from mbm.report.solve_columns import solve_columns
-from mbm.report.types import SolveReport, SolveStatus, Stated
+from mbm.report.types import SolveReport, SolveStatus, statuses_of
 from mbm.text.shown import Paint, Style, cell_width
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
@@ -112,7 +112,7 @@ def _cell(scalar: Scalar | None) -> Measured:
 
 def statuses_in_words(solves: Sequence[SolveReport]) -> str:
     """How many solves there are, and how many ended in which way."""
-    counts = Counter(solves.statuses() if isinstance(solves, Stated) else [solve.status for solve in solves])
+    counts = Counter(statuses_of(solves))
     parts = ", ".join(f"{counts[status]} {status.value}" for status in SolveStatus if counts[status])
     return f"{len(solves)} solve{'' if len(solves) == 1 else 's'}{': ' if parts else ''}{parts}"
 

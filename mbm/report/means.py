@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from mbm.values import dataclass
 
 OVER_ROWS, OVER_POINTS, COORDINATE = "row", "point", "coordinate"
@@ -34,8 +32,3 @@ class RawResiduals:
 
     means: tuple[RootMean, ...] = ()
     behind: tuple[int, ...] = ()
-
-
-def no_residuals() -> Mapping[str, RawResiduals]:
-    """What a solve has that observes nothing."""
-    return {}

@@ -77,7 +77,7 @@ def solve_as_data(solve: SolveReport) -> SolveReport:
         observability=None if solve.observability is None else _observability(solve.observability),
         noise=dict(solve.noise),
         noise_units=dict(solve.noise_units),
-        residual_summaries=dict(solve.residual_summaries),
+        summaries=Made(dict(solve.residual_summaries)),
         raw_residuals=Made(dict(solve.raw_residuals())),
         residual_rows=solve.rows(),
         row_data=Made(dict(solve.row_data())),

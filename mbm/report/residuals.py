@@ -80,7 +80,8 @@ def _counted(solution: Solution) -> Mask:
     """Which residuals (m,) counted at all."""
     found = np.ones(len(solution.residuals), dtype=bool)
     for group in solution.groups:
-        found[group.first : group.first + group.count] = np.tile(group.counting, group.rows)
+        lines = found[group.first : group.first + group.count]
+        lines.reshape(group.rows, group.kernel.outputs)[...] = group.counting
     return found if solution.weights is None else np.asarray(found & (solution.weights > 0.0))
 
 

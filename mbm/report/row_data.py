@@ -58,8 +58,3 @@ class RowData:
 
     rows: NDArray[np.int64]
     columns: Mapping[str, NDArray[np.float64] | NDArray[np.object_]]
-
-
-def no_row_data() -> Mapping[str, RowData]:
-    """What a solve has that observes no tables."""
-    return {}

@@ -45,7 +45,7 @@ class Spread:
         return self.each(lambda values: values.reshape(shape))
 
     def each(self, change: Callable[[Floats], Floats]) -> Spread:
-        """The same with all arrays changed alike."""
+        """The same with all arrays changed alike, those of the ends too."""
 
         def other(values: Floats | None) -> Floats | None:
             return None if values is None else change(values)
@@ -58,7 +58,18 @@ class Spread:
             upper=other(self.upper),
             step=other(self.step),
             free=other(self.free),
+            ends=None if self.ends is None else changed_ends(self.ends, change),
         )
+
+
+def changed_ends(ends: Ends, change: Callable[[Floats], Floats]) -> Ends:
+    """The same ends in other arrays."""
+
+    def changed(level: float) -> tuple[Floats, Floats]:
+        below, above = ends(level)
+        return change(below), change(above)
+
+    return changed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,17 +9,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from enum import StrEnum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Protocol, Self, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
 from mbm.report.inputs import InputFile, StartsTally
-from mbm.report.means import RawResiduals, no_residuals
+from mbm.report.means import RawResiduals
 from mbm.report.noise import NoiseReport
 from mbm.report.plot_data import Map, PlotData
-from mbm.report.row_data import ResidualRow, ResidualSummary, RowData, no_row_data
+from mbm.report.row_data import ResidualRow, ResidualSummary, RowData
 from mbm.report.spreads import ConsideredConstant, Spread
 from mbm.scales import SI, Scale
 from mbm.text.types import Diagnostic
@@ -280,10 +280,10 @@ class SolveReport:
     CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is the sum of the losses, None
     without one; ``boxes`` were examined by interval methods, which find separate ``pieces``; ``reasons`` says why by
     the field's name. ``noise`` and ``noise_units`` of observation clauses are as `mbm.report.noise` has them.
-    ``residual_rows``, ``plot_data`` and ``map_data`` are values, or functions that make them when asked for; of each
-    observation ``raw_residuals`` are said and ``row_data`` held; ``made_from`` gives what was solved and how.
-    ``hypotheses`` are those of a filter at the last step, ``followed`` how many there were after each; ``considered``
-    are uncertain constants. ``examination`` is made when it is asked for.
+    ``residual_rows``, ``plot_data``, ``map_data`` and ``examination`` are values, or functions that make them when
+    asked for; of each observation ``summaries`` and ``raw_residuals`` are said and ``row_data`` held; ``made_from``
+    gives what was solved and how. ``hypotheses`` are those of a filter at the last step, ``followed`` how many there
+    were after each; ``considered`` are uncertain constants.
     """
 
     status: SolveStatus
@@ -308,10 +308,10 @@ class SolveReport:
     observability: Observability | None = None
     noise: Mapping[str, NoiseReport] = field(default_factory=lambda: MappingProxyType({}))
     noise_units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    residual_summaries: Mapping[str, ResidualSummary] = field(default_factory=lambda: MappingProxyType({}))
-    raw_residuals: Callable[[], Mapping[str, RawResiduals]] = no_residuals
+    summaries: Callable[[], Mapping[str, ResidualSummary]] = dict
+    raw_residuals: Callable[[], Mapping[str, RawResiduals]] = dict
     residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()
-    row_data: Callable[[], Mapping[str, RowData]] = no_row_data
+    row_data: Callable[[], Mapping[str, RowData]] = dict
     plot_data: tuple[PlotData, ...] | Callable[[], tuple[PlotData, ...]] = ()
     map_data: tuple[Map, ...] | Callable[[], tuple[Map, ...]] = ()
     priors: tuple[PriorReport, ...] = ()
@@ -345,6 +345,11 @@ class SolveReport:
         """What speaks against trusting the numbers."""
         return self.examined().diagnostics
 
+    @property
+    def residual_summaries(self) -> Mapping[str, ResidualSummary]:
+        """Rows, rows used, root mean square and outliers of each observation, made now if they were left for later."""
+        return self.summaries()
+
     def rows(self) -> tuple[ResidualRow, ...]:
         """The residuals, made now if they were left for later."""
         return self.residual_rows() if callable(self.residual_rows) else self.residual_rows
@@ -358,13 +363,9 @@ class SolveReport:
         return self.map_data() if callable(self.map_data) else self.map_data
 
 
-@runtime_checkable
-class Stated(Protocol):
-    """Solves whose statuses are known before their reports are made."""
-
-    def statuses(self) -> Sequence[SolveStatus]:
-        """The status of each solve."""
-        ...
+def statuses_of(solves: Sequence[SolveReport]) -> Sequence[SolveStatus]:
+    """The status of each solve; solves that have ``statuses`` know them before their reports are made."""
+    return list(getattr(solves, "statuses", lambda: [solve.status for solve in solves])())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -394,7 +395,6 @@ class Result:
     @property
     def status(self) -> ResultStatus:
         """``ok`` if every solve was made, there is one, and each can be trusted, else ``attention``."""
-        each = self.solves.statuses() if isinstance(self.solves, Stated) else [s.status for s in self.solves]
-        if self.complete and each and all(status.trusted for status in each):
-            return ResultStatus.OK
-        return ResultStatus.ATTENTION
+        each = statuses_of(self.solves)
+        trusted = self.complete and each and all(status.trusted for status in each)
+        return ResultStatus.OK if trusted else ResultStatus.ATTENTION

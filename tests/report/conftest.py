@@ -107,9 +107,7 @@ def tag() -> SolveReport:
         ),
         observability=Observability(rank=4, dimension=5, condition=12.5, unused=('offset["right"]',)),
         noise={"ranges": None},
-        residual_summaries={
-            "ranges": ResidualSummary(rows=48, used=45, rms=0.98),
-        },
+        summaries=lambda: {"ranges": ResidualSummary(rows=48, used=45, rms=0.98)},
         residual_rows=lambda: rows("ranges"),
         priors=(PriorReport(name="p[3]", value=0.74, mean=0.7, sigma=0.01, residual=4.0),),
         examination=Examined(

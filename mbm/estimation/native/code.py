@@ -74,10 +74,10 @@ class SolverCode:
 
     def expect(self, products: float) -> None:
         """Choose the code for so many products more; inf: for work without end."""
-        from mbm.kernels.native.engine import fetched, kept
-
         if self.fast:
             return
+        from mbm.kernels.native.engine import fetched, kept
+
         with self._lock:
             self._expected += products
             found = None

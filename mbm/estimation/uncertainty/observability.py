@@ -43,17 +43,17 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface
     """
     n = point.size
     peaks = np.abs(jacobian).max(axis=0, initial=0.0)
-    safe = np.where(peaks > 0.0, peaks, 1.0)
-    norms = safe * np.sqrt(np.square(jacobian / safe).sum(axis=0))
-    scale = np.where(peaks > 0.0, norms, 1.0)
     felt = peaks > 0.0
+    safe = np.where(felt, peaks, 1.0)
+    scale = np.where(felt, safe * np.sqrt(np.square(jacobian / safe).sum(axis=0)), 1.0)
     if surface is not None:
         scale = np.where(felt, scale, metric(jacobian, surface.slopes))
         felt = felt | (surface.slopes != 0.0).any(axis=0)
-    used, unused = (felt & ~fixed).nonzero()[0], (~felt & ~fixed).nonzero()[0]
-    tangent = _tangent(surface, used, scale)
+    moving = ~fixed
+    used, unused = (felt & moving).nonzero()[0], (~felt & moving).nonzero()[0]
+    tangent = None if surface is None else _tangent(surface, used, scale)
     reduced = jacobian[:, used] / scale[used]
-    if surface is not None:
+    if tangent is not None:
         reduced = reduced @ tangent.basis
     width = reduced.shape[1]
     if reduced.shape[0] > 2 * width > 0 and reduced.size > FEW_NUMBERS:
@@ -64,26 +64,28 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface
     rank = decided_rank(len(singular), singular)
     free = right[rank:].T if right.size else np.eye(width)
     determined, inner = right[:rank].T, free
-    if surface is not None:
+    if tangent is not None:
         determined, inner = tangent.basis @ determined, tangent.basis @ inner
     row_space = np.zeros((n, rank))
     row_space[used] = determined
-    null_space = np.zeros((n, unused.size + inner.shape[1]))
-    null_space[unused, np.arange(unused.size)] = 1.0
-    null_space[used, unused.size :] = inner
-    touched = np.abs(null_space).max(axis=1, initial=0.0) > SHARE
+    null_space, estimable = np.zeros((n, unused.size + inner.shape[1])), moving
+    if null_space.size:
+        null_space[unused, np.arange(unused.size)] = 1.0
+        null_space[used, unused.size :] = inner
+        estimable = moving & ~(np.abs(null_space).max(axis=1) > SHARE)
+    equalities, inequalities = (0, 0) if tangent is None else (tangent.equalities, tangent.inequalities)
     return Observability(
-        dimension=n - int(fixed.sum()) - tangent.inequalities,
-        rank=rank + tangent.equalities,
-        equalities=tangent.equalities,
+        dimension=n - int(fixed.sum()) - inequalities,
+        rank=rank + equalities,
+        equalities=equalities,
         condition=float(singular[0] / singular[rank - 1]) if rank else 1.0,
         singular_values=singular,
         scale=scale,
         row_space=row_space,
         null_space=null_space,
         combinations=free_combinations(null_space[:, unused.size :], scale, point),
-        unused=tuple(int(i) for i in unused),
-        estimable=~touched & ~fixed,
+        unused=tuple(unused.tolist()),
+        estimable=estimable,
         fixed=fixed.copy(),
     )
 
@@ -105,9 +107,7 @@ def observed_at(minimum: Minimum, point: Floats, weights: Floats | None = None) 
     return observability(own, point, minimum.at_bound != 0, surface)
 
 
-def _tangent(surface: Surface | None, used: Indices, scale: Floats) -> _Tangent:
+def _tangent(surface: Surface, used: Indices, scale: Floats) -> _Tangent:
     """The directions along the surface, in the scaled coordinates ``used``; dependent constraints count once."""
-    if surface is None:
-        return _Tangent(basis=np.zeros((used.size, 0)), equalities=0, inequalities=0)
     directions, rank, equalities = taken_away(surface.slopes[:, used] / scale[used], surface.equality)
     return _Tangent(basis=directions[rank:].T, equalities=equalities, inequalities=rank - equalities)
