@@ -50,6 +50,9 @@ APPROACHED = 0.5
 """Share of the distance before, up to which a step across the end has come nearer. Else steps in proportion to the
 growth go to and fro, and the line between what lies inside and outside tells more."""
 
+APART = 1e-8
+"""Share of the square of a slope, beside those before it, from which the normal equations have half of all digits."""
+
 SETTLED = 1e-3
 """Gain of cost, in variances, below which the other coordinates are where they should be."""
 
@@ -116,7 +119,7 @@ class Profile:
             slopes = self.equations.jacobian(point) @ self.others
             if not bool(np.isfinite(slopes).all()):
                 break
-            step = self.others @ np.linalg.lstsq(slopes, -residuals, rcond=1e-12)[0]
+            step = self.others @ _least(slopes, -residuals)
             for halving in range(HALVINGS):
                 trial = beside + step / 2**halving
                 trial_cost, trial_point, there = self._at(ahead + trial)
@@ -136,3 +139,18 @@ class Profile:
         residuals = self.equations.residuals(point)
         cost = float(residuals @ residuals)
         return (cost if np.isfinite(cost) else float("inf")), point, residuals
+
+
+def _least(slopes: Floats, values: Floats) -> Floats:
+    """The least squares (k,) of ``slopes`` (m, k), which are orthogonal at the minimum and nearly so around it.
+
+    There the normal equations are as good as the singular values, and take a fifth of the time with 300 slopes.
+    """
+    gram = slopes.T @ slopes
+    try:
+        apart = bool((np.square(np.linalg.cholesky(gram).diagonal()) > APART * gram.diagonal()).all())
+    except np.linalg.LinAlgError:
+        apart = False
+    if apart:
+        return np.asarray(np.linalg.solve(gram, slopes.T @ values))
+    return np.asarray(np.linalg.lstsq(slopes, values, rcond=1e-12)[0])
