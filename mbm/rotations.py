@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,13 @@ Floats: TypeAlias = NDArray[np.float64]
 def unit(vectors: Floats) -> Floats:
     """Vectors (…, k) at length 1."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def tangents(x: Any, y: Any, z: Any, sign: Any) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+    """Two orthonormal tangents at a unit vector (Duff et al. 2017); ``sign`` 1 or -1, the one farther from -z."""
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
 
 
 def hamilton(p: Floats, q: Floats) -> Floats:

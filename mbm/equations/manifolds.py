@@ -10,8 +10,9 @@ import numpy as np
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem.manifold import Manifold, Piece
 from mbm.problem.types import UnknownKind
-from mbm.rotations import cross_matrix, hamilton, quaternion_of_matrix, quaternion_of_vector, unit
+from mbm.rotations import cross_matrix, hamilton, quaternion_of_matrix, quaternion_of_vector, tangents, unit
 from mbm.solver.charts import SMALL_ANGLE
+from mbm.solver.manifolds import SEAM
 from mbm.values import dataclass
 
 
@@ -68,13 +69,10 @@ def chart_slopes(piece: Piece, numbers: Floats, step: Floats) -> Floats:
 
 
 def tangent_axes(directions: Floats) -> tuple[Floats, Floats]:
-    """Two orthonormal tangents (…, 3) at unit vectors (…, 3) (Duff et al. 2017)."""
+    """Two orthonormal tangents (…, 3) at unit vectors (…, 3)."""
     x, y, z = np.moveaxis(directions, -1, 0)
-    sign = np.where(z < 0, -1.0, 1.0)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-    return first, np.stack([b, sign + y * y * a, -y], axis=-1)
+    first, second = tangents(x, y, z, np.where(z < SEAM, -1.0, 1.0))
+    return np.stack(first, axis=-1), np.stack(second, axis=-1)
 
 
 def numbers_of_stated(kind: UnknownKind, dimension: int, stated: Floats) -> Floats:

@@ -15,6 +15,8 @@ from mbm.kernels.instructions import program_of
 from mbm.kernels.lowering import lower
 from mbm.kernels.types import Corrections, Kernel, KernelSet
 from mbm.problem.manifold import Piece
+from mbm.rotations import tangents
+from mbm.solver.manifolds import SEAM
 from mbm.symbolic.types import ConstantInput, ResidualBlock, SymbolicModel
 
 PER_PLACE = 400
@@ -169,8 +171,5 @@ def _slopes(piece: Piece, numbers: list[casadi.SX]) -> list[list[casadi.SX | flo
 
 
 def _sphere(x: casadi.SX, y: casadi.SX, z: casadi.SX) -> list[list[casadi.SX | float]]:
-    """Two orthonormal tangents as columns (Duff et al. 2017), as `mbm.equations.manifolds.tangent_axes` has them."""
-    sign = casadi.if_else(z < 0, -1.0, 1.0)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    return [[1.0 + sign * x * x * a, b], [sign * b, sign + y * y * a], [-sign * x, -y]]
+    first, second = tangents(x, y, z, casadi.if_else(z < SEAM, -1.0, 1.0))
+    return [list(row) for row in zip(first, second, strict=True)]

@@ -10,7 +10,7 @@ from math import atan2, cos, log, sin, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, distinct_arrays
 from mbm.solver.description import QUATERNION, SCALE, Component, Problem
-from mbm.solver.manifolds import part_of_step
+from mbm.solver.manifolds import part_of_step, side_of_seam
 
 SMALL_ANGLE = 1e-3
 """Below it slopes are taken from two terms of their series: the third is below 1e-14."""
@@ -55,9 +55,7 @@ def set_rotation_slopes(x: Real, y: Real, z: Real, slopes: Reals) -> None:
 @distinct_arrays
 def set_axes(x: Real, y: Real, z: Real, axes: Reals) -> None:
     """Two orthonormal tangents (2, 3) at a unit vector (Duff et al. 2017)."""
-    sign = 1.0
-    if z < 0.0:
-        sign = -1.0
+    sign = side_of_seam(z)
     a = -1.0 / (sign + z)
     b = x * y * a
     axes[0] = 1.0 + sign * x * x * a

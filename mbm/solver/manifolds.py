@@ -49,6 +49,18 @@ def reflected(piece: Component, point: ConstantReals, step: ConstantReals, targe
     target[piece.number_3] = s / length
 
 
+SEAM = -0.875
+"""Tangent axes jump where the third number of a direction passes it: far from those along axes, planes and diagonals,
+at which a rounding error would decide of them, and from -1, near which they cancel."""
+
+
+def side_of_seam(z: Real) -> Real:
+    """1, and -1 for directions beyond the seam."""
+    if z < SEAM:
+        return -1.0
+    return 1.0
+
+
 @distinct_arrays
 def swung(piece: Component, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
     """A unit vector after a step along a great circle; axes of the tangent plane as in Duff et al. (2017)."""
@@ -57,9 +69,7 @@ def swung(piece: Component, point: ConstantReals, step: ConstantReals, target: R
     x = point[piece.number_0]
     y = point[piece.number_1]
     z = point[piece.number_2]
-    sign = 1.0
-    if z < 0.0:
-        sign = -1.0
+    sign = side_of_seam(z)
     a = -1.0 / (sign + z)
     b = x * y * a
     along_x = s * (1.0 + sign * x * x * a) + t * b

@@ -75,6 +75,17 @@ def test_directions_move_along_great_circles():
         np.testing.assert_allclose((axis * pole).sum(axis=1), 0.0, atol=ROUNDING)
 
 
+@pytest.mark.parametrize("direction", [[0.6, 0.8, 0.0], [0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.0, 0.0, -1.0]], ids=str)
+def test_axes_of_usual_directions_do_not_depend_on_roundings(direction):
+    """Along the axes, in their planes and at the pole, axes turn by no more than the direction does, eight times over."""
+    random = np.random.default_rng(4)
+    near = direction + 1e-12 * random.normal(size=(20, 3))
+    near /= np.linalg.norm(near, axis=1, keepdims=True)
+    for found, wanted in zip(tangent_axes(near), tangent_axes(np.array(direction)), strict=True):
+        np.testing.assert_allclose(found, np.broadcast_to(wanted, found.shape), atol=8 * 4e-12)
+        np.testing.assert_allclose((found * near).sum(axis=1), 0.0, atol=ROUNDING)
+
+
 @pytest.mark.parametrize("piece", list(Piece))
 @pytest.mark.parametrize("length", [0.0, 1e-5, 0.7, 2.5])
 def test_chart_slopes_are_those_of_differences(piece, length):

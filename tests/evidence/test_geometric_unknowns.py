@@ -202,3 +202,17 @@ def test_tangent_coordinates_about_the_start(pairs):
         step[j] = 1e-6
         slope = (compiled.residuals(x + step) - compiled.residuals(x - step)) / 2e-6
         np.testing.assert_allclose(jacobian[:, j], slope, atol=1e-7)
+
+
+def test_the_covariance_of_a_plane_direction_does_not_depend_on_the_sign_of_a_rounding():
+    """The tangent coordinates' own axes are free; the eigenvalues are those about any axes."""
+    across = np.array([[-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    noise = np.array([[1e-4, 0.0, 5e-5], [0.0, 1e-4, 3e-5], [5e-5, 3e-5, 1e-4]])
+    wanted = np.linalg.inv(across @ np.linalg.inv(noise) @ across.T)
+    above, below = (
+        mbm.loads(f"""(problem p (unknowns (d direction :init [0.6 0.8 {z}]))
+          (observe (= [0.6 0.8 {z}] d) :covariance [[1e-4 0 5e-5] [0 1e-4 3e-5] [5e-5 3e-5 1e-4]]))""").solve()
+        for z in ("1e-12", "-1e-12")
+    )
+    np.testing.assert_allclose(below.covariance.matrix, above.covariance.matrix, rtol=1e-9)
+    np.testing.assert_allclose(np.linalg.eigvalsh(above.covariance.matrix), np.linalg.eigvalsh(wanted), rtol=1e-9)

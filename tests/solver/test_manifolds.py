@@ -45,7 +45,7 @@ def test_rotations(solver, size):
     np.testing.assert_allclose(found * np.sign(found @ wanted), wanted, rtol=0, atol=2e-14)
 
 
-@pytest.mark.parametrize("z", [-1.0, -0.3, 0.0, 0.8])
+@pytest.mark.parametrize("z", [-1.0, -0.9, -0.3, 0.0, 0.8])
 def test_directions(solver, z):
     point = np.array([np.sqrt((1 - z * z) * 0.36), np.sqrt((1 - z * z) * 0.64), z])
     step = np.array([0.2, -0.7])

@@ -27,10 +27,13 @@ from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
 from mbm.language.values import Array, PoseValue, RotationValue, Value, describe, described_with_space
 from mbm.language.vocabulary.vectors import norm_of, product, transposed
+from mbm.solver.manifolds import SEAM
 from mbm.text.types import MbmError, Span
 
 _SMALL_SINE = Number(2.5e-3, NONE)
 """Squared sine below which asin(x)/x is taken from its series (remainder below 1e-16)."""
+
+_SEAM = Number(SEAM, NONE)
 
 _ASIN = (1.0, 6.0, 40 / 3, 112 / 5, 1152 / 35, 2816 / 63)
 """Reciprocal coefficients of asin(x)/x in x²."""
@@ -279,7 +282,7 @@ def direction_difference(
 def tangent_axes(unit: tuple[Expression, ...], span: Span) -> tuple[tuple[Expression, ...], tuple[Expression, ...]]:
     """Two unit vectors orthogonal to a unit vector and to one another (Duff et al. 2017, without branches)."""
     x, y, z = unit
-    sign = apply(Operation.IF, Apply(Operation.LESS, (z, ZERO), span=span), negate(ONE, span), ONE, span=span)
+    sign = apply(Operation.IF, Apply(Operation.LESS, (z, _SEAM), span=span), negate(ONE, span), ONE, span=span)
     a = divide(negate(ONE, span), add(sign, z, span), span)
     b = multiply(multiply(x, y, span), a, span)
     first = (
