@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +36,10 @@ FORMED = 2000
 """Coordinates up to which the covariance of all of them is a matrix."""
 
 
+PROBABLE = 0.05
+"""Share of all weight from which a hypothesis is told: what intervals of 95 % leave out."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Walked:
     """A walk, with the problem that it was for: the equations that were ``solved``, and those it is ``told`` with."""
@@ -67,6 +71,7 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
     residuals = counted.plain_residuals(numbers)
     reason = _reason(walked)
     fit = _fit(walked, reason)
+    hypotheses = _hypotheses(walked, free)
     lost = int(track.opens[max(track.made - 1, 0)])
     return Solution(
         key=walked.key,
@@ -105,13 +110,13 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         freedom=common(np.inf, sigma.shape),
         limited=None,
         unused=np.zeros(0, dtype=np.int64),
-        hypotheses=_hypotheses(walked, free),
+        hypotheses=hypotheses,
         followed=() if walked.rules.hypotheses == 1 else tuple(track.followed[: track.made].tolist()),
         method=_name(walked),
         iterations=track.iterations,
         evaluations=track.evaluations,
         seconds=seconds(),
-        diagnostics=(*_doubts(walked, fit), *_lost(walked, counted, residuals)),
+        diagnostics=(*_doubts(walked, fit, hypotheses), *_lost(walked, counted, residuals)),
     )
 
 
@@ -233,11 +238,13 @@ def _fit(walked: Walked, reason: Reason) -> Fit:
     return found if reason.converged else Fit(cost=found.cost, dof=found.dof, sigma0=found.sigma0, chi2_p=None)
 
 
-def _doubts(walked: Walked, fit: Fit) -> tuple[Diagnostic, ...]:
-    """A filter whose innovations are larger than it expects says so."""
-    if fit.chi2_p is None or fit.sigma0 is None or not fit.chi2_p < IMPROBABLE:
-        return ()
-    return (faults.overconfident_filter(walked.problem.span, fit.sigma0, fit.chi2_p),)
+def _doubts(walked: Walked, fit: Fit, hypotheses: tuple[Hypothesis, ...]) -> Iterator[Diagnostic]:
+    """A filter whose innovations are larger than it expects says so, and one that the rows leave a choice."""
+    if fit.chi2_p is not None and fit.sigma0 is not None and fit.chi2_p < IMPROBABLE:
+        yield faults.overconfident_filter(walked.problem.span, fit.sigma0, fit.chi2_p)
+    weights = [each.weight for each in hypotheses]
+    if any(weight >= PROBABLE for weight in weights[1:]):
+        yield faults.another_hypothesis(walked.problem.span, [w for w in weights if w >= PROBABLE])
 
 
 def _lost(walked: Walked, counted: Assembled, residuals: Floats) -> tuple[Diagnostic, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from mbm.text.types import Code, Diagnostic, Severity, Span
 
 NOT_FOR_FILTERS = Code(
@@ -24,6 +26,13 @@ BEYOND_BOUNDS = Code(
     "Use `:constraints truncate`, by which bounds and inequalities cut, or `batch` or `(smoother)`, which meet them.",
 )
 
+ANOTHER_HYPOTHESIS = Code(
+    "another-hypothesis",
+    "A filter follows several hypotheses, and another than the one that is reported is still probable after the last "
+    "step: it has 5 % of all weight or more (a warning). It stands among the `hypotheses`.",
+    "Measure something that tells them apart, or exclude one with a constraint or the prior of the first step.",
+)
+
 OTHER_EQUATIONS = Code(
     "no-equation-for-row",
     "A row that a stream is given is of a kind that the data had no row of when the problem was compiled: words in it, "
@@ -41,6 +50,23 @@ def beyond_bounds(span: Span | None, name: str, steps: int | None) -> Diagnostic
         message=f"`{name}` is outside its bounds{where}: this filter does not use them",
         place=span,
         hint=BEYOND_BOUNDS.mend,
+    )
+
+
+def another_hypothesis(span: Span | None, weights: Sequence[float]) -> Diagnostic:
+    """``weights`` of the hypothesis reported and of the others that are probable."""
+    reported, *others = (f"{weight:.4g}" for weight in weights)
+    if len(others) == 1:
+        what = f"another hypothesis is probable after the last step: its weight is {others[0]}"
+    else:
+        listed = f"{', '.join(others[:-1])} and {others[-1]}"
+        what = f"{len(others)} other hypotheses are probable after the last step: their weights are {listed}"
+    return Diagnostic(
+        code=ANOTHER_HYPOTHESIS,
+        severity=Severity.WARNING,
+        message=f"{what}, that of the one reported {reported}",
+        place=span,
+        hint=ANOTHER_HYPOTHESIS.mend,
     )
 
 

@@ -50,8 +50,21 @@ def test_the_mirrored_pose_is_followed_too_and_its_rate(method):
     assert rates[0] == pytest.approx(-rates[1], abs=1e-3)
 
 
+def said(found):
+    return [each.message for each in found.diagnostics if each.code.name == "another-hypothesis"]
+
+
+def test_a_choice_that_the_rows_leave_is_told():
+    found = solved()
+    (message,) = said(found)
+    first, second = (each.weight for each in found.hypotheses)
+    assert f"its weight is {second:.4g}, that of the one reported {first:.4g}" in message
+    assert not said(solved(count=1))
+
+
 def test_later_rows_decide():
     found = solved(late=True)
+    assert not said(found)
     assert found["theta"].value[-1] == pytest.approx(ANGLES[-1], abs=0.01)
     (only,) = json.loads(found.to_json())["solves"][0]["hypotheses"]
     assert only["weight"] == 1.0
