@@ -77,7 +77,7 @@ def test_directions_move_along_great_circles():
 
 @pytest.mark.parametrize("direction", [[0.6, 0.8, 0.0], [0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.0, 0.0, -1.0]], ids=str)
 def test_axes_of_usual_directions_do_not_depend_on_roundings(direction):
-    """Along the axes, in their planes and at the pole, axes turn by no more than the direction does, eight times over."""
+    """Along the axes, in their planes and at the pole, axes turn no farther than eight times as the direction."""
     random = np.random.default_rng(4)
     near = direction + 1e-12 * random.normal(size=(20, 3))
     near /= np.linalg.norm(near, axis=1, keepdims=True)

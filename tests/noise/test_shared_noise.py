@@ -100,6 +100,22 @@ def test_correlation_alone_is_that_of_restricted_likelihood():
     assert result.first.chi2_p is None
 
 
+@pytest.mark.parametrize("beside", [":distribution poisson", ":sigma 0.7 :loss huber"])
+def test_a_correlation_of_rows_that_scatter_more_than_stated_settles_in_few_rounds(beside):
+    """What curves the likelihood is no longer what is expected. The counts tell of `a` only a two-hundredth part."""
+    x, y = np.arange(1.0, 7.0), np.array([1.1, 2.3, 2.9, 4.2, 5.3, 5.8])
+    (z,) = best(lambda p: 0.01 * ar1(np.tanh(p[0]), 6), [0.1], x[:, None], y)
+    text = """(problem p {data} (unknowns (a :init 1)) {more}
+      (observe g r (= y (* a x)) :sigma 0.1 :correlation (ar1 unknown)))"""
+    data = table("r", x=x, y=y, k=[1, 2, 4, 4, 6, 5])
+    alone = solved(text.format(data=data, more="")).first
+    assert alone.noise["g"]["rho"] == pytest.approx(np.tanh(z), rel=SEARCHED)
+    both = solved(text.format(data=data, more=f"(observe f r (= k (* a x)) {beside})")).first
+    assert both.status == "converged"
+    assert both.iterations < 100
+    assert both.noise["g"]["rho"] == pytest.approx(np.tanh(z), abs=0.01)
+
+
 def test_two_clauses_with_noises_of_their_own():
     log, z, other = best(
         lambda p: np.block(

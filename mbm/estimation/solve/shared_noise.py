@@ -1,7 +1,7 @@
 """Unknown noise that rows share, by restricted maximum likelihood: every round minimises again.
 
 Factors and correlations of neighbours take steps of Newton's method or Fisher's scoring, in the logarithm of s² and
-arctanh rho, which are halved where the likelihood falls. The covariance of a row's components is, with whitened
+arctanh rho, which are shortened where the likelihood falls. The covariance of a row's components is, with whitened
 residuals whose squares sum to S and whose hat matrices to Q over n rows, enlarged by ``R^-½ S R^-½`` with
 ``R = n − Q``: about a mean, Σddᵀ/(n − 1) at once.
 """
@@ -29,8 +29,14 @@ LONGEST_STEP = 2.0
 LARGEST_Z = 4.95
 """Of arctanh rho: a correlation of 0.9999 of neighbours is one of 0.95 after 500 rows."""
 
-HALVED_STEPS = 12
-"""Times that a step is halved before it is taken for a rounding."""
+SHORTER_STEPS = 12
+"""Times that a step is shortened before it is taken for a rounding."""
+
+OVERSHOT = 0.5
+"""Share of the slope along a step: where as much leads back behind the step, it went too far."""
+
+LEAST_SHARE = 0.1
+"""Of a step that went too far, which is shortened to where the slope vanishes."""
 
 LIKELIHOOD_ROUNDING = 1e-9
 """By which the likelihood may fall, relative to its size, with its rounding alone."""
@@ -200,25 +206,30 @@ class Rounds:
         return 1.0 if number is None else self._factor(number)
 
     def _scored(self) -> float:
-        """A step of Fisher's scoring; its length."""
+        """A step, shortened where the likelihood falls or leads back; its length."""
         for number in np.flatnonzero(~self._known & (self._at.logs - self._first < VANISHED)).tolist():
             self._states[number], self._known[number] = NoiseState.COVERED, True
         parameters, what = self._parameters()
         if not parameters:
             return 0.0
-        said = told(parameters, self._minimum.residuals, self._basis())
+        said = self._told(parameters)
         step = np.clip(_step(said), -LONGEST_STEP, LONGEST_STEP)
+        ahead = float(_slope(said) @ step)
         before = self._likelihood()
         least = before - LIKELIHOOD_ROUNDING * (1.0 + abs(before))
         start = self._at, self._minimum
-        for _ in range(HALVED_STEPS):
+        for _ in range(SHORTER_STEPS):
             state = self._stepped(start[0], what, step)
             self._move(state)
-            if self._likelihood() >= least:
+            behind = float(_slope(self._told(self._parameters()[0])) @ step)
+            if self._likelihood() >= least and not behind < -OVERSHOT * ahead:
                 return self._length(start[0], state)
-            step = 0.5 * step
+            step = step * (max(ahead / (ahead - behind), LEAST_SHARE) if behind < 0.0 < ahead else 0.5)
         self._at, self._minimum = start
         return 0.0
+
+    def _told(self, parameters: Sequence[NoiseParameter]) -> Told:
+        return told(parameters, self._minimum.residuals, self._basis())
 
     def _stepped(self, state: _State, what: Sequence[tuple[str, int]], step: Floats) -> _State:
         logs, z, structure = state.logs.copy(), dict(state.z), state.structure
@@ -278,7 +289,12 @@ def _step(said: Told) -> Floats:
     scale = np.sqrt(np.maximum(np.diag(expected), 1e-300))
     curved = np.linalg.eigvalsh(newton / scale / scale[:, None])
     used = newton if float(curved[0]) > CURVED * float(np.abs(curved).max()) else expected
-    return np.asarray(np.linalg.pinv(used, rcond=1e-10, hermitian=True) @ (said.squares - said.expected))
+    return np.asarray(np.linalg.pinv(used, rcond=1e-10, hermitian=True) @ _slope(said))
+
+
+def _slope(said: Told) -> Floats:
+    """Of twice the restricted likelihood's logarithm."""
+    return said.squares - said.expected
 
 
 def _chains(structure: Structure) -> tuple[Pattern, ...]:
