@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations.binding import Group, affine, all_seen, mentioned
+from mbm.equations.binding import Group, affine, all_seen, block_rows, mentioned
 from mbm.equations.layout import Layout
 from mbm.equations.likelihoods import uncounted
 from mbm.equations.losses import rooted, rooted_jacobian
@@ -295,10 +295,11 @@ class Assembled:
         return replace(self, rows=np.flatnonzero(chosen), implicit=implicit)
 
     def uncorrected(self) -> Assembled:
-        """The same equations with all measured values taken as exact and weighted as they are, to find starts with."""
+        """The same with all measured values exact and weighted as they are (no likelihoods), to find starts with."""
+        exact = replace(self, implicit=None)
         if self.likely:
-            return replace(self._seen(plain=True), factors=None)
-        return self if self.implicit is None else replace(self, implicit=None).freed(self.free, self.numbers)
+            return replace(exact._seen(plain=True), factors=None, structure=None)
+        return self if self.implicit is None else exact.freed(self.free, self.numbers)
 
     @property
     def likely(self) -> bool:
@@ -315,7 +316,10 @@ class Assembled:
         return self._seen(plain=False) if self.likely else self
 
     def _seen(self, *, plain: bool) -> Assembled:
-        return replace(self, groups=all_seen(self.groups, plain=plain)).freed(self.free, self.numbers)
+        groups, implicit = all_seen(self.groups, plain=plain), self.implicit
+        if implicit is not None:
+            implicit = implicit.some(groups, [np.arange(group.rows) for group in groups])
+        return replace(self, groups=groups, implicit=implicit).freed(self.free, self.numbers)
 
     def noise_rows(self, number: int) -> Indices:
         """Positions (in m) of the residuals of block ``number`` that have its noise."""
@@ -392,9 +396,3 @@ def loss_lines(equations: Assembled) -> Iterator[tuple[LossFunction, Indices]]:
                 lines = place[lines]
                 lines = lines[lines[:, 0] >= 0]
             yield loss, lines
-
-
-def block_rows(groups: Sequence[Group], number: int) -> Indices:
-    """Positions in the vector of all residuals of the rows of block ``number``."""
-    parts = [np.arange(g.first, g.first + g.count) for g in groups if g.kernel.owner == number]
-    return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from threading import RLock
 from typing import TYPE_CHECKING, TypeAlias
@@ -348,6 +348,12 @@ def all_seen(groups: tuple[Group, ...], *, plain: bool) -> tuple[Group, ...]:
         first += group.count
         first_unit += group.rows * len(group.whiteners)
     return tuple(found)
+
+
+def block_rows(groups: Sequence[Group], number: int) -> Indices:
+    """Positions in the vector of all residuals of the rows of block ``number``."""
+    parts = [np.arange(g.first, g.first + g.count) for g in groups if g.kernel.owner == number]
+    return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
 
 
 def measured_side(

@@ -286,9 +286,10 @@ def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each)
 def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alternative:
     """Another minimum: its estimates alone."""
     there = replace(solution, numbers=other.minimum.point, minimum=other.minimum)
+    robust = solution.robust_cost
     return Alternative(
         cost=other.cost,
-        robust_cost=None if solution.robust_cost is None else other.minimum.cost,
+        robust_cost=None if robust is None else other.minimum.cost - (solution.minimum.cost - robust),
         starts=other.starts,
         estimates=_estimates(there, how, _NOT_THE_BEST),
         remark=_MIRRORED if other.mirrored else None,

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations.assembly import block_rows
-from mbm.equations.binding import Group, measured_side
+from mbm.equations.binding import Group, block_rows, measured_side
 from mbm.equations.types import NoiseState
 from mbm.estimation.search.solution import Solution
 from mbm.problem.naming import PRIOR

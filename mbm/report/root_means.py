@@ -94,16 +94,24 @@ def _raw(problem: Problem, solution: Solution) -> Iterator[RawRows]:
         if problem.blocks[group.kernel.owner].role is not BlockRole.OBSERVATION or not group.rows:
             continue
         values, rows = group.written.values(solution.numbers), rows_of(problem, solution, group)
-        weights = None if solution.weights is None else solution.weights[group.first : group.first + group.count]
+        counting = np.ones(values.shape, dtype=bool)
+        if solution.weights is not None:
+            counting &= _weights(solution.weights, group)
         yield RawRows(
             owner=group.kernel.owner,
             case=group.kernel.case,
             solve=np.zeros(group.rows, dtype=np.int64),
             values=values,
-            counting=np.ones(values.shape, dtype=bool) if weights is None else weights.reshape(values.shape) > 0.0,
+            counting=counting,
             behind=rows.behind(problem.blocks[group.kernel.owner].cases[group.kernel.case].equations),
             rows=np.ones(group.rows, dtype=np.int64) if rows.table is None else rows.table.rows[group.positions],
         )
+
+
+def _weights(weights: Floats, group: Group) -> Mask:
+    """Which residuals (rows, 1 or outputs) of a group count; a row of a likelihood does as a whole."""
+    counting = weights[group.first : group.first + group.count].reshape(group.rows, -1) > 0.0
+    return counting if group.readings is None else np.asarray(counting.any(axis=1, keepdims=True))
 
 
 @np.errstate(all="ignore")

@@ -72,7 +72,8 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
     return Columns(
         points=ends.points,
         cost=cost,
-        robust_cost=ends.cost,
+        least=ends.cost,
+        robust_cost=ends.cost - counts.uncounted,
         offset=ends.offset,
         reason=ends.reason,
         iterations=ends.iterations,

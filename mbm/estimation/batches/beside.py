@@ -84,7 +84,7 @@ class Beside:
             return replace(columns, clean=np.zeros_like(columns.clean))
         if factors is not None:
             native, numbers = weighted(self.stack, native, numbers, None, factors), np.arange(len(asked))
-        cost = columns.robust_cost[asked]
+        cost = columns.least[asked]
         variance = cost / np.maximum(columns.dof[asked], 1) if self.estimated else np.ones(len(asked))
         most = cost + PLAUSIBLE * variance + BOTH_ZERO
         found = np.zeros(len(asked), dtype=bool)

@@ -17,8 +17,8 @@ from mbm.values import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Counted:
-    """What K solves count: χ² and the number of its residuals, log L (None: no likelihood), whether χ² is none, and how
-    many rows with an unknown scale are ``limits``.
+    """What K solves count: χ² and the number of its residuals, log L (None: no likelihood), whether χ² is none, how
+    many rows with an unknown scale are ``limits``, and the squares of residuals that are ``uncounted``.
     """
 
     cost: Floats
@@ -26,6 +26,7 @@ class Counted:
     log_likelihood: Floats | None
     untested: Mask
     limits: Floats
+    uncounted: Floats
 
     def tested(self, scattered: Floats) -> Floats:
         """What stands against χ² (K,): ``scattered`` where there is no likelihood."""
@@ -45,7 +46,8 @@ def counted_of(stack: Stack, which: Which, residuals: Floats, rows: Indices) -> 
     squares = np.square(residuals)
     cost, none = squares.sum(axis=1), np.zeros(len(residuals), dtype=bool)
     if not stack.equations.likely:
-        return Counted(cost=cost, rows=rows, log_likelihood=None, untested=none, limits=np.zeros(len(cost)))
+        zeros = np.zeros(len(cost))
+        return Counted(cost=cost, rows=rows, log_likelihood=None, untested=none, limits=zeros, uncounted=zeros)
     surprise, excess, lines, limits = (np.zeros(len(cost)) for _ in range(4))
     whole, taken = cost, np.zeros(len(cost), dtype=np.int64)
     every: dict[int, Readings] = {group.number: stated for group, stated in likely(stack.equations.groups)}
@@ -70,7 +72,9 @@ def counted_of(stack: Stack, which: Which, residuals: Floats, rows: Indices) -> 
                 limits += np.bincount(solve, weights=stated.limits[places], minlength=len(cost))
         taken += count * outputs
     log_likelihood, none = -0.5 * whole - surprise, untested(excess, lines)
-    return Counted(cost=cost, rows=rows, log_likelihood=log_likelihood, untested=none, limits=limits)
+    return Counted(
+        cost=cost, rows=rows, log_likelihood=log_likelihood, untested=none, limits=limits, uncounted=whole - cost
+    )
 
 
 def _roots(weights: Floats) -> Floats:

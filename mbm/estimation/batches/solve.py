@@ -376,7 +376,7 @@ def minimum_at(equations: Assembled, columns: Columns, place: int) -> Minimum:
         point=point,
         residuals=residuals,
         jacobian=jacobian,
-        cost=float(columns.robust_cost[place]),
+        cost=float(columns.least[place]),
         reason=REASONS[columns.reason[place]],
         iterations=int(columns.iterations[place]),
         evaluations=int(columns.evaluations[place]),

@@ -158,9 +158,9 @@ class Columns:
     """Answers of T solves.
 
     ``points`` (T, N), ``sigma`` (T, n), ``factor`` (T, n, n) with ``factor @ factorᵀ`` the covariance; ``cost``,
-    ``offset``, ``reason``, ``iterations``, ``evaluations`` as `Ends` has them; ``dof``, ``sigma0`` and ``chi2_p``
-    (NaN: there is none), ``noise`` (T, blocks) the factors of unknown noise (1 where it is stated); ``robust_cost`` is
-    `Ends.cost`, ``Σ ρ`` where there are losses and ``cost`` else; ``root`` (T, n, n) and ``scale`` (T, n) are those of
+    ``offset``, ``reason``, ``iterations``, ``evaluations`` as `Ends` has them; ``dof``, ``sigma0`` and ``chi2_p`` (NaN:
+    there is none), ``noise`` (T, blocks) the factors of unknown noise (1 where it is stated); ``least`` is `Ends.cost`,
+    ``robust_cost`` that without what is no part of χ², ``Σ ρ``; ``root`` (T, n, n) and ``scale`` (T, n) are those of
     `Factors` of the Jacobian; ``derived`` has for each derived quantity its values (T, numbers), its sigmas (T, size),
     and its gradient times ``factor`` (T, size, n); ``rms`` and ``used`` (T, blocks) are the normalised root mean square
     of the residuals of each block of equations (NaN: there is none), and its rows in use. ``solved`` (T,): the end is a
@@ -178,6 +178,7 @@ class Columns:
 
     points: Floats
     cost: Floats
+    least: Floats
     robust_cost: Floats
     offset: Floats
     reason: NDArray[np.int64]

@@ -69,5 +69,8 @@ def unit_weights(equations: Assembled, whole: Floats) -> Floats | None:
 
 
 def robust_cost(equations: Assembled, minimum: Minimum) -> float | None:
-    """``Σ ρ`` at the minimum; None without losses."""
-    return minimum.cost if equations.lossy else None
+    """``Σ ρ`` at the minimum, without what is no part of χ²; None without losses."""
+    left = equations.uncounted
+    if left is None or not equations.lossy:
+        return minimum.cost if equations.lossy else None
+    return minimum.cost - float(np.square(minimum.residuals[left]).sum())

@@ -9,8 +9,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.equations.assembly import block_rows
-from mbm.equations.binding import Group, measured_side
+from mbm.equations.binding import Group, block_rows, measured_side
 from mbm.equations.corrections.types import MeasuredErrors
 from mbm.equations.spreads import Influence
 from mbm.equations.types import NoiseState
