@@ -285,7 +285,9 @@ class Observability:
     no ``null_space`` any more: ``datum_space`` (n, k) is an orthonormal basis of what was free before, not scaled.
     ``inverse`` stands in for ``row_space`` (then empty) where there are very many coordinates.
     ``flat`` counts the directions that the equations determine, but along which robust losses leave the cost without
-    curvature: they are in ``null_space`` and ``combinations``, though the rank counts them.
+    curvature: they are in ``null_space`` and ``combinations``, though the rank counts them. ``limited_space`` (n, k) is
+    an orthonormal basis of what inequalities that hold the estimates take away beside equations, scaled (None: nothing
+    is, or of sparse problems nobody looks).
     """
 
     dimension: int
@@ -305,6 +307,7 @@ class Observability:
     datum_space: Floats | None = None
     inverse: CovarianceFactor | None = field(default=None, repr=False)
     flat: int = 0
+    limited_space: Floats | None = None
 
     @property
     def observable(self) -> bool:

@@ -151,7 +151,6 @@ def _spread(item: Estimate | DerivedValue, moves: Floats, dof: Floats) -> Spread
         spread,
         dof=np.where(lost > 0.0, np.square(own + added) / lost, np.where(some, inf, spread.dof)),
         inflation=np.where(some, np.sqrt((own + added) / whole), spread.inflation),
-        free=None if spread.free is None else np.sqrt(np.square(spread.free) + added),
         ends=None if spread.ends is None else _wider(spread.ends, added),
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.estimation.search.solution import Solution
+from mbm.estimation.uncertainty.observability import pinned_coordinates
 from mbm.report.derived_values import FREE
 from mbm.report.elements import element_names
 from mbm.report.geometric import GEOMETRIC, coordinate_factors
@@ -29,7 +30,7 @@ def estimates_covariance(solution: Solution, shown: Shown, unknown: str | None, 
         return _matrix(chosen, factors, None, _LEFT_OUT)
     if unknown is not None:
         return _matrix(chosen, factors, np.full((len(chosen),) * 2, np.nan), unknown)
-    held = solution.minimum.at_bound != 0
+    held = pinned_coordinates(solution.observability)
     matrix = _whole(solution)
     if matrix is None:
         return _matrix(chosen, factors, None, f"{len(chosen)} scalars are too many")

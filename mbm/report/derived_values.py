@@ -111,8 +111,6 @@ def coordinate_spread(solution: Solution) -> Spread:
         found,
         lower=every(limits.lower, -np.inf),
         upper=every(limits.upper, np.inf),
-        step=every(limits.step, np.nan),
-        free=every(limits.sigma, np.nan),
     )
 
 

@@ -37,15 +37,16 @@ NOT_PREDICTED = Code(
 NEAR_BOUND = Code(
     "near-bound",
     "An estimate is held at a hard bound (`:in`), was driven to the zero that a `positive` unknown stays above, or to "
-    "where its model ends, as an expected count does at zero. It has no standard deviation, and those of the others "
-    "hold for it staying where it is. Its interval is that of its distribution between the limits; of a likelihood "
-    "those of the others reach to where it leaves the limit.",
+    "where its model ends, as an expected count does at zero. Neither it nor what is derived of it alone has a "
+    "standard deviation, and those of the others hold for it staying where it is. Its interval is that of its "
+    "distribution between the limits; those of the others reach to where it leaves the limit.",
     "If the bound is no fact of the matter, widen it with `:in`; else look for an equation that asks for the far side.",
 )
 ACTIVE_CONSTRAINT = Code(
     "active-constraint",
-    "The estimates lie at the limit of an inequality, and the data push against it. The standard deviations hold for "
-    "the limit staying where it is: movements across it have none.",
+    "The estimates lie at the limit of an inequality, and the data push against it. What moves only as they leave the "
+    "limit has no standard deviation, and those of the others hold for them staying there. Intervals reach to where "
+    "the estimates leave the limit.",
     "If the limit is no fact of the matter, widen it; else take the standard deviations as those at the limit.",
 )
 CONFLICTING_CONSTRAINTS = Code(

@@ -88,8 +88,6 @@ def _spread(block: Block, entry: Entry, numbers: Floats, values: Floats) -> Spre
         found,
         lower=every(degrees.limited.lower, -np.inf) + turned,
         upper=every(degrees.limited.upper, np.inf) + turned,
-        step=every(degrees.limited.step, np.nan),
-        free=every(degrees.limited.sigma, np.nan),
     )
 
 

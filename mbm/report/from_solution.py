@@ -13,6 +13,7 @@ from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.search import Alternative as OtherMinimum
 from mbm.estimation.search.solution import Failure, Hypothesis, Skipped, Solution
 from mbm.estimation.sequences.faults import BEYOND_BOUNDS
+from mbm.estimation.uncertainty.observability import pinned_coordinates
 from mbm.problem.naming import member_name
 from mbm.problem.types import Problem
 from mbm.report import faults
@@ -231,7 +232,7 @@ class _Each:
         count = len(solution.layout.number)
         sigma = np.full(count, np.nan)
         bound, unused, estimable = (np.zeros(count, dtype=bool) for _ in range(3))
-        bound[solution.free] = solution.minimum.at_bound != 0
+        bound[solution.free] = pinned_coordinates(solution.observability)
         if unknown is None:
             sigma[solution.free] = solution.covariance.sigma
             unused[solution.unused] = True
@@ -285,7 +286,8 @@ def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each)
 
 def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alternative:
     """Another minimum: its estimates alone."""
-    there = replace(solution, numbers=other.minimum.point, minimum=other.minimum)
+    held = replace(solution.observability, fixed=other.minimum.at_bound != 0, limited_space=None)
+    there = replace(solution, numbers=other.minimum.point, minimum=other.minimum, observability=held)
     robust = solution.robust_cost
     return Alternative(
         cost=other.cost,
@@ -342,12 +344,12 @@ def _near_bounds(problem: Problem, solution: Solution, names: tuple[str, ...]) -
 
 
 def _moving_with(problem: Problem, solution: Solution, coordinates: Sequence[int]) -> list[str]:
-    """The derived quantities that some of the coordinates change."""
+    """The derived quantities that some of the coordinates change, and that have standard deviations."""
     places = np.flatnonzero(np.isin(solution.free, coordinates))
     return [
         problem.derived[one.owner].name
         for one in solution.derived
-        if one.gradient is not None and bool(np.nan_to_num(one.gradient[..., places]).any())
+        if one.gradient is not None and bool(np.nan_to_num(one.gradient[..., places][one.sigma.ravel() > 0.0]).any())
     ]
 
 

@@ -124,38 +124,31 @@ def _followed(item: Estimate | DerivedValue, found: Intervals, values: Floats, l
 
 
 def _limited(item: Estimate | DerivedValue, found: Intervals, values: Floats, sigma: Floats, level: float) -> None:
-    """Put in the intervals of values that a limit keeps from spreading as far as they would.
-
-    Of a value that a limit holds, what is between the limits is left of its distribution without them.
-    """
+    """Put in the intervals of values that a limit keeps from spreading as far as they would."""
     spread = item.spread
     if spread is None or spread.lower is None or spread.upper is None:
         return
-    unit = factors(item.quantity)
     lower, upper = (in_unit(item.quantity, np.asarray(each)) for each in (spread.lower, spread.upper))
-    step, free = (np.full(sigma.shape, np.nan) if e is None else e / unit for e in (spread.step, spread.free))
     followed = found.kind == KINDS.index(IntervalKind.PROFILE)
-    held, untold = np.isfinite(step) & (free > 0.0), np.isinf(step) & ~followed
-    found.low[untold], found.high[untold] = np.nan, np.nan
     _up_to(found, followed, lower, upper)
-    centre, scale = np.where(held, values + step, values), np.where(held, free, sigma) * spread.inflation
-    near = (found.low < lower) | (found.high > upper)
-    for place in np.argwhere((scale > 0.0) & (held | near) & (lower < upper)):
+    scale = sigma * spread.inflation
+    near = ~followed & ((found.low < lower) | (found.high > upper))
+    for place in np.argwhere((scale > 0.0) & near & (lower < upper)):
         at = tuple(place)
-        down, up = ((limit[at] - centre[at]) / scale[at] for limit in (lower, upper))
+        down, up = ((limit[at] - values[at]) / scale[at] for limit in (lower, upper))
         low, high = shortest(float(down), float(up), level, float(spread.dof[at]))
         # Up to a limit, the end is the limit itself, not what is left of it by a step there and back.
-        found.low[at] = lower[at] if low == down else centre[at] + low * scale[at]
-        found.high[at] = upper[at] if high == up else centre[at] + high * scale[at]
+        found.low[at] = lower[at] if low == down else values[at] + low * scale[at]
+        found.high[at] = upper[at] if high == up else values[at] + high * scale[at]
         found.kind[at] = KINDS.index(IntervalKind.LIMITED)
 
 
 @np.errstate(invalid="ignore")  # an end at infinity is at no limit
 def _up_to(found: Intervals, which: Mask, lower: Floats, upper: Floats) -> None:
-    """Intervals that are followed up to a limit end at the limit itself."""
+    """Intervals that are followed up to a limit, or beyond, end at the limit itself."""
     rounding = UP_TO * (found.high - found.low)
     finite = which & np.isfinite(rounding)
-    down, up = (finite & (np.abs(end - limit) <= rounding) for end, limit in ((found.low, lower), (found.high, upper)))
+    down, up = finite & (found.low <= lower + rounding), finite & (found.high >= upper - rounding)
     found.low[down], found.high[up] = lower[down], upper[up]
     found.kind[down | up] = KINDS.index(IntervalKind.LIMITED)
 
@@ -169,8 +162,8 @@ def may_be_cut(item: Estimate | DerivedValue, level: float) -> bool:
     values = shown_values(item)
     reach = 2.0 * coverage_factors(level, spread.dof) * spread.inflation * shown_sigma(item)
     lower, upper = (in_unit(item.quantity, np.asarray(each)) for each in (spread.lower, spread.upper))
-    held = False if spread.step is None else bool((~np.isnan(spread.step)).any())
-    return held or bool(((values - reach < lower) | (values + reach > upper)).any())
+    held = item.at_bound if isinstance(item, Estimate) else None
+    return (held is not None and bool(held.any())) or bool(((values - reach < lower) | (values + reach > upper)).any())
 
 
 def interval_document(found: Intervals) -> dict[str, Any]:

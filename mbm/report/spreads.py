@@ -22,9 +22,7 @@ class Spread:
     """Beside the standard deviations of an estimate or derived quantity, arrays of the same shape as these.
 
     ``dof`` are the effective degrees of freedom (infinite where the noise is stated), ``inflation`` by how much an
-    interval is wider than these say; ``lower`` and ``upper`` are hard limits of the value (None: there are none), and
-    ``step`` leads to where it would be without a limit that holds it, with the standard deviation ``free``. The step is
-    infinite where that is not known, NaN where no limit holds it;
+    interval is wider than these say; ``lower`` and ``upper`` are hard limits of the value (None: there are none);
     ``ends`` finds intervals where the curvature of the model misplaces the linear ones (None: nobody looks).
     """
 
@@ -32,8 +30,6 @@ class Spread:
     inflation: Floats
     lower: Floats | None = None
     upper: Floats | None = None
-    step: Floats | None = None
-    free: Floats | None = None
     ends: Ends | None = None
 
     def at(self, place: int | slice) -> Spread:
@@ -56,8 +52,6 @@ class Spread:
             inflation=change(self.inflation),
             lower=other(self.lower),
             upper=other(self.upper),
-            step=other(self.step),
-            free=other(self.free),
             ends=None if self.ends is None else changed_ends(self.ends, change),
         )
 

@@ -16,7 +16,7 @@ from mbm.estimation.batches.derived import DerivedColumns, derived_columns
 from mbm.estimation.batches.doubts import doubtful, stationary
 from mbm.estimation.batches.factor import Factors, Spread, factors
 from mbm.estimation.batches.likelihoods import counted_of, informing_slopes
-from mbm.estimation.batches.limited import limited_columns, near_limits
+from mbm.estimation.batches.limited import held_back, limited_columns, near_limits
 from mbm.estimation.batches.losses import counted, informed, outlying, rooted_slopes, sandwiches
 from mbm.estimation.batches.portion import Portion, stated
 from mbm.estimation.batches.remarks import remarks
@@ -66,7 +66,7 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
     undoubted = _undoubted(problem, portion, ends, found, spread, derived, residuals, surface)
     undoubted &= ~(examined_alone | coarsely_read(problem, stack, which, portion, residuals, found.basis, noise))
     degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom, counts)
-    limited = limited_columns(portion, None if surface is None else surface[0], ends.points, rooted, spread, residuals)
+    limited = limited_columns(portion, None if surface is None else surface[0], ends.points)
     undoubted &= ~near_limits(problem, portion, ends, limited, spread, degrees)
     counting = counted(portion, residuals)
     return Columns(
@@ -131,6 +131,7 @@ def _undoubted(
         return fine & ~doubtful(problem, portion, ends, found, spread, derived, residuals, None)
     from mbm.estimation.batches.bent import curved
 
+    fine &= ~held_back(surface[0])
     fine &= ~curved(portion, ends, surface[0], found, spread.deviation)
     return fine & ~doubtful(problem, portion, ends, found, spread, derived, residuals, surface[1])
 

@@ -20,11 +20,13 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.spreads import Freedom, Limited
 from mbm.equations.types import Floats, Mask, Minimum
-from mbm.estimation.coverage.student import coverage_factors
-from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.coverage.student import coverage_factors, shortest
+from mbm.estimation.coverage.within_limits import Profile, Quantities, QuantityProfile, quantities
+from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
 from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED, OF_LIKELIHOODS
-from mbm.estimation.uncertainty.statistics import Statistics
+from mbm.estimation.uncertainty.derived import Propagation
+from mbm.estimation.uncertainty.observability import limited, pinned_coordinates
 from mbm.values import dataclass
 
 NOTHING_LEFT, MOST_LOOKED_AT = 12.0, 30.0
@@ -54,6 +56,9 @@ AS_FAR = 1e-3
 AGREES = 0.01
 """Error of −log L between the places where it is known, which moves an end by less than 1 % of a standard deviation."""
 
+MOST_WORK = 3e6
+"""Residuals times the square of the coordinates beyond which profiles beside limits would take many seconds."""
+
 LEAST_PLACES, MOST_PLACES = 5, 60
 """Places on one side where the likelihood is known."""
 
@@ -62,117 +67,177 @@ FINE = 100
 
 HALVINGS = 60
 
-SHORTER_STEPS = 40
-"""Steps to where a likelihood has a value, those that are halved as they lead to none counted."""
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Own:
+    """The coordinates (n,) with their linear ``sigma`` and its ``freedom``, and the ``ends`` of intervals of a level.
+
+    The ends, below and above, are NaN where they are linear.
+    """
+
+    ends: tuple[Floats, Floats]
+    sigma: Floats
+    freedom: Freedom
+    level: float
+
+    @property
+    def linear(self) -> Floats:
+        """How far linear intervals reach to both sides (n,)."""
+        return coverage_factors(self.level, self.freedom.dof) * self.freedom.inflation * self.sigma
+
+    def law(self, which: int, *, scaled: bool) -> Law:
+        """That of one of them."""
+        return Law(dof=float(self.freedom.dof[which]), inflation=float(self.freedom.inflation[which]), scaled=scaled)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Likelihood:
-    """The likelihood about a ``minimum``, with the ``limits`` of its coordinates (None: there are none).
+    """The likelihood about a ``minimum``, with the ``limits`` of its coordinates.
 
+    ``pinned`` (n,) are those that limits hold; something is ``held`` where none is, too, as by a limit of several.
     ``variance`` is that of the residuals; one scale that is an unknown counts as in `Profiles` if it is ``scaled``.
+    ``alone`` (n,) are standard deviations of coordinates if all others are known; ``derived`` gives the quantities that
+    are looked at, by their numbers.
     """
 
     equations: Assembled
     minimum: Minimum
-    limits: Limited | None
+    limits: Limited
+    pinned: Mask
+    held: bool
     variance: float
     scaled: bool
+    alone: Floats
     settings: Settings
+    derived: Callable[[int], Quantities | None]
 
-    def put_in(self, ends: tuple[Floats, Floats], sigma: Floats, freedom: Freedom, level: float) -> None:
-        """Put the ``ends`` of intervals (n,), below and above, of coordinates that a limit cuts or without a ``sigma``,
-        and of those that reach farther where a limit that holds another one lets go of it.
-
-        Others have their ends, NaN where these are linear. Of ``sigma`` (n,) and ``freedom`` (n,).
+    def put_in(self, own: Own) -> None:
+        """Put in the ends of coordinates that a limit cuts or without a sigma, and of those that reach farther where a
+        limit that holds something lets go of it.
         """
-        equations, count = self.equations, len(sigma)
-        k = coverage_factors(level, freedom.dof)
-        numbers = equations.layout.number[equations.free]
-        places = np.where(numbers >= 0, self.minimum.point[numbers], np.nan)
-        lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
-        below, above = (np.where(np.isnan(each), k * freedom.inflation * sigma, each) for each in ends)
-        held: Mask = np.asarray(self.minimum.at_bound != 0)
-        if self.limits is not None:
-            lower, upper = self.limits.lower, self.limits.upper
-            held |= ~np.isnan(self.limits.step)
-        wanted = held | np.isnan(sigma) | (places - below < lower) | (places + above > upper)
-        asked = numbers >= 0 if held.any() else wanted & (numbers >= 0)
-        others = np.flatnonzero(asked & ~wanted)[:MOST_FOLLOWED]
-        for which in [*np.flatnonzero(asked & wanted).tolist(), *others.tolist()]:
-            law = Law(dof=float(freedom.dof[which]), inflation=float(freedom.inflation[which]), scaled=self.scaled)
+        released = np.isfinite(self.limits.step) & (self.limits.sigma > 0.0)
+        for which in np.flatnonzero(released).tolist():
+            self._put(own, which, self._released(own, which))
+        plain, cut = self.equations.layout.number[self.equations.free] >= 0, self._cut(own)
+        # what is near a limit of normal errors has the linear interval up to it
+        wanted = plain & ~released & (cut if self.equations.likely else self.pinned)
+        others = plain & ~(wanted | released) & (own.sigma > 0.0) & self.held
+        for which in [*np.flatnonzero(wanted).tolist(), *np.flatnonzero(others)[:MOST_FOLLOWED].tolist()]:
             profile = Profile(self.equations, self.minimum, which, self.variance, self.settings)
-            reached = law.of_square(float(k[which]) ** 2)
-            there = (law.surprise(profile.growth(step)) for step in (-below[which], above[which]))
-            if wanted[which] or any(abs(np.sqrt(each / reached) - 1.0) > OF_LIKELIHOODS for each in there):
-                limits = places[which] - lower[which], upper[which] - places[which]
-                ends[0][which], ends[1][which] = _interval(profile, law, limits, float(sigma[which]), level)
+            law = own.law(which, scaled=self.scaled)
+            limits = profile.value - self.limits.lower[which], self.limits.upper[which] - profile.value
+            if wanted[which] or not _agrees(profile, law, own, which):
+                self._put(own, which, _interval(profile, law, limits, float(own.sigma[which]), own.level))
+
+    def put_in_derived(self, owner: int, numbers: Own, own: Own) -> None:
+        """The same of the ``numbers`` of a derived quantity, beside the coordinates of their ``own`` ends.
+
+        A number that is made of one coordinate alone goes as far as that takes it.
+        """
+        found = self.derived(owner)
+        if found is None:
+            return
+        cut, index = self._cut(own), self.equations.layout.number[self.equations.free]
+        reached: dict[int, tuple[Floats, Floats]] = {}
+        followed = 0
+        for place in np.flatnonzero(np.isfinite(found.values)).tolist():
+            touched = found.touched(place)
+            if not len(touched) or not (self.held or bool(cut[touched].any())):
+                continue
+            which = int(touched[0])
+            if len(touched) == 1 and index[which] >= 0:
+                if which not in reached and (cut[which] or not np.isnan(own.ends[0][which])):
+                    reached[which] = found.reach(int(index[which]), *self._whole(own, which))
+                if which in reached:
+                    self._put(numbers, place, (reached[which][0][place], reached[which][1][place]))
+            elif followed < MOST_FOLLOWED:
+                followed += 1
+                told = bool(numbers.sigma[place] > 0.0)
+                fewest = int(touched[own.freedom.dof[touched].argmin()])
+                law = numbers.law(place, scaled=self.scaled) if told else own.law(fewest, scaled=self.scaled)
+                profile = QuantityProfile(self.equations, self.minimum, (found, place), self.variance, self.settings)
+                alone = float(np.linalg.norm(found.gradient[place] * self.alone))
+                if not told or not _agrees(profile, law, numbers, place):
+                    first = float(numbers.sigma[place]) if told else alone
+                    ends = _interval(profile, law, (np.inf, np.inf), first, own.level)
+                    self._put(numbers, place, ends)
+
+    def _cut(self, own: Own) -> Mask:
+        """Coordinates (n,) that limits hold or are near to, and those without a sigma."""
+        places = self.equations.coordinates(self.minimum.point)
+        below, above = (np.where(np.isnan(each), own.linear, each) for each in own.ends)
+        near = (places - below < self.limits.lower) | (places + above > self.limits.upper)
+        return np.asarray(self.pinned | near | np.isnan(own.sigma))
+
+    def _put(self, own: Own, which: int, ends: tuple[float, float]) -> None:
+        own.ends[0][which], own.ends[1][which] = ends
+
+    def _released(self, own: Own, which: int) -> tuple[float, float]:
+        """Of what a limit holds, what is between the limits is left of its distribution without them."""
+        return self._shortest(own, which, float(self.limits.step[which]), float(self.limits.sigma[which]))
+
+    def _whole(self, own: Own, which: int) -> tuple[float, float]:
+        """How far the interval of a coordinate reaches, as it is stated."""
+        if np.isnan(own.ends[0][which]):
+            return self._shortest(own, which, 0.0, float(own.sigma[which]))
+        return float(own.ends[0][which]), float(own.ends[1][which])
+
+    def _shortest(self, own: Own, which: int, step: float, sigma: float) -> tuple[float, float]:
+        """How far the shortest interval of a linear distribution between the limits reaches, which begins with a step
+        from the estimate.
+        """
+        scale = sigma * float(own.freedom.inflation[which])
+        place = float(self.equations.coordinates(self.minimum.point)[which])
+        limits = [float(each[which]) - place for each in (self.limits.lower, self.limits.upper)]
+        down, up = ((limit - step) / scale for limit in limits)
+        low, high = shortest(down, up, own.level, float(own.freedom.dof[which]))
+        # Up to a limit, the end is the limit itself, not what is left of it by a step there and back.
+        return -(limits[0] if low == down else step + low * scale), limits[1] if high == up else step + high * scale
+
+
+def _agrees(profile: Profile, law: Law, own: Own, which: int) -> bool:
+    """Whether the ends that a number has, or the linear ones, are those of its profile."""
+    linear = float(own.linear[which])
+    below, above = (linear if np.isnan(each[which]) else float(each[which]) for each in own.ends)
+    reached = law.of_square(float(coverage_factors(own.level, np.array([law.dof]))[0]) ** 2)
+    there = (law.surprise(profile.growth(step)) for step in (-below, above))
+    return all(abs(np.sqrt(each / reached) - 1.0) <= OF_LIKELIHOODS for each in there)
 
 
 @np.errstate(all="ignore")
 def likelihood(
-    equations: Assembled, minimum: Minimum, outcome: Statistics, limits: Limited | None, settings: Settings
+    propagation: Propagation,
+    minimum: Minimum,
+    limits: Limited | None,
+    derived: tuple[DerivedSolution, ...],
+    settings: Settings,
 ) -> Likelihood | None:
-    """What finds such intervals; None where there is no likelihood, or nothing is known of it."""
-    if not equations.likely or equations.lossy or minimum.blocks is not None or not minimum.feasible:
+    """What finds such intervals; None where nothing is cut, or nothing is known of the likelihood."""
+    outcome = propagation.outcome
+    equations = outcome.influence.equations
+    observed, count = outcome.observed, equations.dimension
+    if equations.lossy or minimum.blocks is not None or not minimum.feasible or not minimum.reason.converged:
         return None
-    if (
-        not (minimum.reason.converged or minimum.reason.under_way)
-        or not outcome.sigma_known
-        or not outcome.covariance.variance > 0.0
-    ):
+    if not (equations.likely or limited(observed)) or not outcome.sigma_known or not outcome.covariance.variance > 0.0:
         return None
+    if not equations.likely and equations.count * count**2 > MOST_WORK:
+        return None
+    if limits is None:
+        none = np.full(count, np.nan)
+        limits = Limited(lower=np.full(count, -np.inf), upper=np.full(count, np.inf), step=none, sigma=none)
+    by_owner = {one.owner: one for one in derived}
     return Likelihood(
         equations=equations,
         minimum=minimum,
         limits=limits,
+        pinned=np.asarray(~np.isnan(limits.step) | pinned_coordinates(observed)),
+        held=limited(observed),
         variance=outcome.covariance.variance,
         scaled=outcome.freedoms.scaled,
+        alone=np.sqrt(outcome.covariance.variance) / observed.scale,
         settings=settings,
+        derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
     )
-
-
-class Profile:
-    """The profile of the likelihood of the coordinate ``which`` (of the free ones) about a minimum."""
-
-    def __init__(self, equations: Assembled, minimum: Minimum, which: int, variance: float, settings: Settings) -> None:
-        free = equations.free
-        self._number = int(equations.layout.number[free[which]])
-        self._others = equations.freed(np.delete(free, which), minimum.point)
-        self._settings = settings
-        self._least = minimum.cost
-        self._variance = variance
-        self._points = {0.0: minimum.point}
-        self.value = float(minimum.point[self._number])
-
-    def growth(self, step: float) -> float:
-        """By how many variances the cost grows with a step of the coordinate, least over all others; infinite where
-        there is no value.
-
-        Where there is none with the others as they are at the nearest step so far, shorter steps lead there.
-        """
-        near, there = min(self._points, key=lambda each: abs(each - step)), step
-        for _ in range(SHORTER_STEPS):
-            start = self._points[near].copy()
-            start[self._number] = self.value + there
-            residuals = self._others.residuals(start)
-            cost = float(residuals @ residuals)
-            if not self._others.dimension:
-                return self._told(cost)
-            if not np.isfinite(cost):
-                there = 0.5 * (near + there)
-                continue
-            found = minimise(self._others, start, self._settings)
-            if not found.feasible:
-                break
-            self._points[there] = found.point
-            if there == step:
-                return self._told(found.cost)
-            near, there = there, step
-        return np.inf
-
-    def _told(self, cost: float) -> float:
-        return max(cost - self._least, 0.0) / self._variance if np.isfinite(cost) else np.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

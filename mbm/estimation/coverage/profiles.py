@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import field
+from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +22,7 @@ from mbm.estimation.trust.nonlinearity import OF_LIKELIHOODS, TOLERATED
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.estimation.coverage.likelihood import Likelihood
+    from mbm.estimation.coverage.likelihood import Likelihood, Own
 
 ACCURACY = 1e-3
 """Relative accuracy of an end."""
@@ -34,13 +34,13 @@ class Profiles:
 
     Both answer how far the ends of intervals of a level lie below and above; NaN where the linear interval is right,
     infinite where there is no end. The ``lock`` is that of a `Solution`. ``scaled``: one scale of a likelihood is an
-    unknown, which the profile follows too. ``likelihood`` is that of coordinates that limits may cut (None: none is).
+    unknown, which the profile follows too. ``likelihood`` is that beside limits (None: none hold or cut anything).
     """
 
     curvature: Curvature | None
     sigma: Floats
     freedom: Freedom
-    derived: Mapping[int, Freedom]
+    derived: Mapping[int, DerivedSolution]
     lock: AbstractContextManager[object]
     scaled: bool = False
     likelihood: Likelihood | None = None
@@ -52,7 +52,7 @@ class Profiles:
 
     def of_derived(self, owner: int, level: float) -> tuple[Floats, Floats]:
         """Those of all numbers of a derived quantity."""
-        return self._once(owner, level, lambda: self._derived(owner, level))
+        return self._once(owner, level, lambda: self._numbers(owner, level))
 
     def _once(
         self, owner: int | None, level: float, find: Callable[[], tuple[Floats, Floats]]
@@ -68,8 +68,23 @@ class Profiles:
         if self.curvature is not None:
             ends = self._bent(self.curvature, level)
         if self.likelihood is not None:
-            self.likelihood.put_in(ends, self.sigma, self.freedom, level)
+            self.likelihood.put_in(self._own(ends, level))
         return ends
+
+    def _numbers(self, owner: int, level: float) -> tuple[Floats, Floats]:
+        one = self.derived[owner]
+        ends = self._derived(owner, one.freedom, level)
+        if self.likelihood is not None:
+            freedom = Freedom(dof=one.freedom.dof.ravel(), inflation=one.freedom.inflation.ravel())
+            numbers = replace(self._own(ends, level), sigma=one.sigma.ravel(), freedom=freedom)
+            self.likelihood.put_in_derived(owner, numbers, self._own(self.of_coordinates(level), level))
+        return ends
+
+    def _own(self, ends: tuple[Floats, Floats], level: float) -> Own:
+        # Loaded where limits are near, so that the others start at once.
+        from mbm.estimation.coverage.likelihood import Own
+
+        return Own(ends=ends, sigma=self.sigma, freedom=self.freedom, level=level)
 
     def _bent(self, curvature: Curvature, level: float) -> tuple[Floats, Floats]:
         around = curvature.around
@@ -95,8 +110,7 @@ class Profiles:
         )
         return lower, upper
 
-    def _derived(self, owner: int, level: float) -> tuple[Floats, Floats]:
-        freedom = self.derived[owner]
+    def _derived(self, owner: int, freedom: Freedom, level: float) -> tuple[Floats, Floats]:
         reach = self._reach(level, freedom).ravel()
         below, above = (np.full(len(reach), np.nan) for _ in range(2))
         curvature = self.curvature
@@ -150,7 +164,7 @@ def profiles(
         curvature=found,
         sigma=sigma,
         freedom=freedom,
-        derived={one.owner: one.freedom for one in derived},
+        derived={one.owner: one for one in derived},
         lock=lock,
         scaled=scaled,
         likelihood=likelihood,

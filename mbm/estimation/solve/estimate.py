@@ -47,6 +47,7 @@ from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.gauge import with_gauge
 from mbm.estimation.uncertainty.informed import informed
 from mbm.estimation.uncertainty.motion import with_motions
+from mbm.estimation.uncertainty.observability import limited as beside_limits
 from mbm.estimation.uncertainty.observability import observed_at
 from mbm.estimation.uncertainty.statistics import Statistics, cost_of, plain_residuals, statistics
 from mbm.kernels.types import KernelSet
@@ -216,7 +217,7 @@ def answered(
         sigma_known=outcome.sigma_known,
         limited=limits,
         freedom=freedom,
-        profiles=once(lambda: _profiles(run, bent(), minimum, outcome, limits, derived)),
+        profiles=once(lambda: _profiles(run, bent(), minimum, propagation, limits, derived)),
         unused=unused,
         corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
         method=solver_name(equations, run.settings),
@@ -236,17 +237,17 @@ def _profiles(
     run: Run,
     bent: Curvature | None,
     minimum: Minimum,
-    outcome: Statistics,
+    propagation: Propagation,
     limits: Limited | None,
     derived: tuple[DerivedSolution, ...],
 ) -> Profiles | None:
     """What follows intervals that are not linear."""
-    likely = None
-    if run.equations.likely:
-        # Loaded by likelihoods only, so that the others start at once.
+    likely, outcome = None, propagation.outcome
+    if run.equations.likely or beside_limits(outcome.observed):
+        # Loaded by likelihoods and where limits hold something, so that the others start at once.
         from mbm.estimation.coverage.likelihood import likelihood
 
-        likely = likelihood(outcome.influence.equations, minimum, outcome, limits, run.settings)
+        likely = likelihood(propagation, minimum, limits, derived, run.settings)
     sigma, freedom = outcome.covariance.sigma, outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
     lock, scaled = run.binder.cache.lock, outcome.freedoms.scaled
     return profiles(bent, sigma, freedom, derived, lock, scaled=scaled, likelihood=likely)

@@ -15,6 +15,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.uncertainty.covariance import propagate
 from mbm.estimation.uncertainty.degrees import common
+from mbm.estimation.uncertainty.observability import limited, pinned, pinned_coordinates
 from mbm.estimation.uncertainty.statistics import Statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of
@@ -27,6 +28,8 @@ GRADIENT_LIMIT = 20_000_000
 
 VARYING = 4 * float(np.finfo(np.float64).eps)
 """Standard deviation beside the value up to which a quantity cannot vary: its derivatives are roundings."""
+
+PINNED = "it varies only as an estimate leaves the limit that holds it"
 
 COVARIANCE_LIMIT = 2_000
 """Derived scalars whose full covariance is made; beyond, the marginal sigmas stay."""
@@ -83,24 +86,30 @@ class Propagation:
         values, sigma = np.full((rows, numbers), np.nan), np.full((rows, size), np.nan)
         known = common(self.outcome.freedoms.dof, sigma.shape)
         gradient = np.zeros((rows, size, width)) if rows * size * width <= GRADIENT_LIMIT else None
+        reason = None
         for group in self.binder.derived(self.kernels, owner):
             positions = group.positions if group.positions is not None else np.arange(1)
             stated = group.values(self.numbers).copy()
-            unknown = self._unknown(group)
+            unknown, held_too = self._unknown(group), self._limited(group)
             if derived.kind is None:
                 values[positions] = reported(derived, stated)
             else:
                 values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
-                unknown = np.repeat(unknown.any(axis=1, keepdims=True), size, axis=1)
+                unknown, held_too = (
+                    np.repeat(each.any(axis=1, keepdims=True), size, axis=1) for each in (unknown, held_too)
+                )
             for lines, slopes in group.dense_slopes(self.numbers, self._columns(self.equations.free), width):
                 chosen, part = positions[lines], slopes
                 if derived.kind is not None:
                     part = tangent_slopes(derived.kind, derived.dimension, stated[lines], slopes)
                 spread = self._sigmas(part)
+                still = pinned(self.outcome.observed, part.reshape(spread.size, width)).reshape(spread.shape)
+                still |= held_too[lines] & ~part.any(axis=-1)
+                reason = PINNED if bool(still.any()) else reason
                 if derived.kind is None:
                     held = cannot_vary(stated[lines], spread)
                     part, spread = np.where(held[..., None], 0.0, part), np.where(held, 0.0, spread)
-                sigma[chosen] = np.where(unknown[lines], np.nan, spread)
+                sigma[chosen] = np.where(unknown[lines] | still, np.nan, spread)
                 found = self.outcome.freedoms.of(part)
                 known.dof[chosen], known.inflation[chosen] = found.dof, found.inflation
                 if gradient is not None:
@@ -111,6 +120,7 @@ class Propagation:
             sigma=sigma,
             freedom=known,
             gradient=None if gradient is None else gradient.reshape(gradient.shape[0] * size, width),
+            reason=reason,
         )
 
     def _sigmas(self, part: Floats) -> Floats:
@@ -132,6 +142,19 @@ class Propagation:
             return np.zeros((group.rows, group.kernel.outputs), dtype=bool)
         slopes = group.dense_jacobian(self.numbers, self._columns(loose), len(loose))
         return np.asarray((slopes != 0).any(axis=2))
+
+    def _limited(self, group: Group) -> Mask:
+        """Which outputs (rows, outputs) are made of estimates that limits hold, among others."""
+        observed, kernel = self.outcome.observed, group.kernel
+        shape = group.rows, kernel.outputs
+        if not limited(observed):
+            return np.zeros(shape, dtype=bool)
+        held = np.zeros(len(self.equations.layout.number), dtype=bool)
+        held[self.equations.free] = pinned_coordinates(observed)
+        if group.gathered is not None:
+            return np.full(shape, bool(held[group.reached[group.reached < len(held)]].any()))
+        of_output = kernel.jacobian_rows[:, None] == np.arange(kernel.outputs)
+        return np.broadcast_to(held[group.touched[:, kernel.jacobian_columns]] @ of_output, shape)
 
     def _columns(self, positions: Indices) -> Indices:
         columns = np.full(len(self.equations.layout.number), -1, dtype=np.int64)

@@ -15,6 +15,10 @@ FEW_NUMBERS = 1000
 """Numbers in a Jacobian up to which its singular values are found in half the time without its triangle (measured)."""
 
 
+STILL = 1e-9
+"""What rounding makes of no movement, as a share of one, where columns have length 1."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surface:
     """Where the estimates may move: ``slopes`` (k, n) of the constraints that hold them, which of those are equations.
@@ -87,7 +91,24 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface
         unused=tuple(unused.tolist()),
         estimable=estimable,
         fixed=fixed.copy(),
+        limited_space=None if surface is None else _limited(surface, used, scale),
     )
+
+
+def _limited(surface: Surface, used: Indices, scale: Floats) -> Floats | None:
+    """An orthonormal basis (n, k) of the directions that inequalities take away and equations do not, scaled."""
+    slopes = surface.slopes[:, used] / scale[used]
+    lengths = np.sqrt(np.square(slopes).sum(axis=1))
+    slopes, equality = slopes[lengths > 0.0] / lengths[lengths > 0.0, None], surface.equality[lengths > 0.0]
+    if not bool((~equality).any()):
+        return None
+    directions, rank, _ = taken_away(slopes[equality], equality[equality], whole=False)
+    along = directions[:rank]
+    rows = slopes[~equality] - slopes[~equality] @ along.T @ along
+    _, singular, right = np.linalg.svd(rows, full_matrices=False)
+    found = np.zeros((len(scale), int((singular > STILL).sum())))
+    found[used] = right[: found.shape[1]].T
+    return found
 
 
 def observed_at(minimum: Minimum, point: Floats, weights: Floats | None = None) -> Observability:
@@ -111,3 +132,29 @@ def _tangent(surface: Surface, used: Indices, scale: Floats) -> _Tangent:
     """The directions along the surface, in the scaled coordinates ``used``; dependent constraints count once."""
     directions, rank, equalities = taken_away(surface.slopes[:, used] / scale[used], surface.equality)
     return _Tangent(basis=directions[rank:].T, equalities=equalities, inequalities=rank - equalities)
+
+
+def limited(observed: Observability) -> bool:
+    """Whether a bound or an inequality holds some estimate."""
+    return observed.limited_space is not None or bool(observed.fixed.any())
+
+
+def pinned(observed: Observability, gradient: Floats) -> Mask:
+    """Which quantities with the gradient (k, n) change only as estimates leave the limits that hold them."""
+    if not limited(observed):
+        return np.zeros(len(gradient), dtype=bool)
+    weighted = gradient / observed.scale
+    held, loose = np.where(observed.fixed, weighted, 0.0), np.where(observed.fixed, 0.0, weighted)
+    if observed.limited_space is not None:
+        held = np.hstack([held, loose @ observed.limited_space])
+    if observed.inverse is None:
+        loose = np.hstack([loose @ observed.row_space, loose @ observed.null_space])
+    held_by, moved_by = (np.square(each).sum(axis=1) for each in (held, loose))
+    return np.asarray((held_by > 0.0) & (moved_by <= STILL**2 * held_by))
+
+
+def pinned_coordinates(observed: Observability) -> Mask:
+    """Which of the coordinates (n,) do so: those at a bound, and those that an inequality holds alone."""
+    if observed.limited_space is None:
+        return observed.fixed
+    return np.asarray(observed.fixed | pinned(observed, np.eye(len(observed.fixed))))

@@ -1,0 +1,217 @@
+"""Profiles of the cost within all limits: of a coordinate, or of a derived quantity, as an equation more.
+
+Unlike those of `trust.profile`, which are followed along the tangent of a minimum, each place is a minimum of its own:
+estimates that a limit holds leave it where the cost wants it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import Group
+from mbm.equations.forwarding import Forwarding
+from mbm.equations.types import Floats, Indices, Mask, Minimum
+from mbm.estimation.minimise.constrained.solve import function_constrained_minimum
+from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.search.solution import DerivedSolution
+from mbm.estimation.settings import Settings
+from mbm.estimation.trust.curvature import MOST_DERIVED
+from mbm.estimation.uncertainty.derived import Propagation
+from mbm.values import dataclass
+
+SHORTER_STEPS = 40
+"""Steps to where a likelihood has a value, those that are halved as they lead to none counted."""
+
+BETWEEN = 64
+"""Places on each side of an estimate at which quantities of it alone are looked at."""
+
+FAR = 100.0
+"""The logarithm of the farthest of them where that side has no end."""
+
+
+class Profile:
+    """The profile of the cost of the coordinate ``which`` (of the free ones) about a minimum."""
+
+    def __init__(self, equations: Assembled, minimum: Minimum, which: int, variance: float, settings: Settings) -> None:
+        free = equations.free
+        self._number = int(equations.layout.number[free[which]])
+        self._others = equations.freed(np.delete(free, which), minimum.point)
+        self._settings = settings
+        self._least = minimum.cost
+        self._variance = variance
+        self._points = {0.0: minimum.point}
+        self.value = float(minimum.point[self._number])
+
+    def growth(self, step: float) -> float:
+        """By how many variances the cost grows with a step of the coordinate, least over all others; infinite where
+        there is no value.
+
+        Where there is none with the others as they are at the nearest step so far, shorter steps lead there.
+        """
+        near, there = min(self._points, key=lambda each: abs(each - step)), step
+        for _ in range(SHORTER_STEPS):
+            found = self._found(self._points[near], there)
+            if found is None:
+                there = 0.5 * (near + there)
+                continue
+            cost, point = found
+            if not np.isfinite(cost):
+                break
+            self._points[there] = point
+            if there == step:
+                return max(cost - self._least, 0.0) / self._variance
+            near, there = there, step
+        return np.inf
+
+    def _found(self, start: Floats, there: float) -> tuple[float, Floats] | None:
+        """The least cost (infinite: none) after a step, from a point near it, and where; None: nothing leads there."""
+        start = start.copy()
+        start[self._number] = self.value + there
+        residuals = self._others.residuals(start)
+        cost = float(residuals @ residuals)
+        if not self._others.dimension:
+            return cost, start
+        if not np.isfinite(cost):
+            return None
+        found = minimise(self._others, start, self._settings)
+        return (found.cost if found.feasible else np.inf), found.point
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Quantities:
+    """The numbers (k,) of a derived quantity, of the ``group``, with their ``values`` (k,) at the estimates.
+
+    These are the ``point`` (N,). Reported angles are ``turned`` (N,) from those of the equations. ``gradient`` (k, n)
+    is that at the estimates, and ``columns`` (M,) the place of each coordinate among the free ones, -1 elsewhere.
+    """
+
+    group: Group
+    point: Floats
+    turned: Floats
+    values: Floats
+    gradient: Floats
+    columns: Indices
+    angle: bool
+
+    def touched(self, place: int) -> Indices:
+        """The free coordinates that a number is made of."""
+        row, output = divmod(place, self.group.kernel.outputs)
+        kernel = self.group.kernel
+        own = self.group.columns[row % len(self.group.columns), kernel.jacobian_columns[kernel.jacobian_rows == output]]
+        own = own if self.group.gathered is None else self.group.reached
+        found = self.columns[own[own < len(self.columns)]]
+        return np.unique(found[found >= 0])
+
+    @np.errstate(all="ignore")
+    def changes(self, points: Floats) -> Floats:
+        """How far they are (P, k) from their values at points (P, N)."""
+        moved = self.group.values_at(points + self.turned).reshape(len(points), -1) - self.values
+        return moved - 2 * np.pi * np.round(moved / (2 * np.pi)) if self.angle else moved
+
+    def slope(self, place: int, point: Floats) -> Floats:
+        """The gradient (n,) of one of them at a point (N,)."""
+        width = self.gradient.shape[1]
+        dense = self.group.dense_jacobian(point + self.turned, self.columns, width)
+        return np.asarray(dense.reshape(-1, width)[place])
+
+    def reach(self, number: int, below: float, above: float) -> tuple[Floats, Floats]:
+        """How far they go (k,) below and above while one ``number`` goes so far; NaN where that is not known."""
+        grid = np.linspace(0.0, 1.0, BETWEEN)[1:]
+        far = np.concatenate([-1.0 * _distances(grid, below), _distances(grid, above)])
+        points = np.tile(self.point, (1 + len(far), 1))
+        points[1:, number] += far
+        moved = self.changes(points)
+        return -moved.min(axis=0), moved.max(axis=0)
+
+
+def _distances(grid: Floats, reach: float) -> Floats:
+    """Places up to a distance, which may be infinite."""
+    return reach * grid if np.isfinite(reach) else np.append(np.expm1(FAR * grid[:-1]), np.inf)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Brought(Forwarding):
+    """The ``equations`` with a constraint more: the number ``place`` of quantities changes by ``target``."""
+
+    equations: Assembled
+    quantities: Quantities
+    place: int
+    target: float
+    lower: Floats
+    upper: Floats
+
+    @property
+    def linear(self) -> bool:
+        """Never promised of the quantity."""
+        return False
+
+    @property
+    def equality(self) -> Mask:
+        """Which constraints are equations."""
+        return np.append(self.equations.equality, True)
+
+    def constraint_values(self, x: Floats) -> Floats:
+        """Those of the problem, and what the quantity lacks."""
+        return np.append(
+            self.equations.constraint_values(x), self.quantities.changes(x[None])[0, self.place] - self.target
+        )
+
+    def constraint_jacobian(self, x: Floats) -> Floats:
+        """Their derivatives."""
+        return np.vstack([self.equations.constraint_jacobian(x), self.quantities.slope(self.place, x)])
+
+
+class QuantityProfile(Profile):
+    """The same of the number ``place`` of derived quantities."""
+
+    def __init__(
+        self,
+        equations: Assembled,
+        minimum: Minimum,
+        which: tuple[Quantities, int],
+        variance: float,
+        settings: Settings,
+    ) -> None:
+        self._equations, self._settings = equations, settings
+        self._quantities, self._place = which
+        self._least = minimum.cost
+        self._variance = variance
+        self._points = {0.0: minimum.point}
+        self.value = float(self._quantities.values[self._place])
+
+    def _found(self, start: Floats, there: float) -> tuple[float, Floats] | None:
+        brought = Brought(
+            equations=self._equations,
+            quantities=self._quantities,
+            place=self._place,
+            target=there,
+            lower=self._equations.lower,
+            upper=self._equations.upper,
+        )
+        found = function_constrained_minimum(brought, start, self._settings)
+        good = found.bad_row is None and found.feasible
+        return (found.cost if good else np.inf), found.point
+
+
+def quantities(propagation: Propagation, one: DerivedSolution, point: Floats) -> Quantities | None:
+    """The numbers of a derived quantity at the estimates ``point`` (N,).
+
+    None: they are rotations or the like, too many, or their rows follow several formulas.
+    """
+    equations, stated = propagation.equations, propagation.problem.derived[one.owner]
+    groups = propagation.binder.derived(propagation.kernels, one.owner)
+    several = len(groups) != 1 or groups[0].rows != len(one.values)
+    if stated.kind is not None or one.gradient is None or several or one.values.size > MOST_DERIVED:
+        return None
+    columns = np.full(len(equations.layout.number), -1, dtype=np.int64)
+    columns[equations.free] = np.arange(equations.dimension)
+    return Quantities(
+        group=groups[0],
+        point=point,
+        turned=equations.layout.reported(point) - point,
+        values=one.values.ravel(),
+        gradient=one.gradient,
+        columns=columns,
+        angle=stated.angle,
+    )

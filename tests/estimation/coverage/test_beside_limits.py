@@ -1,0 +1,155 @@
+"""Intervals beside limits that hold an estimate of normal errors: closed forms, sums over grids, simulations."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.stats import truncnorm
+
+import mbm
+from mbm.cli.main import run
+from mbm.report.exports import write_estimates
+
+NEAR = 5e-3
+"""Relative accuracy of an end: −log L is known to 0.01 between the places where it was looked at."""
+
+READINGS = np.array([-0.3, -0.1, 0.02])
+BOUND = ("(a :in (0 10))", ""), ("(a)", "(constraints (>= a 0))"), ("(a)", "(constraints (normal c 1 1) (>= a 0))")
+MEAN = """(problem p (data d external) (unknowns {unknown} (c)) {limit} {each}
+    (observe d (= y a) :sigma 0.2) (observe (= c 1) :sigma 1)
+    (derive (twice (* 2 a)) (square (^ a 2)) (less (- 1 a)) (other (* 3 c))))"""
+
+
+def ends(readings: np.ndarray) -> float:
+    """The upper end of the shortest interval of the normal distribution that is left above 0."""
+    centre, scale = readings.mean(), 0.2 / np.sqrt(len(readings))
+    return float(truncnorm.ppf(0.95, -centre / scale, np.inf, centre, scale))
+
+
+@pytest.mark.parametrize(("unknown", "limit"), BOUND)
+@pytest.mark.parametrize("each", ["", "(for-each k)"])
+def test_what_is_derived_of_an_estimate_at_its_limit_goes_as_far_as_that(unknown: str, limit: str, each: str) -> None:
+    data = {"y": READINGS, "k": np.zeros(3)}
+    found = mbm.loads(MEAN.format(unknown=unknown, limit=limit, each=each)).solve(data={"d": data}).solves[0]
+    far = ends(READINGS)
+    for name, expected in (
+        ("a", [0.0, far]),
+        ("twice", [0.0, 2 * far]),
+        ("square", [0.0, far**2]),
+        ("less", [1 - far, 1.0]),
+    ):
+        assert found[name].interval() == pytest.approx(expected, rel=1e-9, abs=1e-9)
+        assert np.isnan(found[name].sigma)
+    assert found["twice"].reason is not None and "leaves the limit" in found["twice"].reason
+    assert found["other"].interval_kind == "t"
+    assert found["other"].sigma > 0.0
+
+
+def test_documents_tables_and_csv_give_no_standard_deviation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = MEAN.format(unknown="(a :in (0 10))", limit="", each="").replace(
+        "external", "(table (y) (-0.3) (-0.1) (0.02))"
+    )
+    found = mbm.loads(text).solve()
+    twice = found.document()["solves"][0]["derived"]["twice"]
+    assert twice["sigma"] is None and twice["U"] is None
+    assert "limit" in twice["reason"]
+    assert twice["interval"] == pytest.approx([0.0, 2 * ends(READINGS)])
+    stream = io.StringIO(newline="")
+    write_estimates(found.result, stream)
+    row = next(each for each in csv.DictReader(io.StringIO(stream.getvalue())) if each["scalar"] == "twice")
+    assert row["sigma"] == "" and float(row["high"]) == pytest.approx(2 * ends(READINGS))
+    file = tmp_path / "shown.mbm"
+    file.write_text(text, encoding="utf-8")
+    run(["solve", str(file), "--intervals"])
+    out = capsys.readouterr().out
+    line = next(each for each in out.splitlines() if each.startswith("  twice"))
+    assert "± ?" in line and "leaves the limit" in line
+
+
+X = np.array([3.0, 3.5, 4.0, 4.5])
+"""Far from 0, so that the intercept and the slope of a line are correlated by -0.97."""
+LINE = """(problem p (data d external) (unknowns {unknown} (b)) {limit} {each}
+    (observe d (= y (+ a (* b x))) :sigma 0.3) (derive (far (+ a (* 10 b))) (sum (+ a b)) {more}))"""
+
+
+def shortest(grid: np.ndarray, costs: np.ndarray) -> list[float]:
+    """The shortest interval that holds 95 % of a likelihood."""
+    left = np.exp(-0.5 * (costs - costs.min()))
+    order = np.argsort(-left, kind="stable")
+    inside = grid[order[: int(np.searchsorted(np.cumsum(left[order]), 0.95 * left.sum())) + 1]]
+    return [float(inside.min()), float(inside.max())]
+
+
+def profile(y: np.ndarray, ahead: float) -> list[float]:
+    """Of (a + ahead b), or of b (infinite), over all a ≥ 0."""
+    grid = np.linspace(-8.0, 8.0, 16_001) if np.isfinite(ahead) else np.linspace(-1.0, 1.0, 16_001)
+    # b = (v - a)/ahead, or v: the cost is a parabola in a
+    slope = 1.0 - X / ahead if np.isfinite(ahead) else np.ones(4)
+    fixed = y[:, None] - (X[:, None] / ahead if np.isfinite(ahead) else X[:, None]) * grid
+    best = np.maximum(0.0, (slope @ fixed) / (slope @ slope))
+    return shortest(grid, (((fixed - slope[:, None] * best) / 0.3) ** 2).sum(axis=0))
+
+
+@pytest.mark.parametrize(("unknown", "limit"), BOUND[:2])
+def test_beside_an_estimate_at_its_limit_the_others_reach_to_where_it_leaves_it(unknown: str, limit: str) -> None:
+    y = 0.2 * X + 0.3 * np.random.default_rng(3).standard_normal((16, 4))
+    data = {"k": np.repeat(np.arange(16), 4), "x": np.tile(X, 16), "y": y.ravel()}
+    text = LINE.format(unknown=unknown, limit=limit, each="(for-each k)", more="")
+    held = 0
+    for own, found in zip(y, mbm.loads(text).solve(data={"d": data}).solves, strict=True):
+        if not found["a"].at_bound.any():
+            continue
+        held += 1
+        # the grids have steps of 0.0001 and 0.001
+        assert found["b"].interval() == pytest.approx(profile(own, np.inf), abs=2e-3)
+        assert found["far"].interval() == pytest.approx(profile(own, 10.0), abs=2e-2)
+        assert found["b"].sigma == pytest.approx(0.3 / np.sqrt(X @ X))
+    assert held > 3
+
+
+def test_what_an_inequality_of_several_estimates_holds_goes_as_far_as_its_profile() -> None:
+    y = np.array([0.6, 0.2, -0.3, -0.4])
+    text = LINE.format(unknown="(a)", limit="(constraints (<= (+ a b) 0.1))", each="", more="(twice (* 2 (+ a b)))")
+    found = mbm.loads(text).solve(data={"d": {"x": X, "y": y}})
+    grid = np.linspace(-6.0, 0.1, 60_001)
+    slope = 1.0 - X
+    fixed = y[:, None] - X[:, None] * grid
+    best = (slope @ fixed) / (slope @ slope)
+    wanted = shortest(grid, (((fixed - slope[:, None] * best) / 0.3) ** 2).sum(axis=0))
+    for name, factor in (("sum", 1.0), ("twice", 2.0)):
+        assert found[name].interval() == pytest.approx([factor * each for each in wanted], abs=5e-3)
+        assert np.isnan(found[name].sigma)
+
+
+def test_a_quantity_that_equations_determine_keeps_its_zero() -> None:
+    text = """(problem p (data d (table (y) (-1) (-2))) (unknowns (a :in (0 10)) (b))
+        (constraints (= b 3)) (observe d (= y a) :sigma 1) (derive (twice (* 2 b)) (both (+ a b))))"""
+    found = mbm.loads(text).solve()
+    assert found["twice"].sigma == pytest.approx(0.0, abs=1e-12)
+    assert np.isnan(found["both"].sigma)
+    far = brentq(lambda end: truncnorm.cdf(end, 1.5 * np.sqrt(2), np.inf, -1.5, 1 / np.sqrt(2)) - 0.95, 0.01, 3.0)
+    assert found["both"].interval() == pytest.approx([3.0, 3.0 + far], rel=NEAR)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("inside", [0.0, 0.5, 1.0, 2.0])
+def test_intervals_beside_a_limit_hold_the_truth(inside: float) -> None:
+    runs = 1000
+    design = np.column_stack([np.ones(4), X])
+    a = inside * 0.3 * np.sqrt(np.linalg.inv(design.T @ design)[0, 0])
+    y = a + 0.2 * X + 0.3 * np.random.default_rng(5).standard_normal((runs, 4))
+    text = LINE.format(unknown="(a :in (0 100))", limit="", each="(for-each k)", more="(twice (* 2 a))")
+    data = {"k": np.repeat(np.arange(runs), 4), "x": np.tile(X, runs), "y": y.ravel()}
+    solves = mbm.loads(text).solve(data={"d": data}).solves
+    for name, truth in (("b", 0.2), ("far", a + 2.0), ("sum", a + 0.2)):
+        found = np.array([each[name].interval() for each in solves])
+        held = ((found[:, 0] <= truth) & (truth <= found[:, 1])).mean()
+        # 1000 runs are known to 0.7 % (one standard deviation)
+        assert 0.93 < held < 0.985
