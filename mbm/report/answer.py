@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any, cast, overload
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.report.blocks import ManyReports
 from mbm.report.frames import frame
+from mbm.report.later import Later
 from mbm.report.solve import Solve
 from mbm.report.solve_columns import solve_columns
 from mbm.report.types import Floats, Mask, Result, ResultStatus, SolveReport
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from mbm.text.types import Diagnostic
 
 
-class Solves(Sequence[Solve]):
+class Solves(Later[Solve]):
     """The solves of a result; each is made when it is asked for."""
 
     def __init__(self, result: Result) -> None:
@@ -32,21 +33,9 @@ class Solves(Sequence[Solve]):
     def __len__(self) -> int:
         return len(self._result.solves)
 
-    @overload
-    def __getitem__(self, index: int) -> Solve: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Solve]: ...
-
-    def __getitem__(self, index: int | slice) -> Solve | Sequence[Solve]:
-        found = self._result.solves[index]
-        return self._solve(found) if isinstance(found, SolveReport) else tuple(map(self._solve, found))
-
-    def __iter__(self) -> Iterator[Solve]:
-        return map(self._solve, self._result.solves)
-
-    def _solve(self, report: SolveReport) -> Solve:
-        return Solve(replace(self._result, solves=(report,), diagnostics=(), complete=True))
+    def at(self, place: int) -> Solve:
+        """The solve at a place."""
+        return Solve(replace(self._result, solves=(self._result.solves[place],), diagnostics=(), complete=True))
 
     def __repr__(self) -> str:
         return f"<{len(self)} solves of {self._result.problem!r}>"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TypeAlias, TypeVar, overload
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -17,10 +17,10 @@ from mbm.problem.types import BlockRole, Problem
 from mbm.report.elements import element_names, shown_sigma, shown_values
 from mbm.report.filled import families, filled
 from mbm.report.from_solution import report_of
-from mbm.report.later import LaterByNumber
-from mbm.report.means import RawResiduals
+from mbm.report.later import Later, LaterByNumber
 from mbm.report.residuals import column_corrections
 from mbm.report.root_means import RootMeans, of_block
+from mbm.report.row_data import RawResiduals
 from mbm.report.types import (
     CorrectionReport,
     DerivedValue,
@@ -220,7 +220,7 @@ class BlockReports:
         return found
 
 
-class ManyReports(Sequence[SolveReport]):
+class ManyReports(Later[SolveReport]):
     """The reports of the solves of several blocks, and of those solved ``alone``, in the order of their numbers.
 
     ``ranks`` has the places, from 0, of the solves of each block among all these, and of those alone.
@@ -253,18 +253,8 @@ class ManyReports(Sequence[SolveReport]):
         for owner, place in zip(self._owners, self._places, strict=True):
             yield next(made[owner]) if owner < len(made) else of_report(self._alone(place))
 
-    @overload
-    def __getitem__(self, index: int) -> SolveReport: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[SolveReport]: ...
-
-    def __getitem__(self, index: int | slice) -> SolveReport | Sequence[SolveReport]:
-        if isinstance(index, slice):
-            return tuple(self[i] for i in range(*index.indices(len(self))))
-        place = index + len(self) if index < 0 else index
-        if not 0 <= place < len(self):
-            raise IndexError(index)
+    def at(self, place: int) -> SolveReport:
+        """The report at a place."""
         owner, own = self._owners[place], self._places[place]
         return self.blocks[owner].report(own) if owner < len(self.blocks) else self._alone(own)
 

@@ -8,6 +8,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from json.encoder import encode_basestring, encode_basestring_ascii
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 WIDEST_LINE = 100
 """Characters of a list or dictionary that is written on one line, its indentation not counted."""
@@ -27,6 +32,28 @@ def encode(value: object) -> str:
 def to_bytes(text: str) -> bytes:
     """The text in UTF-8. What no UTF-8 can hold (bytes of odd file names) is escaped by ``encode`` already."""
     return text.encode("utf-8")
+
+
+def number(value: float | int | None) -> float | int | None:
+    """A number as JSON holds it; None for NaN and infinity."""
+    if value is None or isinstance(value, int):
+        return value
+    return float(value) if isfinite(value) else None
+
+
+def numbers(values: NDArray[np.float64]) -> Any:
+    """A number, or (nested) lists of numbers, by the shape of ``values``: None where they are not finite."""
+    return objects(values).tolist()
+
+
+def objects(values: NDArray[np.float64]) -> NDArray[Any]:
+    """The numbers, None where they are not finite."""
+    found: NDArray[Any] = np.asarray(values)
+    known = np.isfinite(found)
+    if not bool(known.all()):
+        found = found.astype(object)
+        found[~known] = None
+    return found
 
 
 def _text(value: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from io import BytesIO
@@ -104,6 +105,13 @@ def finish(axes: Axes, *, legend: bool) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     if legend:
         axes.legend(fontsize=7, framealpha=0.8, edgecolor="none")
+
+
+def round_step(about: float) -> float:
+    """The number 1, 2 or 5 times a power of ten that is next to ``about``, which is above 0."""
+    power = 10.0 ** math.floor(math.log10(about))
+    ratio = about / power
+    return power * (1 if ratio < 1.5 else 2 if ratio < 3.5 else 5 if ratio < 7.5 else 10)
 
 
 def figure_bytes(figure: Figure, ending: str) -> bytes:

@@ -153,10 +153,10 @@ def filled(
             )
         ),
         made_from=lambda: (problem, _solution(block, number)),
-        residual_rows=guarded(block.lock, lambda: residual_rows(problem, _solution(block, number))),
+        rows=guarded(block.lock, lambda: residual_rows(problem, _solution(block, number))),
         row_data=guarded(block.lock, lambda: row_data(problem, _solution(block, number))),
-        plot_data=guarded(block.lock, lambda: plot_data(problem, _solution(block, number))),
-        map_data=guarded(block.lock, lambda: maps_of(problem, _solution(block, number))),
+        pictures=guarded(block.lock, lambda: plot_data(problem, _solution(block, number))),
+        maps=guarded(block.lock, lambda: maps_of(problem, _solution(block, number))),
     )
 
 

@@ -16,7 +16,7 @@ PROFILE_LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99,
 """Levels of the intervals of a profile."""
 
 
-def frame(columns: Mapping[str, NDArray[Any]]) -> Any:
+def frame(columns: Mapping[str, Any]) -> Any:
     """The columns as a pandas frame, as they are where pandas is not installed."""
     try:
         from pandas import DataFrame

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,7 +35,6 @@ from mbm.report.derived_values import (
     untold_noise,
 )
 from mbm.report.freedom import common_directions, free_directions
-from mbm.report.inputs import StartsTally
 from mbm.report.later import guarded
 from mbm.report.maps import maps_of
 from mbm.report.noise import noise_reports, noise_units
@@ -117,16 +116,16 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         summaries=once(lambda: residual_summaries(problem, solution)),
         raw_residuals=guarded(solution.lock, lambda: of_solution(problem, solution)),
         made_from=lambda: (problem, solution),
-        residual_rows=guarded(solution.lock, lambda: residual_rows(problem, solution)),
+        rows=guarded(solution.lock, lambda: residual_rows(problem, solution)),
         row_data=guarded(solution.lock, lambda: row_data(problem, solution)),
-        plot_data=guarded(solution.lock, lambda: plot_data(problem, solution)),
-        map_data=guarded(solution.lock, lambda: maps_of(problem, solution)),
+        pictures=guarded(solution.lock, lambda: plot_data(problem, solution)),
+        maps=guarded(solution.lock, lambda: maps_of(problem, solution)),
         priors=prior_reports(problem, solution),
         corrections=correction_reports(solution),
         constraints=constraints,
         hypotheses=tuple(_hypothesis(solution, how, each) for each in solution.hypotheses),
         followed=solution.followed,
-        starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),
+        starts=solution.tally,
         coverage=problem.request.coverage,
         examination=once(guarded(solution.lock, once(lambda: _examined(problem, solution, how)))),
     )

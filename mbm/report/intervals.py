@@ -16,6 +16,7 @@ import numpy as np
 
 from mbm.estimation.coverage.student import coverage_factors, shortest
 from mbm.report.elements import factors, in_unit, shown_sigma, shown_values
+from mbm.report.encode import numbers, objects
 from mbm.report.types import DerivedValue, Estimate, Floats, Mask
 from mbm.values import dataclass
 
@@ -169,26 +170,12 @@ def may_be_cut(item: Estimate | DerivedValue, level: float) -> bool:
 def interval_document(found: Intervals) -> dict[str, Any]:
     """What documents say of intervals: of several numbers, one `dof`, `k` or `interval_kind` that all of them have."""
     return {
-        "dof": _single(_objects(found.dof)),
-        "k": _single(_objects(found.k)),
-        "U": _plain(found.expanded),
+        "dof": _single(objects(found.dof)),
+        "k": _single(objects(found.k)),
+        "U": numbers(found.expanded),
         "interval": _pairs(found.low, found.high),
         "interval_kind": _single(found.names()),
     }
-
-
-def _objects(values: Floats) -> np.ndarray:
-    """Numbers, None where they are not finite."""
-    found = np.asarray(values)
-    if not bool(np.isfinite(found).all()):
-        found = found.astype(object)
-        found[~np.isfinite(values)] = None
-    return found
-
-
-def _plain(values: Floats) -> Any:
-    """(Nested) lists of numbers, None where they are not finite."""
-    return _objects(values).tolist()
 
 
 def _pairs(low: Floats, high: Floats) -> Any:
@@ -197,7 +184,7 @@ def _pairs(low: Floats, high: Floats) -> Any:
     if bool(np.isfinite(found).all()):
         return found.tolist()
     if np.ndim(low) == 0:
-        return None if bool(np.isnan(found).all()) else _plain(found)
+        return None if bool(np.isnan(found).all()) else numbers(found)
     return [_pairs(*each) for each in zip(low, high, strict=True)]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import TypeVar, overload
@@ -23,7 +24,25 @@ def guarded(lock: AbstractContextManager[object], function: Callable[[], T]) -> 
     return alone
 
 
-class LaterReports(Sequence[SolveReport]):
+class Later(Sequence[T]):
+    """A sequence whose items are made when they are asked for."""
+
+    @abstractmethod
+    def at(self, place: int) -> T:
+        """The item at a place from 0."""
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[T]: ...
+
+    def __getitem__(self, index: int | slice) -> T | Sequence[T]:
+        places = range(len(self))[index]
+        return tuple(map(self.at, places)) if isinstance(places, range) else self.at(places)
+
+
+class LaterReports(Later[SolveReport]):
     """The reports that functions make, each once, and holding the ``lock``."""
 
     def __init__(self, makers: Iterable[Callable[[], SolveReport]], lock: AbstractContextManager[object]) -> None:
@@ -33,22 +52,15 @@ class LaterReports(Sequence[SolveReport]):
     def __len__(self) -> int:
         return len(self._reports)
 
-    @overload
-    def __getitem__(self, index: int) -> SolveReport: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[SolveReport]: ...
-
-    def __getitem__(self, index: int | slice) -> SolveReport | Sequence[SolveReport]:
-        if isinstance(index, slice):
-            return tuple(self[i] for i in range(*index.indices(len(self))))
-        found = self._reports[index]
+    def at(self, place: int) -> SolveReport:
+        """The report at a place, made now if it was not yet."""
+        found = self._reports[place]
         if isinstance(found, SolveReport):
             return found
         with self._lock, np.errstate(all="ignore"):  # overflow and NaN are results here, as in the solve
-            made = self._reports[index]  # perhaps by another thread meanwhile
+            made = self._reports[place]  # perhaps by another thread meanwhile
             if not isinstance(made, SolveReport):
-                made = self._reports[index] = made()
+                made = self._reports[place] = made()
         return made
 
 

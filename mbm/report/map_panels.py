@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbm.report.figures import BLUE, CHI_95_2D, GREY, ORANGE, RED, finish
+from mbm.report.figures import BLUE, CHI_95_2D, GREY, ORANGE, RED, finish, round_step
 from mbm.report.plot_data import Map
-from mbm.report.rounding import round_step
 from mbm.report.types import Floats, Mask
 
 if TYPE_CHECKING:

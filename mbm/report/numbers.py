@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.estimation.search.solution import Solution
+from mbm.report.encode import number as finite
 from mbm.report.types import SolveReport
 from mbm.values import dataclass
 
@@ -79,7 +80,7 @@ def numbers_of(solution: Solution) -> tuple[Mapping[str, Any], Mapping[str, str]
     """
     if solution.minimum.bad_row is not None:
         return {}, nothing_known(solution.minimum.reason.sentence)
-    found = {number.name: _finite(number.of(solution)) for number in NUMBERS}
+    found = {number.name: finite(number.of(solution)) for number in NUMBERS}
     reasons = {number.name: number.missing(solution) for number in NUMBERS if found[number.name] is None}
     return found, {name: reason for name, reason in reasons.items() if reason is not None}
 
@@ -92,11 +93,7 @@ def nothing_known(reason: str) -> Mapping[str, str]:
 def numbers_at(columns: Columns, place: int, like: SolveReport) -> Mapping[str, Any]:
     """The numbers of one of many solves, of which it has the same as another one does."""
     return {
-        number.name: _finite(number.columns(columns)[place].item())
+        number.name: finite(number.columns(columns)[place].item())
         for number in NUMBERS
         if not number.extra or getattr(like, number.name) is not None
     }
-
-
-def _finite(value: float | int | None) -> float | int | None:
-    return value if value is not None and isfinite(value) else None

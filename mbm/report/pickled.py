@@ -79,10 +79,10 @@ def solve_as_data(solve: SolveReport) -> SolveReport:
         noise_units=dict(solve.noise_units),
         summaries=Made(dict(solve.residual_summaries)),
         raw_residuals=Made(dict(solve.raw_residuals())),
-        residual_rows=solve.rows(),
+        rows=Made(solve.rows()),
         row_data=Made(dict(solve.row_data())),
-        plot_data=solve.pictures(),
-        map_data=solve.maps(),
+        pictures=Made(solve.pictures()),
+        maps=Made(solve.maps()),
         pieces=tuple(
             replace(
                 each,

@@ -19,6 +19,7 @@ from mbm.problem.tables import Column, Provenance, Table
 from mbm.problem.types import Derived, Equation, NoiseKind, Problem
 from mbm.report import faults
 from mbm.report.derived_values import derived_value
+from mbm.report.frames import frame
 from mbm.report.intervals import Intervals, intervals, level_of
 from mbm.report.quantities import derived_quantity
 from mbm.report.types import DerivedValue, Floats, SolveReport
@@ -146,11 +147,7 @@ def prediction_table(found: Prediction) -> Any:
         flat = np.reshape(numbers, (rows, -1))
         several = flat.shape[1] > 1
         arrays |= {f"{side}[{j + 1}]" if several else side: flat[:, j] for j in range(flat.shape[1])}
-    try:
-        from pandas import DataFrame
-    except ImportError:
-        return arrays
-    return DataFrame(arrays)
+    return frame(arrays)
 
 
 def _refused(name: str, why: str, hint: str) -> MbmError:

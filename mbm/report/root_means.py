@@ -18,7 +18,7 @@ from mbm.equations.binding import Group
 from mbm.estimation.search.solution import RawRows, Solution
 from mbm.expression.units import Unit
 from mbm.problem.types import BlockRole, Problem
-from mbm.report.means import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, RootMean
+from mbm.report.row_data import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, RootMean
 from mbm.report.types import Floats, Mask
 from mbm.values import dataclass
 

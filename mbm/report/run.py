@@ -17,10 +17,9 @@ from mbm.problem.requests import Enclosing, GivenStarts, RandomStarts
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Consensus, Method, Problem, Request
 from mbm.report.from_solution import report_of
-from mbm.report.inputs import InputFile
 from mbm.report.later import LaterByNumber, LaterReports
 from mbm.report.options import Progress
-from mbm.report.types import Result, SolveReport
+from mbm.report.types import InputFile, Result, SolveReport
 from mbm.text.types import Code, Diagnostic, MbmError
 from mbm.version import __version__
 

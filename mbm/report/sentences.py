@@ -8,8 +8,7 @@ from math import isfinite
 
 from mbm.report.digits import plain
 from mbm.report.faults import listed
-from mbm.report.means import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, RootMean
-from mbm.report.row_data import ResidualSummary
+from mbm.report.row_data import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, ResidualSummary, RootMean
 from mbm.report.types import Observability, SolveReport
 from mbm.text.types import Diagnostic
 

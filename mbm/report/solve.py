@@ -133,7 +133,7 @@ class Solve(Said):
     @property
     def noise_dof(self) -> Mapping[str, float]:
         """The degrees of freedom of each estimated noise factor, by the names that ``noise`` has."""
-        from mbm.report.budgets.noise import noise_dof
+        from mbm.report.budgets.budget import noise_dof
 
         return noise_dof(self.record)
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from mbm.report.elements import plain_key, shown_bounds, shown_sigma, unit_text
+from mbm.report.encode import number, numbers
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
 from mbm.report.intervals import interval_document, intervals
-from mbm.report.means import RawResiduals
 from mbm.report.numbers import NUMBERS, USUAL
-from mbm.report.row_data import ResidualSummary
+from mbm.report.row_data import RawResiduals, ResidualSummary
 from mbm.report.types import (
     Alternative,
     ConstraintReport,
@@ -41,8 +41,8 @@ def solve_key(key: Mapping[str, Key]) -> dict[str, Any]:
 
 def solve_document(solve: SolveReport) -> dict[str, Any]:
     """The document of one solve."""
-    numbers = {each.name: _number(getattr(solve, each.name)) for each in NUMBERS}
-    reasons = {name: solve.reasons.get(name) or _why_missing(solve, name) for name in USUAL if numbers[name] is None}
+    fit = {each.name: number(getattr(solve, each.name)) for each in NUMBERS}
+    reasons = {name: solve.reasons.get(name) or _why_missing(solve, name) for name in USUAL if fit[name] is None}
     written: dict[str, Any] = {
         "key": solve_key(solve.key),
         "status": solve.status.value,
@@ -50,8 +50,8 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         "method": solve.method,
         "iterations": solve.iterations,
         "evaluations": solve.evaluations,
-        "seconds": _number(solve.seconds),
-        **{name: number for name, number in numbers.items() if name in USUAL or getattr(solve, name) is not None},
+        "seconds": number(solve.seconds),
+        **{name: found for name, found in fit.items() if name in USUAL or getattr(solve, name) is not None},
     }
     if reasons:
         written["reasons"] = reasons
@@ -64,7 +64,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         "derived": {item.quantity.name: _derived(item, solve.coverage) for item in solve.derived},
         "derived_covariance": _covariance(solve.derived_covariance),
         "observability": _observability(solve.observability, solve.estimates),
-        "noise": {name: n if isinstance(n, Mapping) else _number(n) for name, n in solve.noise.items()},
+        "noise": {name: n if isinstance(n, Mapping) else number(n) for name, n in solve.noise.items()},
         "residuals": _residuals(solve),
         **corrections,
         "constraints": [constraint_document(constraint) for constraint in solve.constraints],
@@ -85,16 +85,16 @@ def corrections_document(columns: tuple[CorrectionReport, ...]) -> dict[str, Any
         written.setdefault(each.table, {})[each.column] = {
             "rows": list(each.rows),
             **keys,
-            "value": _numbers(each.value),
-            "sigma": _numbers(each.sigma),
+            "value": numbers(each.value),
+            "sigma": numbers(each.sigma),
         }
     return written
 
 
 def _alternative(found: Alternative) -> dict[str, Any]:
-    robust = {} if found.robust_cost is None else {"robust_cost": _number(found.robust_cost)}
+    robust = {} if found.robust_cost is None else {"robust_cost": number(found.robust_cost)}
     written: dict[str, Any] = {
-        "cost": _number(found.cost),
+        "cost": number(found.cost),
         **robust,
         "starts": found.starts,
         "estimates": {item.quantity.name: _estimate(item) for item in found.estimates},
@@ -111,8 +111,8 @@ def _piece(found: Piece) -> dict[str, Any]:
 
 def _hypothesis(found: Alternative) -> dict[str, Any]:
     return {
-        "cost": _number(found.cost),
-        "weight": _number(found.weight),
+        "cost": number(found.cost),
+        "weight": number(found.weight),
         "estimates": {item.quantity.name: _estimate(item) for item in found.estimates},
     }
 
@@ -155,12 +155,12 @@ def _value_and_sigma(item: Estimate | DerivedValue) -> dict[str, Any]:
     """Value, sigma (or bounds) and unit, and the reason where one of the numbers is missing."""
     bounds = shown_bounds(item)
     if bounds is not None:
-        written = {"value": _value(item), "bounds": _numbers(bounds), "unit": unit_text(item.quantity) or None}
+        written = {"value": _value(item), "bounds": numbers(bounds), "unit": unit_text(item.quantity) or None}
         return written if _known(bounds) else written | {"reason": item.reason or "it is not bounded"}
     sigma = shown_sigma(item)
     written = {
         "value": _value(item),
-        "sigma": _numbers(sigma),
+        "sigma": numbers(sigma),
         "unit": unit_text(item.quantity) or None,
     }
     if not _known(sigma) or not _known(item.value):
@@ -171,7 +171,7 @@ def _value_and_sigma(item: Estimate | DerivedValue) -> dict[str, Any]:
 def _value(item: Estimate | DerivedValue) -> Any:
     """The value in its unit: numbers, or what documents hold for rotations, poses, similarities and directions."""
     if item.quantity.kind not in GEOMETRIC:
-        return _numbers(item.quantity.scale.from_si(np.asarray(item.value)))
+        return numbers(item.quantity.scale.from_si(np.asarray(item.value)))
     if item.keys is None:
         return written_geometry(item.quantity, item.value)
     return [written_geometry(item.quantity, numbers) for numbers in item.value]
@@ -193,7 +193,7 @@ def _covariance(covariance: CovarianceMatrix | None) -> dict[str, Any] | None:
     if covariance.matrix is None:
         return written | {"matrix": None, "reason": covariance.reason or "it was not computed"}
     factors = np.array(covariance.factors)
-    written["matrix"] = _numbers(covariance.matrix / np.outer(factors, factors))
+    written["matrix"] = numbers(covariance.matrix / np.outer(factors, factors))
     if not _known(covariance.matrix):
         written["reason"] = covariance.reason or "null stands for what the data do not determine"
     return written
@@ -202,7 +202,7 @@ def _covariance(covariance: CovarianceMatrix | None) -> dict[str, Any] | None:
 def _observability(found: Observability | None, estimates: Sequence[Estimate]) -> dict[str, Any] | None:
     if found is None:
         return None
-    condition = _number(found.condition)
+    condition = number(found.condition)
     written: dict[str, Any] = {"rank": found.rank, "dimension": found.dimension, "condition": condition}
     if condition is None:
         written["reason"] = "there is no estimable part whose condition could be given"
@@ -235,7 +235,7 @@ def _direction(direction: FreeDirection) -> dict[str, Any]:
     return {
         "sentence": direction.sentence,
         "unknowns": list(direction.unknowns),
-        "coefficients": {name: _number(movement) for name, movement in direction.coefficients.items()},
+        "coefficients": {name: number(movement) for name, movement in direction.coefficients.items()},
     }
 
 
@@ -258,7 +258,7 @@ def raw_document(raw: RawResiduals) -> dict[str, Any]:
 
 
 def _summary(summary: ResidualSummary, raw: RawResiduals) -> dict[str, Any]:
-    rms = _number(summary.rms)
+    rms = number(summary.rms)
     written: dict[str, Any] = {"rows": summary.rows, "used": summary.used, "rms": rms, **raw_document(raw)}
     written["outliers"] = list(summary.outliers)
     return written if rms is not None else written | {"reason": "no row was used"}
@@ -267,10 +267,10 @@ def _summary(summary: ResidualSummary, raw: RawResiduals) -> dict[str, Any]:
 def _prior(prior: PriorReport) -> dict[str, Any]:
     return {
         "name": prior.name,
-        "value": _number(prior.value),
-        "mean": _number(prior.mean),
-        "sigma": _number(prior.sigma),
-        "residual": _number(prior.residual),
+        "value": number(prior.value),
+        "mean": number(prior.mean),
+        "sigma": number(prior.sigma),
+        "residual": number(prior.residual),
     }
 
 
@@ -279,8 +279,8 @@ def constraint_document(constraint: ConstraintReport) -> dict[str, Any]:
     written: dict[str, Any] = {
         "name": constraint.name,
         "type": constraint.kind,
-        "value": _number(constraint.value),
-        "violation": _number(constraint.violation),
+        "value": number(constraint.value),
+        "violation": number(constraint.violation),
         "active": constraint.active,
     }
     if not math.isfinite(constraint.value):
@@ -293,22 +293,6 @@ def constraint_document(constraint: ConstraintReport) -> dict[str, Any]:
         "violated_rows": list(constraint.violated_rows),
         "active_rows": list(constraint.active_rows),
     }
-
-
-def _number(value: float | None) -> float | int | None:
-    """A number as JSON holds it; None for NaN and infinity."""
-    if value is None or isinstance(value, int):
-        return value
-    return float(value) if math.isfinite(value) else None
-
-
-def _numbers(values: Floats) -> Any:
-    """A number, or (nested) lists of numbers, by the shape of ``values``."""
-    if _known(values):
-        return np.asarray(values, dtype=float).tolist()
-    entries = np.array(values, dtype=object)
-    entries[~np.isfinite(values)] = None
-    return entries.tolist()
 
 
 def _known(values: Floats) -> bool:

@@ -15,17 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
-from mbm.report.inputs import InputFile, StartsTally
-from mbm.report.means import RawResiduals
 from mbm.report.noise import NoiseReport
 from mbm.report.plot_data import Map, PlotData
-from mbm.report.row_data import ResidualRow, ResidualSummary, RowData
+from mbm.report.row_data import RawResiduals, ResidualRow, ResidualSummary, RowData
 from mbm.report.spreads import ConsideredConstant, Spread
 from mbm.scales import SI, Scale
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.estimation.search.search import Tally
     from mbm.estimation.search.solution import Solution
     from mbm.problem.types import Problem
     from mbm.report.options import PropagationSettings
@@ -280,10 +279,10 @@ class SolveReport:
     CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is the sum of the losses, None
     without one; ``boxes`` were examined by interval methods, which find separate ``pieces``; ``reasons`` says why by
     the field's name. ``noise`` and ``noise_units`` of observation clauses are as `mbm.report.noise` has them.
-    ``residual_rows``, ``plot_data``, ``map_data`` and ``examination`` are values, or functions that make them when
-    asked for; of each observation ``summaries`` and ``raw_residuals`` are said and ``row_data`` held; ``made_from``
-    gives what was solved and how. ``hypotheses`` are those of a filter at the last step, ``followed`` how many there
-    were after each; ``considered`` are uncertain constants.
+    Functions make the residuals (``rows``), of each observation ``summaries``, ``raw_residuals`` and ``row_data``,
+    and of plots the data (``pictures``) and ``maps``; ``made_from`` gives what was solved and how.
+    ``hypotheses`` are those of a filter at the last step, ``followed`` how many there were after each; ``considered``
+    are uncertain constants. ``examination`` is made when it is asked for.
     """
 
     status: SolveStatus
@@ -310,17 +309,17 @@ class SolveReport:
     noise_units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     summaries: Callable[[], Mapping[str, ResidualSummary]] = dict
     raw_residuals: Callable[[], Mapping[str, RawResiduals]] = dict
-    residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()
+    rows: Callable[[], tuple[ResidualRow, ...]] = tuple
     row_data: Callable[[], Mapping[str, RowData]] = dict
-    plot_data: tuple[PlotData, ...] | Callable[[], tuple[PlotData, ...]] = ()
-    map_data: tuple[Map, ...] | Callable[[], tuple[Map, ...]] = ()
+    pictures: Callable[[], tuple[PlotData, ...]] = tuple
+    maps: Callable[[], tuple[Map, ...]] = tuple
     priors: tuple[PriorReport, ...] = ()
     corrections: tuple[CorrectionReport, ...] = ()
     constraints: tuple[ConstraintReport, ...] = ()
     pieces: tuple[Piece, ...] = ()
     hypotheses: tuple[Alternative, ...] = ()
     followed: tuple[int, ...] = ()
-    starts: StartsTally | None = None
+    starts: Tally | None = None
     coverage: float = 0.95
     examination: Examined | Callable[[], Examined] = field(default_factory=lambda: Examined())
     considered: tuple[ConsideredConstant, ...] = ()
@@ -350,17 +349,14 @@ class SolveReport:
         """Rows, rows used, root mean square and outliers of each observation, made now if they were left for later."""
         return self.summaries()
 
-    def rows(self) -> tuple[ResidualRow, ...]:
-        """The residuals, made now if they were left for later."""
-        return self.residual_rows() if callable(self.residual_rows) else self.residual_rows
 
-    def pictures(self) -> tuple[PlotData, ...]:
-        """The data for plots, made now if they were left for later."""
-        return self.plot_data() if callable(self.plot_data) else self.plot_data
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputFile:
+    """A file that was read: the path as messages print it, SHA-256 (None for tables given through the API), rows."""
 
-    def maps(self) -> tuple[Map, ...]:
-        """The maps for plots, made now if they were left for later."""
-        return self.map_data() if callable(self.map_data) else self.map_data
+    path: str
+    sha256: str | None
+    rows: int
 
 
 def statuses_of(solves: Sequence[SolveReport]) -> Sequence[SolveStatus]:

@@ -37,7 +37,7 @@ def a_result(status: SolveStatus = SolveStatus.CONVERGED, **changes: Any) -> Res
     )
     row = ResidualRow(clause="d", row=1, file_row=2, component=1, value=0.001, residual=0.5, weight=1.0, used=True)
     solve = SolveReport(
-        status=status, message=status.sentence, cost=1.5, dof=2, estimates=(estimate,), residual_rows=(row,)
+        status=status, message=status.sentence, cost=1.5, dof=2, estimates=(estimate,), rows=lambda: (row,)
     )
     return Result(version="0.1.0", file="desk.mbm", problem="desk", seed=1, solves=(solve,), **changes)
 

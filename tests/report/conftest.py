@@ -8,7 +8,6 @@ from math import nan
 import numpy as np
 import pytest
 
-from mbm.report.inputs import InputFile
 from mbm.report.row_data import ResidualRow, ResidualSummary
 from mbm.report.types import (
     CovarianceMatrix,
@@ -16,6 +15,7 @@ from mbm.report.types import (
     Estimate,
     Examined,
     FreeDirection,
+    InputFile,
     Kind,
     Observability,
     PriorReport,
@@ -108,7 +108,7 @@ def tag() -> SolveReport:
         observability=Observability(rank=4, dimension=5, condition=12.5, unused=('offset["right"]',)),
         noise={"ranges": None},
         summaries=lambda: {"ranges": ResidualSummary(rows=48, used=45, rms=0.98)},
-        residual_rows=lambda: rows("ranges"),
+        rows=lambda: rows("ranges"),
         priors=(PriorReport(name="p[3]", value=0.74, mean=0.7, sigma=0.01, residual=4.0),),
         examination=Examined(
             diagnostics=(
@@ -152,7 +152,7 @@ def epoch(key: float, x: float, status: SolveStatus = SolveStatus.CONVERGED) -> 
                 ),
             ),
         ),
-        residual_rows=() if failed else rows("ranges"),
+        rows=lambda: () if failed else rows("ranges"),
     )
 
 

@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TextIO
 
 import pytest
@@ -102,7 +103,7 @@ def test_formulas_in_keys_names_and_headers(text: str, epochs: Result) -> None:
             solve,
             key={text: text},
             estimates=tuple(replace(e, quantity=replace(e.quantity, name=text)) for e in solve.estimates),
-            residual_rows=tuple(replace(row, clause=text) for row in solve.rows()),
+            rows=partial(tuple, [replace(row, clause=text) for row in solve.rows()]),
         )
         for solve in epochs.solves
     )

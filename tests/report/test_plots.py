@@ -39,7 +39,7 @@ def test_data_and_model(tag: SolveReport, tag_result: Result) -> None:
         clause="decay", measured=x[:, None], model=x[:, None], labels=("y ($)",), abscissa=x, abscissa_label="t $ $"
     )
     plane = PlotData(clause="corners", measured=np.zeros((3, 2)), model=np.ones((3, 2)), labels=("u", "v"))
-    solve = replace(tag, plot_data=lambda: (curve, plane))
+    solve = replace(tag, pictures=lambda: (curve, plane))
     found = titles(replace(tag_result, solves=(solve,)))
     assert found[:2] == ["decay: data and model", "corners: data and model"]
 
@@ -62,7 +62,7 @@ def hostile(tag: SolveReport, tag_result: Result) -> Result:
     )
     rows = tuple(replace(row, clause=HOSTILE) for row in tag.rows())
     solves = tuple(
-        replace(tag, key={HOSTILE: f"{key}{HOSTILE}"}, estimates=estimates, residual_rows=rows, plot_data=lambda: data)
+        replace(tag, key={HOSTILE: f"{key}{HOSTILE}"}, estimates=estimates, rows=lambda: rows, pictures=lambda: data)
         for key in "ab"
     )
     return replace(tag_result, problem=HOSTILE, solves=solves)
@@ -90,7 +90,7 @@ def test_texts_are_drawn_as_they_are(
 def test_labels_that_begin_with_an_underscore_stand_in_the_legend(tag: SolveReport, tag_result: Result) -> None:
     pair = np.zeros((3, 2))
     data = PlotData(clause="d", measured=pair, model=pair, labels=("_u", "_v"), abscissa=np.arange(3.0))
-    solve = replace(tag, plot_data=lambda: (data,))
+    solve = replace(tag, pictures=lambda: (data,))
     legend = draw(replace(tag_result, solves=(solve,))).axes[0].get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["measured _u", "model _u", "measured _v", "model _v"]
@@ -116,7 +116,7 @@ def test_rows_that_are_not_used_are_told_apart_by_whether_they_lie_in_the_frame(
         for row, r, used in residuals
     )
     (solve,) = tag_result.solves
-    axes = draw(replace(tag_result, solves=(replace(solve, residual_rows=rows),))).axes[-1]
+    axes = draw(replace(tag_result, solves=(replace(solve, rows=lambda: rows),))).axes[-1]
     found = {line.get_marker(): line.get_xydata().tolist() for line in axes.lines if line.get_marker() in "ox^"}
     assert found["o"] == [[1.0, 0.5], [4.0, -1.0]]
     assert found["x"] == [[2.0, -3.0]]

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from io import StringIO
-from math import isfinite
 from typing import Any
 
 from mbm.data.writers import DelimitedLines
@@ -15,6 +14,7 @@ from mbm.report.budgets import faults
 from mbm.report.budgets.budget import budgets_of
 from mbm.report.budgets.types import Budget, BudgetRow
 from mbm.report.document import document
+from mbm.report.encode import number
 from mbm.report.exports import key_cell, key_titles, number_cell, text_cell
 from mbm.report.types import Result, ResultStatus, SolveStatus
 from mbm.text.types import Diagnostic, MbmError
@@ -109,9 +109,9 @@ def budget_document(budget: Budget) -> dict[str, Any]:
         "value": budget.value,
         "sigma": budget.sigma,
         "unit": budget.unit,
-        "dof": _finite(budget.dof),
-        "k": _finite(budget.k),
-        "U": _finite(budget.U),
+        "dof": number(budget.dof),
+        "k": number(budget.k),
+        "U": number(budget.U),
         "coverage": budget.coverage,
         "inflation": budget.inflation,
         "rows": [_row(row) for row in budget.rows],
@@ -131,12 +131,8 @@ def _row(row: BudgetRow) -> dict[str, Any]:
         "sensitivity": row.sensitivity,
         "contribution": row.contribution,
         "share": row.share,
-        "dof": _finite(row.dof),
+        "dof": number(row.dof),
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if isfinite(value) else None
 
 
 def budget_rows(budgets: Sequence[Budget]) -> str:

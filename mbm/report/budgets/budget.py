@@ -6,12 +6,13 @@ with an uncertainty are considered as `mbm.report.considered` does it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import isfinite, nan
 
 import numpy as np
 
 from mbm.equations.spreads import Influence
+from mbm.equations.types import NoiseState
 from mbm.estimation.coverage.student import coverage_factor
 from mbm.estimation.search.solution import Solution
 from mbm.problem.types import Problem
@@ -20,6 +21,7 @@ from mbm.report.budgets.inputs import Errors, Source, sources
 from mbm.report.budgets.targets import Target, called, gradient_of, item_of, targets_of
 from mbm.report.budgets.types import Budget, BudgetRow, InputKind
 from mbm.report.elements import Scalar, factors, scalars, shown_sigma, unit_text
+from mbm.report.encode import number
 from mbm.report.intervals import Intervals, intervals
 from mbm.report.types import SolveReport
 from mbm.text.types import MbmError
@@ -196,10 +198,10 @@ def _line(source: Source, factor: float, sigma: float, errors: Errors, *, one: b
         input=source.name,
         kind=source.kind,
         count=1 if one else len(np.unique(errors.rows if errors.rows.any() else errors.components)),
-        value=_number(errors.values[0]) if one else None,
+        value=number(errors.values[0]) if one else None,
         unit=next(iter(units)) if len(units) == 1 and isfinite(u) else None,
-        u=_number(u),
-        sensitivity=_number(sensitivity),
+        u=number(u),
+        sensitivity=number(sensitivity),
         contribution=contribution,
         share=(contribution / sigma) ** 2 if sigma > 0.0 else 0.0,
         dof=source.dof,
@@ -208,5 +210,15 @@ def _line(source: Source, factor: float, sigma: float, errors: Errors, *, one: b
     )
 
 
-def _number(value: float) -> float | None:
-    return float(value) if isfinite(value) else None
+def noise_dof(solve: SolveReport) -> Mapping[str, float]:
+    """The degrees of freedom of each estimated noise factor, by the names that ``solve.noise`` has.
+
+    With one noise they are the redundancy; of several, twice the inverse variance of the logarithm of each variance.
+    """
+    if solve.made_from is None:
+        return {}
+    problem, solution = solve.made_from()
+    if solution.influence is None:
+        return {}
+    estimated = [number for number, each in solution.noise.items() if each.state is NoiseState.ESTIMATED]
+    return {problem.blocks[number].factor_name: solution.influence.dof_of_noise(number) for number in estimated}

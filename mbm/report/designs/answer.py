@@ -10,6 +10,7 @@ from mbm.problem.naming import key_text
 from mbm.report.columns import aligned, left, right
 from mbm.report.designs.types import Candidate, ChosenSet, Planned
 from mbm.report.digits import plain
+from mbm.report.frames import frame
 from mbm.report.solve_document import solve_key
 from mbm.text.shown import Paint, Style, joined
 from mbm.values import dataclass
@@ -48,12 +49,7 @@ class Design(Planned):
 
     def table(self) -> Any:
         """The candidates, one row for each. A pandas frame, else a dict of lists."""
-        columns = candidate_columns(self)
-        try:
-            from pandas import DataFrame
-        except ImportError:
-            return columns
-        return DataFrame(columns)
+        return frame(candidate_columns(self))
 
 
 def design_document(design: Planned) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from mbm.equations.types import Indices
 from mbm.estimation.uncertainty.derived import reported
 from mbm.problem.types import Problem
 from mbm.report.elements import element_names, factors, shown_sigma, shown_values
+from mbm.report.encode import numbers
 from mbm.report.geometric import difference
 from mbm.report.intervals import intervals
 from mbm.report.pickled import solve_as_data
@@ -204,9 +205,10 @@ def propagation_document(found: PropagatedSolve) -> dict[str, Any]:
         written["settled"] = found.sampled.settled
     for part in found.parts:
         each = found[part.item.quantity.name]
-        entry = {
-            name: _numbers(getattr(each, name)) for name in ("mean", "sigma", "interval", "shortest", "median")
-        } | {"validated": each.validated, "unit": each.unit}
+        entry = {name: numbers(getattr(each, name)) for name in ("mean", "sigma", "interval", "shortest", "median")} | {
+            "validated": each.validated,
+            "unit": each.unit,
+        }
         if bool(each.undefined.any()):
             entry["undefined"] = each.undefined.tolist()
         if not bool(np.isfinite(each.median).all()):
@@ -220,10 +222,3 @@ def propagation_document(found: PropagatedSolve) -> dict[str, Any]:
     if found.diagnostics:
         written["diagnostics"] = [as_json(each) for each in found.diagnostics]
     return written
-
-
-def _numbers(values: Floats) -> Any:
-    """Numbers as JSON holds them; None where there are none."""
-    found = np.asarray(values, dtype=object)
-    found[~np.isfinite(values)] = None
-    return found.tolist()

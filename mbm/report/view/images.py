@@ -67,24 +67,26 @@ def right_up_forward(axes: str) -> Floats:
 
 def image_rows(problem: Problem, solution: Solution, seeings: Sequence[Seeing]) -> Iterator[ImageRows]:
     """The rows of all equations that compare image points."""
-    for seeing, group in with_groups(solution, seeings):
-        yield _rows(problem, solution, seeing, group, problem.blocks[seeing.block].name)
+    for seeing, group, table in with_groups(problem, solution, seeings):
+        yield _rows(solution, seeing, group, table, problem.blocks[seeing.at.block].name)
 
 
-def with_groups(solution: Solution, seeings: Sequence[AnySeeing]) -> Iterator[tuple[AnySeeing, Group]]:
-    """Equations about images with each group of rows that they have."""
+def with_groups(
+    problem: Problem, solution: Solution, seeings: Sequence[AnySeeing]
+) -> Iterator[tuple[AnySeeing, Group, Table | None]]:
+    """Equations about images with each group of rows that they have, and the table of these."""
     for seeing in seeings:
+        table = problem.blocks[seeing.at.block].table
         for group in solution.groups:
-            if (group.kernel.owner, group.kernel.case) == (seeing.block, seeing.case) and group.rows:
-                yield seeing, group
+            if (group.kernel.owner, group.kernel.case) == (seeing.at.block, seeing.at.case) and group.rows:
+                yield seeing, group, None if table is None else solution.tables[table]
 
 
-def _rows(problem: Problem, solution: Solution, seeing: Seeing, group: Group, clause: str) -> ImageRows:
-    block, sight = problem.blocks[seeing.block], seeing.sight
-    table = solution.tables[block.table] if block.table is not None else None
+def _rows(solution: Solution, seeing: Seeing, group: Group, table: Table | None, clause: str) -> ImageRows:
+    sight = seeing.sight
     known = answer_lookup(solution, table, group.positions)
     predicted = values_of(sight.image, known, group.rows)
-    own = slice(seeing.output, seeing.output + 2)
+    own = slice(seeing.at.output, seeing.at.output + 2)
     with solution.lock:
         residual = group.written.values(solution.numbers)[:, own] * seeing.sign
     lines = np.arange(group.first, group.first + group.count).reshape(group.rows, -1)[:, own]

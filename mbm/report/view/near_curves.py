@@ -4,6 +4,9 @@ Their distance d is a formula of the point p alone, and its derivative by p the 
 the foot is p − d ∇d, beside the ends of the curve too.
 
 Points on the outline of a body in an image: what was measured, and the nearest points of the estimated outline.
+
+Lines in images: those that were measured, as (α, ρ), and the edges that the answer predicts, from end to end. Both ends
+of a predicted edge stand beside their feet on the measured line: what they are apart is what α and ρ say.
 """
 
 from __future__ import annotations
@@ -28,29 +31,25 @@ from mbm.report.view.values import answer_lookup, values_of
 ASIDE = 1e-4
 """Of central differences, as a share of the spread of the points: rounding and what is left are below 1e-7 of it."""
 
+PROLONGED = 0.2
+"""Of an edge's length: how far its measured line is drawn beyond either end, to be told from the edge."""
+
 FINE = 4
 """Parts that a chord of a curve is drawn in."""
 
 
 def curve_photographs(problem: Problem, solution: Solution, seen: Seen) -> Iterator[Photograph]:
     """The images in which distances from curves are measured, told apart by the column ``photo``."""
-    for curve, group in with_groups(solution, seen.curves):
-        yield from _photographs(problem, solution, curve, group)
-
-
-@np.errstate(all="ignore")  # where nothing of a curve is seen, nothing is drawn
-def _photographs(problem: Problem, solution: Solution, seeing: CurveSeeing, group: Group) -> Iterator[Photograph]:
-    table = problem.blocks[seeing.block].table
-    rows = solution.tables[table] if table is not None else None
-    measured = values_of(seeing.point, answer_lookup(solution, rows, group.positions), group.rows)
-    feet = _feet(solution, rows, seeing, group, measured)
-    names = names_of(rows, group)
-    lines: list[tuple[np.ndarray, Line]] = []
-    for name in dict.fromkeys(names.tolist()):
-        first = int(np.flatnonzero(names == name)[0])
-        positions = None if group.positions is None else group.positions[first : first + 1]
-        lines += [(names == name, line) for line in _lines(solution, rows, seeing, positions)]
-    yield from pictured(solution, rows, group, seeing, measured, feet, lines)
+    for seeing, group, rows in with_groups(problem, solution, seen.curves):
+        measured = values_of(seeing.point, answer_lookup(solution, rows, group.positions), group.rows)
+        feet = _feet(solution, rows, seeing, group, measured)
+        names = names_of(rows, group)
+        lines: list[tuple[np.ndarray, Line]] = []
+        for name in dict.fromkeys(names.tolist()):
+            first = int(np.flatnonzero(names == name)[0])
+            positions = None if group.positions is None else group.positions[first : first + 1]
+            lines += [(names == name, line) for line in _lines(solution, rows, seeing, positions)]
+        yield from pictured(solution, rows, group, seeing, measured, feet, lines)
 
 
 def _feet(solution: Solution, table: Table | None, seeing: CurveSeeing, group: Group, points: Floats) -> Floats:
@@ -85,25 +84,32 @@ def _lines(solution: Solution, table: Table | None, seeing: CurveSeeing, positio
 def contour_photographs(problem: Problem, solution: Solution, seen: Seen) -> Iterator[Photograph]:
     """The images in which distances from outlines are measured, told apart by the column ``photo``."""
     outlines = Outlines()
-    for contour, group in with_groups(solution, seen.contours):
-        yield from _of_contour(problem, solution, contour, group, outlines)
+    for contour, group, rows in with_groups(problem, solution, seen.contours):
+        known = answer_lookup(solution, rows, group.positions)
+        numbers = values_of(contour.distance.arguments, known, group.rows)
+        feet, lines = np.full((group.rows, 2), np.nan), list[tuple[Mask, Line]]()
+        for own, found in outlines.traced(contour.outlined, numbers):
+            mask = np.zeros(group.rows, dtype=bool)
+            mask[own] = True
+            feet[own] = found.feet
+            lines += [(mask, Line(points=points, hidden=False)) for points in found.lines]
+        yield from pictured(solution, rows, group, contour, numbers[:, -2:], feet, lines)
 
 
-@np.errstate(all="ignore")  # where there is no outline, nothing is drawn
-def _of_contour(
-    problem: Problem, solution: Solution, contour: ContourSeeing, group: Group, outlines: Outlines
-) -> Iterator[Photograph]:
-    table = problem.blocks[contour.block].table
-    rows = solution.tables[table] if table is not None else None
-    known = answer_lookup(solution, rows, group.positions)
-    numbers = values_of(contour.distance.arguments, known, group.rows)
-    feet, lines = np.full((group.rows, 2), np.nan), list[tuple[Mask, Line]]()
-    for own, found in outlines.traced(contour.outlined, numbers):
-        mask = np.zeros(group.rows, dtype=bool)
-        mask[own] = True
-        feet[own] = found.feet
-        lines += [(mask, Line(points=points, hidden=False)) for points in found.lines]
-    yield from pictured(solution, rows, group, contour, numbers[:, -2:], feet, lines)
+def line_photographs(problem: Problem, solution: Solution, seen: Seen) -> Iterator[Photograph]:
+    """The images in which lines are measured, told apart by the column ``photo``."""
+    for seeing, group, rows in with_groups(problem, solution, seen.lines):
+        known = answer_lookup(solution, rows, group.positions)
+        alpha, rho = values_of(seeing.measured, known, group.rows).T
+        ends = values_of((*seeing.ends[0], *seeing.ends[1]), known, group.rows).reshape(-1, 2, 2)
+        normals = np.stack([-np.sin(alpha), np.cos(alpha)], axis=1)
+        away = np.einsum("nki,ni->nk", ends, normals) - rho[:, None]
+        feet = ends - away[..., None] * normals[:, None]
+        beyond = PROLONGED * (feet[:, 1] - feet[:, 0])
+        drawn = np.stack([feet[:, 0] - beyond, feet[:, 1] + beyond], axis=1)
+        own = np.eye(group.rows, dtype=bool)
+        edges = [(mask, Line(points=each, hidden=False)) for mask, each in zip(own, ends, strict=True)]
+        yield from pictured(solution, rows, group, seeing, feet, ends, edges, drawn)
 
 
 def pictured(
@@ -120,7 +126,9 @@ def pictured(
     measured on, its lines, and those (n, 2, 2) that were measured, one of each row.
     """
     outputs = 2 if isinstance(seeing, LineSeeing) else 1
-    places = np.arange(group.first, group.first + group.count).reshape(group.rows, -1)[:, seeing.output :][:, :outputs]
+    places = np.arange(group.first, group.first + group.count).reshape(group.rows, -1)[:, seeing.at.output :][
+        :, :outputs
+    ]
     used, outlier = np.ones(places.shape, bool), np.zeros(places.shape, bool)
     if solution.weights is not None:
         used = solution.weights[places] > 0.0

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.report.figures import BLUE, CHI_95_2D, GREEN, GREY, RED
-from mbm.report.rounding import round_step
+from mbm.report.figures import BLUE, CHI_95_2D, GREEN, GREY, RED, round_step
 from mbm.report.types import Floats
 from mbm.report.view.beneath import Beneath
 from mbm.report.view.photographs import Photograph

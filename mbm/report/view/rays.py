@@ -15,10 +15,10 @@ import numpy as np
 from mbm.estimation.search.solution import Solution
 from mbm.expression.algebra import add
 from mbm.expression.nodes import Column, ColumnMember, Component, leaves
-from mbm.problem.types import BlockRole, Equation, Problem, UnknownKind
+from mbm.problem.types import Equation, Problem, UnknownKind
 from mbm.report.types import Floats, Mask
 from mbm.report.view.images import ImageRows, points_seen
-from mbm.report.view.seeings import Seeing, Sight
+from mbm.report.view.seeings import Seeing, Sight, equations_of
 from mbm.report.view.values import answer_lookup, stepped, values_of
 from mbm.values import dataclass
 
@@ -43,16 +43,10 @@ class Placed:
 
 def implied_seeings(problem: Problem) -> Iterator[Seeing]:
     """The equations that are images of estimated points, made by whatever functions."""
-    for i, block in enumerate(problem.blocks):
-        if block.role is not BlockRole.OBSERVATION:
-            continue
-        for k, case in enumerate(block.cases):
-            output = 0
-            for equation in case.equations:
-                sight = _implied(problem, equation)
-                if sight is not None:
-                    yield Seeing(block=i, case=k, output=output, sign=1.0, sight=sight)
-                output += len(equation.components)
+    for at, equation in equations_of(problem):
+        sight = _implied(problem, equation)
+        if sight is not None:
+            yield Seeing(at=at, sign=1.0, sight=sight)
 
 
 def _implied(problem: Problem, equation: Equation) -> Sight | None:

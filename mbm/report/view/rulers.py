@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from mbm.report.rounding import round_step
+from mbm.report.figures import round_step
 from mbm.report.types import Floats
 from mbm.report.view.viewpoint import View
 from mbm.values import dataclass

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from mbm.expression.nodes import Apply, Expression, Outlined, Parameter
 from mbm.language.curves import CurveValue
 from mbm.language.values import CameraValue
+from mbm.problem.types import BlockRole, Equation, Problem
 from mbm.shapes.types import Shape
 from mbm.values import dataclass
 
@@ -38,31 +41,47 @@ class Sight:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Seeing:
-    """An equation that compares a measured image point with ``sight``.
-
-    ``block`` and ``case`` are its numbers in the problem, ``output`` that of its first component among those of the
-    case; ``sign``: its value is ``sign`` times (model − measured).
+class Compared:
+    """An equation of an observation: ``block`` and ``case`` are its numbers in the problem, ``output`` that of its
+    first component among those of the case.
     """
 
     block: int
     case: int
     output: int
+
+
+def equations_of(problem: Problem) -> Iterator[tuple[Compared, Equation]]:
+    """All equations of observations, and where they stand."""
+    for i, block in enumerate(problem.blocks):
+        for k, case in enumerate(block.cases if block.role is BlockRole.OBSERVATION else ()):
+            output = 0
+            for equation in case.equations:
+                yield Compared(block=i, case=k, output=output), equation
+                output += len(equation.components)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seeing:
+    """An equation ``at`` its place, that compares a measured image point with ``sight``.
+
+    ``sign``: its value is ``sign`` times (model − measured).
+    """
+
+    at: Compared
     sign: float
     sight: Sight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContourSeeing:
-    """An equation that is about the ``distance`` of an image point from the outline of a body.
+    """An equation ``at`` its place, that is about the ``distance`` of an image point from the outline of a body.
 
-    ``block``, ``case`` and ``output`` are as in `Seeing`. The arguments of the distance are numbers of the outline and,
+    The arguments of the distance are numbers of the outline and,
     last, the point. ``upward``: the second coordinate of the image grows upwards.
     """
 
-    block: int
-    case: int
-    output: int
+    at: Compared
     distance: Apply
     outlined: Outlined
     upward: bool
@@ -76,9 +95,7 @@ class CurveSeeing:
     `ContourSeeing`.
     """
 
-    block: int
-    case: int
-    output: int
+    at: Compared
     point: tuple[Expression, ...]
     curve: CurveValue
     distance: Expression
@@ -93,9 +110,7 @@ class LineSeeing:
     The others are as in `ContourSeeing`.
     """
 
-    block: int
-    case: int
-    output: int
+    at: Compared
     measured: tuple[Expression, Expression]
     ends: Ends
     upward: bool

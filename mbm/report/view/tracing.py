@@ -6,10 +6,11 @@ point in the frame of its camera, the camera, and the shape that the point is a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
+from typing import TypeVar
 
 from mbm.expression.nodes import Apply, Expression, Operation, Outlined, Parameter
 from mbm.language.coerce import vector
@@ -26,8 +27,8 @@ from mbm.language.values import (
     Vocabulary,
 )
 from mbm.language.vocabulary.cameras import project_point
-from mbm.problem.types import BlockRole, Problem
-from mbm.report.view.seeings import ContourSeeing, CurveSeeing, Ends, LineSeeing, Seeing, Seen, Sight
+from mbm.problem.types import Problem
+from mbm.report.view.seeings import ContourSeeing, CurveSeeing, Ends, LineSeeing, Seeing, Seen, Sight, equations_of
 from mbm.shapes.silhouettes import Silhouette
 from mbm.shapes.types import Shape
 from mbm.shapes.vocabulary import FeatureFunction
@@ -38,6 +39,7 @@ SEEING = ("project", "perse", "vertex-on-image")
 MEASURING, NEARING = "contour-distance", "curve-distance"
 THROUGH, LINING = "line-through", ("line-on-image", "image-line")
 
+T = TypeVar("T")
 Feature = Callable[[Call, Shape, tuple[Form, ...]], Value]
 
 
@@ -46,7 +48,7 @@ class Trace:
 
     def __init__(self) -> None:
         self.sights: list[Sight] = []
-        self._distances: list[tuple[Apply, Outlined, bool]] = []
+        self._distances: list[tuple[Value, partial[ContourSeeing]]] = []
         self._images: dict[int, tuple[CurveValue, bool]] = {}
         self._lines: dict[int, tuple[ImageLineValue, Ends | None, bool]] = {}
         self._nearest: list[tuple[Value, partial[CurveSeeing]]] = []
@@ -55,21 +57,18 @@ class Trace:
     def vocabulary(self, words: Vocabulary) -> Vocabulary:
         """The same words, which note what they are given."""
         functions: dict[str, Callable_] = dict(words.functions)
+        traced: dict[str, Callable[[Callable[[Call], Value]], Callable[[Call], Value]]] = {
+            **dict.fromkeys(MOVING, self._moving),
+            **dict.fromkeys(SEEING, self._seeing),
+            MEASURING: self._measuring,
+            NEARING: self._nearing,
+            **dict.fromkeys(LINING, partial(self._lining, ends=_images_of_ends)),
+            THROUGH: partial(self._lining, ends=_points_of),
+            "feature": self._picking,
+        }
         for name, function in words.functions.items():
-            if isinstance(function, Builtin) and name in MOVING:
-                functions[name] = replace(function, function=self._moving(function.function))
-            elif isinstance(function, Builtin) and name in SEEING:
-                functions[name] = replace(function, function=self._seeing(function.function))
-            elif isinstance(function, Builtin) and name == MEASURING:
-                functions[name] = replace(function, function=self._measuring(function.function))
-            elif isinstance(function, Builtin) and name == NEARING:
-                functions[name] = replace(function, function=self._nearing(function.function))
-            elif isinstance(function, Builtin) and name in LINING:
-                functions[name] = replace(function, function=self._lining(function.function, _images_of_ends))
-            elif isinstance(function, Builtin) and name == THROUGH:
-                functions[name] = replace(function, function=self._lining(function.function, _points_of))
-            elif isinstance(function, Builtin) and name == "feature":
-                functions[name] = replace(function, function=self._picking(function.function))
+            if isinstance(function, Builtin) and name in traced:
+                functions[name] = replace(function, function=traced[name](function.function))
             elif isinstance(function, FeatureFunction):
                 functions[name] = replace(function, function=self._naming(function.function))
         return replace(words, functions=MappingProxyType(functions))
@@ -87,46 +86,27 @@ class Trace:
     def seeings(self, problem: Problem) -> Iterator[Seeing]:
         """The equations of ``problem``, as elaborated with the traced words, that compare images of points."""
         of_image = {id(s.image[0]): s for s in self.sights}
-        for block, case, output, components in _equations(problem):
-            found = _compared(components, of_image)
+        for at, equation in equations_of(problem):
+            found = _compared(equation.components, of_image)
             if found is not None:
-                yield Seeing(block=block, case=case, output=output, sign=found[1], sight=found[0])
+                yield Seeing(at=at, sign=found[1], sight=found[0])
 
     def lines(self, problem: Problem) -> Iterator[LineSeeing]:
         """Those that compare image lines, of which one is through known points."""
-        for block, case, output, components in _equations(problem):
-            pair = [self._lines[id(rho)] for rho in _offsets(components) if id(rho) in self._lines]
+        for at, equation in equations_of(problem):
+            pair = [self._lines[id(rho)] for rho in _offsets(equation.components) if id(rho) in self._lines]
             for (_, ends, upward), (measured, *_) in (pair, pair[::-1]) if len(pair) == 2 else ():
                 if ends is not None:
-                    yield LineSeeing(
-                        block=block,
-                        case=case,
-                        output=output,
-                        measured=(measured.alpha, measured.rho),
-                        ends=ends,
-                        upward=upward,
-                    )
+                    yield LineSeeing(at=at, measured=(measured.alpha, measured.rho), ends=ends, upward=upward)
                     break
 
     def contours(self, problem: Problem) -> Iterator[ContourSeeing]:
         """Those that are about the distance from an outline."""
-        known = {id(distance): (distance, outlined, upward) for distance, outlined, upward in self._distances}
-        for block, case, output, components in _equations(problem):
-            sides = [_side(components[0], place) for place in (0, 1)] if len(components) == 1 else []
-            for distance, outlined, upward in (known[id(side)] for side in sides[:2] if id(side) in known):
-                yield ContourSeeing(
-                    block=block, case=case, output=output, distance=distance, outlined=outlined, upward=upward
-                )
-                break
+        return _about(problem, self._distances)
 
     def curves(self, problem: Problem) -> Iterator[CurveSeeing]:
         """Those that are about the distance from the image of a curve."""
-        known = {id(distance): seeing for distance, seeing in self._nearest}
-        for block, case, output, components in _equations(problem):
-            sides = [_side(components[0], place) for place in (0, 1)] if len(components) == 1 else []
-            for seeing in (known[id(side)] for side in sides[:2] if id(side) in known):
-                yield seeing(block=block, case=case, output=output)
-                break
+        return _about(problem, self._nearest)
 
     def _shape_of(self, value: Value) -> Shape | None:
         noted = self._shapes.get(id(value))
@@ -142,7 +122,8 @@ class Trace:
             found, seen = function(call), call.arguments[0]
             outlined = found.output.external if isinstance(found, Apply) and found.output is not None else None
             if isinstance(found, Apply) and isinstance(outlined, Outlined) and isinstance(seen, Silhouette):
-                self._distances.append((found, outlined, seen.upward))
+                made = partial(ContourSeeing, distance=found, outlined=outlined, upward=seen.upward)
+                self._distances.append((found, made))
             return found
 
         return traced
@@ -269,16 +250,14 @@ def _offsets(components: tuple[Expression, ...]) -> tuple[Expression, ...]:
     return (model.arguments[2], measured) if isinstance(model, Apply) and model.operation is Operation.IF else ()
 
 
-def _equations(problem: Problem) -> Iterator[tuple[int, int, int, tuple[Expression, ...]]]:
-    """The components of all equations of observations, with the numbers of block and case, and of their first one."""
-    for i, block in enumerate(problem.blocks):
-        if block.role is not BlockRole.OBSERVATION:
-            continue
-        for k, case in enumerate(block.cases):
-            output = 0
-            for equation in case.equations:
-                yield i, k, output, equation.components
-                output += len(equation.components)
+def _about(problem: Problem, noted: Sequence[tuple[Value, Callable[..., T]]]) -> Iterator[T]:
+    """What is made of the equations of one component that are about a distance that was ``noted``."""
+    known = {id(distance): made for distance, made in noted}
+    for at, equation in equations_of(problem):
+        sides = (id(_side(equation.components[0], place)) for place in (0, 1) if len(equation.components) == 1)
+        made = next((known[side] for side in sides if side in known), None)
+        if made is not None:
+            yield made(at=at)
 
 
 def _compared(components: tuple[Expression, ...], of_image: dict[int, Sight]) -> tuple[Sight, float] | None:

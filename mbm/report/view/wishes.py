@@ -14,10 +14,9 @@ from mbm.report.maps import maps_of
 from mbm.report.view import faults
 from mbm.report.view.answers import Viewed, view_of_result
 from mbm.report.view.beneath import beneath, path_in
-from mbm.report.view.image_lines import line_photographs
 from mbm.report.view.images import ImageRows, image_rows
 from mbm.report.view.model_panels import draw_model
-from mbm.report.view.near_curves import contour_photographs, curve_photographs
+from mbm.report.view.near_curves import contour_photographs, curve_photographs, line_photographs
 from mbm.report.view.overlay import draw_overlay, overlay_of
 from mbm.report.view.pages import page_bytes
 from mbm.report.view.photographs import Photograph, photographs, together

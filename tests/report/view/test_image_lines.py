@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbm.report.view.image_lines import line_photographs
 from mbm.report.view.images import image_rows
+from mbm.report.view.near_curves import line_photographs
 from mbm.report.view.overlay import overlay_of
 from mbm.report.view.photographs import photographs, together
 from tests.report.view.pictured import of_folder, of_text
