@@ -16,7 +16,7 @@ from mbm.compiler import Inputs
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.stream import Stream, threads
 from mbm.problem.types import Problem
-from mbm.report.geometric import GEOMETRIC, number_factors
+from mbm.report.elements import GEOMETRIC, number_factors
 from mbm.report.types import SolveReport, SolveStatus
 from mbm.text.types import MbmError
 from mbm.values import dataclass

@@ -21,8 +21,7 @@ from mbm.estimation.sequences.unsuited import unsuited
 from mbm.estimation.settings import settings_of
 from mbm.problem.sequence.types import SequenceMethod
 from mbm.problem.types import Problem
-from mbm.report import geometric
-from mbm.report.elements import element_names
+from mbm.report.elements import GEOMETRIC, coordinate_factors, element_names
 from mbm.report.named import Named, named
 from mbm.report.quantities import quantity_of
 from mbm.report.spreads import Spread
@@ -244,8 +243,8 @@ def _plan(ready: Begun) -> Plan:
         )
         numbers, coordinates = numbers + count, coordinates + size
         names += element_names(quantity, None if unknown.is_state else entry.keys)
-        own = quantity.kind in geometric.GEOMETRIC
-        one = geometric.coordinate_factors(quantity) if own else np.full(unknown.freedom, quantity.scale.factor)
+        own = quantity.kind in GEOMETRIC
+        one = coordinate_factors(quantity) if own else np.full(unknown.freedom, quantity.scale.factor)
         factors.append(np.tile(one, members))
     free = places.free
     return Plan(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from mbm.text.printer import plain_number
 from mbm.text.types import Span
 
@@ -36,6 +38,11 @@ def key_text(key: str | float) -> str:
     import json  # a fiftieth of a small solve, where names have keys
 
     return json.dumps(key, ensure_ascii=False)
+
+
+def key_words(key: Mapping[str, str | float]) -> str:
+    """``run = 3, camera = "left"``: the key of one of many solves."""
+    return ", ".join(f"{name} = {key_text(value)}" for name, value in key.items())
 
 
 def member_name(name: str, key: str | float | None, *, at_step: bool = False) -> str:

@@ -6,13 +6,17 @@ Each text becomes part of a line here (`cut`), so that names, units and keys of 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeAlias
 
 from mbm.text.shown import cell_width, cut
 from mbm.text.types import LONGEST_MESSAGE
 
 LONGEST_CELL = 100
 """Characters of a cell that are shown; the document has all."""
+
+Pad: TypeAlias = Callable[[Sequence[str]], list[str]]
+"""Makes the cells of a column one width."""
 
 _WHOLE_PART = r"\(?[+-]?[0-9]+"
 
@@ -35,6 +39,12 @@ def right(texts: Iterable[str]) -> list[str]:
     """Texts padded on the left to one width."""
     items, gaps = _gaps(texts)
     return [gap + text for text, gap in zip(items, gaps, strict=True)]
+
+
+def laid_out(rows: Sequence[Sequence[str]], how: Sequence[Pad]) -> list[tuple[str, ...]]:
+    """The rows of a table, the cells of each column padded as ``how`` says for it."""
+    columns = zip(*rows, strict=True) if rows else [()] * len(how)
+    return list(zip(*(pad(column) for pad, column in zip(how, columns, strict=True)), strict=True))
 
 
 def wrapped(text: str, widest: int) -> list[str]:

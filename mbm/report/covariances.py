@@ -7,8 +7,7 @@ import numpy as np
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.uncertainty.observability import pinned_coordinates
 from mbm.report.derived_values import FREE
-from mbm.report.elements import element_names
-from mbm.report.geometric import GEOMETRIC, coordinate_factors
+from mbm.report.elements import GEOMETRIC, coordinate_factors, element_names
 from mbm.report.quantities import Shown
 from mbm.report.types import CovarianceMatrix, DerivedValue, Floats
 

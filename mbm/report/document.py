@@ -5,10 +5,7 @@ The documents of many solves from their columns: that of one of them with the nu
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from enum import Enum
-from pathlib import PurePath
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,10 +14,10 @@ from mbm.estimation.batches.types import REASONS
 from mbm.problem.types import BlockRole
 from mbm.report.blocks import BlockReports, ManyReports, kept
 from mbm.report.constraints import limit_reports
-from mbm.report.elements import plain_key, shown_sigma
+from mbm.report.elements import GEOMETRIC, plain_key, shown_sigma
+from mbm.report.elements import written as written_geometry
+from mbm.report.encode import plain
 from mbm.report.filled import conditions, own_names, prior_names
-from mbm.report.geometric import GEOMETRIC
-from mbm.report.geometric import written as written_geometry
 from mbm.report.intervals import interval_document, intervals
 from mbm.report.numbers import NUMBERS
 from mbm.report.solve_document import constraint_document, corrections_document, raw_document, solve_document, solve_key
@@ -80,21 +77,6 @@ class _Solves(Sequence[dict[str, Any]]):
         # Loaded where there are many solves only, so that the others start at once.
 
         yield from self._solves.each(block_documents, solve_document)
-
-
-def plain(value: object) -> Any:
-    """A value as JSON holds it: what is not finite is null."""
-    if isinstance(value, Enum):
-        return plain(value.value)
-    if isinstance(value, Mapping):
-        return {str(name): plain(entry) for name, entry in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [plain(entry) for entry in value]
-    if isinstance(value, PurePath):
-        return value.as_posix()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, (bool, int, str)) else str(value)
 
 
 def block_documents(reports: BlockReports) -> Iterator[dict[str, Any]]:

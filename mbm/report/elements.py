@@ -1,21 +1,146 @@
-"""Estimates and derived values → their scalars, named and in the unit that is shown."""
+"""Estimates and derived values → their scalars, named and in the unit that is shown.
+
+The numbers of rotations, poses, similarities and directions are those that `mbm.problem.manifold` describes; sigmas
+belong to tangent coordinates: rotation vector (rad), translation, logarithm of the scale (CONTRACT §2).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
+from mbm.equations.layout import half_turns
+from mbm.problem.manifold import Manifold, Piece, manifold_of
 from mbm.problem.naming import member_name, scalar_name
-from mbm.report import geometric
 from mbm.report.digits import Measured, enclosed, measured
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask, Quantity, SolveReport
+from mbm.rotations import hamilton, matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
 from mbm.scales import SI
 from mbm.text.printer import plain_number
 from mbm.values import dataclass
+
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+GEOMETRIC = frozenset({Kind.DIRECTION, Kind.ROTATION, Kind.POSE, Kind.SIMILARITY})
+"""Kinds whose sigmas belong to a tangent space."""
+
+
+def manifold(quantity: Quantity) -> Manifold:
+    """How the numbers of a geometric quantity vary."""
+    return manifold_of(quantity.kind.value, quantity.dimension, 0)
+
+
+def number_factors(quantity: Quantity) -> Floats:
+    """SI per unit shown for each number; only translations have a unit."""
+    return np.array([f for p, f in _pieces(quantity) for _ in range(p.size)])
+
+
+def coordinate_factors(quantity: Quantity) -> Floats:
+    """SI per unit shown for each tangent coordinate."""
+    return np.array([f for p, f in _pieces(quantity) for _ in range(p.tangent)])
+
+
+def _pieces(quantity: Quantity) -> list[tuple[Piece, float]]:
+    found = manifold(quantity)
+    moved = [p is Piece.NUMBER and not angle for p, angle in zip(found.pieces, found.angles, strict=True)]
+    return [(p, quantity.scale.factor if m else 1.0) for p, m in zip(found.pieces, moved, strict=True)]
+
+
+def coordinate_values(quantity: Quantity, numbers: Floats) -> Floats:
+    """What a table shows for each tangent coordinate, SI, shape (…, tangent): rotation vector, translation, log c.
+
+    Directions have no such coordinates of their own: zeros.
+    """
+    columns = []
+    for piece, first, _ in manifold(quantity).spans():
+        part = numbers[..., first : first + piece.size]
+        if piece is Piece.QUATERNION:
+            part = vector_of_quaternion(part)
+        elif piece is Piece.SCALE:
+            part = np.log(part)
+        elif piece is Piece.SPHERE:
+            part = np.zeros((*part.shape[:-1], piece.tangent))
+        columns.append(part)
+    return np.concatenate(columns, axis=-1)
+
+
+@np.errstate(invalid="ignore")
+def difference(quantity: Quantity, first: Floats, second: Floats) -> Floats:
+    """What leads from one value of a quantity to another (…,), SI, with the shape of its sigmas; angles by half turns.
+
+    Of rotations and the like the tangent coordinates at the first; NaN for directions, whose axes are not known here.
+    """
+    if quantity.kind not in GEOMETRIC:
+        return np.asarray(half_turns(second - first) if quantity.kind is Kind.ANGLE else second - first)
+    columns = []
+    found = manifold(quantity)
+    for (piece, start, _), angle in zip(found.spans(), found.angles, strict=True):
+        mine, its = (each[..., start : start + piece.size] for each in (first, second))
+        if piece is Piece.QUATERNION:
+            columns.append(_turn(mine, its))
+        elif piece is Piece.SCALE:
+            columns.append(np.log(its / mine))
+        elif piece is Piece.SPHERE:
+            columns.append(np.full((*np.broadcast_shapes(mine.shape, its.shape)[:-1], piece.tangent), np.nan))
+        else:
+            columns.append(half_turns(its - mine) if angle else its - mine)
+    return np.concatenate(columns, axis=-1)
+
+
+def _turn(first: Floats, second: Floats) -> Floats:
+    """The rotation vectors (…, 3) from one unit quaternion (…, 4) to another, about axes of the body."""
+    back, forth = np.broadcast_arrays(first * CONJUGATE, second)
+    flat = hamilton(back.reshape(-1, 4), forth.reshape(-1, 4))
+    return np.asarray(vector_of_quaternion(flat).reshape(*forth.shape[:-1], 3))
+
+
+def written(quantity: Quantity, numbers: Floats) -> Any:
+    """One value (size,) as documents hold it; null where it is not finite. In the unit of the quantity."""
+    shown = np.where(np.isfinite(numbers), numbers, np.nan) / number_factors(quantity)
+    if not bool(np.isfinite(shown).all()):
+        return None
+    if quantity.kind is Kind.DIRECTION:
+        return shown.tolist()
+    found: dict[str, Any] = {}
+    if quantity.dimension == 3:
+        held = 4
+        found["quaternion"] = shown[:4].tolist()
+        found["matrix"] = matrix_of_quaternion(shown[:4]).tolist()
+    else:
+        held = 1
+        angle = float(shown[0])
+        c, s = float(np.cos(angle)), float(np.sin(angle))
+        found["angle"] = float(angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5))
+        found["matrix"] = [[c, -s], [s, c]]
+    if quantity.kind in (Kind.POSE, Kind.SIMILARITY):
+        found["translation"] = shown[held : held + quantity.dimension].tolist()
+    if quantity.kind is Kind.SIMILARITY:
+        found["scale"] = float(shown[-1])
+    return found
+
+
+def numbers_of_written(value: Mapping[str, Any]) -> list[float] | None:
+    """The numbers of a rotation, pose or similarity as a document holds it; None if it is none."""
+    translation, scale = value.get("translation", ()), value.get("scale")
+    try:
+        rest = [float(t) for t in translation] + ([] if scale is None else [float(scale)])
+        if "angle" in value:
+            return [float(value["angle"]), *rest]
+        if "quaternion" in value and len(translation) != 2:
+            return [*np.asarray(value["quaternion"], dtype=np.float64).tolist(), *rest]
+        matrix = np.asarray(value["matrix"], dtype=np.float64)
+        if bool(np.linalg.det(matrix) <= 0.0):
+            return None
+        if matrix.shape == (2, 2):
+            return [float(np.arctan2(matrix[1, 0], matrix[0, 0])), *rest]
+        return [*quaternion_of_matrix(matrix).tolist(), *rest] if matrix.shape == (3, 3) else None
+    except (KeyError, TypeError, ValueError):  # np.linalg.LinAlgError, of what is not square, is a ValueError
+        return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,8 +171,8 @@ def plain_key(key: Key) -> str | int | float | None:
 
 def element_names(quantity: Quantity, keys: tuple[Key, ...] | None = None) -> tuple[str, ...]:
     """``p``, ``p[1]``, ``theta[2,1]``, ``q["waist"]``, ``w@12[1]``: the names of all scalars, row by row."""
-    if quantity.kind in geometric.GEOMETRIC:
-        places = list(geometric.manifold(quantity).labels)
+    if quantity.kind in GEOMETRIC:
+        places = list(manifold(quantity).labels)
     else:
         indices = product(*(range(1, n + 1) for n in quantity.shape))
         places = [scalar_name("", None, index) for index in indices]
@@ -97,13 +222,13 @@ def shown_values(item: Estimate | DerivedValue) -> Floats:
 
 def factors(quantity: Quantity) -> Floats | float:
     """SI per unit shown of differences, along the last axis of sigmas."""
-    return geometric.coordinate_factors(quantity) if quantity.kind in geometric.GEOMETRIC else quantity.scale.factor
+    return coordinate_factors(quantity) if quantity.kind in GEOMETRIC else quantity.scale.factor
 
 
 def in_unit(quantity: Quantity, values: Floats) -> Floats:
     """Values with the shape of sigmas, SI, in the unit of the quantity."""
-    if quantity.kind in geometric.GEOMETRIC:
-        return np.asarray(values / geometric.coordinate_factors(quantity))
+    if quantity.kind in GEOMETRIC:
+        return np.asarray(values / coordinate_factors(quantity))
     return quantity.scale.from_si(values)
 
 
@@ -134,16 +259,16 @@ def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
 
 def _coordinates(item: Estimate | DerivedValue) -> Floats:
     """The values that scalars show, SI: those of the tangent coordinates for rotations and the like."""
-    if item.quantity.kind in geometric.GEOMETRIC:
-        return geometric.coordinate_values(item.quantity, np.asarray(item.value))
+    if item.quantity.kind in GEOMETRIC:
+        return coordinate_values(item.quantity, np.asarray(item.value))
     return np.asarray(item.value)
 
 
 def coordinate_quantity(quantity: Quantity, place: int) -> Quantity:
     """The quantity of one scalar: coordinates of rotations are angles, those of scales pure numbers."""
-    if quantity.kind not in geometric.GEOMETRIC:
+    if quantity.kind not in GEOMETRIC:
         return quantity
-    found = geometric.manifold(quantity)
+    found = manifold(quantity)
     label = found.labels[place % found.tangent]
     if label.startswith(".trans"):
         return replace(quantity, kind=Kind.REAL)

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from enum import Enum
 from json.encoder import encode_basestring, encode_basestring_ascii
 from math import isfinite
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -32,6 +34,21 @@ def encode(value: object) -> str:
 def to_bytes(text: str) -> bytes:
     """The text in UTF-8. What no UTF-8 can hold (bytes of odd file names) is escaped by ``encode`` already."""
     return text.encode("utf-8")
+
+
+def plain(value: object) -> Any:
+    """A value as JSON holds it: what is not finite is null."""
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, Mapping):
+        return {str(name): plain(entry) for name, entry in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, PurePath):
+        return value.as_posix()
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    return value if value is None or isinstance(value, (bool, int, str)) else str(value)
 
 
 def number(value: float | int | None) -> float | int | None:

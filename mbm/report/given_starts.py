@@ -14,7 +14,7 @@ from mbm.problem.naming import key_text
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Family, Problem, Unknown, UnknownKind
 from mbm.report import faults
-from mbm.report.geometric import GEOMETRIC, number_factors
+from mbm.report.elements import GEOMETRIC, number_factors
 from mbm.report.initial import InitialValue, initial_values, is_document
 from mbm.report.quantities import quantity_of
 from mbm.report.types import Floats

@@ -8,9 +8,8 @@ from hashlib import sha256
 import numpy as np
 
 from mbm.report import faults
-from mbm.report.document import plain
-from mbm.report.encode import encode, to_bytes
-from mbm.report.geometric import numbers_of_written
+from mbm.report.elements import numbers_of_written
+from mbm.report.encode import encode, plain, to_bytes
 from mbm.report.solve_document import solve_key
 from mbm.report.types import Floats, Key
 from mbm.text.types import MbmError

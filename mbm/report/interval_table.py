@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain, islice
+from itertools import islice
 from math import inf, isfinite, isinf
 
 import numpy as np
 
-from mbm.problem.naming import key_text
-from mbm.report.columns import aligned, left, right
+from mbm.problem.naming import key_words
+from mbm.report.columns import aligned, laid_out, left, right
 from mbm.report.digits import measured, plain
 from mbm.report.elements import scalars, unit_text
 from mbm.report.intervals import IntervalKind, intervals, may_be_cut
@@ -42,18 +42,16 @@ class IntervalLine:
 
 def interval_lines(solves: Sequence[SolveReport], paint: Paint, full: bool) -> Iterator[str]:
     """The intervals of all estimates and derived quantities that have one, solve after solve."""
-    every = chain.from_iterable(map(lines_of, solves))
+    every = ((key_words(solve.key), line) for solve in solves for line in lines_of(solve))
     lines = list(every if full else islice(every, MOST_LINES + 1))
     shown = lines if full else lines[:MOST_LINES]
     levels = dict.fromkeys(f"{plain(100 * solve.coverage, 6)} %" for solve in solves[:1])
     yield f"{next(iter(levels), '')} intervals".lstrip()
-    names, units = left(line.name for line in shown), left(line.unit for line in shown)
-    lows, highs = aligned([line.low for line in shown]), aligned([line.high for line in shown])
-    factors, degrees = aligned([line.k for line in shown]), right(line.dof for line in shown)
-    for i, line in enumerate(shown):
+    rows = [(f"{key}: {a.name}" if key else a.name, a.low, a.high, a.unit, a.k, a.dof) for key, a in shown]
+    columns = laid_out(rows, (left, aligned, aligned, left, aligned, right))
+    for (_, line), (name, low, high, unit, k, dof) in zip(shown, columns, strict=True):
         note = f"  {paint(line.kind, Style.QUIET)}" if line.kind != IntervalKind.LINEAR else ""
-        text = f"{paint(names[i], Style.HEADING)}  {lows[i]} … {highs[i]}  {units[i]}"
-        yield f"  {text}  k = {factors[i]}  dof = {degrees[i]}{note}"
+        yield f"  {paint(name, Style.HEADING)}  {low} … {high}  {unit}  k = {k}  dof = {dof}{note}"
     if len(lines) > len(shown):
         yield paint("  … and more (-v shows all; --estimates and --json have them too)", Style.QUIET)
 
@@ -72,7 +70,6 @@ def cut_sentences(solve: SolveReport) -> Iterator[str]:
 
 def lines_of(solve: SolveReport, items: Iterable[Estimate | DerivedValue] | None = None) -> Iterator[IntervalLine]:
     """The intervals of a solve, or of some of its items, but of what was fixed or has none."""
-    key = ", ".join(f"{name} = {key_text(value)}" for name, value in solve.key.items())
     every: tuple[Estimate | DerivedValue, ...] = (*solve.estimates, *solve.derived)
     for item in every if items is None else items:
         found = intervals(item, solve.coverage)
@@ -83,7 +80,7 @@ def lines_of(solve: SolveReport, items: Iterable[Estimate | DerivedValue] | None
                 continue
             spread = scalar.sigma if isfinite(scalar.sigma) else (high - low) / ENDS_APART
             yield IntervalLine(
-                name=f"{key}: {scalar.name}" if key else scalar.name,
+                name=scalar.name,
                 low=_end(low, spread),
                 high=_end(high, spread),
                 unit=unit_text(scalar.quantity),

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 
-from mbm.problem.naming import key_text
+from mbm.problem.naming import key_text, key_words
 from mbm.report.blocks import ManyReports
 from mbm.report.columns import aligned, left, right, wrapped
 from mbm.report.digits import Measured, plain
@@ -134,9 +134,8 @@ def _attention(solves: Sequence[SolveReport]) -> Iterator[str]:
     """Which solves are not to be trusted, and why."""
     troubled = [solve for solve in solves if not solve.status.trusted]
     for solve in troubled[:_MOST_EXPLAINED]:
-        key = ", ".join(f"{name} = {key_text(value)}" for name, value in solve.key.items())
         reasons = list(observability_sentences(solve.observability)) or [solve.message or solve.status.sentence]
-        yield f"{key}: {solve.status.value}: {'; '.join(reasons)}"
+        yield f"{key_words(solve.key)}: {solve.status.value}: {'; '.join(reasons)}"
     if len(troubled) > _MOST_EXPLAINED:
         yield f"… {len(troubled) - _MOST_EXPLAINED} more solves need attention"
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from mbm.expression.units import parse_unit
 from mbm.problem.naming import member_name
-from mbm.report.elements import shown_bounds, shown_sigma
-from mbm.report.geometric import GEOMETRIC, number_factors
+from mbm.report.elements import GEOMETRIC, number_factors, shown_bounds, shown_sigma
 from mbm.report.intervals import Intervals, intervals, level_of
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask
 from mbm.rotations import matrix_of_quaternion, planar

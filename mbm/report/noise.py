@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +13,7 @@ from mbm.expression.units import Unit
 from mbm.problem.residual_units import NO_TURNS
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.digits import plain
-
-NoiseReport: TypeAlias = float | Mapping[str, Any] | None
-"""A factor; ``{factor, rho}`` or ``{covariance}``, in SI, where rows share noise; None where the noise was stated."""
+from mbm.report.row_data import NoiseReport
 
 
 def noise_reports(problem: Problem, noises: Mapping[int, Noise]) -> dict[str, NoiseReport]:

@@ -14,8 +14,7 @@ from mbm.expression.dimension import Dimension
 from mbm.expression.units import Unit
 from mbm.problem.tables import Table
 from mbm.problem.types import Derived, Problem, Unknown, UnknownKind
-from mbm.report import geometric
-from mbm.report.elements import element_names
+from mbm.report.elements import GEOMETRIC, coordinate_factors, element_names
 from mbm.report.types import Floats, Key, Kind, Quantity
 from mbm.scales import SI, Scale
 from mbm.values import dataclass
@@ -46,7 +45,7 @@ def shown(problem: Problem, solution: Solution) -> Shown:
         unknowns=unknowns,
         derived=tuple(derived_quantity(problem, problem.derived[one.owner]) for one in solution.derived),
         names=tuple(name for entry, quantity in pairs for name in element_names(quantity, entry.keys)),
-        factors=np.concatenate([np.empty(0), *(coordinate_factors(quantity, entry) for entry, quantity in pairs)]),
+        factors=np.concatenate([np.empty(0), *(entry_factors(quantity, entry) for entry, quantity in pairs)]),
     )
 
 
@@ -72,10 +71,10 @@ def repeated(values: NDArray[Any], steps: tuple[int, ...]) -> NDArray[Any]:
     return np.tile(values, (*steps, *(1,) * values.ndim)) if steps else values
 
 
-def coordinate_factors(quantity: Quantity, entry: Entry) -> Floats:
+def entry_factors(quantity: Quantity, entry: Entry) -> Floats:
     """SI per unit shown for each coordinate of an unknown, members one after the other."""
-    if quantity.kind in geometric.GEOMETRIC:
-        return np.tile(geometric.coordinate_factors(quantity), entry.members)
+    if quantity.kind in GEOMETRIC:
+        return np.tile(coordinate_factors(quantity), entry.members)
     return np.full(entry.count, quantity.scale.factor)
 
 

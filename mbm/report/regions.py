@@ -16,8 +16,7 @@ from mbm.estimation.trust.nonlinearity import DETERMINED
 from mbm.estimation.trust.profile import Profile
 from mbm.report import faults
 from mbm.report.correlations import correlation_of
-from mbm.report.elements import element_names, shown_sigma, shown_values, unit_text
-from mbm.report.geometric import GEOMETRIC
+from mbm.report.elements import GEOMETRIC, element_names, shown_sigma, shown_values, unit_text
 from mbm.report.intervals import IntervalKind, intervals, level_of
 from mbm.report.types import DerivedValue, Estimate, Floats, Mask, SolveReport
 from mbm.text.types import MbmError

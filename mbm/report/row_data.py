@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.text.types import DataPlace
 from mbm.values import dataclass
+
+NoiseReport: TypeAlias = float | Mapping[str, Any] | None
+"""A factor; ``{factor, rho}`` or ``{covariance}``, in SI, where rows share noise; None where the noise was stated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from operator import attrgetter
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from mbm.report.noise import NoiseReport
-from mbm.report.row_data import ResidualRow, ResidualSummary
+from mbm.report.row_data import NoiseReport, ResidualRow, ResidualSummary
 from mbm.report.types import (
     ConstraintReport,
     CorrectionReport,

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import islice
-from math import isfinite
+from collections.abc import Iterable, Iterator
+from itertools import chain, islice
+from math import isfinite, pi
 
-from mbm.report.digits import plain
+from mbm.report.digits import enclosed, plain
+from mbm.report.elements import Scalar, scalars, unit_text
 from mbm.report.faults import listed
 from mbm.report.row_data import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, ResidualSummary, RootMean
-from mbm.report.types import Observability, SolveReport
+from mbm.report.types import Alternative, DerivedValue, Estimate, Kind, Observability, Piece, SolveReport
 from mbm.text.types import Diagnostic
 
 MOST_NAMES = 12
@@ -32,6 +33,13 @@ MOST_FILES = 5
 
 LARGE_PRIOR = 3.0
 """A prior that the estimates miss by more standard deviations than this is spoken of."""
+
+MOST_SOLUTIONS = 4
+"""Other solutions that are shown; the document has all."""
+MOST_NUMBERS = 4
+"""Numbers of another solution that are shown: those that differ most from the best one."""
+NOTHING = 1e-9
+"""Numbers that differ by less, relatively, are the same."""
 
 
 def fit_sentence(solve: SolveReport) -> str | None:
@@ -144,3 +152,68 @@ def diagnostic_sentence(diagnostic: Diagnostic) -> str:
 
 def _rows(count: int) -> str:
     return "1 row" if count == 1 else f"{count} rows"
+
+
+def search_sentences(solve: SolveReport) -> Iterator[str]:
+    """How many starts led where, and the other solutions that fit best; how many boxes, and the separate pieces."""
+    if solve.boxes is not None:
+        yield f"guaranteed bounds: {solve.boxes:,} box{'' if solve.boxes == 1 else 'es'} examined"
+    for number, piece in enumerate(solve.pieces[:MOST_SOLUTIONS], 1):
+        yield f"separate piece {number} of {len(solve.pieces)}{_narrowest(solve, piece)}"
+    if len(solve.pieces) > MOST_SOLUTIONS:
+        yield f"… and {len(solve.pieces) - MOST_SOLUTIONS} more pieces, which the document lists"
+    tally = solve.starts
+    if tally is not None:
+        text = f"{tally.tried} starts: {tally.converged} converged, {tally.best_found} to the best fit"
+        others = len(solve.alternatives)
+        yield f"{text}; {others} other solution{'' if others == 1 else 's'}" if others else text
+    for other in solve.alternatives[:MOST_SOLUTIONS]:
+        yield _other(solve, other)
+    left = len(solve.alternatives) - MOST_SOLUTIONS
+    if left > 0:
+        yield f"… and {left} more with larger costs, which the document lists"
+
+
+def _narrowest(solve: SolveReport, piece: Piece) -> str:
+    """The bounds of a piece that are narrower than those of the whole set, the narrowest first."""
+    wholes: list[Estimate | DerivedValue] = [*solve.estimates, *solve.derived]
+    parts: list[Estimate | DerivedValue] = [*piece.estimates, *piece.derived]
+    found = []
+    pairs = (zip(scalars(whole), scalars(part), strict=True) for whole, part in zip(wholes, parts, strict=True))
+    for whole, part in chain.from_iterable(pairs):
+        if whole.bounds is not None and part.bounds is not None:
+            wide, narrow = whole.bounds[1] - whole.bounds[0], part.bounds[1] - part.bounds[0]
+            if narrow < (1 - NOTHING) * wide:
+                found.append((narrow / wide, part, part.bounds))
+    found.sort(key=lambda each: each[0])
+    texts = (f"{s.name} in {enclosed(*ends)} {unit_text(s.quantity)}".rstrip() for _, s, ends in found[:MOST_NUMBERS])
+    return f": {', '.join(texts)}" if found else ""
+
+
+def _other(solve: SolveReport, other: Alternative) -> str:
+    cost = f"cost {plain(other.cost, 5)}"
+    found = cost if other.robust_cost is None else f"sum of the losses {plain(other.robust_cost, 5)}, {cost}"
+    if solve.starts is not None:
+        found += f" from {other.starts} start{'' if other.starts == 1 else 's'}"
+    remark = f" ({other.remark})" if other.remark else ""
+    apart = sorted(_differences(solve.estimates, other.estimates), key=lambda pair: -pair[0])
+    if not apart:
+        return f"another solution, {found}{remark}"
+    texts = (f"{s.name} = {plain(s.value, 5)} {unit_text(s.quantity)}".rstrip() for _, s in apart[:MOST_NUMBERS])
+    more = len(apart) - MOST_NUMBERS
+    what = "one more number that differs" if more == 1 else f"{more} more numbers that differ"
+    rest = f" and {what}" if more > 0 else ""
+    return f"another solution, {found}, with {', '.join(texts)}{rest}{remark}"
+
+
+def _differences(best: Iterable[Estimate], other: Iterable[Estimate]) -> Iterator[tuple[float, Scalar]]:
+    """The numbers of ``other`` that are not those of ``best``, each with its relative difference."""
+    ours, theirs = (list(chain.from_iterable(map(scalars, items))) for items in (best, other))
+    for mine, its in zip(ours, theirs, strict=True):
+        apart = abs(its.value - mine.value)
+        if its.quantity.kind is Kind.ANGLE:
+            turn = 2 * pi / its.quantity.scale.factor
+            apart = min(apart % turn, turn - apart % turn)
+        size = max(abs(its.value), abs(mine.value))
+        if size > 0 and apart > NOTHING * size:
+            yield apart / size, its

@@ -22,8 +22,7 @@ from mbm.problem.factors import factor_names
 from mbm.problem.tables import CellKey, Column, Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.report import faults
-from mbm.report.elements import plain_key, unit_text
-from mbm.report.geometric import GEOMETRIC, written
+from mbm.report.elements import GEOMETRIC, plain_key, unit_text, written
 from mbm.report.given_starts import given_starts
 from mbm.report.initial import is_document
 from mbm.report.options import SimulationSettings

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 from math import pi
 
-from mbm.report.columns import aligned, fitting, left, wrapped
+from mbm.report.columns import aligned, fitting, laid_out, left, wrapped
 from mbm.report.digits import Measured, enclosed, measured, plain
 from mbm.report.elements import Scalar, number_text, scalars, unit_text
 from mbm.report.interval_table import cut_sentences, interval_lines
@@ -18,8 +18,9 @@ from mbm.report.sentences import (
     observability_sentences,
     prior_sentences,
     residual_sentences,
+    search_sentences,
 )
-from mbm.report.types import Alternative, DerivedValue, Estimate, Kind, Piece, Result, SolveReport, SolveStatus
+from mbm.report.types import DerivedValue, Estimate, Kind, Result, SolveReport, SolveStatus
 from mbm.text.shown import Paint, Style, cell_width, joined
 
 MOST_SCALARS = 24
@@ -29,14 +30,6 @@ LEAST_DOC = 40
 """Columns of a ``:doc`` that are shown in any case."""
 
 _FIRST_SCALARS = 20
-
-
-MOST_SOLUTIONS = 4
-"""Other solutions that are shown; the document has all."""
-MOST_NUMBERS = 4
-"""Numbers of another solution that are shown: those that differ most from the best one."""
-NOTHING = 1e-9
-"""Numbers that differ by less, relatively, are the same."""
 
 
 def table(result: Result, *, width: int = 80, color: bool = False, full: bool = False, intervals: bool = False) -> str:
@@ -121,15 +114,11 @@ def estimate_lines(items: Iterable[Estimate | DerivedValue], width: int, paint: 
         kept = every if full or len(every) <= MOST_SCALARS else every[:_FIRST_SCALARS]
         shown.extend((scalar, 0) for scalar in kept[:-1])
         shown.extend((scalar, len(every) - len(kept)) for scalar in kept[-1:])
-    texts = [number_text(scalar) for scalar, _ in shown]
-    names = left(scalar.name for scalar, _ in shown)
-    values = aligned([text.value for text in texts])
-    sigmas = aligned([text.sigma for text in texts])
-    units = left(unit_text(scalar.quantity) for scalar, _ in shown)
-    for i, (scalar, left_out) in enumerate(shown):
-        sign = "±" if texts[i].sigma else " "
-        line = f"  {paint(names[i], Style.HEADING)}  {values[i]} {sign} {sigmas[i]}  {units[i]}"
-        taken = 9 + sum(map(cell_width, (names[i], values[i], sigmas[i], units[i])))  # with what stands between them
+    rows = [(s.name, number_text(s).value, number_text(s).sigma, unit_text(s.quantity)) for s, _ in shown]
+    for (scalar, left_out), cells in zip(shown, laid_out(rows, (left, aligned, aligned, left)), strict=True):
+        name, value, sigma, unit = cells
+        line = f"  {paint(name, Style.HEADING)}  {value} {'±' if sigma.strip() else ' '} {sigma}  {unit}"
+        taken = 9 + sum(map(cell_width, cells))  # with what stands between them
         yield line + _notes(scalar, width - taken, paint)
         if left_out:
             yield paint(f"  … {left_out} more of `{scalar.quantity.name}` (-v shows all)", Style.QUIET)
@@ -170,68 +159,3 @@ def _in_degrees(scalar: Scalar) -> str:
         scalar.value * 180 / pi, scalar.sigma * 180 / pi, exact=scalar.fixed or scalar.at_bound or not scalar.sigma >= 0
     )
     return f"{text} deg"
-
-
-def search_sentences(solve: SolveReport) -> Iterator[str]:
-    """How many starts led where, and the other solutions that fit best; how many boxes, and the separate pieces."""
-    if solve.boxes is not None:
-        yield f"guaranteed bounds: {solve.boxes:,} box{'' if solve.boxes == 1 else 'es'} examined"
-    for number, piece in enumerate(solve.pieces[:MOST_SOLUTIONS], 1):
-        yield f"separate piece {number} of {len(solve.pieces)}{_narrowest(solve, piece)}"
-    if len(solve.pieces) > MOST_SOLUTIONS:
-        yield f"… and {len(solve.pieces) - MOST_SOLUTIONS} more pieces, which the document lists"
-    tally = solve.starts
-    if tally is not None:
-        text = f"{tally.tried} starts: {tally.converged} converged, {tally.best_found} to the best fit"
-        others = len(solve.alternatives)
-        yield f"{text}; {others} other solution{'' if others == 1 else 's'}" if others else text
-    for other in solve.alternatives[:MOST_SOLUTIONS]:
-        yield _other(solve, other)
-    left = len(solve.alternatives) - MOST_SOLUTIONS
-    if left > 0:
-        yield f"… and {left} more with larger costs, which the document lists"
-
-
-def _narrowest(solve: SolveReport, piece: Piece) -> str:
-    """The bounds of a piece that are narrower than those of the whole set, the narrowest first."""
-    wholes: list[Estimate | DerivedValue] = [*solve.estimates, *solve.derived]
-    parts: list[Estimate | DerivedValue] = [*piece.estimates, *piece.derived]
-    found = []
-    pairs = (zip(scalars(whole), scalars(part), strict=True) for whole, part in zip(wholes, parts, strict=True))
-    for whole, part in chain.from_iterable(pairs):
-        if whole.bounds is not None and part.bounds is not None:
-            wide, narrow = whole.bounds[1] - whole.bounds[0], part.bounds[1] - part.bounds[0]
-            if narrow < (1 - NOTHING) * wide:
-                found.append((narrow / wide, part, part.bounds))
-    found.sort(key=lambda each: each[0])
-    texts = (f"{s.name} in {enclosed(*ends)} {unit_text(s.quantity)}".rstrip() for _, s, ends in found[:MOST_NUMBERS])
-    return f": {', '.join(texts)}" if found else ""
-
-
-def _other(solve: SolveReport, other: Alternative) -> str:
-    cost = f"cost {plain(other.cost, 5)}"
-    found = cost if other.robust_cost is None else f"sum of the losses {plain(other.robust_cost, 5)}, {cost}"
-    if solve.starts is not None:
-        found += f" from {other.starts} start{'' if other.starts == 1 else 's'}"
-    remark = f" ({other.remark})" if other.remark else ""
-    apart = sorted(_differences(solve.estimates, other.estimates), key=lambda pair: -pair[0])
-    if not apart:
-        return f"another solution, {found}{remark}"
-    texts = (f"{s.name} = {plain(s.value, 5)} {unit_text(s.quantity)}".rstrip() for _, s in apart[:MOST_NUMBERS])
-    more = len(apart) - MOST_NUMBERS
-    what = "one more number that differs" if more == 1 else f"{more} more numbers that differ"
-    rest = f" and {what}" if more > 0 else ""
-    return f"another solution, {found}, with {', '.join(texts)}{rest}{remark}"
-
-
-def _differences(best: Iterable[Estimate], other: Iterable[Estimate]) -> Iterator[tuple[float, Scalar]]:
-    """The numbers of ``other`` that are not those of ``best``, each with its relative difference."""
-    ours, theirs = (list(chain.from_iterable(map(scalars, items))) for items in (best, other))
-    for mine, its in zip(ours, theirs, strict=True):
-        apart = abs(its.value - mine.value)
-        if its.quantity.kind is Kind.ANGLE:
-            turn = 2 * pi / its.quantity.scale.factor
-            apart = min(apart % turn, turn - apart % turn)
-        size = max(abs(its.value), abs(mine.value))
-        if size > 0 and apart > NOTHING * size:
-            yield apart / size, its

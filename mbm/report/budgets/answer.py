@@ -9,7 +9,7 @@ from io import StringIO
 from typing import Any
 
 from mbm.data.writers import DelimitedLines
-from mbm.problem.naming import key_text
+from mbm.problem.naming import key_words
 from mbm.report.budgets import faults
 from mbm.report.budgets.budget import budgets_of
 from mbm.report.budgets.types import Budget, BudgetRow
@@ -71,9 +71,8 @@ def answer_of(result: Result, names: Sequence[str] = (), *, by_row: bool = False
                 own.extend(budgets_of(solve, name, by_row=by_row))
             except MbmError as error:
                 first = first or error
-                key = ", ".join(f"{column} = {key_text(value)}" for column, value in solve.key.items())
                 if solve.status is not SolveStatus.SKIPPED:
-                    wrong += [faults.left_out(key, each) for each in error.diagnostics]
+                    wrong += [faults.left_out(key_words(solve.key), each) for each in error.diagnostics]
         found.append(tuple(own))
     if first is not None and (len(result.solves) == 1 or not any(found)):
         raise first

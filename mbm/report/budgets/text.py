@@ -7,7 +7,7 @@ from math import isinf
 
 from mbm.problem.naming import key_text
 from mbm.report.budgets.types import Budget, BudgetRow
-from mbm.report.columns import aligned, left, right
+from mbm.report.columns import Pad, aligned, laid_out, left, right
 from mbm.report.digits import measured, plain
 from mbm.report.interval_table import MOST_LINES
 from mbm.text.shown import Paint, Style, cut, joined
@@ -46,12 +46,8 @@ def _lines(budget: Budget, paint: Paint, full: bool) -> Iterator[str]:
     yield f"  {summary(budget)}"
     yield ""
     shown = chosen(budget.rows, len(budget.rows) if full else MOST_LINES)
-    every = [HEADER, *map(cells, shown)]
-    columns = [list(column) for column in zip(*every, strict=True)]
-    texts = [left(columns[0]), left(columns[1]), right(columns[2])]
-    texts += [_aligned(column) for column in columns[3:5]]
-    texts += [left(columns[5]), *(_aligned(column) for column in columns[6:8]), right(columns[8]), right(columns[9])]
-    for number, line in enumerate(zip(*texts, strict=True)):
+    how: tuple[Pad, ...] = (left, left, right, _aligned, _aligned, left, _aligned, _aligned, right, right)
+    for number, line in enumerate(laid_out([HEADER, *map(cells, shown)], how)):
         row = "  " + "  ".join(line)
         yield paint(row.rstrip(), Style.QUIET) if number == 0 else row
     if len(shown) < len(budget.rows):
@@ -62,10 +58,9 @@ def _lines(budget: Budget, paint: Paint, full: bool) -> Iterator[str]:
         yield f"  k holds a factor of {budget.inflation:.3g}, as weights are estimates"
 
 
-def _aligned(column: list[str]) -> list[str]:
+def _aligned(column: Sequence[str]) -> list[str]:
     """The numbers of a column by their points, under a heading that stands to the right."""
-    numbers = aligned(column[1:])
-    return right([column[0], *numbers])
+    return right([column[0], *aligned(column[1:])])
 
 
 def heading(budget: Budget) -> str:

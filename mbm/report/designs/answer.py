@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mbm.problem.naming import key_text
-from mbm.report.columns import aligned, left, right
+from mbm.report.columns import Pad, aligned, laid_out, left, right
 from mbm.report.designs.types import Candidate, ChosenSet, Planned
 from mbm.report.digits import plain
 from mbm.report.frames import frame
@@ -248,15 +248,12 @@ def _chosen(design: Planned) -> Iterator[str]:
     yield f"  rows {rows or 'none'}; cost {_number(found.cost)}; {what}"
 
 
-def _table(rows: Sequence[Sequence[str]], paint: Paint, full: bool, how: Sequence[object]) -> Iterator[str]:
+def _table(rows: Sequence[Sequence[str]], paint: Paint, full: bool, how: Sequence[Pad]) -> Iterator[str]:
     if not rows:
         yield paint("  none", Style.QUIET)
         return
     shown = rows if full else rows[:MOST_LINES]
-    columns = [
-        align(list(column)) for align, column in zip(how, zip(*shown, strict=True), strict=True) if callable(align)
-    ]
-    for line in zip(*columns, strict=True):
+    for line in laid_out(shown, how):
         yield "  " + "  ".join(line)
     if len(shown) < len(rows):
         yield paint(f"  … {len(rows) - len(shown)} more (-v shows all)", Style.QUIET)

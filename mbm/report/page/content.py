@@ -11,14 +11,14 @@ from math import isfinite
 import numpy as np
 import scipy
 
-from mbm.problem.naming import key_text
+from mbm.problem.naming import key_text, key_words
 from mbm.report.blocks import ManyReports
 from mbm.report.budgets.budget import budgets_of
 from mbm.report.budgets.text import HEADER, cells, chosen, heading, summary
 from mbm.report.correlations import Correlation, correlation_of
 from mbm.report.digits import plain
-from mbm.report.document import plain as plain_value
 from mbm.report.elements import number_text, solve_scalars, unit_text
+from mbm.report.encode import plain as plain_value
 from mbm.report.interval_table import lines_of
 from mbm.report.many import MOST_SOLVES, statuses_in_words
 from mbm.report.noise import noise_sentences
@@ -31,8 +31,8 @@ from mbm.report.sentences import (
     observability_sentences,
     prior_sentences,
     residual_sentences,
+    search_sentences,
 )
-from mbm.report.table import search_sentences
 from mbm.report.types import Result, SolveReport
 from mbm.text.types import Diagnostic, MbmError
 
@@ -70,9 +70,8 @@ def page_of(result: Result, command: str | None) -> Page:
     sections = [Section("The problem", tuple(_problem(result))), Section("Data", tuple(_data(result)))]
     if many:
         sections.append(Section("Solves", tuple(many_blocks(result))))
-        for solve in _worst(solves):
-            key = ", ".join(f"{name} = {key_text(value)}" for name, value in solve.key.items())
-            sections.append(Section(f"Among the least trusted: {key}", tuple(_answer(solve))))
+        title = "Among the least trusted: {}"
+        sections += [Section(title.format(key_words(s.key)), tuple(_answer(s))) for s in _worst(solves)]
     else:
         sections += _one(solves[0])
     sections.append(Section("Pictures", tuple(result_pictures(result))))
@@ -141,7 +140,7 @@ def _answer(solve: SolveReport) -> Iterator[Block]:
 
 def estimates_grid(solve: SolveReport) -> Grid:
     """Value, standard deviation and interval of each number."""
-    intervals = {line.name.removeprefix(_prefix(solve)): line for line in lines_of(solve)}
+    intervals = {line.name: line for line in lines_of(solve)}
     rows = []
     for scalar in islice(solve_scalars(solve), MOST_SCALARS):
         line = intervals.get(scalar.name)
@@ -164,12 +163,6 @@ def estimates_grid(solve: SolveReport) -> Grid:
     more = f"{total - MOST_SCALARS:,} more numbers are in the result document." if total > MOST_SCALARS else ""
     titles = ("name", "value", "unit", f"{plain(100 * solve.coverage, 6)} % interval", "k", "dof", "remarks")
     return Grid(titles=titles, rows=tuple(rows), texts=frozenset({0, 2, 6}), caption=more)
-
-
-def _prefix(solve: SolveReport) -> str:
-    """What stands before names in the lines of intervals."""
-    key = ", ".join(f"{name} = {key_text(value)}" for name, value in solve.key.items())
-    return f"{key}: " if key else ""
 
 
 def _doubts(solve: SolveReport) -> Iterator[Block]:

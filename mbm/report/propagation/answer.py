@@ -17,10 +17,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mbm.data.writers import write_npz
-from mbm.problem.naming import key_text
+from mbm.problem.naming import key_words
 from mbm.problem.tables import Column
 from mbm.report import faults
-from mbm.report.columns import aligned, left, wrapped
+from mbm.report.columns import Pad, aligned, laid_out, left, wrapped
 from mbm.report.digits import measured, plain
 from mbm.report.document import document
 from mbm.report.elements import unit_text
@@ -223,6 +223,7 @@ FORMATS: Mapping[str, Writer] = MappingProxyType({".npz": _npz, ".parquet": _par
 
 
 HEAD = ("", "mean", "sigma", "interval", "shortest", "linear")
+ALIGNED: tuple[Pad, ...] = (left, *(lambda column: left([column[0], *aligned(column[1:])]),) * 4, left)
 
 
 def table(
@@ -238,20 +239,14 @@ def table(
 
 
 def _of_solve(found: PropagatedSolve, width: int, paint: Paint, full: bool) -> Iterator[str]:
-    key = ", ".join(f"{name} = {key_text(value)}" for name, value in found.solve.key.items())
+    key = key_words(found.solve.key)
     level = f"{plain(100 * found.solve.coverage, 6)} %"
     yield f"{key + ': ' if key else ''}{found.trials:,} trials, {level} intervals"
     yield ""
     rows = list(chain.from_iterable(_rows(found, part) for part in found.parts))
     shown = rows if full else rows[:MOST_LINES]
-    columns = list(zip(*shown, strict=True))
-    if columns:
-        texts = [left(columns[0]), *(aligned(list(each)) for each in columns[1:5]), left(columns[5])]
-        widths = [max(len(head), len(text[0])) for head, text in zip(HEAD, texts, strict=True)]
-        yield "  " + "  ".join(head.ljust(w) for head, w in zip(HEAD, widths, strict=True))
-        for line in zip(*texts, strict=True):
-            cells = [cell.ljust(w) for cell, w in zip(line, widths, strict=True)]
-            yield "  " + "  ".join([paint(cells[0], Style.HEADING), *cells[1:]])
+    for number, (name, *cells) in enumerate(laid_out([HEAD, *shown] if shown else [], ALIGNED)):
+        yield "  " + "  ".join([paint(name, Style.HEADING) if number else name, *cells])
     if len(rows) > len(shown):
         yield paint("  … and more (-v shows all)", Style.QUIET)
     for diagnostic in found.diagnostics:

@@ -13,9 +13,8 @@ from mbm.equations.manifolds import numbers_of_stated
 from mbm.equations.types import Indices
 from mbm.estimation.uncertainty.derived import reported
 from mbm.problem.types import Problem
-from mbm.report.elements import element_names, factors, shown_sigma, shown_values
+from mbm.report.elements import difference, element_names, factors, shown_sigma, shown_values
 from mbm.report.encode import numbers
-from mbm.report.geometric import difference
 from mbm.report.intervals import intervals
 from mbm.report.pickled import solve_as_data
 from mbm.report.types import DerivedValue, Estimate, Floats, Kind, SolveReport

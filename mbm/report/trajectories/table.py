@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mbm.problem.naming import key_text
+from mbm.report.columns import laid_out, left, right
 from mbm.report.trajectories.types import Errors, Segments, Statistics, Trajectory
 
 HEADER = ("", "rmse", "mean", "median", "std", "min", "max", "95 %", "unit", "rows")
@@ -26,7 +27,7 @@ def text(trajectories: Sequence[Trajectory], *, full: bool = False) -> str:
         rows = [HEADER, *_rows("absolute", found.ape, full=full)]
         for each in found.rpe:
             rows += _rows(_step(each), each.errors, full=full)
-        lines += _aligned(rows)
+        lines += ["  " + "  ".join(line).rstrip() for line in laid_out(rows, (left, *(right,) * 7, left, right))]
         drifts = [line for each in found.rpe for line in _drift(each)]
         lines += ["", *drifts] if drifts else []
         lines.append("")
@@ -55,15 +56,3 @@ def _rows(name: str, errors: Errors, *, full: bool) -> list[tuple[str, ...]]:
 def _row(name: str, found: Statistics) -> tuple[str, ...]:
     numbers = (found.rmse, found.mean, found.median, found.std, found.minimum, found.maximum, found.percentiles[95])
     return (name, *(f"{value:.6f}" for value in numbers), found.unit or "", str(found.rows))
-
-
-def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return [
-        "  "
-        + "  ".join(
-            cell.ljust(width) if i in (0, len(row) - 2) else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
