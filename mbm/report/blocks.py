@@ -117,7 +117,7 @@ class BlockReports:
     @cached_property
     def model(self) -> SolveReport:
         """The report of a solve like the first of those ``from_columns``, without remarks."""
-        return self.like(self._first)
+        return self.like(int(np.flatnonzero(self.from_columns)[0]))
 
     def kind(self, place: int) -> bytes:
         """What solves ``from_columns`` are told apart by: the equations that they have rows of, the constraints that
@@ -152,10 +152,6 @@ class BlockReports:
             found = _unremarked(self._made(place))
             kept(self._models, kind, found)
         return found
-
-    @property
-    def _first(self) -> int:
-        return int(np.flatnonzero(self.from_columns)[0])
 
     @cached_property
     def items(self) -> tuple[Estimate | DerivedValue, ...]:

@@ -97,7 +97,11 @@ def write_estimates(result: Result, stream: TextIO) -> None:
                         text_cell(unit_text(scalar.quantity)),
                         _kind(scalar),
                         text_cell(scalar.name),
-                        *(cells[place] if scalar.bounds is None else _bound_cells(*scalar.bounds)),
+                        *(
+                            cells[place]
+                            if scalar.bounds is None
+                            else ["", "", "", *map(number_cell, scalar.bounds), ""]
+                        ),
                     ]
                 )
 
@@ -108,11 +112,6 @@ def _interval_cells(item: Estimate | DerivedValue, coverage: float) -> Iterator[
     parts = (found.dof, found.k, found.expanded, found.low, found.high)
     for *numbers, kind in zip(*(np.ravel(part).tolist() for part in (*parts, found.names())), strict=True):
         yield [*map(number_cell, numbers), kind or ""]
-
-
-def _bound_cells(low: float, high: float) -> list[str]:
-    """The cells of ``INTERVAL_COLUMNS`` of guaranteed bounds."""
-    return ["", "", "", number_cell(low), number_cell(high), ""]
 
 
 def _kind(scalar: Scalar) -> str:

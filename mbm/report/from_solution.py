@@ -174,7 +174,9 @@ def _status(
     reason = solution.minimum.reason
     if reason is Reason.INFEASIBLE:
         return SolveStatus.INFEASIBLE, conflict_sentence(problem, solution, names) or reason.sentence
-    broken = violated_sentence(constraints) or _outside(solution)
+    # Bounds that a filter took no notice of count as the same limit in a constraint does.
+    outside = next((each.message for each in solution.diagnostics if each.code == BEYOND_BOUNDS), None)
+    broken = violated_sentence(constraints) or outside
     if not reason.converged:
         said = (reason.sentence, broken, _wants_a_start(solution))
         return SolveStatus.NOT_CONVERGED, "; ".join(each for each in said if each is not None)
@@ -194,11 +196,6 @@ def _wants_a_start(solution: Solution) -> str | None:
     names = [entry.unknown.name for entry in layout.entries if bool(open_to[entry.range].any())]
     listed = ", ".join(f"`{name}`" for name in names[:MOST_WANTED]) + (" …" if len(names) > MOST_WANTED else "")
     return f"no start led to a minimum: give `:init` or a narrow `:in` of {listed}" if names else None
-
-
-def _outside(solution: Solution) -> str | None:
-    """Which bounds, that a filter took no notice of, do not hold: they count as the same limit in a constraint does."""
-    return next((each.message for each in solution.diagnostics if each.code == BEYOND_BOUNDS), None)
 
 
 def _estimates(solution: Solution, how: Shown, unknown: str | None) -> tuple[Estimate, ...]:

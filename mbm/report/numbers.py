@@ -35,10 +35,6 @@ class SummaryNumber:
     extra: bool = False
 
 
-def _no_freedom(solution: Solution) -> str | None:
-    return NO_FREEDOM if solution.fit.dof <= 0 else None
-
-
 def _no_tail(solution: Solution) -> str | None:
     if solution.fit.dof <= 0:
         return NO_FREEDOM
@@ -51,14 +47,20 @@ def _no_tail(solution: Solution) -> str | None:
     return None
 
 
-def _no_cost(solution: Solution) -> str | None:
-    return None if isfinite(solution.fit.cost) else "an equation has no finite value"
-
-
 NUMBERS: tuple[SummaryNumber, ...] = (
-    SummaryNumber(name="cost", of=lambda s: s.fit.cost, columns=lambda c: c.cost, missing=_no_cost),
+    SummaryNumber(
+        name="cost",
+        of=lambda s: s.fit.cost,
+        columns=lambda c: c.cost,
+        missing=lambda s: None if isfinite(s.fit.cost) else "an equation has no finite value",
+    ),
     SummaryNumber(name="dof", of=lambda s: s.fit.dof, columns=lambda c: c.dof),
-    SummaryNumber(name="sigma0", of=lambda s: s.fit.sigma0, columns=lambda c: c.sigma0, missing=_no_freedom),
+    SummaryNumber(
+        name="sigma0",
+        of=lambda s: s.fit.sigma0,
+        columns=lambda c: c.sigma0,
+        missing=lambda s: NO_FREEDOM if s.fit.dof <= 0 else None,
+    ),
     SummaryNumber(name="chi2_p", of=lambda s: s.fit.chi2_p, columns=lambda c: c.chi2_p, missing=_no_tail),
     SummaryNumber(name="robust_cost", of=lambda s: s.robust_cost, columns=lambda c: c.robust_cost, extra=True),
     SummaryNumber(

@@ -108,18 +108,13 @@ def _leads(found: Elaborated, equations: Assembled, settings: Settings) -> bool:
         starts = starting_points(equations, settings, None)
     except MbmError:
         return False
-    own = search(equations, starts, settings, found.problem, _never)
+    own = search(equations, starts, settings, found.problem, lambda *_: False)  # no two points are taken for one
     asked = Asked(problem=found.problem, settings=settings, consensus=BY_MEDIAN, ruled=observed)
     known = agreed_anywhere(asked, equations)
     known = known or agreed(asked, equations, np.stack([start.point for start in starts]))
     other = minimise(equations, known.point, settings)
     near = np.abs(other.point - own.minimum.point) <= SAME * np.maximum(np.abs(own.minimum.point), 1.0)
     return bool(near.all()) and other.reason.converged
-
-
-def _never(first: Floats, second: Floats) -> bool:
-    """No two points are taken for one."""
-    return False
 
 
 def _whole(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, known: tuple[Reference, ...]) -> Whole:

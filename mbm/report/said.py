@@ -19,7 +19,7 @@ from mbm.report.types import (
 from mbm.text.types import Diagnostic
 
 if TYPE_CHECKING:
-    pass
+    from mbm.estimation.search.search import Tally
 
 T = TypeVar("T")
 
@@ -34,7 +34,7 @@ class Recorded(Generic[T]):
         self._get = attrgetter(name)
 
     def __get__(self, said: Said | None, _owner: type) -> T:
-        return self if said is None else self._get(said.record)  # type: ignore[no-any-return, return-value]
+        return self if said is None else self._get(said.record)  # type: ignore[return-value]
 
 
 class Said(ABC):
@@ -89,7 +89,12 @@ class Said(ABC):
     constraints = Recorded[tuple[ConstraintReport, ...]]("The constraints at the estimates, in SI.")
     priors = Recorded[tuple[PriorReport, ...]]("The priors at the estimates, in SI.")
     corrections = Recorded[tuple[CorrectionReport, ...]]("The corrections of columns with ``:errors``, in SI.")
-    starts = Recorded["Tally | None"]("How many starts led where; None without several.")
+
+    @property
+    def starts(self) -> Tally | None:
+        """How many starts led where; None without several."""
+        return self.record.starts
+
     residual_summaries = Recorded[Mapping[str, ResidualSummary]](
         """Rows, rows used, normalised root mean square and outliers of each observation clause."""
     )

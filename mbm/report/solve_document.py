@@ -23,11 +23,9 @@ from mbm.report.types import (
     DerivedValue,
     Estimate,
     Floats,
-    FreeDirection,
     Key,
     Observability,
     Piece,
-    PriorReport,
     SolveReport,
 )
 from mbm.text.render import as_json
@@ -67,7 +65,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         "residuals": _residuals(solve),
         **corrections,
         "constraints": [constraint_document(constraint) for constraint in solve.constraints],
-        "priors": [_prior(prior) for prior in solve.priors],
+        "priors": [{name: x if name == "name" else number(x) for name, x in asdict(p).items()} for p in solve.priors],
         "alternatives": [*map(_alternative, solve.alternatives), *map(_piece, solve.pieces)],
         **({"hypotheses": [_hypothesis(found) for found in solve.hypotheses]} if solve.hypotheses else {}),
         "starts": None if solve.starts is None else asdict(solve.starts),
@@ -206,7 +204,14 @@ def _observability(found: Observability | None, estimates: Sequence[Estimate]) -
     if condition is None:
         written["reason"] = "there is no estimable part whose condition could be given"
     return written | {
-        "unobservable": [_direction(direction) for direction in shown_observability(found, estimates).unobservable],
+        "unobservable": [
+            {
+                "sentence": each.sentence,
+                "unknowns": list(each.unknowns),
+                "coefficients": {name: number(movement) for name, movement in each.coefficients.items()},
+            }
+            for each in shown_observability(found, estimates).unobservable
+        ],
         "gauge": [
             {"sentence": g.sentence, "motion": g.motion, "dimensions": g.dimensions, "unknowns": list(g.unknowns)}
             for g in found.gauge
@@ -228,14 +233,6 @@ def shown_observability(found: Observability, estimates: Sequence[Estimate]) -> 
 def _quantity_of(name: str) -> str:
     """The unknown whose number is called so."""
     return name.partition("[")[0].partition("@")[0]
-
-
-def _direction(direction: FreeDirection) -> dict[str, Any]:
-    return {
-        "sentence": direction.sentence,
-        "unknowns": list(direction.unknowns),
-        "coefficients": {name: number(movement) for name, movement in direction.coefficients.items()},
-    }
 
 
 def _residuals(solve: SolveReport) -> dict[str, Any]:
@@ -261,16 +258,6 @@ def _summary(summary: ResidualSummary, raw: RawResiduals) -> dict[str, Any]:
     written: dict[str, Any] = {"rows": summary.rows, "used": summary.used, "rms": rms, **raw_document(raw)}
     written["outliers"] = list(summary.outliers)
     return written if rms is not None else written | {"reason": "no row was used"}
-
-
-def _prior(prior: PriorReport) -> dict[str, Any]:
-    return {
-        "name": prior.name,
-        "value": number(prior.value),
-        "mean": number(prior.mean),
-        "sigma": number(prior.sigma),
-        "residual": number(prior.residual),
-    }
 
 
 def constraint_document(constraint: ConstraintReport) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.report.figures import show_plainly, titled
 from mbm.report.trajectories.answer import TrajectoryAnswer
-from mbm.report.trajectories.types import DEGREE, Floats, Segments, Trajectory
+from mbm.report.trajectories.types import DEGREE, Floats, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,7 +100,8 @@ def _cumulative(axes: Axes, found: Trajectory) -> None:
     """Which part of the errors lies below a value: of poses, and over steps."""
     _share(axes, found.ape.translation / found.ape.factor, "poses")
     for each in found.rpe:
-        _share(axes, each.errors.translation / each.errors.factor, _step(each))
+        label = f"steps of {each.step:g} {each.unit or 'rows'}"
+        _share(axes, each.errors.translation / each.errors.factor, label)
     axes.set_xlabel(f"error{_unit(found)}")
     axes.set_ylabel("part of the errors below")
     axes.set_ylim(0, 1)
@@ -110,7 +111,3 @@ def _cumulative(axes: Axes, found: Trajectory) -> None:
 
 def _share(axes: Axes, errors: Floats, label: str) -> None:
     axes.plot(np.sort(errors), np.arange(1, len(errors) + 1) / len(errors), lw=1.2, label=label)
-
-
-def _step(found: Segments) -> str:
-    return f"steps of {found.step:g} {found.unit or 'rows'}"

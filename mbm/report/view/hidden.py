@@ -137,7 +137,7 @@ class Faces:
         """The line with more points: where it may vanish behind, or pass through, a face."""
         steps = np.diff(line, axis=0)
         parts = []
-        boundary = self._boundary(near & ~self._smooth)
+        boundary = self.edges[np.repeat(near & ~self._smooth, self._sides)]
         smooth = bool((near & self._smooth).any())
         plain = np.flatnonzero(near & ~self._smooth)
         for start, step in zip(line[:-1], steps, strict=True):
@@ -149,10 +149,6 @@ class Faces:
             inner = inner[np.diff(inner, prepend=0.0) > 1e-9]
             parts.append(start + np.concatenate([[0.0], inner])[:, None] * step)
         return np.concatenate([*parts, line[-1:]]) if parts else line
-
-    def _boundary(self, faces: Mask) -> Floats:
-        """The sides (e, 2, 3) of some faces."""
-        return np.asarray(self.edges[np.repeat(faces, self._sides)])
 
     def _piercings(self, start: Floats, step: Floats, plain: Indices) -> Floats:
         """Shares of a step at which it passes through the planes of faces."""

@@ -99,9 +99,13 @@ def seen(solid: Solid, view: View) -> Seen:
     named = _named(solid.marks)
     places = view.of(np.array([mark.at for mark in named]).reshape(-1, 3))
     hidden = [bool(faces.hides(place[None])[0]) for place in places]
-    marks = zip(named, places[:, :2], hidden, strict=True)
     dots = view.of(solid.dots)[:, :2]
-    return Seen(lines=tuple(lines), dots=dots, marks=tuple(mark for mark in marks if _faces_viewer(mark[0], view)))
+    marks = tuple(
+        (mark, at, away)
+        for mark, at, away in zip(named, places[:, :2], hidden, strict=True)
+        if mark.normal is None or float(mark.normal @ view.axes[2]) > 0.0  # planes are named where they are seen from
+    )
+    return Seen(lines=tuple(lines), dots=dots, marks=marks)
 
 
 def _named(marks: Sequence[Mark]) -> list[Mark]:
@@ -113,11 +117,6 @@ def _named(marks: Sequence[Mark]) -> list[Mark]:
 
 def _line(stretch: Stretch, kind: str) -> Line:
     return Line(points=stretch.points[:, :2], hidden=stretch.hidden, kind=kind)
-
-
-def _faces_viewer(mark: Mark, view: View) -> bool:
-    """Planes are named on the side that they are seen from."""
-    return mark.normal is None or float(mark.normal @ view.axes[2]) > 0.0
 
 
 def draw_model(solid: Solid, view: View, axes: Axes) -> None:

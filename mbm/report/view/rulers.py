@@ -39,7 +39,7 @@ def rulers(lo: Floats, hi: Floats, view: View, unit: str) -> tuple[Ruler, ...]:
     if size <= 0.0:
         return ()
     step = round_step(size / MARKS)
-    scale, shown = _unit(size, unit)
+    scale, shown = (1e-3, "mm") if unit == "m" and size < 0.2 else (1.0, unit)
     gap = GAP * size
     found = []
     for axis, name in enumerate("xyz"):
@@ -78,8 +78,3 @@ def _beside(axis: int, lo: Floats, hi: Floats, view: View, gap: float) -> Floats
     other = level[1] if axis == level[0] else level[0]
     at[other] += gap if near[other] else -gap
     return np.asarray(at)
-
-
-def _unit(size: float, unit: str) -> tuple[float, str]:
-    """The scale in which lengths are written, and its name."""
-    return (1e-3, "mm") if unit == "m" and size < 0.2 else (1.0, unit)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field
 from itertools import pairwise
 from types import MappingProxyType
@@ -13,7 +13,7 @@ from mbm.expression.derivative import derivatives
 from mbm.expression.evaluate import Lookup, evaluate
 from mbm.expression.nodes import Constant, Expression, Leaf, Number, Parameter, leaves, postorder
 from mbm.language.curves import CurveValue
-from mbm.language.values import SCALARS, Array, Transform
+from mbm.language.values import SCALARS, Transform
 from mbm.report.types import Floats
 from mbm.report.view import faults
 from mbm.report.view.types import Mark, Solid, Stroke
@@ -201,7 +201,9 @@ class _Walk:
             case SweptSide():
                 self.patches.extend(frame.of(self._patch(patch)) for patch in node.patches)
             case NamedPoint():
-                self.marks.append(Mark(kind="point", text=node.name, at=frame.of(self._point(node.position))))
+                self.marks.append(
+                    Mark(kind="point", text=node.name, at=frame.of(self._evaluated(node.position.elements)))
+                )
 
     def _part(self, node: Part, frame: Affine, path: str) -> None:
         before = len(self.strokes), len(self.patches)
@@ -280,13 +282,13 @@ class _Walk:
         offset = np.zeros(3) if step.offset is None else self._evaluated(step.offset)
         return Affine(matrix=matrix, offset=offset)
 
-    def _point(self, point: Array) -> Floats:
-        return self._evaluated(point.elements)
-
     def _evaluated(self, elements: tuple[Expression, ...]) -> Floats:
         """The numbers (n,) of scalars."""
         self._count(len(elements))
-        self.metric = self.metric or any(_is_length(leaf) for leaf in _numbers(elements))
+        self.metric = self.metric or any(
+            isinstance(node, Number) and node.dimension is not None and node.dimension.exponents == _METRE
+            for node in postorder(elements)
+        )
         return np.array([float(np.ravel(v)[0]) for v in evaluate(elements, self._lookup)])
 
     def _sampled(self, elements: tuple[Expression, ...], given: dict[Parameter, Floats]) -> Floats:
@@ -313,14 +315,6 @@ def newell(polygon: Floats) -> Floats:
 def _is_straight(point: tuple[Expression, ...], parameter: Parameter) -> bool:
     """Whether a formula is straight in a parameter: its slopes do not depend on that."""
     return all(leaf is not parameter for leaf in leaves(derivatives(point, parameter)))
-
-
-def _numbers(elements: tuple[Expression, ...]) -> Iterator[Number]:
-    return (node for node in postorder(elements) if isinstance(node, Number))
-
-
-def _is_length(number: Number) -> bool:
-    return number.dimension is not None and number.dimension.exponents == _METRE
 
 
 _METRE = (1, 0, 0, 0, 0, 0, 0)
