@@ -38,6 +38,8 @@ ROWS_IN_PARTS = 50_000
 DENSE_PART = 20_000_000
 """Numbers in a dense Jacobian of some rows that is made at once: 160 MB."""
 
+WHITENED = 8_192
+"""Numbers of a Jacobian that are whitened together: beside them their copy stays in the cache."""
 
 MOST_PREPARED_ROWS = 1_000_000
 """Rows of all prepared kernels together; growing windows would prepare every size there is."""
@@ -280,7 +282,9 @@ class Group:
             if whitener.weights.ndim == 2:
                 lines *= whitener.weights[:, :, None]
             else:
-                lines[...] = np.einsum("rij,rjn->rin", whitener.weights, lines)
+                step = max(WHITENED // lines[0].size, 1) if lines.size else 1
+                for rows in (slice(start, start + step) for start in range(0, len(lines), step)):
+                    lines[rows] = whitener.weights[rows] @ lines[rows]
 
     def scatter(self, columns: Indices) -> Scatter:
         """Where the Jacobian goes; ``columns`` (M,) gives the column of each coordinate, -1: nowhere."""
