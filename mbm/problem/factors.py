@@ -16,8 +16,13 @@ def factor_groups(blocks: tuple[Block, ...], numbers: Iterable[int]) -> tuple[tu
 
 
 def factor_names(problem: Problem) -> tuple[str, ...]:
-    """What the noise of observations is called: by clause, or by the factor that clauses share."""
-    return tuple(dict.fromkeys(b.factor_name for b in problem.blocks if b.role is BlockRole.OBSERVATION))
+    """What noise is called: by clause, or by the factor that clauses share."""
+    return tuple(dict.fromkeys(b.factor_name for b in problem.blocks if tells_noise(b)))
+
+
+def tells_noise(block: Block) -> bool:
+    """Whether solves say what the noise of a block is: of observations, and of transitions where it is estimated."""
+    return block.role is BlockRole.OBSERVATION or block.unknown_factor
 
 
 def shares_factors(problem: Problem) -> bool:

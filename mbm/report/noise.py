@@ -10,17 +10,18 @@ import numpy as np
 from mbm.equations.types import Noise, NoiseState
 from mbm.expression.nodes import Number
 from mbm.expression.units import Unit
+from mbm.problem.factors import tells_noise
 from mbm.problem.residual_units import NO_TURNS
-from mbm.problem.types import BlockRole, Problem
+from mbm.problem.types import Problem
 from mbm.report.digits import plain
 from mbm.report.row_data import NoiseReport
 
 
 def noise_reports(problem: Problem, noises: Mapping[int, Noise]) -> dict[str, NoiseReport]:
-    """What was estimated of each observation's noise, by its name or that of the factor that clauses share."""
+    """What was estimated of the noise of each clause, by its name or that of the factor that clauses share."""
     found: dict[str, NoiseReport] = {}
     for number, block in enumerate(problem.blocks):
-        if block.role is not BlockRole.OBSERVATION:
+        if not tells_noise(block):
             continue
         noise = noises.get(number)
         found.setdefault(block.factor_name, None)
@@ -45,7 +46,7 @@ def noise_units(problem: Problem) -> dict[str, str]:
         plain_ones = all(
             isinstance(each, Number) and each.dimension is None for equation in equations for each in equation.noise
         )
-        if block.role is BlockRole.OBSERVATION and block.unknown_factor and plain_ones:
+        if block.unknown_factor and plain_ones:
             units = {"" if unit is None else _in_si(unit) for equation in equations for unit in equation.units}
             found.setdefault(block.factor_name, units.pop() if len(units) == 1 else "")
     return found

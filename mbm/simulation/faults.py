@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable
 
 from mbm.text.types import Code, Diagnostic, Place, Severity, Span
@@ -153,7 +154,7 @@ def assumed_noise(span: Span, name: str) -> Diagnostic:
         code=ASSUMED_NOISE,
         message=f"the noise factor of `{name}` is unknown and taken as 1",
         place=span,
-        hint=f"give it with `--noise {name}=value`",
+        hint=f"give it with `--noise {shlex.quote(name)}=value`",
         severity=Severity.WARNING,
     )
 

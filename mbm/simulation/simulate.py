@@ -20,7 +20,7 @@ from mbm.problem.faults import bound_without_distribution
 from mbm.problem.rows import row_values, rows_of
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.tables import Table
-from mbm.problem.types import BlockRole, Problem, RowValues, UncertainColumn
+from mbm.problem.types import Block, BlockRole, Problem, RowValues, UncertainColumn
 from mbm.simulation import faults
 from mbm.simulation.measured import Measured, measured_equations
 from mbm.simulation.noise import outliers, root, stream
@@ -91,9 +91,11 @@ class _Run:
                 problem, self.asked.kernels, tables, places, self.selection.key, self.asked.seeds[0]
             )
             places = replace(places, start=drawn)
-        if self.asked.carrying is not None:
-            places = replace(places, start=self._trajectory(places, values, factors, self.asked.carrying))
         notes: list[Diagnostic] = []
+        if self.asked.carrying is not None:
+            start, assumed_ones = self._trajectory(places, values, factors, self.asked.carrying)
+            places = replace(places, start=start)
+            notes.extend(assumed_ones)
         assumed = [e.unknown.name for e in places.entries if e.unknown.name not in values]
         if assumed:
             notes.append(faults.assumed_value(assumed))
@@ -107,7 +109,7 @@ class _Run:
         for measured in self.equations:
             block = problem.blocks[measured.block]
             known = factors.get(block.factor_name, NOT_KNOWN) if block.unknown_factor else NOT_KNOWN
-            if block.unknown_factor and known.factor is None:
+            if _lacks_factor(block, factors):
                 notes.append(faults.assumed_noise(block.span, block.factor_name))
             shared = factors.get(block.name, NOT_KNOWN)
             if block.structure.estimated and shared.rho is None and shared.covariance is None:
@@ -146,15 +148,20 @@ class _Run:
         values: Mapping[str, Floats],
         factors: Mapping[str, KnownNoise],
         carrying: tuple[KernelSet, EvaluationCache],
-    ) -> Floats:
-        """All numbers (N,), with states that go on from the first step with noise where ``values`` has not all."""
+    ) -> tuple[Floats, tuple[Diagnostic, ...]]:
+        """All numbers (N,), with states that go on from the first step with noise where ``values`` has not all, and
+        which noise is taken as 1.
+        """
         # Loaded by problems with states only, so that the others start at once.
         from mbm.simulation.trajectories import drawn_states, stated_throughout
 
         if stated_throughout(places, values):
-            return places.start
+            return places.start, ()
         tables, seed = self.selection.tables, self.asked.seeds[0]
-        return drawn_states(self.found.problem, carrying, tables, places, (self.selection.key, seed, factors))
+        carrying_on = (b for b in self.found.problem.blocks if b.role is BlockRole.TRANSITION)
+        unknown = (b for b in carrying_on if _lacks_factor(b, factors))
+        said = tuple(faults.assumed_noise(block.span, block.factor_name) for block in unknown)
+        return drawn_states(self.found.problem, carrying, tables, places, (self.selection.key, seed, factors)), said
 
     def _equation(self, measured: Measured, rows: Rows, known: KnownNoise) -> tuple[Floats, Mask]:
         """The measured columns (rows, p) of one equation, and which rows have an outlier."""
@@ -318,6 +325,11 @@ class _Run:
         cells = table.keys(error.key)
         owners, first = np.unique(np.array([index[cells[int(i)]] for i in used], dtype=np.int64), return_index=True)
         return owners, each[first]
+
+
+def _lacks_factor(block: Block, factors: Mapping[str, KnownNoise]) -> bool:
+    """Whether the factor of a block's noise is unknown, and nobody has said it."""
+    return block.unknown_factor and factors.get(block.factor_name, NOT_KNOWN).factor is None
 
 
 def _scale(spread: Floats, natural: Floats) -> Floats:

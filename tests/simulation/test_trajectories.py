@@ -35,6 +35,32 @@ def test_process_noise_is_that_of_the_dynamics():
     assert (np.asarray(simulated["gps"]["x"]) - found["p"]).std() == pytest.approx(0.3, rel=0.05)
 
 
+UNKNOWN = """(problem u (data gps external) (states :over t (x :init 1m :sigma 1m)) (dynamics (= (next x) (* 0.9 x)))
+  (observe gps (= z x) :sigma 0.2m) (solve :method batch))"""
+
+
+def test_process_noise_that_is_unknown_is_drawn_as_asked_and_told_as_estimated():
+    """A factor that 400 steps tell to 1/sqrt(800), and a little worse by the noise of the readings."""
+    times = np.arange(401.0)
+    data = {"gps": {"t": times, "z": np.zeros(401)}}
+    problem = mbm.loads(UNKNOWN)
+    assumed = problem.simulate(data=data, seed=4)
+    assert "`next x`" in next(note.message for note in assumed.notes if note.code.name == "assumed-noise")
+    made = problem.simulate(data=data, seed=4, noise={"next x": "0.5m"})
+    assert "assumed-noise" not in [note.code.name for note in made.notes]
+    for each, deviation in ((assumed, 1.0), (made, 0.5)):
+        x = true(each)["x"]
+        assert (x[1:] - 0.9 * x[:-1]).std() == pytest.approx(deviation, rel=0.12)
+    solve = problem.solve(data={"gps": dict(made["gps"])}).first
+    assert solve.noise["next x"] == pytest.approx(0.5, rel=0.16)
+    assert solve.noise["gps"] is None
+
+
+def test_process_noise_that_is_stated_has_no_factor():
+    solve = mbm.loads(WALK).solve(data=tables(np.arange(6.0))).first
+    assert set(solve.noise) == {"gps", "ref"}
+
+
 def test_a_draw_follows_from_its_seed():
     times = np.arange(6.0)
     one, again, other = (true(mbm.loads(WALK).simulate(data=tables(times), seed=s)) for s in (1, 1, 2))
