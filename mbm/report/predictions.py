@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -133,8 +134,8 @@ def prediction_table(found: Prediction) -> Any:
         for column in found.table.columns.values():
             numbers = None if column.numbers is None else scale_of(column.unit).from_si(column.numbers)
             arrays[column.name] = np.array(column.texts, dtype=object) if numbers is None else numbers
-    rows = 1 if found.table is None else len(found.table)
     scale, value, sigma = found.item.quantity.scale, np.asarray(found.item.value), found.item.sigma
+    rows, shape = (1, value.shape) if found.table is None else (len(found.table), value.shape[1:])
     sides = {
         "value": scale.from_si(value),
         "sigma": np.full(value.shape, np.nan) if sigma is None else scale.difference_from_si(sigma),
@@ -144,7 +145,7 @@ def prediction_table(found: Prediction) -> Any:
     if found.reading is not None:
         sides |= {"reading_low": found.reading.low, "reading_high": found.reading.high}
     for side, numbers in sides.items():
-        flat = np.reshape(numbers, (rows, -1))
+        flat = np.reshape(numbers, (rows, prod(shape)))
         several = flat.shape[1] > 1
         arrays |= {f"{side}[{j + 1}]" if several else side: flat[:, j] for j in range(flat.shape[1])}
     return frame(arrays)

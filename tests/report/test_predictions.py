@@ -150,6 +150,13 @@ def test_vectors_have_a_column_for_each_element():
     np.testing.assert_allclose(value, [float(result["a"].value), 3 * float(result["b"].value)])
 
 
+@pytest.mark.parametrize(("form", "sides"), [("(+ (* b x) a)", ["value"]), ("[a (* b x)]", ["value[1]", "value[2]"])])
+def test_no_rows_are_predicted_as_no_rows(form, sides):
+    found = solved(more=f"(derive (f {form} :over (grid x 0 8 5)))").predict("f", {"x": []})
+    assert [name for name in found if name.startswith("value")] == sides
+    assert all(len(found[name]) == 0 for name in found)
+
+
 @pytest.mark.parametrize(
     ("name", "at", "message"),
     [
