@@ -33,7 +33,8 @@ NO_CLOSED_FORM = Code(
 )
 OPTION_NOT_FINITE = Code(
     "option-not-finite",
-    "A start or bound of an unknown is not a finite number (for some member of its family).",
+    "A start or bound of an unknown is not a finite number (for some member of its family), or the start of a "
+    "direction has no length.",
     "Correct the form, or the cell of the family's table that it uses.",
 )
 NOT_FINITE_AT_START = Code(
@@ -141,6 +142,17 @@ def option_not_finite(span: Span, name: str, key: str | float | None) -> Diagnos
         message=f"this option of `{name}` has no finite value{member}",
         place=span,
         hint=OPTION_NOT_FINITE.mend,
+    )
+
+
+def no_direction(span: Span, name: str, key: str | float | None) -> Diagnostic:
+    """A start of a direction of length 0."""
+    member = f" for the member {key_text(key)}" if key is not None else ""
+    return Diagnostic(
+        code=OPTION_NOT_FINITE,
+        message=f"this option of `{name}` is no direction{member}: its length is 0",
+        place=span,
+        hint="`[0 0 1]` is one; leave it out where it is not known",
     )
 
 

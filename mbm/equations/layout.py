@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from mbm.problem.rows import decided, row_values
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, RowValues, Unknown, UnknownKind
 from mbm.solver.turns import turned_to
-from mbm.text.types import MbmError
+from mbm.text.types import Diagnostic, MbmError, Span
 from mbm.values import dataclass
 
 
@@ -272,12 +272,18 @@ def _fill(entry: Entry, values: RowValues | None, tables: Mapping[str, Table], t
         target[entry.coordinates] = part.ravel()
 
 
-def _checked(entry: Entry, found: Floats, values: RowValues) -> Floats:
+def _checked(
+    entry: Entry,
+    found: Floats,
+    values: RowValues,
+    fault: Callable[[Span, str, CellKey | None], Diagnostic] = faults.option_not_finite,
+) -> Floats:
+    """The numbers (members, …) of an option in one row; a ``fault`` where one is NaN."""
     numbers = found.reshape(-1)
     if bool(np.isnan(numbers).any()):
         row = int(np.flatnonzero(np.isnan(found).any(axis=1))[0])
         key = entry.keys[row] if entry.keys is not None else None
-        raise MbmError(faults.option_not_finite(values.span, entry.unknown.name, key))
+        raise MbmError(fault(values.span, entry.unknown.name, key))
     return numbers
 
 
@@ -289,6 +295,7 @@ def _start(entry: Entry, tables: Mapping[str, Table], starts: Mapping[str, Float
         return given
     numbers, known = stated_start(entry.unknown, values, tables)
     _checked(entry, np.where(known.any(axis=1, keepdims=True), row_values(values, tables), 0.0), values)
+    _checked(entry, np.where(known, numbers, 0.0), values, faults.no_direction)
     return np.where(np.isnan(given), np.where(known, numbers, np.nan)[: entry.members].reshape(-1), given)
 
 

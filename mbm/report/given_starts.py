@@ -35,7 +35,7 @@ def given_starts(problem: Problem, tables: Mapping[str, Table], init: Mapping[st
 
     Raises:
         MbmError: a name that is no unknown, a key that is no member, a unit of another dimension, a wrong shape, a
-            value of which some numbers are missing.
+            value of which some numbers are missing or infinite, or all are NaN.
 
     """
     unknowns = {unknown.name: unknown for unknown in problem.unknowns}
@@ -50,7 +50,9 @@ def given_starts(problem: Problem, tables: Mapping[str, Table], init: Mapping[st
             if unknown is None:
                 raise MbmError(faults.bad_initial_value(name, "a value for a name that is no unknown"))
             if not is_document(init):
-                _check_complete(unknown, given.value)
+                if _says_nothing(init[name]):
+                    continue
+                _check_numbers(unknown, given.value)
             value = _in_si(problem, unknown, given)
             if given.keys is not None:
                 if not is_document(init):
@@ -94,9 +96,16 @@ def rows_of_solve(table: Table, key: Mapping[str, CellKey]) -> list[int]:
     return [int(row) for row in np.flatnonzero(picked)]
 
 
-def _check_complete(unknown: Unknown, value: Floats) -> None:
-    """All numbers of a member are there, or none of them: then it has no start."""
+def _says_nothing(entry: object) -> bool:
+    """Whether an entry is null, which is to say that there is no start."""
+    return entry is None or (isinstance(entry, Mapping) and "value" in entry and entry["value"] is None)
+
+
+def _check_numbers(unknown: Unknown, value: Floats) -> None:
+    """All numbers of a member are there and finite, or none of them: then it has no start. Some member has one."""
     missing = np.isnan(value)
+    if bool(np.isinf(value).any() or missing.all()):
+        raise MbmError(faults.bad_initial_value(unknown.name, "not finite"))
     if not bool(missing.any()):
         return
     several = unknown.family is not None and value.ndim > len(unknown.shape)

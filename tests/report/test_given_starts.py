@@ -33,6 +33,21 @@ def test_values_of_which_some_numbers_are_missing(missing: Any, form: Any, compi
     assert "the initial value of `v` is incomplete" in diagnostic.message
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, {"value": math.nan, "unit": ""}])
+def test_values_that_are_no_numbers(value: Any, compiled: mbm.CompiledProblem) -> None:
+    with pytest.raises(mbm.MbmError) as caught:
+        compiled.solve(init={"a": value})
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code.name == "bad-initial-values"
+    assert "the initial value of `a` is not finite" in diagnostic.message
+
+
+@pytest.mark.parametrize("value", [[[math.inf, 1.0], [1.0, 2.0]], [[math.nan, math.nan]] * 2])
+def test_values_of_members_that_are_no_numbers(value: Any, compiled: mbm.CompiledProblem) -> None:
+    with pytest.raises(mbm.MbmError, match="the initial value of `v` is not finite"):
+        compiled.solve(init={"v": value})
+
+
 def test_members_and_unknowns_without_a_start_may_be_left_out(compiled: mbm.CompiledProblem) -> None:
     """The model is affine with a slope of 2: y = (2, 3) + 2 x, z = (3, 1) + 2 x; whatever it starts from."""
     found = compiled.solve(init={"a": None, "v": [[1.0, 2.0], [None, None]]})
