@@ -18,7 +18,7 @@ from mbm.data import faults
 from mbm.data.cells import column_from_array, column_from_values, mixed_column
 from mbm.data.columns import check_names, columns_of_records, counted_table
 from mbm.data.types import GivenColumns, RawTable
-from mbm.problem.tables import Column, InlineTable
+from mbm.problem.tables import GAP_WORDS, Column, InlineTable
 from mbm.text.types import DataPlace, MbmError, Span
 
 
@@ -88,6 +88,14 @@ def _column(name: str, cells: object, path: str) -> Column:
     return column_from_array(name, cells, path)
 
 
+def _with_gaps(cells: list[float | str]) -> list[float | str | None]:
+    """The cells of a column, None where a word among numbers says that there is none, as in files."""
+    words = {cell for cell in cells if isinstance(cell, str)}
+    if not words <= GAP_WORDS or all(isinstance(cell, str) for cell in cells):
+        return list(cells)
+    return [None if isinstance(cell, str) else cell for cell in cells]
+
+
 def table_from_inline(inline: InlineTable, span: Span) -> RawTable:
     """The table that the data clause at ``span`` holds; its path is the problem file's name.
 
@@ -103,7 +111,7 @@ def table_from_inline(inline: InlineTable, span: Span) -> RawTable:
             found.append(faults.long_row(place, number, len(row), names))
     if found:
         raise MbmError(*found)
-    columns = tuple(mixed_column(name, [row[i] for row in inline.rows]) for i, name in enumerate(names))
+    columns = tuple(mixed_column(name, _with_gaps([row[i] for row in inline.rows])) for i, name in enumerate(names))
     lines = np.array([place.line for place in inline.spans], dtype=np.int64)
     lines.setflags(write=False)
     return RawTable(path=span.source.name, sha256=None, columns=columns, file_rows=lines, inline=True)

@@ -360,7 +360,7 @@ def text_in_number_column(span: Span, column: str, cell: str | None, place: Plac
     """A column of texts used as numbers; the first cell that is no number is to blame."""
     if place is None or cell is None:
         return Diagnostic(code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` holds texts, not numbers", place=span)
-    hint = "correct the cell, or leave it empty and allow gaps with `:missing skip`"
+    hint = "correct the cell, or leave it empty (`NA` in a problem's own table) and allow gaps with `:missing skip`"
     told = shown(cell, 40)
     if parse_unit(cell) is not None:
         hint = (

@@ -133,6 +133,19 @@ def test_rows_written_in_the_problem(tmp_path, declare, inline):
     assert [table.place(i).row for i in range(2)] == [4, 5]  # the lines of the rows
 
 
+@pytest.mark.parametrize("gap", ["NA", ""])
+def test_gaps_in_rows_written_in_the_problem(tmp_path, declare, inline, gap):
+    rows = inline(("k", "v"), ("a", 2.0), ("", gap))
+    table = loaded(declare("table", None, inline=rows), tmp_path)
+    np.testing.assert_array_equal(table.numbers("v"), [2.0, np.nan])
+    assert table.columns["k"].texts == ("a", "")
+
+
+def test_words_in_rows_written_in_the_problem_are_texts(tmp_path, declare, inline):
+    table = loaded(declare("table", None, inline=inline(("k", "v"), (1.0, ""), ("none", "NA"))), tmp_path)
+    assert [table.columns[name].texts for name in ("k", "v")] == [("1", "none"), ("", "NA")]
+
+
 def test_an_inline_table_may_have_no_rows(tmp_path, declare, inline):
     assert len(loaded(declare("table", None, inline=inline(("k",))), tmp_path)) == 0
 
