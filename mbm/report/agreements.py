@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mbm.emit import faults
@@ -9,7 +11,7 @@ from mbm.emit.answers import Agreement
 from mbm.equations.assembly import Assembled, loss_lines
 from mbm.estimation.consensus.binding import without_losses
 from mbm.estimation.consensus.forms import KnownForm, known_form
-from mbm.estimation.consensus.parts import parts_of
+from mbm.estimation.consensus.parts import Part, parts_of
 from mbm.estimation.consensus.rules import NO_FORM, rules_of
 from mbm.estimation.consensus.types import Asked, observed, with_loss
 from mbm.estimation.settings import Settings
@@ -18,6 +20,7 @@ from mbm.problem.kinds import ConsensusKind
 from mbm.problem.types import Consensus, Problem
 from mbm.solver import consensus_records as c
 from mbm.solver.decisions import MANY_CONNECTED
+from mbm.text.suggest import listed
 from mbm.text.types import MbmError
 
 BY_MEDIAN = Consensus(kind=ConsensusKind.LMEDS)
@@ -35,7 +38,7 @@ def agreement_of(found: Elaborated, equations: Assembled, settings: Settings) ->
     if asked is None:
         return None
     plain = without_losses(equations)
-    _refuse(found.problem, plain)
+    _refuse(found.problem, plain, lossy=settings.robust is None)
     return _agreement(asked, plain, begins=False)
 
 
@@ -46,7 +49,7 @@ def beginning_of(found: Elaborated, equations: Assembled, settings: Settings) ->
     if equations.lossy or settings.robust is not None or not bool((missing & equations.moving()).any()):
         return None
     try:
-        _refuse(found.problem, plain)
+        _refuse(found.problem, plain, lossy=False)
         asked = Asked(problem=found.problem, settings=settings, consensus=BY_MEDIAN, ruled=observed)
         made = _agreement(asked, plain, begins=True)
     except MbmError:
@@ -93,14 +96,33 @@ def _asked(problem: Problem, equations: Assembled, settings: Settings) -> Asked 
     return Asked(problem=problem, settings=settings, consensus=BY_MEDIAN, ruled=with_loss)
 
 
-def _refuse(problem: Problem, equations: Assembled) -> None:
+def _refuse(problem: Problem, equations: Assembled, *, lossy: bool) -> None:
+    """``lossy``: it is a loss that begins with a consensus."""
     if equations.dimension > MANY_CONNECTED:
         why = f"with more than {MANY_CONNECTED} unknowns it takes losses in place of subsets, which `mbm solve` has"
         raise MbmError(faults.not_emitted(problem.span, f"consensus of {equations.dimension} unknowns", why))
-    if equations.dimension > 1 and len(parts_of(equations)) > 1:
-        why = "no equation connects all unknowns, and `mbm solve` takes the parts one by one"
-        todo = "compile a problem for one part, and call it for each"
-        raise MbmError(faults.not_emitted(problem.span, "consensus of several parts", why, todo))
+    parts = parts_of(equations) if equations.dimension > 1 else ()
+    if len(parts) > 1:
+        why = f"{_unconnected(equations, parts)}, and `mbm solve` takes the parts one by one"
+        what, todo = "consensus of several parts", "compile a problem for one part, and call it for each"
+        if lossy:
+            what = "a `:loss` that is not convex, or beside `:sigma unknown`, in several parts"
+            why = f"it begins with a consensus, {why}"
+            todo = f"{todo}; a convex loss such as `huber`, of stated noise, needs no consensus"
+        raise MbmError(faults.not_emitted(problem.span, what, why, todo))
+
+
+def _unconnected(equations: Assembled, parts: Sequence[Part]) -> str:
+    """What parts there are, in words."""
+    entries = equations.layout.entries
+    names = [
+        {e.unknown.name for e in entries if bool(np.isin(part.columns, np.arange(e.first, e.coordinates.stop)).any())}
+        for part in parts
+    ]
+    alone = min(names, key=len)
+    if alone & set().union(*(each for each in names if each is not alone)):
+        return "no equation connects all unknowns"
+    return f"no equation connects {listed(tuple(sorted(alone)))} with the other unknowns"
 
 
 def _form(problem: Problem, equations: Assembled, settings: Settings) -> KnownForm | None:

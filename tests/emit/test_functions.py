@@ -179,6 +179,10 @@ def test_keys_that_no_table_has_together_are_refused():
 
 REFUSED = {
     "(observe d (= y (m t)) :sigma 1) (solve :robust lmeds)": ("(m :per d.t :init 0)", "consensus of several parts"),
+    "(observe d (= y (m 1)) :sigma 1 :loss cauchy) (observe e d (= t b) :sigma 1)": (
+        "(m (vector 1) :init [0]) (b :init 0)",
+        "a `:loss` that is not convex",
+    ),
     "(observe d (= y m) :sigma 1 :errors ((y 1)) :loss huber)": ("(m :init 0)", "`:errors` beside consensus or a loss"),
     "(observe d (= y m) :errors ((y 1)))": ("(m)", "`:errors` without starts"),
     "(observe d (= y m)) (solve :starts (random 3))": ("(m :init 0)", "`:starts`"),
