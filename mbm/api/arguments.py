@@ -33,7 +33,7 @@ def by_name(argument: str, given: object) -> dict[str, object]:
 
 
 def text_of(given: object) -> str:
-    """The text of a problem.
+    """The text of a problem; a byte order mark is dropped, as from a file.
 
     Raises:
         MbmError: it is no text (`wrong-argument`).
@@ -41,7 +41,7 @@ def text_of(given: object) -> str:
     """
     if not isinstance(given, str):
         raise MbmError(faults.no_text(given))
-    return given
+    return given.removeprefix("\ufeff")
 
 
 def path_of(given: object) -> str:

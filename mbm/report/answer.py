@@ -66,7 +66,7 @@ class Solved(Solve):
         """The first solve.
 
         Raises:
-            LookupError: there is no solve: ``for-each`` met no key.
+            LookupError: there is no solve: ``for-each`` met no key, or ``window`` no row.
 
         """
         self._some()
@@ -137,7 +137,7 @@ class Solved(Solve):
 
     def _some(self) -> None:
         if not self.result.solves:
-            message = "there is no solve: `for-each` met no key"
+            message = "there is no solve: `for-each` met no key, or `window` no row"
             raise LookupError(message)
 
     def __repr__(self) -> str:

@@ -37,6 +37,9 @@ def initial_values(given: object, key: Mapping[str, Key], file: str | None = Non
     """
     if not isinstance(given, Mapping):
         raise MbmError(faults.bad_initial_values(f"a value of type `{type(given).__name__}`", file))
+    said = given.get("diagnostics")
+    if not is_document(given) and isinstance(said, Sequence) and any(isinstance(each, Mapping) for each in said):
+        raise MbmError(faults.bad_initial_values("a document of diagnostics, which has no estimates", file))
     entries = _of_document(given, key, file) if is_document(given) else given
     return {str(name): _initial_value(str(name), entry, file) for name, entry in entries.items()}
 

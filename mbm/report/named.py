@@ -220,7 +220,8 @@ class Named:
 
     def _of(self, part: str, kinds: frozenset[Kind]) -> Floats:
         if self.kind not in kinds:
-            message = f"`{self.name}` is a {self.kind.value}, which has no {part}"
+            article = "an" if self.kind is Kind.ANGLE else "a"
+            message = f"`{self.name}` is {article} {self.kind.value}, which has no {part}"
             raise AttributeError(message)
         return self.value
 

@@ -127,3 +127,19 @@ def test_coordinates_of_another_shape(given: Any, says: str, compiled: mbm.Compi
 def test_what_is_no_text_and_no_path(given):
     assert "a problem is a text" in refused(lambda: mbm.loads(given), "wrong-argument")
     assert "`path` is a value of type" in refused(lambda: mbm.load(given), "wrong-argument")
+
+
+def test_a_byte_order_mark_before_a_text_is_dropped() -> None:
+    assert mbm.loads("\ufeff(problem p (unknowns (a)) (observe (= 3 a) :sigma 1))").solve()["a"].value == 3.0
+
+
+def test_a_document_of_diagnostics_is_no_start() -> None:
+    text = "(problem p (unknowns (a)) (observe (= 3 a) :sigma 1))"
+    given = {"mbm": "1", "diagnostics": [{"code": "bad-form", "message": "…"}]}
+    assert "a document of diagnostics" in refused(lambda: mbm.loads(text).solve(init=given), "bad-initial-values")
+
+
+def test_what_an_angle_has_not_is_said_in_words() -> None:
+    result = mbm.loads("(problem p (unknowns (x angle :init 1)) (observe (= 1 x) :sigma 1))").solve()
+    with pytest.raises(AttributeError, match="`x` is an angle, which has no rotation"):
+        _ = result["x"].rotation

@@ -211,7 +211,8 @@ def _reach(ratio: float) -> str:
         return f"more than {FARTHEST:g} times as far"
     if ratio == 0.0:
         return "to where the model has no value"
-    return f"{ratio:.2g} times as far"
+    times = f"{ratio:.2g}"
+    return "as far" if times == "1" else f"{times} times as far"
 
 
 def _strained(
