@@ -17,9 +17,10 @@ from mbm.text.types import MbmError
 from mbm.values import dataclass
 
 FLOOR = 1e-4
-"""Standard deviation of what has no noise, beside what the noise gives the same components: estimates and standard
-deviations differ from those of exact equations by its square, 1e-7 of a standard deviation. The rounding of normal
-equations grows as the inverse square."""
+"""Standard deviation of what has no noise, beside what the noise gives the same components: standard
+deviations differ from those of exact equations by its square, estimates by that times the standard deviations by which
+the rows pull at what has no noise. The rounding of normal equations grows as the inverse square: in a chain of 3000
+steps standard deviations are right to 2e-8, with a tenth of it to 2e-6."""
 
 NEGATIVE = 1e-9
 """Eigenvalue of a correlation matrix below zero that is rounding."""
