@@ -5,8 +5,10 @@ greatest likelihood over all other coordinates within their own limits, is follo
 interval is the shortest that holds the wanted share of it between the limits. Of a normal likelihood that is the
 shortest of the normal distribution between the limits. It holds the truth in (1 − α)/(1 + α) of all cases at least, and
 in more than 1 − α near a limit (Roe and Woodroofe 2001, Physical Review D 63, 013009; Zhang and Woodroofe 2003, Journal
-of Statistical Planning and Inference 115, 479–490). If nothing is counted it ends at 3.00 for 95 %, as the exact
-one-sided limit does. The deviance has grown by 3.84 at 1.92, where nothing is counted in 15 % of all cases.
+of Statistical Planning and Inference 115, 479–490). Data that would be certain beyond a limit (no counts,
+no success, all readings below the limit of detection) keep what gives them a probability of α at least: of no counts
+the shortest ends there, too, but it holds a value one σ above a limit of detection in 83 % only. The deviance has grown
+by 3.84 at 1.92, where nothing is counted in 15 % of all cases.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.likelihoods import log_likelihood
 from mbm.equations.spreads import Freedom, Limited
 from mbm.equations.types import Floats, Mask, Minimum
 from mbm.estimation.coverage.student import coverage_factors, shortest
@@ -37,6 +40,9 @@ PLATEAU = 1e-3
 
 FIRST_STEP = 1e-3
 """Share of its size by which a coordinate is moved first where no standard deviation is known."""
+
+ROUNDED = 1e-9
+"""Difference of −2 log L from the deviance, beside it, that is rounding."""
 
 WITHOUT_END = 1e30
 """Distance that a likelihood reaches at least if it has no end, whatever the unit."""
@@ -96,6 +102,7 @@ class Likelihood:
 
     ``pinned`` (n,) are those that limits hold; something is ``held`` where none is, too, as by a limit of several.
     ``variance`` is that of the residuals; one scale that is an unknown counts as in `Profiles` if it is ``scaled``.
+    ``certain`` is −log of the probability of the data if other values would make them certain (NaN: none would).
     ``alone`` (n,) are standard deviations of coordinates if all others are known; ``derived`` gives the quantities that
     are looked at, by their numbers.
     """
@@ -107,6 +114,7 @@ class Likelihood:
     held: bool
     variance: float
     scaled: bool
+    certain: float
     alone: Floats
     settings: Settings
     derived: Callable[[int], Quantities | None]
@@ -117,7 +125,9 @@ class Likelihood:
         """
         released = np.isfinite(self.limits.step) & (self.limits.sigma > 0.0)
         for which in np.flatnonzero(released).tolist():
-            self._put(own, which, self._released(own, which))
+            # of what a limit holds, what is between the limits is left of its distribution without them
+            step, sigma = float(self.limits.step[which]), float(self.limits.sigma[which])
+            own.ends[0][which], own.ends[1][which] = self._shortest(own, which, step, sigma)
         plain, cut = self.equations.layout.number[self.equations.free] >= 0, self._cut(own)
         # what is near a limit of normal errors has the linear interval up to it
         wanted = plain & ~released & (cut if self.equations.likely else self.pinned)
@@ -127,7 +137,8 @@ class Likelihood:
             law = own.law(which, scaled=self.scaled)
             limits = profile.value - self.limits.lower[which], self.limits.upper[which] - profile.value
             if wanted[which] or not _agrees(profile, law, own, which):
-                self._put(own, which, _interval(profile, law, limits, float(own.sigma[which]), own.level))
+                asked = own.level, self.certain
+                own.ends[0][which], own.ends[1][which] = _interval(profile, law, limits, float(own.sigma[which]), asked)
 
     def put_in_derived(self, owner: int, numbers: Own, own: Own) -> None:
         """The same of the ``numbers`` of a derived quantity, beside the coordinates of their ``own`` ends.
@@ -149,7 +160,8 @@ class Likelihood:
                 if which not in reached and (cut[which] or not np.isnan(own.ends[0][which])):
                     reached[which] = found.reach(int(index[which]), *self._whole(own, which))
                 if which in reached:
-                    self._put(numbers, place, (reached[which][0][place], reached[which][1][place]))
+                    for end, far in zip(numbers.ends, reached[which], strict=True):
+                        end[place] = far[place]
             elif followed < MOST_FOLLOWED:
                 followed += 1
                 told = bool(numbers.sigma[place] > 0.0)
@@ -159,8 +171,8 @@ class Likelihood:
                 alone = float(np.linalg.norm(found.gradient[place] * self.alone))
                 if not told or not _agrees(profile, law, numbers, place):
                     first = float(numbers.sigma[place]) if told else alone
-                    ends = _interval(profile, law, (np.inf, np.inf), first, own.level)
-                    self._put(numbers, place, ends)
+                    ends = _interval(profile, law, (np.inf, np.inf), first, (own.level, self.certain))
+                    numbers.ends[0][place], numbers.ends[1][place] = ends
 
     def _cut(self, own: Own) -> Mask:
         """Coordinates (n,) that limits hold or are near to, and those without a sigma."""
@@ -168,13 +180,6 @@ class Likelihood:
         below, above = (np.where(np.isnan(each), own.linear, each) for each in own.ends)
         near = (places - below < self.limits.lower) | (places + above > self.limits.upper)
         return np.asarray(self.pinned | near | np.isnan(own.sigma))
-
-    def _put(self, own: Own, which: int, ends: tuple[float, float]) -> None:
-        own.ends[0][which], own.ends[1][which] = ends
-
-    def _released(self, own: Own, which: int) -> tuple[float, float]:
-        """Of what a limit holds, what is between the limits is left of its distribution without them."""
-        return self._shortest(own, which, float(self.limits.step[which]), float(self.limits.sigma[which]))
 
     def _whole(self, own: Own, which: int) -> tuple[float, float]:
         """How far the interval of a coordinate reaches, as it is stated."""
@@ -225,6 +230,8 @@ def likelihood(
     if limits is None:
         none = np.full(count, np.nan)
         limits = Limited(lower=np.full(count, -np.inf), upper=np.full(count, np.inf), step=none, sigma=none)
+    told = log_likelihood(equations, minimum.residuals) if equations.likely else None
+    certain = told is not None and abs(2.0 * told + minimum.cost) <= ROUNDED * (1.0 + minimum.cost)
     by_owner = {one.owner: one for one in derived}
     return Likelihood(
         equations=equations,
@@ -234,6 +241,7 @@ def likelihood(
         held=limited(observed),
         variance=outcome.covariance.variance,
         scaled=outcome.freedoms.scaled,
+        certain=0.5 * minimum.cost if certain else np.nan,
         alone=np.sqrt(outcome.covariance.variance) / observed.scale,
         settings=settings,
         derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
@@ -295,10 +303,17 @@ class Side:
 
 
 def _interval(
-    profile: Profile, law: Law, limits: tuple[float, float], sigma: float, level: float
+    profile: Profile, law: Law, limits: tuple[float, float], sigma: float, asked: tuple[float, float]
 ) -> tuple[float, float]:
-    """How far the interval reaches below and above; NaN where the likelihood tells nothing."""
+    """How far the interval reaches below and above; NaN where the likelihood tells nothing.
+
+    ``asked`` are its level, and −log of the probability of data that would be certain elsewhere.
+    """
     below, above = _sides(profile, law, limits, sigma)
+    level, certain = asked
+    improbable = -float(np.log1p(-level)) - certain
+    if improbable > 0.0 and min(len(below.places), len(above.places)) == 1:
+        return below.end(improbable), above.end(improbable)
     if below.endless or above.endless:
         flat = any(each.endless and each.surprise[-1] < PLATEAU for each in (below, above))
         factor = coverage_factors(level, np.array([law.dof]))[0]

@@ -6,7 +6,6 @@ from math import log
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 from scipy.optimize import brentq, linprog
 from scipy.stats import norm
 
@@ -34,10 +33,10 @@ def test_no_counts_tell_a_rate_as_far_as_its_likelihood_falls(option: str, count
 
 @pytest.mark.parametrize("trials", [10, 50])
 def test_all_trials_alike_tell_a_share(trials: int) -> None:
-    """(1 − p)ⁿ: the distribution function of what lies below p is 1 − (1 − p)ⁿ⁺¹."""
+    """(1 − p)ⁿ is the probability of none: 5 % of it is the one-sided limit of Clopper and Pearson."""
     problem = mbm.loads(TRIALS.format(n=trials))
     none, every = (problem.solve(data={"d": {"k": np.array([k])}})["p"] for k in (0.0, float(trials)))
-    end = 1 - 0.05 ** (1 / (trials + 1))
+    end = 1 - 0.05 ** (1 / trials)
     assert none.interval() == pytest.approx([0.0, end], rel=NEAR)
     assert every.interval() == pytest.approx([1.0 - end, 1.0], rel=NEAR)
     assert none.interval_kind == every.interval_kind == "limited"
@@ -61,16 +60,12 @@ def test_a_share_by_its_logarithm_has_no_maximum() -> None:
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_readings_below_the_limit_of_detection_alone(count: int) -> None:
-    """Φ((1 − a)/σ)ⁿ, summed up from 0 on."""
+    """Up to where all of them are below in 5 % of all cases: Φ((1 − a)/σ)ⁿ = 0.05."""
     rows = "(1)" * count
     text = (
         f"(problem p (data d (table (c) {rows})) (unknowns (a :in (0 10))) (observe d (= c a) :sigma 0.5 :below true))"
     )
-
-    def held(end: float) -> float:
-        return quad(lambda a: norm.cdf((1 - a) / 0.5) ** count, 0, end, epsabs=1e-12, points=[min(end, 1.0)])[0]
-
-    wanted = brentq(lambda end: held(end) - 0.95 * held(10), 0.1, 5)
+    wanted = 1.0 - 0.5 * norm.ppf(0.05 ** (1 / count))
     assert mbm.loads(text).solve()["a"].interval() == pytest.approx([0.0, wanted], rel=NEAR)
 
 
