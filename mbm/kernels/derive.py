@@ -14,6 +14,7 @@ from mbm.kernels.differentiation import differentiated
 from mbm.kernels.instructions import program_of
 from mbm.kernels.lowering import lower
 from mbm.kernels.types import Corrections, Kernel, KernelSet
+from mbm.machine.program import Operator, Program
 from mbm.problem.manifold import Piece
 from mbm.rotations import tangents
 from mbm.solver.manifolds import SEAM
@@ -21,6 +22,12 @@ from mbm.symbolic.types import ConstantInput, ResidualBlock, SymbolicModel
 
 PER_PLACE = 400
 """Bytes for one unknown number of an equation in one element of its Jacobian, where each depends on each."""
+
+COMPARISONS = frozenset((Operator.LESS, Operator.LESS_EQUAL, Operator.EQUAL, Operator.NOT_EQUAL))
+STEPS = COMPARISONS | {Operator.SIGN, Operator.COPYSIGN, Operator.FLOOR, Operator.CEIL}
+"""What jumps with its arguments, or decides between two formulas; whole turns of angles (remainders) are none."""
+
+KINKS = STEPS | {Operator.ABS, Operator.MIN, Operator.MAX}
 
 
 def derive(model: SymbolicModel) -> KernelSet:
@@ -53,6 +60,7 @@ def _kernel(block: ResidualBlock) -> Kernel:
     scalars_of_jacobian: Any = jacobian.nonzeros()  # CasADi's stubs do not know their own type here
     nonzeros = casadi.vertcat(*scalars_of_jacobian) if rows else casadi.SX(0, 1)
     outputs = casadi.cse(casadi.vertcat(values, nonzeros))
+    value_program = program_of(casadi.Function("values", [whole], [casadi.cse(values)]))
     return Kernel(
         name=block.name,
         purpose=block.purpose,
@@ -66,7 +74,9 @@ def _kernel(block: ResidualBlock) -> Kernel:
         jacobian_rows=np.asarray(rows, dtype=np.int64),
         jacobian_columns=np.asarray(columns, dtype=np.int64),
         dependence=_dependence(block, found.with_stand_ins(nonzeros), inputs[:count]),
-        value_program=program_of(casadi.Function("values", [whole], [casadi.cse(values)])),
+        steps=_reaching(block, value_program, STEPS),
+        kinks=_reaching(block, value_program, KINKS),
+        value_program=value_program,
         jacobian_program=program_of(casadi.Function("values_and_jacobian", [whole], [outputs])),
         corrections=corrections_of(block) if block.corrected else None,
         calls=found.programs(inputs),
@@ -87,15 +97,40 @@ def _dependence(block: ResidualBlock, nonzeros: casadi.SX, unknowns: casadi.SX) 
     dependence = np.zeros((elements, len(block.tangents)), dtype=bool)
     if not count or not elements:
         return dependence
-    tangents = np.full((count, max(len(chart.tangents) for chart in block.charts)), -1, dtype=np.int64)
-    for chart in block.charts:
-        tangents[list(chart.variables), : len(chart.tangents)] = chart.tangents
+    tangents = _tangents(block, count)
     pattern = casadi.jacobian_sparsity(nonzeros, unknowns)
     rows, columns = (np.asarray(found, dtype=np.int64) for found in pattern.get_triplet())
     for each in tangents.T:
         moved = each[columns]
         dependence[rows[moved >= 0], moved[moved >= 0]] = True
     return dependence
+
+
+def _tangents(block: ResidualBlock, count: int) -> NDArray[np.int64]:
+    """The tangents (variables, …) that move each of the ``count`` variables; -1: no further one."""
+    tangents = np.full((count, max((len(chart.tangents) for chart in block.charts), default=0)), -1, dtype=np.int64)
+    for chart in block.charts:
+        tangents[list(chart.variables), : len(chart.tangents)] = chart.tangents
+    return tangents
+
+
+def _reaching(block: ResidualBlock, program: Program, operators: frozenset[Operator]) -> NDArray[np.bool_]:
+    """Which tangents (tangents,) reach an argument of some operators in the program of the values."""
+    found = np.zeros(len(block.tangents), dtype=bool)
+    if not any(each.operator in operators for each in program.instructions):
+        return found
+    count, reached = len(block.variables), 0
+    holds = {value: 1 << i for i, value in enumerate(program.inputs[:count]) if value >= 0}
+    for each in program.instructions:
+        own = 0
+        for argument in each.arguments:
+            own |= holds.get(argument, 0)
+        holds[each.target] = own
+        if each.operator in operators:
+            reached |= own
+    moved = _tangents(block, count)[[i for i in range(count) if reached >> i & 1]]
+    found[moved[moved >= 0]] = True
+    return found
 
 
 def corrections_of(block: ResidualBlock) -> Corrections:
@@ -130,6 +165,8 @@ def corrections_of(block: ResidualBlock) -> Corrections:
         jacobian_rows=np.asarray([*slope_rows, *curvature_rows], dtype=np.int64),
         jacobian_columns=np.asarray([*slope_columns, *curvature_columns], dtype=np.int64),
         dependence=np.ones((len(nonzeros), len(block.tangents)), dtype=bool),
+        steps=np.zeros(len(block.tangents), dtype=bool),
+        kinks=np.zeros(len(block.tangents), dtype=bool),
         value_program=program_of(casadi.Function("values", [whole], [casadi.cse(values)])),
         jacobian_program=program_of(casadi.Function("values_and_slopes", [whole], [casadi.cse(everything)])),
         calls=found.programs(inputs),

@@ -33,11 +33,12 @@ class Kernel:
     and the nonzeros of their Jacobian with respect to ``tangents``, coordinates of the tangent spaces (for plain
     numbers the variables themselves): nonzero k stands in row ``jacobian_rows[k]`` and column ``jacobian_columns[k]``.
     ``dependence[k, j]`` says whether nonzero k varies with tangent j: the equations are affine in a set of tangents if
-    no nonzero in its columns depends on any of them. ``value_program`` gives the values, ``jacobian_program``
-    the values and behind them the nonzeros. ``corrections`` are the derivatives by uncertain data, if any. Where there
-    are ``calls``, the programs take what these give behind the inputs of the row. Where the outputs are residuals of a
-    likelihood, ``plain`` has the equations as they are written, and ``information`` as many outputs as this kernel,
-    the products of whose derivatives are the Fisher information; both take the same inputs.
+    no nonzero in its columns depends on any of them, nor a step. ``steps`` (tangents,) decide where a value jumps, or
+    another formula holds; ``kinks`` where two meet, steps among them. ``value_program`` gives the values,
+    ``jacobian_program`` the values and behind them the nonzeros. ``corrections`` are the derivatives by uncertain data,
+    if any. Where there are ``calls``, the programs take what these give behind the inputs of the row. Where the outputs
+    are residuals of a likelihood, ``plain`` has the equations as they are written, and ``information`` as many outputs
+    as this kernel, the products of whose derivatives are the Fisher information; both take the same inputs.
     """
 
     name: str
@@ -52,6 +53,8 @@ class Kernel:
     jacobian_rows: NDArray[np.int64] = field(repr=False)
     jacobian_columns: NDArray[np.int64] = field(repr=False)
     dependence: NDArray[np.bool_] = field(repr=False)
+    steps: NDArray[np.bool_] = field(repr=False)
+    kinks: NDArray[np.bool_] = field(repr=False)
     value_program: Program = field(repr=False)
     jacobian_program: Program = field(repr=False)
     corrections: Corrections | None = None
@@ -63,7 +66,7 @@ class Kernel:
     def affine_in(self, tangents: NDArray[np.bool_]) -> bool:
         """Whether the outputs are affine in the tangents that the mask picks, whatever the others are."""
         columns = tangents[self.jacobian_columns]
-        return not bool(self.dependence[np.ix_(columns, tangents)].any())
+        return not bool(self.dependence[np.ix_(columns, tangents)].any() or self.steps[tangents].any())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

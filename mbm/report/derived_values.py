@@ -24,6 +24,7 @@ NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot te
 DEPENDENT = "the covariance of the noise is unknown, and some combination of its components has no scatter"
 VANISHED = "the noise that it is due to is estimated as nothing"
 FREE = "the data do not determine it"
+_NO_SLOPE = "its derivative is not finite at the estimates"
 _NOT_FINITE = "the value is not finite"
 
 
@@ -63,11 +64,19 @@ def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floa
     undefined = ~np.isfinite(found.values)
     if sigma.shape != undefined.shape:  # of rotations and the like, one coordinate is no one number
         undefined = np.broadcast_to(undefined.any(axis=1, keepdims=True), sigma.shape)
-    missing = np.isnan(sigma) & ~undefined
+    missing = ~np.isfinite(sigma) & ~undefined
     causes = [_NOT_FINITE] if bool(undefined.any()) else []
     if bool(missing.any()):
-        causes.append(unknown or found.reason or _noise_alone(solution, found, missing) or FREE)
+        why = found.reason or _slopeless(found, missing) or _noise_alone(solution, found, missing)
+        causes.append(unknown or why or FREE)
     return ", or ".join(causes) or None
+
+
+def _slopeless(found: DerivedSolution, missing: Mask) -> str | None:
+    """What is said where the missing ones have no finite derivative by the estimates, as a root has at 0."""
+    if found.gradient is None:
+        return None
+    return None if bool(np.isfinite(found.gradient[missing.ravel()]).all()) else _NO_SLOPE
 
 
 def untold_noise(solution: Solution) -> str | None:

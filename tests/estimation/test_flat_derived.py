@@ -68,3 +68,65 @@ def test_the_scatter_about_a_line():
     result = mbm.loads(text).solve()
     np.testing.assert_allclose(result["r"].interval(), [np.sqrt(scatter / 4), farthest], rtol=1e-6)
     assert "derivative is zero" in next(d.message for d in result.diagnostics if d.code.name == "too-nonlinear")
+
+
+BROKEN = """(problem p (data d (table ({columns}) {rows})) (unknowns (a) (b)) (observe d (= [y z] [a b]) :sigma 0.1)
+  (derive (side (sign b)) (whole (floor (* 10 b))) (switched (if (> b 0) a (* 2 a))) (larger (max a b))
+    (root (sqrt (* b b))) (line (+ a b))) {more})"""
+REACH = float(norm.ppf(0.975)) * 0.1
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_jumps_within_the_interval(many: bool) -> None:
+    """Of a = 0.3 and b = 0.05, each ± 0.1; ``switched`` is told as far as pairs of axes lead: 2 (a + r/√2)."""
+    text = BROKEN.format(columns="y z", rows="(0.3 0.05)", more="")
+    if many:
+        text = BROKEN.format(columns="k y z", rows="(1 0.3 5) (2 0.3 0.05) (3 0.3 5)", more="(for-each k)")
+    solves = mbm.loads(text).solve().solves
+    solve = solves[1 if many else 0]
+    wanted = {
+        "side": (-1.0, 1.0),
+        "whole": (-2.0, 2.0),
+        "root": (0.0, 0.05 + REACH),
+        "larger": (0.3 - REACH, 0.3 + REACH),
+    }
+    for name, ends in wanted.items():
+        np.testing.assert_allclose(solve[name].interval(0.95), ends, rtol=1e-3, atol=1e-4)
+    low, high = solve["switched"].interval(0.95)
+    assert low == pytest.approx(0.3 - REACH, rel=1e-3)
+    assert 2.0 * (0.3 + REACH / np.sqrt(2.0)) <= high <= 2.0 * (0.3 + REACH)
+    said = " ".join(d.message for d in solve.diagnostics if d.code.name == "too-nonlinear")
+    assert all(f"`{name}`" in said for name in ("side", "whole", "switched", "root"))
+    assert "`larger`" not in said
+    assert "`line`" not in said
+    if many:  # 50 ± 1.96 has whole parts, and nothing else of it bends
+        assert all("`whole`" in d.message and "`side`" not in d.message for d in solves[0].diagnostics)
+
+
+def test_rows_that_follow_several_formulas_are_looked_at() -> None:
+    text = """(problem p (data d (table (k t) ("u" 1) ("v" 2))) (unknowns (a) (b)) (observe (= 0.3 a) :sigma 0.1)
+      (observe (= 0.05 b) :sigma 0.1) (derive (q (if (= k "u") (* t b b) (+ a (sign b)))) :over d))"""
+    solve = mbm.loads(text).solve().first
+    ends = solve["q"].interval(0.95)
+    np.testing.assert_allclose(ends[0], [0.0, (0.05 + REACH) ** 2], rtol=1e-3, atol=1e-4)
+    assert ends[1][0] < -0.7
+    assert not solve.not_examined
+
+
+def test_a_root_at_zero_has_no_finite_derivative() -> None:
+    text = "(problem p (unknowns (b)) (observe (= 0 b) :sigma 0.1) (derive (root (sqrt b)) (twice (* 2 b))))"
+    entry = mbm.loads(text).solve().document()["solves"][0]["derived"]["root"]
+    assert entry["sigma"] is None
+    assert entry["reason"] == "its derivative is not finite at the estimates"
+
+
+def test_models_with_jumps_are_not_taken_for_linear() -> None:
+    """Where y = a + sign(a), the cost of 0.05 and 1.05 falls until a jump at 0: by formula 0.95² + 0.05² just above."""
+    solve = (
+        mbm.loads("""(problem p (data d (table (y) (0.05) (1.05))) (unknowns (a))
+      (observe d (= y (+ a (sign a))) :sigma 0.1))""")
+        .solve()
+        .first
+    )
+    assert solve.method != "linear"
+    assert solve.cost == pytest.approx((0.95**2 + 0.05**2) / 0.01, rel=1e-6)

@@ -156,20 +156,26 @@ def _derived_ends(around: _Intervals, one: DerivedColumns, place: int, angle: bo
     there = (stated(one.group, around.point(along, side) + around.turned)[:, place] for side in SIDES)
     moves = [values - one.values[:, place] for values in there]
     ends = derived_ratios(np.stack(moves), around.noise * length, grown, angle=angle)
-    if not bool(told.all()):
-        ends = np.where(told, ends, np.where(_varies(around, one, place, parts), np.inf, 1.0))
+    kinks = bool(one.group.kernel.kinks.any())
+    if kinks or not bool(told.all()):
+        # Without a derivative it may move all the same, and behind a kink farther than its derivative says.
+        least = UNMOVED * np.maximum(np.abs(one.values[:, place]), parts)
+        most = (1.0 + _share(around.portion) - MARGIN) * NORMAL_95 * around.noise * length
+        least = np.where(told, most if kinks else np.inf, least)
+        far = _moves(around, one, place, angle=angle) > least
+        ends = np.where(far, np.inf, np.where(told, ends, 1.0))
     return ends
 
 
-def _varies(around: _Intervals, one: DerivedColumns, place: int, parts: Floats) -> Mask:
-    """In which solves (K,) a derived number moves around the estimates, though its derivative may be zero there."""
-    begin, found = one.values[:, place], np.zeros(len(parts), dtype=bool)
-    least = UNMOVED * np.maximum(np.abs(begin), parts)
+def _moves(around: _Intervals, one: DerivedColumns, place: int, *, angle: bool) -> Floats:
+    """How far (K,) a derived number moves around the estimates, at most, in some directions."""
+    begin, found = one.values[:, place], np.zeros(len(one.values))
     for along in directions(around.found.root.shape[2]):
-        each = np.broadcast_to(along, (len(parts), len(along)))
+        each = np.broadcast_to(along, (len(found), len(along)))
         for side in SIDES:
-            there = stated(one.group, around.point(each, side) + around.turned)[:, place]
-            found |= np.abs(there - begin) > least
+            moved = stated(one.group, around.point(each, side) + around.turned)[:, place] - begin
+            moved = moved - 2 * np.pi * np.round(moved / (2 * np.pi)) if angle else moved
+            found = np.fmax(found, np.abs(moved))
     return found
 
 

@@ -20,11 +20,13 @@ from mbm.estimation.trust.nonlinearity import (
     LOOKED_AT,
     MOST_FOLLOWED,
     NORMAL_95,
+    SAME_EQUATIONS,
     IntervalEnds,
     Surroundings,
     derived_ends,
     interval_ends,
     points_after,
+    residuals_at,
     surroundings,
 )
 from mbm.estimation.trust.profile import END_ACCURACY, Surface
@@ -182,31 +184,34 @@ def _derived(
         if stated.kind is not None or one.gradient is None or count > left:
             continue
         groups = propagation.binder.derived(propagation.kernels, one.owner)
-        if len(groups) != 1 or groups[0].rows != len(one.values):
-            continue
-        if around.equations.linear and affine(groups[0], free):
+        if around.equations.linear and all(affine(group, free) for group in groups):
             continue
         left -= count
         sigma = one.sigma.ravel()
         parts = np.abs(one.gradient) @ np.nan_to_num(propagation.outcome.covariance.sigma)
+        every = _values_of(groups, one.values.shape, turned)
         told = np.flatnonzero(np.isfinite(one.values.ravel()) & np.isfinite(sigma))
-        varied = _varied(around, _picked(groups[0], told, turned))
+        varied = _varied(around, _picked(every, told))
         still = sigma[told] <= np.maximum(DETERMINED * parts[told], FLATTER * varied)
         known = told[~still]
         flat = told[still & (varied > UNMOVED * np.maximum(np.abs(one.values.ravel()), parts)[told])]
         if not known.size and not flat.size:
             continue
-        values, gradient = _picked(groups[0], known, turned), one.gradient[known]
-        none = IntervalEnds(lower=np.ones(0), upper=np.ones(0))
+        values, gradient = _picked(every, known), one.gradient[known]
+        ends = IntervalEnds(lower=np.ones(0), upper=np.ones(0))
+        if known.size:
+            ends = derived_ends(around, gradient, values, stated.angle)
+            if any(bool(group.kernel.kinks.any()) for group in groups):
+                ends = _reached(around, gradient, values, ends, angle=stated.angle)
         found = DerivedEnds(
             owner=one.owner,
             known=known,
-            ends=derived_ends(around, gradient, values, stated.angle) if known.size else none,
+            ends=ends,
             gradient=gradient,
             values=values,
             angle=stated.angle,
             flat=flat,
-            about=_picked(groups[0], flat, turned),
+            about=_picked(every, flat),
         )
         found, done = _followed(around, found, followed)
         followed -= done
@@ -257,8 +262,40 @@ def _moved(around: Surroundings, values: Callable[[Floats], Floats], steps: Floa
     return values(around.points(steps / NORMAL_95))[:, place].reshape(2, -1)
 
 
-def _picked(group: Group, which: Indices, turned: Floats) -> Callable[[Floats], Floats]:
-    return lambda points: group.values_at(points + turned).reshape(len(points), -1)[:, which]
+def _reached(
+    around: Surroundings,
+    gradient: Floats,
+    values: Callable[[Floats], Floats],
+    ends: IntervalEnds,
+    *,
+    angle: bool,
+) -> IntervalEnds:
+    """The ``ends`` where they are not beyond what quantities with kinks reach in other directions than their slopes."""
+    far = NORMAL_95 * np.sqrt(np.square(gradient @ around.factor).sum(axis=1))
+    moved = values(around.points(directions(around.factor.shape[1]))) - values(around.minimum.point[None])
+    if angle:
+        moved = moved - 2 * np.pi * np.round(moved / (2 * np.pi))
+    lower, upper = -np.nanmin(moved, axis=0, initial=0.0) / far, np.nanmax(moved, axis=0, initial=0.0) / far
+    return IntervalEnds(
+        lower=np.where(lower > ends.lower, lower, ends.lower), upper=np.where(upper > ends.upper, upper, ends.upper)
+    )
+
+
+def _values_of(groups: Sequence[Group], shape: tuple[int, ...], turned: Floats) -> Callable[[Floats], Floats]:
+    """From points (P, N) to all numbers of a quantity (P, rows · size), whose rows may follow several formulas."""
+
+    def values(points: Floats) -> Floats:
+        whole = np.full((len(points), *shape), np.nan)
+        for group in groups:
+            rows = group.positions if group.positions is not None else np.arange(1)
+            whole[:, rows] = group.values_at(points + turned).reshape(len(points), len(rows), -1)
+        return whole.reshape(len(points), -1)
+
+    return values
+
+
+def _picked(values: Callable[[Floats], Floats], which: Indices) -> Callable[[Floats], Floats]:
+    return lambda points: values(points)[:, which]
 
 
 def most_followed(around: Surroundings) -> int:
@@ -295,11 +332,17 @@ def followed_ends(
     lower, upper = (end(sign * reach * (around.factor @ image) / sigma, sign * reach * sigma) for sign in (-1.0, 1.0))
     along = directions(around.factor.shape[1])
     steps = reach * (np.vstack([-along, along]) @ around.factor.T)
-    moves = np.nan_to_num(change(points_after(around.equations, minimum.point, steps))) / (reach * sigma)
+    points = points_after(around.equations, minimum.point, steps)
+    moves = np.nan_to_num(change(points)) / (reach * sigma)
     # Beyond a kink another piece of the quantity may reach farther than that which holds at the minimum.
     least, most = int(moves.argmin()), int(moves.argmax())
     if -moves[least] > (1.0 + FARTHER) * lower:
         lower = max(lower, end(steps[least] / -moves[least], -reach * sigma))
     if moves[most] > (1.0 + FARTHER) * upper:
         upper = max(upper, end(steps[most] / moves[most], reach * sigma))
+    if -moves[least] > lower or moves[most] > upper:
+        # No profile leads over a jump, but what is as likely as an end is not outside.
+        grown = np.square(residuals_at(around.equations, points[[least, most]])).sum(axis=1) - minimum.cost
+        inside = grown <= reach**2 * around.variance * (1.0 + SAME_EQUATIONS)
+        lower, upper = max(lower, -moves[least] * inside[0]), max(upper, moves[most] * inside[1])
     return lower * reach * sigma, upper * reach * sigma

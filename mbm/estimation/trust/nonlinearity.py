@@ -95,7 +95,7 @@ class Surroundings:
 
     def ratios(self, along: Floats, points: Floats) -> Floats:
         """The true ends (2, p) as multiples of the linear ones, where the cost grows on as it does up to those."""
-        residuals = _residuals(self.equations, points)
+        residuals = residuals_at(self.equations, points)
         both = np.vstack([along, along])
         return end_ratios(residuals, self.tangent, both, self.minimum.cost, self.variance).reshape(2, len(along))
 
@@ -239,7 +239,7 @@ def points_after(equations: Surface, point: Floats, steps: Floats) -> Floats:
     return equations.retract(np.tile(point, (len(steps), 1)), steps)
 
 
-def _residuals(equations: Surface, points: Floats) -> Floats:
+def residuals_at(equations: Surface, points: Floats) -> Floats:
     """Residuals (k, m) at points (k, N), which go through the kernels together."""
     if isinstance(equations, Assembled):
         return equations.residuals_at(points)

@@ -53,7 +53,7 @@ def _why(propagation: Propagation, one: DerivedSolution) -> str:
         return f"of a {stated.kind.value} only the linear intervals are known"
     if one.sigma.size > MOST_DERIVED:
         return f"more than {MOST_DERIVED} derived numbers"
-    return "its rows follow several formulas, or it is one of too many derived numbers"
+    return "it is one of too many derived numbers"
 
 
 def _why_nothing(propagation: Propagation, minimum: Minimum) -> str | None:
