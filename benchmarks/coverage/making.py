@@ -42,6 +42,15 @@ def scatter(
     return Kind(text, make)
 
 
+def drawn(text: str, draw: Callable[[np.random.Generator, int], Mapping[str, Any]], truth: Truth) -> Kind:
+    """One table, whose columns are drawn for all runs."""
+
+    def make(rng: np.random.Generator, runs: int) -> tuple[Tables, Truth]:
+        return {"d": table(runs, **draw(rng, runs))}, truth
+
+    return Kind(text, make)
+
+
 def line(text: str, x: Floats, noise: Noise, **more: Any) -> Kind:
     """Readings on the line 2 − x."""
     return scatter(text, x, 2.0 - x, noise, {"a": 2.0, "b": -1.0}, more=more)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from benchmarks.coverage.judging import Kind
-from benchmarks.coverage.kinds import constrained, curved, geometric, laboratory, linear, noises, robust
+from benchmarks.coverage.kinds import assays, constrained, curved, geometric, laboratory, linear, noises, robust
 
 KINDS: Mapping[str, Kind] = {
     **linear.KINDS,
@@ -15,4 +15,5 @@ KINDS: Mapping[str, Kind] = {
     **constrained.KINDS,
     **robust.KINDS,
     **laboratory.KINDS,
+    **assays.KINDS,
 }

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from benchmarks.coverage.judging import Floats, Kind, Tables, Truth
-from benchmarks.coverage.making import LINE, autoregressive, line, normal, problem, scatter, table
+from benchmarks.coverage.making import LINE, autoregressive, drawn, line, normal, problem, scatter, table
 
 TIMES = np.linspace(0.0, 6.0, 20)
 CHANNELS = np.linspace(0.0, 10.0, 40)
@@ -22,24 +22,15 @@ GROUPS = np.repeat([1.0, 2.0], 5)
 LOGISTIC = "(/ 1 (+ 1 (exp (* -1 s (- x m)))))"
 
 
-def _drawn(text: str, draw: Callable[[np.random.Generator, int], Mapping[str, Any]], truth: Truth) -> Kind:
-    """One table, whose columns are drawn for all runs."""
-
-    def make(rng: np.random.Generator, runs: int) -> tuple[Tables, Truth]:
-        return {"d": table(runs, **draw(rng, runs))}, truth
-
-    return Kind(text, make)
-
-
 def _counts(unknowns: str, model: str, x: Floats, mean: Floats, truth: Truth) -> Kind:
     text = problem(unknowns, f"(= y {model}) :distribution poisson")
-    return _drawn(text, lambda rng, runs: {"x": x, "y": 1.0 * rng.poisson(mean, size=(runs, len(x)))}, truth)
+    return drawn(text, lambda rng, runs: {"x": x, "y": 1.0 * rng.poisson(mean, size=(runs, len(x)))}, truth)
 
 
 def _doses(doses: Floats, animals: int) -> Kind:
     text = problem("(m :init 0) (s :init 1)", f"(= y (* {animals} {LOGISTIC})) :distribution (binomial {animals})")
     share = 1 / (1 + np.exp(-1.5 * (doses - 0.3)))
-    return _drawn(
+    return drawn(
         text,
         lambda rng, runs: {"x": doses, "y": 1.0 * rng.binomial(animals, share, size=(runs, len(doses)))},
         {"m": 0.3, "s": 1.5},
@@ -48,7 +39,7 @@ def _doses(doses: Floats, animals: int) -> Kind:
 
 def _relative(share: float, model: str = "") -> Kind:
     text = problem("(a :init 2) (b :init 1)", f"{LINE} :sigma {model or f'(* {share} model)'}")
-    return _drawn(
+    return drawn(
         text,
         lambda rng, runs: {"x": TEN, "y": (2 + TEN) * (1 + share * rng.normal(size=(runs, 10)))},
         {"a": 2.0, "b": 1.0},
@@ -68,7 +59,7 @@ def _rounded(sigma: float, noise: str) -> Kind:
 def _ratio(noise: Floats, clauses: str) -> Kind:
     text = f"(problem p (data d external) (unknowns (a :init 10) (b :init 5)) {clauses} (derive (r (/ a b))))"
     true = np.where(GROUPS == 1.0, 10.0, 5.0)
-    return _drawn(text, lambda rng, runs: {"g": GROUPS, "y": true + noise * rng.normal(size=(runs, 10))}, {"r": 2.0})
+    return drawn(text, lambda rng, runs: {"g": GROUPS, "y": true + noise * rng.normal(size=(runs, 10))}, {"r": 2.0})
 
 
 def _inverse(sigma: float) -> Kind:
@@ -92,7 +83,7 @@ def _calibration(sigma: str) -> Kind:
         offset = 0.5 * rng.normal(size=(runs, 4))[:, day.astype(int) - 1]
         return {"day": day, "x": x, "y": 2 - x + offset + 0.1 * rng.normal(size=(runs, 20))}
 
-    return _drawn(problem("(a) (b)", f"{LINE} :sigma {sigma} :common ((0.5 :per day))"), draw, {"a": 2.0, "b": -1.0})
+    return drawn(problem("(a) (b)", f"{LINE} :sigma {sigma} :common ((0.5 :per day))"), draw, {"a": 2.0, "b": -1.0})
 
 
 def _items(rng: np.random.Generator, runs: int) -> Mapping[str, Any]:
@@ -105,7 +96,7 @@ def _both(sx: Floats | float, sy: Floats | float, errors: str) -> Kind:
         x, y = TWELVE + sx * rng.normal(size=(runs, 12)), 2 - TWELVE + sy * rng.normal(size=(runs, 12))
         return {"x": x, "y": y, "sx": np.broadcast_to(sx, (12,)), "sy": np.broadcast_to(sy, (12,))}
 
-    return _drawn(problem("(a) (b)", f"{LINE} :errors {errors}"), draw, {"a": 2.0, "b": -1.0})
+    return drawn(problem("(a) (b)", f"{LINE} :errors {errors}"), draw, {"a": 2.0, "b": -1.0})
 
 
 def _circle(sigma: float, stated: str) -> Kind:
@@ -116,12 +107,12 @@ def _circle(sigma: float, stated: str) -> Kind:
         return {"x": 1 + x, "y": 2 + y}
 
     text = problem("(p (vector 2) :init [1 1]) (r :init 4)", f"(= r (distance [x y] p)) :sigma {stated}")
-    return _drawn(text, draw, {"p": np.array([1.0, 2.0]), "r": 5.0})
+    return drawn(text, draw, {"p": np.array([1.0, 2.0]), "r": 5.0})
 
 
 def _ranges(stations: Floats, up: Floats, place: tuple[float, float]) -> Kind:
     true = np.hypot(stations - place[0], up - place[1])
-    return _drawn(
+    return drawn(
         problem(f"(x :init {place[0]}) (y :init {place[1]})", "(= r (distance [x y] [s u])) :sigma 0.1"),
         lambda rng, runs: {"s": stations, "u": up, "r": true + 0.1 * rng.normal(size=(runs, len(stations)))},
         {"x": place[0], "y": place[1]},
@@ -133,7 +124,7 @@ def _censored(unknowns: str, sigma: str) -> Kind:
         y = 0.5 + 0.5 * FIFTEEN + 0.5 * rng.normal(size=(runs, 15))
         return {"x": FIFTEEN, "y": np.maximum(y, 1.0), "c": (y < 1.0) * 1.0}
 
-    return _drawn(problem(unknowns, f"{LINE} :sigma {sigma} :below (= c 1)"), draw, {"a": 0.5, "b": 0.5})
+    return drawn(problem(unknowns, f"{LINE} :sigma {sigma} :below (= c 1)"), draw, {"a": 0.5, "b": 0.5})
 
 
 def _pendulum(rng: np.random.Generator, runs: int) -> tuple[Tables, Truth]:
@@ -170,7 +161,7 @@ KINDS: Mapping[str, Kind] = {
     "half lethal dose, groups of 6": _doses(DOSES, 6),
     "half lethal dose, groups of 20": _doses(DOSES, 20),
     "single trials": _doses(np.linspace(-3.0, 3.0, 60), 1),
-    "3 of 20": _drawn(
+    "3 of 20": drawn(
         problem("(p :init 0.5 :in (0 1))", "(= y (* 20 p)) :distribution (binomial 20)"),
         lambda rng, runs: {"y": 1.0 * rng.binomial(20, 0.15, size=(runs, 1))},
         {"p": 0.15},
@@ -178,12 +169,12 @@ KINDS: Mapping[str, Kind] = {
     "line, 5 % of model": _relative(0.05),
     "line, 20 % of model": _relative(0.2),
     "line, unknown share of model": _relative(0.1, "(unknown model)"),
-    "line, root of model": _drawn(
+    "line, root of model": drawn(
         problem("(a :init 10) (b :init 5)", f"{LINE} :sigma (sqrt model)"),
         lambda rng, runs: {"x": TEN, "y": 20 + 5 * TEN + np.sqrt(20 + 5 * TEN) * rng.normal(size=(runs, 10))},
         {"a": 20.0, "b": 5.0},
     ),
-    "mean of 5, 20 % of model": _drawn(
+    "mean of 5, 20 % of model": drawn(
         problem("(a :init 2)", "(= y a) :sigma (* 20% model)"),
         lambda rng, runs: {"y": 3 * (1 + 0.2 * rng.normal(size=(runs, 5)))},
         {"a": 3.0},
@@ -192,7 +183,7 @@ KINDS: Mapping[str, Kind] = {
     "rounded, sigma 0.3 steps": _rounded(0.3, ":sigma unknown"),
     "rounded, sigma 0.1 steps": _rounded(0.1, ":sigma unknown"),
     "rounded, sigma 1.5 steps": _rounded(1.5, ":sigma unknown"),
-    "long tails, student 4": _drawn(
+    "long tails, student 4": drawn(
         problem("(a) (b)", f"{LINE} :sigma 0.1 :distribution (student 4)"),
         lambda rng, runs: {"x": TWELVE, "y": 2 - TWELVE + 0.1 * rng.standard_t(4, size=(runs, 12))},
         {"a": 2.0, "b": -1.0},
@@ -208,7 +199,7 @@ KINDS: Mapping[str, Kind] = {
     "inverse prediction, poor": _inverse(2.0),
     "calibration with offsets of days": _calibration("0.1"),
     "calibration with offsets of days, unknown noise": _calibration("unknown"),
-    "two instruments on ten items": _drawn(
+    "two instruments on ten items": drawn(
         problem("(m (vector 10)) (o)", "(= y (+ (m item) (* o second))) :sigma unknown"), _items, {"o": 0.5}
     ),
     "both errors by row": _both(np.linspace(0.1, 0.5, 12), np.linspace(0.6, 0.2, 12), "((x sx) (y sy))"),
@@ -243,7 +234,7 @@ KINDS: Mapping[str, Kind] = {
         normal(1.0),
         {"r": np.e},
     ),
-    "pairs with unknown covariance": _drawn(
+    "pairs with unknown covariance": drawn(
         problem("(a) (b)", "(= [u v] [a b]) :covariance unknown"),
         lambda rng, runs: dict(
             zip("uv", np.moveaxis([1.0, 2.0] + rng.normal(size=(runs, 6, 2)) @ [[1, 1.2], [0, 1.6]], 2, 0), strict=True)
