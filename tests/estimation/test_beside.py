@@ -289,3 +289,19 @@ def test_another_minimum_costs_in_the_units_of_the_solve():
     y = np.array([4.3, 3.6, 4.2, 3.9])
     for cost, a in ((solve.cost, solve["a"].value), (other.cost, float(other.estimates[0].value))):
         assert cost == pytest.approx(np.square(y - a * a).sum() + (0.3 - 0.1 * a) ** 2, rel=1e-9)  # rounding
+
+
+def test_circles_that_become_a_line_are_no_other_solution() -> None:
+    """The cost of points on a short arc falls, far away, towards that of the line through them, which no circle is."""
+    rng = np.random.default_rng(1084)
+    angle = np.linspace(0.2, 0.9, 12)
+    text = """(problem p (data d external) (unknowns (p :init 1) (q :init 2) (r :init 3))
+      (observe d (- (+ (^ (- x p) 2) (^ (- y q) 2)) (^ r 2)) :errors ((x 0.05) (y 0.05))) (for-each run))"""
+    runs = 40
+    x, y = (
+        each[None] + 0.05 * rng.normal(size=(runs, len(angle)))
+        for each in (1 + 3 * np.cos(angle), 2 + 3 * np.sin(angle))
+    )
+    run = np.repeat(np.arange(runs), len(angle))
+    solves = mbm.loads(text).solve(data={"d": {"run": run, "x": x.ravel(), "y": y.ravel()}}).solves
+    assert "another-solution" not in {each.code.name for solve in solves for each in solve.diagnostics}

@@ -22,7 +22,7 @@ from mbm.estimation.search.basins import EQUAL, Basin, merged, same_minimum, wit
 from mbm.estimation.search.search import Alternative, other_minimum
 from mbm.estimation.search.starting import LARGE
 from mbm.estimation.search.twins import Twin, separation
-from mbm.estimation.search.valleys import Walks
+from mbm.estimation.search.valleys import RANK, Walks, flat
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
 from mbm.expression.nodes import External
@@ -143,6 +143,7 @@ def minima_beside(
         if each.reason.converged and each.cost <= most and not same_minimum(walks, minimum, each)
     ]
     found = [each for each in found if not _collapsed(equations, each.minimum.point, minimum.point)]
+    found = [each for each in found if not _endless(equations, about, each.minimum)]
     found = [each for each in found if not _chosen(equations, minimum, each.minimum.point[None], EQUAL)[0]]
     if not found:
         return ()
@@ -194,6 +195,17 @@ def _collapsed(equations: Assembled, point: Floats, inside: Floats) -> bool:
     """Whether a scale goes to zero, where no similarity is: the cost falls towards a limit there, to no minimum."""
     scales = [one.numbers for one in equations.layout.curved if one.piece is Piece.SCALE]
     return any(bool((point[places] < POSITIVE * inside[places]).any()) for places in scales)
+
+
+def _endless(equations: Assembled, about: Centre, end: Minimum) -> bool:
+    """Whether the cost falls towards a limit in the infinite, as that of circles does that become a line.
+
+    The end of a descent is then farther away than points were looked at, and the unknowns are not determined there.
+    """
+    places, lengths = equations.layout.number[equations.free], np.linalg.norm(about.factor, axis=1)
+    plain = (places >= 0) & np.isfinite(lengths)
+    away = np.abs(end.point - about.minimum.point)[places[plain]]
+    return bool((away > DISTANCES[-1] * lengths[plain]).any()) and flat(equations, end, RANK)
 
 
 def _promising(equations: Assembled, about: Centre) -> Floats:
