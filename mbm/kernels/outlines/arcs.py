@@ -131,11 +131,10 @@ def _area_of_face(every: list[tuple[Floats, Floats]], face: tuple[tuple[int, boo
 def areas_of_flats(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Floats:
     """Twice the areas (faces and ends,) of the images of polygons in all that is flat: zero where it is edge-on."""
     every = _images_of_lines(figure, surveyor, numbers) if figure.lines else []
-    share = np.linspace(0, 1, CELLS + 1)
 
     def images(patch: int, number: int) -> Floats:
         sheet, places = figure.patches[patch]
-        return surveyor.table(sheet, "geometry", side_parameters(number, share), numbers[list(places)])[:, :2]
+        return surveyor.table(sheet, "geometry", side_parameters(number, _SHARES), numbers[list(places)])[:, :2]
 
     areas = [_area_of_face(every, face) for face in figure.faces]
     return np.array([*areas, *(_area_of_end(images, loop) for loop in figure.ends)])
@@ -158,15 +157,16 @@ def _patch(surveyor: Surveyor, sheet: int, places: tuple[int, ...], numbers: Flo
         found = table(at)
         return jacobian(found), found[:, 7:9]
 
-    s = t = np.linspace(0, 1, CELLS + 1)
-    grid = table(_grid(s, t)).reshape(CELLS + 1, CELLS + 1, -1)
+    s = t = _SHARES
+    grid = table(_NODES).reshape(CELLS + 1, CELLS + 1, -1)
     if not (grid[..., 2] >= NEAREST_DEPTH).all():
         return None
     places3 = grid[..., :3]
-    around = (places3[:, 0], places3[-1], places3[::-1, -1], places3[0, ::-1])
+    around = np.stack([places3[:, 0], places3[-1], places3[::-1, -1], places3[0, ::-1]])
     size = np.ptp(places3.reshape(-1, 3), axis=0).max()
-    sides = tuple(side if np.ptp(side, axis=0).max() > SAME * size else None for side in around)
-    if None in [side if side is None else 0 for side in sides]:
+    extended = np.ptp(around, axis=1).max(axis=1) > SAME * size
+    sides = tuple(side if long else None for side, long in zip(around, extended.tolist(), strict=True))
+    if not extended.all():
         s, t = s.copy(), t.copy()
         for line, end, side in ((t, 0, 0), (s, -1, 1), (t, -1, 2), (s, 0, 3)):
             if sides[side] is None:
@@ -179,6 +179,10 @@ def _patch(surveyor: Surveyor, sheet: int, places: tuple[int, ...], numbers: Flo
 
 def _grid(s: Floats, t: Floats) -> Floats:
     return np.stack(np.meshgrid(s, t, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+_SHARES = np.linspace(0, 1, CELLS + 1)
+_NODES = _grid(_SHARES, _SHARES)
 
 
 def jacobian(geometry: Floats) -> Floats:
@@ -209,23 +213,18 @@ def _sides(figure: Figure, surveyor: Surveyor, patches: list[_Patch], numbers: F
         for turn, loop in zip(turns, figure.ends, strict=True)
         for p, side, along in loop
     }
-    for group in _same_sides(patches):
-        (first, own, _), shares = group[0], [np.linspace(0, 1, CELLS + 1)]
+    groups = [(group, _cuts(patches, group)) for group in _same_sides(patches)]
+    turned = _turned(surveyor, patches, groups, numbers)
+    for group, share in groups:
+        first, own, _ = group[0]
+        weights = np.zeros(len(share) - 1, dtype=int)
         for number, side, along in group:
-            zeros = patches[number].zeros[side]
-            shares.append(zeros if along else 1 - zeros)
-        share = np.unique(np.concatenate(shares))
-        share = share[np.concatenate([[True], np.diff(share) > 1e-9])]
-        share[-1] = 1.0
-        middle = (share[1:] + share[:-1]) / 2
-        weights = np.zeros(len(middle), dtype=int)
-        for number, side, along in group:
-            at = side_parameters(side, middle if along else 1 - middle)
-            turn = np.sign(jacobian(_geometry(surveyor, patches[number], at, numbers))).astype(int)
-            turn += ends.get((number, side), 0)
+            turn = turned[number, side] + ends.get((number, side), 0)
             weights += turn if along else -turn
-        nodes = side_parameters(own, share)
-        points = _geometry(surveyor, patches[first], nodes, numbers)[:, :2]
+        nodes, known = side_parameters(own, share), patches[first].sides[own]
+        if known is None or share is not _SHARES:
+            known = _geometry(surveyor, patches[first], nodes, numbers)
+        points = known[:, :2]
         bounds = [0, *(np.flatnonzero(np.diff(weights)) + 1).tolist(), len(weights)]
         for begin, end in pairwise(bounds):
             weight = int(weights[begin])
@@ -241,6 +240,37 @@ def _sides(figure: Figure, surveyor: Surveyor, patches: list[_Patch], numbers: F
                     nodes=nodes[order][::back],
                     points=points[order][::back],
                 )
+
+
+def _cuts(patches: list[_Patch], group: list[tuple[int, int, bool]]) -> Floats:
+    """Where a side has its nodes: as a grid has, and where one of its surfaces turns its other side."""
+    zeros = [patches[number].zeros[side] if along else 1 - patches[number].zeros[side] for number, side, along in group]
+    if not any(len(each) for each in zeros):
+        return _SHARES
+    share = np.unique(np.concatenate([_SHARES, *zeros]))
+    share = share[np.concatenate([[True], np.diff(share) > 1e-9])]
+    share[-1] = 1.0
+    return np.asarray(share)
+
+
+def _turned(
+    surveyor: Surveyor,
+    patches: list[_Patch],
+    groups: list[tuple[list[tuple[int, int, bool]], Floats]],
+    numbers: Floats,
+) -> dict[tuple[int, int], NDArray[np.int64]]:
+    """The sign of D between the nodes of each (patch, side); those of a patch are found together."""
+    found: dict[tuple[int, int], NDArray[np.int64]] = {}
+    for number, patch in enumerate(patches):
+        own = [(side, along, share) for group, share in groups for p, side, along in group if p == number]
+        if not own:
+            continue
+        middles = [(share[1:] + share[:-1]) / 2 for _, _, share in own]
+        at = [side_parameters(side, m if along else 1 - m) for (side, along, _), m in zip(own, middles, strict=True)]
+        signs = np.sign(jacobian(_geometry(surveyor, patch, np.concatenate(at), numbers))).astype(np.int64)
+        parts = np.split(signs, np.cumsum([len(m) for m in middles])[:-1])
+        found |= {(number, side): part for (side, _, _), part in zip(own, parts, strict=True)}
+    return found
 
 
 def _area_of_end(images: Callable[[int, int], Floats | None], loop: tuple[tuple[int, int, bool], ...]) -> float:

@@ -26,6 +26,9 @@ TOGETHER = 500_000
 
 FOOT_STEPS = 12
 
+SETTLED = 1e-9
+"""Step, in chords, that a foot is left by: what that does to its distance is a rounding."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Feet:
@@ -41,7 +44,7 @@ class Feet:
 def feet_of(outline: Outline, points: Floats) -> Feet:
     """The nearest points of the outline to ``points`` (n, 2)."""
     piece, place = _nearest_chords(outline, points)
-    piece, place = _refined(outline, points, piece, place)
+    place, spots = _refined(outline, points, piece, place)
     smooth_end = _smooth(outline)
     before = np.argsort(outline.following)
     for at_end in (True, False):  # where a piece goes on smoothly, the foot may lie on the next one
@@ -51,15 +54,16 @@ def feet_of(outline: Outline, points: Floats) -> Feet:
         if len(stuck):
             other = beyond[stuck]
             begin = (outline.first if at_end else outline.last)[other]
-            other, begin = _refined(outline, points[stuck], other, begin)
-            far = _lengths(outline, points[stuck], piece[stuck], place[stuck])
-            better = _lengths(outline, points[stuck], other, begin) < far
-            piece[stuck[better]], place[stuck[better]] = other[better], begin[better]
-    return _signed(outline, points, piece, place, smooth_end, before)
+            begin, found = _refined(outline, points[stuck], other, begin)
+            better = _length(points[stuck] - found.x) < _length(points[stuck] - spots.x[stuck])
+            moved = stuck[better]
+            piece[moved], place[moved] = other[better], begin[better]
+            spots.enter(moved, found, better)
+    return _signed(outline, points, piece, place, spots, smooth_end, before)
 
 
-def _lengths(outline: Outline, points: Floats, piece: Indices, place: Floats) -> Floats:
-    return np.asarray(np.hypot(*(points - outline.spots(outline.arc[piece], place).x).T))
+def _length(ways: Floats) -> Floats:
+    return np.asarray(np.hypot(*ways.T))
 
 
 def _smooth(outline: Outline) -> NDArray[np.bool_]:
@@ -101,10 +105,10 @@ def _nearest(points: Floats, starts: Floats, ways: Floats) -> Indices:
     share = (np.arange(len(owner)) - np.repeat(np.cumsum(cuts) - cuts, cuts) + 0.5) / cuts[owner]
     far, near = cKDTree(starts[owner] + share[:, None] * ways[owner]).query(points, k=LOOKED_AT)
     near, half = owner[near], float((lengths / cuts).max()) / 2
-    way = ways[near]
-    gap = points[:, None] - starts[near]
-    gap -= _shares(points[:, None], starts[near], way)[..., None] * way
-    squared, line = _dot(gap, gap), np.arange(len(points))
+    x, y, u, v, squares = (each[near] for each in (*starts.T.copy(), *ways.T.copy(), lengths**2))
+    x, y = points[:, :1] - x, points[:, 1:] - y
+    share = np.clip((x * u + y * v) / np.maximum(squares, 1e-300), 0, 1)
+    squared, line = np.square(x - share * u) + np.square(y - share * v), np.arange(len(points))
     nearest = np.argmin(squared, axis=1)
     best = np.asarray(near[line, nearest])
     unsure = np.flatnonzero(far[:, -1] - half < np.sqrt(squared[line, nearest]))
@@ -134,35 +138,40 @@ def _shares(points: Floats, starts: Floats, ways: Floats) -> Floats:
     return np.clip(_dot(points - starts, ways) / np.maximum(_dot(ways, ways), 1e-300), 0, 1)
 
 
-def _refined(outline: Outline, points: Floats, piece: Indices, place: Floats) -> tuple[Indices, Floats]:
-    """The feet on the pieces themselves, near ``place``."""
-    piece, place = piece.copy(), place.copy()
-    arc = outline.arc[piece]
+def _refined(outline: Outline, points: Floats, piece: Indices, place: Floats) -> tuple[Floats, Spots]:
+    """The feet on the pieces themselves, near ``place``: their places, and the spots there."""
+    place, arc = place.copy(), outline.arc[piece]
+    spots = outline.spots(arc, place)
     bent = np.flatnonzero(~outline.arcs.straight[arc])
     first, last = outline.first[piece], outline.last[piece]
-    here = outline.spots(arc[bent], place[bent])
-    gap = _dot(here.x - points[bent], here.way)
-    slope = _dot(here.way, here.way)  # the distance is small beside the radius of curvature, mostly
+    way = spots.way[bent]
+    gap, squared = _dot(spots.x[bent] - points[bent], way), _dot(way, way)
+    slope = squared  # the distance is small beside the radius of curvature, mostly
     for _ in range(FOOT_STEPS if len(bent) else 0):
-        squared = _dot(here.way, here.way)
         step = -gap / np.where(slope > 0.05 * squared, slope, squared)
         moved = np.clip(place[bent] + np.clip(step, -1, 1), first[bent], last[bent])
         change = moved - place[bent]
         place[bent] = moved
-        moving = np.abs(change) >= 1e-9
-        bent, change, before, slope = bent[moving], change[moving], gap[moving], slope[moving]
+        moving = np.abs(change) >= SETTLED
+        bent, change, before = bent[moving], change[moving], gap[moving]
         if not len(bent):
             break
         here = outline.spots(arc[bent], place[bent])
-        gap = _dot(here.x - points[bent], here.way)
+        spots.enter(bent, here)
+        gap, squared = _dot(here.x - points[bent], here.way), _dot(here.way, here.way)
         slope = (gap - before) / change  # the secant's: next to the foot as good as Newton's, by half the points
-    return piece, place
+    return place, spots
 
 
 def _signed(
-    outline: Outline, points: Floats, piece: Indices, place: Floats, smooth_end: NDArray[np.bool_], before: Indices
+    outline: Outline,
+    points: Floats,
+    piece: Indices,
+    place: Floats,
+    spots: Spots,
+    smooth_end: NDArray[np.bool_],
+    before: Indices,
 ) -> Feet:
-    spots = outline.spots(outline.arc[piece], place)
     normals = spots.normals()
     corner = np.full(len(piece), -1)
     at_end, at_begin = place == outline.last[piece], place == outline.first[piece]

@@ -19,6 +19,9 @@ CELLS = 32
 
 _STEPS = 60
 
+_SETTLED = 1e-9
+"""Share of an edge of the grid: a step of Newton's method as short leaves a rounding."""
+
 Fold = Callable[[Floats], tuple[Floats, Floats]]
 """D (points,) and its gradient (points, 2) at parameters (points, 2)."""
 
@@ -39,10 +42,9 @@ def folds_of(fold: Fold, at: tuple[Floats, Floats], values: Floats) -> Folds:
     along = np.argwhere(positive[:, 1:] != positive[:, :-1])  # edges along t
     if not len(across) and not len(along):
         return Folds(lines=(), zeros=(np.zeros(0),) * 4)
-    nodes = np.stack(np.meshgrid(s, t, indexing="ij"), axis=-1)
     both = np.concatenate([across, along])
     after = both + np.repeat([[1, 0], [0, 1]], [len(across), len(along)], axis=0)
-    starts, ends = nodes[tuple(both.T)], nodes[tuple(after.T)]
+    starts, ends = (np.stack([s[i], t[j]], axis=1) for i, j in (both.T, after.T))
     rising = positive[tuple(after.T)]
     found, slopes = _zeros(fold, starts, ends, rising)
     numbers = {(0, i, j): k for k, (i, j) in enumerate(across.tolist())}
@@ -72,7 +74,9 @@ def _zeros(fold: Fold, starts: Floats, ends: Floats, rising: NDArray[np.bool_]) 
         inside = (share + step > low) & (share + step < high)
         moved = np.where(inside, share + step, (low + high) / 2)
         moved = np.where(values == 0, share, moved)
-        done = np.abs(moved - share) <= 4e-16
+        done = (np.abs(moved - share) <= _SETTLED) & (
+            inside | (values == 0)
+        )  # what is left is of the order of its square
         share = moved
         if done.all() or (high - low).max() <= 4e-16:
             break

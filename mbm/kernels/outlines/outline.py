@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import field, replace
 from enum import Enum
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from mbm.kernels.types import Floats
 from mbm.values import dataclass
 
 Indices = NDArray[np.int64]
+Selected: TypeAlias = NDArray[np.bool_] | slice
 
 PARALLEL = 1e-6
 """Sine of the angle below which two pieces go on into each other without a corner."""
@@ -28,6 +30,9 @@ TURN = 0.5
 """Angle in rad; six Gauss points of such a span leave some 1e-10 of its length."""
 
 _FOLD_STEPS, _CROSSING_STEPS, _HALVINGS = 4, 6, 16
+
+_SETTLED = 1e-8
+"""Step towards a crossing, in chords, after which what is left is a rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,6 +49,11 @@ class Spots:
         x, y = self.way.T
         length = np.hypot(x, y)
         return np.stack([y / length, -x / length], axis=1)
+
+    def enter(self, places: Indices, others: Spots, own: Selected = slice(None)) -> None:
+        """Have some spots be others: those that ``own`` picks among them."""
+        self.arc[places], self.at[places] = others.arc[own], others.at[own]
+        self.x[places], self.way[places] = others.x[own], others.way[own]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,9 +123,13 @@ class Outline:
         if len(own):
             found = self._straight(arc[own], places[own])
             at[own], x[own], way[own] = found.at, found.x, found.way
+        number = np.minimum(places.astype(np.int64), self.arcs.chords[arc] - 1)
+        first = self.arcs.begin[arc] + number
+        begin = self.arcs.nodes[first]
+        chords = self.arcs.nodes[first + 1] - begin
+        begin += (places - number)[:, None] * chords
         for sheet, fold, own in self._bent(arc, straight):
-            begin, chord, share = self._chords(arc[own], places[own])
-            here = begin + share[:, None] * chord
+            here, chord = begin[own], chords[own]
             inputs = self.numbers[self.places(sheet, arc[own])]
             if fold:
                 here, table, slope = self._folded(sheet, here, chord, inputs)
@@ -153,12 +167,6 @@ class Outline:
         sheets = self.arcs.sheet[arc]
         for sheet in np.unique(sheets).tolist():
             yield sheet, np.flatnonzero(sheets == sheet)
-
-    def _chords(self, arc: Indices, places: Floats) -> tuple[Floats, Floats, Floats]:
-        number = np.clip(np.floor(places).astype(np.int64), 0, self.arcs.chords[arc] - 1)
-        first = self.arcs.begin[arc] + number
-        begin = self.arcs.nodes[first]
-        return begin, self.arcs.nodes[first + 1] - begin, places - number
 
     def _folded(self, sheet: int, at: Floats, chord: Floats, inputs: Floats) -> tuple[Floats, Floats, Floats]:
         """The points of the fold square to ``chord`` from ``at``; their geometry; and how they move along it."""
@@ -203,7 +211,16 @@ class Outline:
 
     def ends(self) -> tuple[Spots, Spots]:
         """Where each piece begins, and where it ends."""
-        return self.spots(self.arc, self.first), self.spots(self.arc, self.last)
+        return self.pairs(self.arc, self.first, self.arc, self.last)
+
+    def pairs(self, arc: Indices, places: Floats, other: Indices, others: Floats) -> tuple[Spots, Spots]:
+        """The points at places of arcs and those at ``others``, found together."""
+        both, count = self.spots(np.concatenate([arc, other]), np.concatenate([places, others])), len(arc)
+        first, second = (
+            Spots(arc=both.arc[own], at=both.at[own], x=both.x[own], way=both.way[own])
+            for own in (slice(count), slice(count, None))
+        )
+        return first, second
 
     def stations(self, order: int) -> tuple[Indices, Spots, Floats]:
         """Gauss points of all spans: their pieces, the points, and weights for the fraction of the chord."""
@@ -266,7 +283,8 @@ def _spans(outline: Outline) -> Spans:
     number = below[piece] + np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count)
     first, last = np.maximum(number, outline.first[piece]), np.minimum(number + 1, outline.last[piece])
     for _ in range(_HALVINGS if len(piece) else 0):
-        ways = [outline.spots(outline.arc[piece], place).way for place in (first, last)]
+        own = outline.arc[piece]
+        ways = [each.way for each in outline.pairs(own, first, own, last)]
         across = ways[0][:, 0] * ways[1][:, 1] - ways[0][:, 1] * ways[1][:, 0]
         turning = np.abs(np.arctan2(across, np.sum(ways[0] * ways[1], axis=1))) > TURN
         done.append((piece[~turning], first[~turning], last[~turning]))
@@ -304,11 +322,11 @@ def _crossed(drafted: Outline) -> Outline:
         return drafted
     other, ends, begins = after[own], ends[own], begins[own]
     for _ in range(_CROSSING_STEPS):
-        ahead, back = _gaps(
-            drafted.spots(drafted.arc[own], last[own]), drafted.spots(drafted.arc[other], first[other]), ends, begins
-        )
+        ahead, back = _gaps(*drafted.pairs(drafted.arc[own], last[own], drafted.arc[other], first[other]), ends, begins)
         last[own] = np.clip(last[own] + ahead, 0, lengths[drafted.arc[own]])
         first[other] = np.clip(first[other] + back, 0, lengths[drafted.arc[other]])
+        if max(np.abs(ahead).max(), np.abs(back).max()) < _SETTLED:
+            break
     kept = first <= last
     return replace(drafted, first=np.where(kept, first, drafted.first), last=np.where(kept, last, drafted.last))
 

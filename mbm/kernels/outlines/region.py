@@ -140,9 +140,7 @@ class _Chords:
         best[piece[order]] = chord[order]
         kept = np.flatnonzero(best >= 0)
         chords = best[kept]
-        first, last = (self._shares(chords, ring[kept + i]).tolist() for i in (0, 1))
-        arcs = self._owners[chords].tolist()
-        return _joined([Stretch(arc=a, first=b, last=e) for a, b, e in zip(arcs, first, last, strict=True)])
+        return _joined(self._owners[chords], *(self._shares(chords, ring[kept + i]) for i in (0, 1)))
 
     def _shares(self, chords: Indices, points: Floats) -> Floats:
         """The number of the chord and the fraction of it for each point."""
@@ -153,20 +151,12 @@ class _Chords:
         return np.asarray(self._numbers[chords] + share)
 
 
-def _joined(pieces: list[Stretch]) -> list[Stretch]:
-    """Neighbours that go on along one arc as one stretch; the ring begins where one ends, if any does."""
-    found: list[Stretch] = []
-    for piece in pieces:
-        before = found[-1] if found else None
-        if before is not None and _goes_on(before, piece):
-            found[-1] = Stretch(arc=piece.arc, first=before.first, last=piece.last)
-        else:
-            found.append(piece)
-    if len(found) > 1 and _goes_on(found[-1], found[0]):
-        found[0] = Stretch(arc=found[0].arc, first=found[-1].first, last=found[0].last)
-        found.pop()
-    return found
-
-
-def _goes_on(before: Stretch, piece: Stretch) -> bool:
-    return before.arc == piece.arc and abs(before.last - piece.first) < 1e-6 and piece.last > before.last
+def _joined(arcs: Indices, first: Floats, last: Floats) -> list[Stretch]:
+    """Neighbours around a ring that go on along one arc as one stretch."""
+    if not len(arcs):
+        return []
+    after = (arcs == np.roll(arcs, -1)) & (np.abs(last - np.roll(first, -1)) < 1e-6) & (np.roll(last, -1) > first)
+    ends = np.flatnonzero(~after)
+    begins = (np.roll(ends, 1) + 1) % len(arcs)
+    stretches = zip(arcs[ends].tolist(), first[begins].tolist(), last[ends].tolist(), strict=True)
+    return [Stretch(arc=arc, first=begin, last=end) for arc, begin, end in stretches]
