@@ -38,6 +38,10 @@ OPEN = 0.1
 CERTAIN = 1e-6
 """The least that is stated of one in 1/px: it moves no edge."""
 
+BLURRED = np.log(2.0)
+"""Standard deviation of ln s of the blur beforehand. Of a faint edge noise would tell one that is sharper than pixels
+are wide, of which a strip says the place to a hundredth of what it knows."""
+
 CORNER = 0.4
 """Angle in rad by which half a strip turns at a corner, more than the points beside it tell."""
 
@@ -50,15 +54,12 @@ FEWEST = 8
 MISFIT, LEAST_NOISE = 4.0, 1.0
 """A strip that shows something else has so many times the usual variance about the fit, which counts as 1 at least."""
 
-SHARPER = 2.0
-"""Standard deviations by which a point must turn more than those beside it to be seen as a corner."""
+CURVED, SPREAD = 6.0, 44.0
+"""Variance of a curvature for errors of 1 in points 1 apart; mean square of the range of five in a row (simulated)."""
 
-UNLIKE = 1.5
-"""The same factor from which a strip shows something else as well, if little. Chance makes so much of 40 pixels in two
-strips of a hundred: where a line hardly turns that costs nothing."""
-
-UNEVEN = np.sqrt(17.5)
-"""Standard deviation of a curvature less those beside it, for errors of 1 in points 1 apart: -½, 2, -3, 2, -½."""
+UNEVEN = 42.0
+"""Variance of the curvatures at the points beside one less those at the next, for errors of 1 in points 1 apart:
+-1, 3, -3, 2, -3, 3, -1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,10 +100,10 @@ def refined(levels: Sequence[Image], lines: Sequence[Floats], spacing: float) ->
             coarse = _on_edge(level, line, Bends.unknown(len(line)), spacing, LEAST_NOISE, None)
             line = coarse.points
         noise = usual or _usual(coarse) or LEAST_NOISE
-        bends = _bends(line)
+        bends = _bends(line, coarse.covariances[:, 0, 0], spacing)
         fitted = _on_edge(levels[0], line, bends, spacing, noise, usual)
         usual = usual or _usual(fitted)
-        found.append(_with_corners(fitted, bends, coarse.covariances[:, 0, 0], spacing, usual))
+        found.append(_with_corners(fitted, bends, coarse.covariances[:, 0, 0], spacing))
     return tuple(found)
 
 
@@ -121,17 +122,20 @@ def _directions(line: Floats) -> Floats:
     return np.arctan2(along[:, 1], along[:, 0])
 
 
-def _bends(line: Floats) -> Bends:
+def _bends(line: Floats, variances: Floats, spacing: float) -> Bends:
     """The curvature of a closed line, that of the circle through three points (K. Menger, 1930).
 
-    It is the mean of those by the points before, about and behind each; as uncertain as they are far apart.
+    It is the mean of those by the points before, about and behind each; as uncertain as these and the next two are
+    farther apart than the ``variances`` (n,) of the points make them.
     """
     before, after = np.roll(line, 1, axis=0) - line, np.roll(line, -1, axis=0) - line
     across = after[:, 1] * before[:, 0] - after[:, 0] * before[:, 1]
     sides = np.hypot(*before.T) * np.hypot(*after.T) * np.hypot(*(after - before).T)
     own = -2 * across / np.maximum(sides, 1e-9)
-    three = np.stack([np.roll(own, 1), own, np.roll(own, -1)])
-    return Bends(mean=three.mean(axis=0), sigma=np.maximum(np.ptp(three, axis=0), CERTAIN), own=own)
+    five = np.stack([np.roll(own, k) for k in range(-2, 3)])
+    chance = variances / spacing**4
+    sigma = np.sqrt(np.maximum(np.square(np.ptp(five, axis=0)) - SPREAD * chance, 0.0) + CURVED * chance)
+    return Bends(mean=five[1:4].mean(axis=0), sigma=np.maximum(sigma, CERTAIN), own=own)
 
 
 def _on_edge(image: Image, line: Floats, bends: Bends, spacing: float, noise: float, usual: float | None) -> Fitted:
@@ -145,7 +149,7 @@ def _on_edge(image: Image, line: Floats, bends: Bends, spacing: float, noise: fl
         points=line,
         radii=np.full(len(line), REACHES[0]),
         parameters=np.column_stack([none, bends.mean, none + np.log(USUAL_BLUR)]),
-        known=np.column_stack([none, noise / bends.sigma**2, none]),
+        known=np.column_stack([none, noise / bends.sigma**2, none + noise / BLURRED**2]),
         strips=strips,
     )
     found = _without_misfits(_fitted(image, patches), usual)
@@ -158,21 +162,19 @@ def _on_edge(image: Image, line: Floats, bends: Bends, spacing: float, noise: fl
     return replace(found, points=np.where(good[:, None], found.points, line), good=good)
 
 
-def _with_corners(found: Fitted, bends: Bends, variances: Floats, spacing: float, usual: float | None) -> Fitted:
+def _with_corners(found: Fitted, bends: Bends, variances: Floats, spacing: float) -> Fitted:
     """With the error of strips in which a line does not bend evenly, as it seems.
 
-    A line that turns by an angle θ in the middle of a strip of half width h lies θh/4 from the mean of its sides, and
-    3θh/32 from the parabola through them. θ is what it turns by at a point more than beside it; or where the strip
-    shows something else as well, all that it turns by about there, which the parabola has missed. ``variances`` (n,)
-    are those of the points that curvatures are from.
+    A line that turns by an angle θ in the middle of a strip of half width h lies 3θh/32 from the parabola through it,
+    and a quarter of that at most if it turns elsewhere in it. The point in the middle of a corner is moved inwards:
+    so about three quarters of θ show at the points beside it, more than at those farther away. ``variances`` (n,) are
+    those of the points that curvatures are from.
     """
-    beside = (np.roll(bends.own, 1) + np.roll(bends.own, -1)) / 2
-    chance = SHARPER * UNEVEN * np.sqrt(variances) / spacing**2
-    half = min(spacing / 2, WIDEST)
-    more = spacing * np.maximum(np.abs(bends.own) - np.abs(beside) - chance, 0.0)
-    unlike = found.noise > UNLIKE * (usual or LEAST_NOISE)
-    shift = half * np.where(unlike, 3 * spacing * np.abs(bends.mean) / 4, 3 * more / 32)
-    return replace(found, covariances=found.covariances + np.square(shift)[:, None, None] * np.eye(2))
+    beside, farther = (np.roll(bends.own, k) + np.roll(bends.own, -k) for k in (1, 2))
+    more = np.maximum(np.abs(beside) - np.abs(farther), 0.0) * spacing
+    turns = np.maximum(np.square(more) - UNEVEN * variances / spacing**2, 0.0)
+    squares = turns * (min(spacing / 2, WIDEST) / 8) ** 2
+    return replace(found, covariances=found.covariances + squares[:, None, None] * np.eye(2))
 
 
 def _fitted(image: Image, patches: Patches) -> Fitted:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 
@@ -15,12 +16,16 @@ from mbm.estimation.search.twins import separation
 from mbm.problem.manifold import Piece
 from mbm.values import dataclass
 
+OPEN = 1e14
+"""Condition of normal equations from which something is not told."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Beyond:
     """Minima (k,) next to one: the ``steps`` (k, n) to them, their standard deviations ``spreads`` (k, n).
 
-    ``grown`` (k,) is how much more they cost, in variances of the noise.
+    ``grown`` (k,) is how much more they cost, in variances of the noise; less as far as the region about them is
+    larger, which is as probable as if it cost less (Laplace's approximation).
     """
 
     steps: Floats
@@ -47,8 +52,19 @@ def beyond(equations: Assembled, minimum: Minimum, others: Sequence[Alternative]
     near = (separation(equations, minimum.point, points)[:, turning] <= TURN).all(axis=1)
     if not turning.any() or not near.any():
         return None
-    steps = steps_to(equations, minimum.point, points[near])
-    normals = (found[k].jacobian.T @ found[k].jacobian for k in np.flatnonzero(near).tolist())
+    own = list(compress(found, near))
+    normals = [each.jacobian.T @ each.jacobian for each in own]
     squares = np.array([np.diag(np.linalg.pinv(each, hermitian=True)) for each in normals])
-    costs = np.array([found[k].cost for k in np.flatnonzero(near).tolist()])
-    return Beyond(steps=steps, spreads=np.sqrt(variance * squares), grown=(costs - minimum.cost) / variance)
+    costs = (np.array([each.cost for each in own]) - minimum.cost) / variance
+    wider = np.array([_log_size(each) for each in normals]) - _log_size(minimum.jacobian.T @ minimum.jacobian)
+    return Beyond(
+        steps=steps_to(equations, minimum.point, points[near]),
+        spreads=np.sqrt(variance * squares),
+        grown=np.clip(costs - wider, 0.0, np.maximum(costs, 0.0)),
+    )
+
+
+def _log_size(normal: Floats) -> float:
+    """The logarithm of the squared volume of the region that normal equations (n, n) leave; 0 where that is open."""
+    sign, found = np.linalg.slogdet(normal)
+    return -float(found) if sign > 0.0 and np.linalg.cond(normal) < OPEN else 0.0
