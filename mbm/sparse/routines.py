@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mbm.equations.types import Floats
 from mbm.kernels.native.sources import source_digest
 from mbm.kernels.types import MachineCode
-from mbm.machine.records import blank, put
+from mbm.machine.records import EIGHT, address, blank, put
 from mbm.machine.tree import Module
 from mbm.sparse.blocks.modules import blocks_module, fronts_module
 from mbm.values import dataclass
@@ -52,6 +52,7 @@ class _MachineCode:
 
     def __init__(self, library: Library) -> None:
         self._library = library
+        self._known: dict[str, Callable[..., int]] = {}
 
     def blank(self, kind: type) -> NDArray[np.int64]:
         """Memory for a record."""
@@ -59,20 +60,25 @@ class _MachineCode:
 
     def call(self, name: str, *arguments: Any) -> int:
         """Call a routine. The last axis of arrays must be contiguous."""
-        kinds: list[type[ctypes.c_void_p | ctypes.c_int64]] = []
-        values: list[int] = []
-        for argument in arguments:
-            if isinstance(argument, np.ndarray):
-                aligned = argument.flags.c_contiguous or argument.strides[-1] == argument.itemsize
-                if not aligned or argument.dtype not in (np.float64, np.int64):
-                    raise TypeError(name)
-                kinds.append(ctypes.c_void_p)
-                values.append(argument.ctypes.data)
-            else:
-                kinds.append(ctypes.c_int64)
-                values.append(int(argument))
-        function: Callable[..., int] = ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(self._library.address(name))
-        return function(*values)
+        function = self._known.get(name)
+        if function is None:
+            kinds = [ctypes.c_void_p if isinstance(each, np.ndarray) else ctypes.c_int64 for each in arguments]
+            function = self._known[name] = ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(self._library.address(name))
+        return function(*[_place(each) if isinstance(each, np.ndarray) else int(each) for each in arguments])
+
+
+def _place(array: NDArray[Any]) -> int:
+    """Where the numbers of an array are whose last axis is contiguous.
+
+    Raises:
+        TypeError: it is not, or of other numbers than machine code takes.
+
+    """
+    if array.flags.c_contiguous:
+        return address(array)
+    if array.strides[-1] != array.itemsize or array.itemsize != EIGHT:
+        raise TypeError(array.strides)
+    return int(array.ctypes.data)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
