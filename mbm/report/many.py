@@ -141,12 +141,13 @@ def _attention(solves: Sequence[SolveReport]) -> Iterator[str]:
 
 
 def _warnings(solves: Sequence[SolveReport]) -> Iterator[str]:
-    """Each kind of warning once, with the number of further ones."""
-    first: dict[str, Diagnostic] = {}
+    """Each kind of warning once, with the key of its solve, and the number of further ones."""
+    first: dict[str, tuple[str, Diagnostic]] = {}
     counts: Counter[str] = Counter()
-    for diagnostic in chain.from_iterable(solve.diagnostics for solve in solves):
-        first.setdefault(diagnostic.code.name, diagnostic)
-        counts[diagnostic.code.name] += 1
-    for code, diagnostic in first.items():
-        more = "" if counts[code] == 1 else f" (and {counts[code] - 1} more like it)"
-        yield diagnostic_sentence(diagnostic) + more
+    for solve in solves:
+        for diagnostic in solve.diagnostics:
+            first.setdefault(diagnostic.code.name, (key_words(solve.key), diagnostic))
+            counts[diagnostic.code.name] += 1
+    for code, (key, diagnostic) in first.items():
+        more = "" if counts[code] == 1 else f", and {counts[code] - 1} more like it"
+        yield f"{diagnostic_sentence(diagnostic)} ({key}{more})"

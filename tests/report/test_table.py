@@ -215,3 +215,12 @@ def test_many_cut_intervals_are_counted() -> None:
     said = _read(text.format(rows=" ".join(f"({i} 0.5)" for i in range(1, 7))))
     assert said.count("a hard limit cuts") == 4
     assert "… and of 2 more numbers (`--intervals`)" in said
+
+
+def test_a_warning_says_which_solve_it_is_of() -> None:
+    """Three readings of which two lie four of their standard deviations from the mean, in the second solve alone."""
+    text = """(problem p (data d (table (run y) (1 0.1) (1 -0.1) (1 0) (2 5) (2 -5) (2 0))) (unknowns (a :init 0))
+      (for-each run) (observe d (= y a) :sigma 1))"""
+    shown = " ".join(table(mbm.loads(text).solve().result).split())
+    assert "improbable-noise" in shown
+    assert "(run = 2)" in shown
