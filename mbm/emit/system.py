@@ -77,6 +77,7 @@ def static_system(blueprint: Blueprint, chunk: int) -> StaticSystem:
     prefix[at.Problem.exact] = int(blueprint.settings.constraints is ConstraintMethod.EXACT)
     prefix[at.Problem.rule] = at.RULES.get(blueprint.settings.method.value, at.MARQUARDT)
     prefix[at.Problem.noises] = 0 if scaled else len(unknown)
+    prefix[at.Problem.scaled] = int(scaled)
     lossy = any(b.loss is not None for b, _ in measured)
     every = [np.ones(len(c.tangents), dtype=bool) for _, c in measured]
     linear = not lossy and all(c.kernel.affine_in(mask) for (_, c), mask in zip(measured, every, strict=True))

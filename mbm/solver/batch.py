@@ -46,6 +46,7 @@ from mbm.solver.linear_algebra import add_multiple, copied, filled
 from mbm.solver.manifolds import coordinates_of
 from mbm.solver.range_form import best_of_ranges
 from mbm.solver.sequential import begin_steps, sequential_step
+from mbm.solver.stationary import forget_stationary
 from mbm.solver.sweeps import sweep
 from mbm.solver.trust_region import begin, constraint_count, iterate, solve_directly
 from mbm.solver.workspace import Linearisation, RangeForm, Solves, Work, share_out
@@ -202,6 +203,7 @@ def finish_solve(problem: Problem, work: Work) -> None:
     if lossy(problem) == 1:
         results[PLAIN_COST] = cost_at_point(problem, work.rows, point, 0, 0, residuals)
     count = count if work.penalised == 1 else 0
+    forget_stationary(problem, sides, work)
     results[CONDITION] = set_covariance(problem, triangle, sides, count, work.held, work, covariance)
     states[FREEDOM] = work.rows.data.count - work.rank
     if work.penalised == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:

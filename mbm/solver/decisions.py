@@ -54,6 +54,24 @@ SHARE = 1e-6
 """A coordinate is undetermined if its component in the null space is above this, a derived quantity if the component
 of its gradient is."""
 
+# --- derivatives that vanish ------------------------------------------------------------------------------------------
+ABSURD = 1e4
+"""Conditional standard deviations above so many times the coordinate's size are looked into."""
+
+VANISHING = 1e-12
+"""A derivative that vanishes nearer to the estimate than this share of its size is zero."""
+
+FAINT_BEND = 1e-8
+"""``J² / |∂J/∂x|``, in standard deviations: where the curvature moves the residuals by one, ``J`` moves them by the
+root of twice this at most. A parabola y = x² whose x is ten thousand times less certain than large comes to 1e-4."""
+
+MOST_GROUPS = 16
+"""Jacobians that are made for this at most: more suspects than these are moved in groups."""
+
+BEND_STEP = 1e-4
+LEAST_SIZE = 1e-6
+"""Share of the size over which the derivative is differenced, and the least size."""
+
 # --- trust region ---------------------------------------------------------------------------------------------------
 LEAST_GAIN_RATIO = 1e-4
 """A step is accepted from this gain ratio on (MINPACK): the decrease over the predicted reduction."""
@@ -308,6 +326,13 @@ def decided_rank(width: Integer, singular: ConstantReals) -> Integer:
         if value <= CERTAIN or (value <= SUSPECT and value * GAP <= before):
             return rank
     return width
+
+
+def vanishing(length: Real, size: Real, bend: Real, spread: Real) -> Integer:
+    """Whether a column of a ``length`` is zero to first order, beside its change ``bend`` with its coordinate of a
+    ``size``, where residuals have the standard deviation ``spread``.
+    """
+    return length <= VANISHING * size * bend or length * length <= FAINT_BEND * bend * spread
 
 
 def usual_cost(freedom: Real) -> Real:

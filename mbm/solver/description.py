@@ -202,6 +202,8 @@ class Problem:
     noises: Integer
     """Groups of blocks whose noise has an unknown factor, for callers that estimate it: a solve itself takes the
     weights as they are. 0 where one factor is common to all residuals: the estimates do not depend on it."""
+    scaled: Integer
+    """1: one unknown factor is common to all residuals, so that their size tells it; 0: they are whitened."""
     fused: Records[Fused] = table()
     """The blocks whose rows are fused in one function, where there are `fused_reals`."""
     fused_reals: Integer

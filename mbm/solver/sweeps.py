@@ -24,7 +24,7 @@ from mbm.solver.equations import (
     weights_width,
     whiten_values,
 )
-from mbm.solver.linear_algebra import append_rows, cholesky, dot, filled, inverted_upper, solve_transposed
+from mbm.solver.linear_algebra import append_rows, cholesky, copied, dot, filled, inverted_upper, solve_transposed
 from mbm.solver.slopes import penalise_slopes, root_slopes, scatter, whiten_matrices
 from mbm.solver.workspace import Linearisation, Rows, Work
 
@@ -34,12 +34,27 @@ TOGETHER = 256
 HARMLESS = 1e6
 """A squared condition up to which sums of products give steps to 1e-9 of their length, and offsets likewise."""
 
+COLUMN = 3
+"""The first mode of `sweep` that gives a column."""
+
 
 @distinct_arrays
 def settle_chunk(
-    width: Integer, rows: Integer, stride: Integer, mode: Integer, vector: ConstantReals, chunk: Reals, target: Reals
+    width: Integer,
+    rows: Integer,
+    stride: Integer,
+    mode: Integer,
+    settled: Integer,
+    vector: ConstantReals,
+    chunk: Reals,
+    target: Reals,
 ) -> None:
-    """What becomes of a full chunk: rows of the triangle, of the product with the vector, or of the sums."""
+    """What becomes of a full chunk after ``settled`` rows: rows of the triangle, of the product with the vector, of the
+    sums, or of a column.
+    """
+    if mode >= COLUMN:
+        copied(rows, chunk[(mode - COLUMN) * stride :], target[settled:])
+        return
     count = rows
     while count % 4 != 0:
         for column in range(width):
@@ -56,7 +71,7 @@ def settle_chunk(
             first += TOGETHER
     else:
         for column in range(width - 1):
-            target[column] += dot(rows, chunk[column * stride :], vector)
+            target[column] += dot(rows, chunk[column * stride :], vector[settled:])
 
 
 def whiten_portion(
@@ -114,14 +129,16 @@ def sweep(
     """All rows of ``[J r]`` at a point, with losses; ``penalised`` 0 leaves the constraints out.
 
     ``mode`` 0: ``target`` becomes their triangular factor (n + 1, n + 1); 1: the product ``Jᵀ vector`` (n,) with a
-    vector of residuals; 2: the upper triangle of ``[J r]ᵀ [J r]``, without its last number, is added to zeros there.
+    vector of residuals; 2: the upper triangle of ``[J r]ᵀ [J r]``, without its last number, is added to zeros there;
+    `COLUMN` + j: column j of J, a vector of residuals.
     """
     n = problem.n
     stride = problem.chunk
     inputs = 0
     whitening = 0
     chunk = rows.chunk
-    filled((n + 1) * (n + 1) if mode == 0 else n, 0.0, target)
+    if mode < COLUMN:
+        filled((n + 1) * (n + 1) if mode == 0 else n, 0.0, target)
     there = fused_rows(problem, rows, 1, point, stride, chunk) if LANES > 1 else 0
     settled = 0
     begin = first_separate(problem, rows) if LANES > 1 else 0
@@ -143,7 +160,7 @@ def sweep(
             if first + groups > groups_of(count):
                 groups = groups_of(count) - first
             if there + groups * lines > stride:
-                settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
+                settle_chunk(n + 1, there, stride, mode, settled, vector, chunk, target)
                 settled += there
                 there = 0
             given = rows.inputs[inputs + first * width :]
@@ -154,7 +171,7 @@ def sweep(
         inputs += groups_of(count) * width
         whitening += groups_of(count) * heavy
     if there > 0:
-        settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
+        settle_chunk(n + 1, there, stride, mode, settled, vector, chunk, target)
 
 
 def summed(problem: Problem, data: DataSet) -> Integer:

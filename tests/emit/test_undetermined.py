@@ -15,6 +15,8 @@ from tests.emit.making import make, of_text, run, written
 
 POINTS = "(data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1) (5 12)))"
 OTHERS = "(data e (table (u) (2.1) (1.9) (2.3)))"
+APART = "(data d (table (x r) (0 1) (4 1.1))) (unknowns (p :init 1.5) (q :init 0.5))"
+"""Circles that do not meet: what lies nearest to both is on the line of their centres, where no radius feels q."""
 LINE = "(observe d (= y (+ (* a x) b c)) :sigma 0.2)"
 THREE = "(unknowns (a :init 1) (b :init 0) (c :init 2))"
 FOUR = "(unknowns (a :init 1) (b :init 0) (c :init 2) (q :init 1))"
@@ -35,10 +37,17 @@ TEXTS = {
     "few": "(data d (table (x y) (1 2))) (unknowns (a :init 1) (b :init 0)) (observe d (= y (+ (* a x) b)) :sigma 0.2)",
     "beside": "(data d (table (x y z) (1 2 5))) (unknowns (a :init 1) (b :init 0) (c :init 1)) "
     "(observe d (= y (+ (* a x) b)) :sigma 0.2) (observe d (= z c) :sigma 0.5)",
+    "apart": f"{APART} (observe d (= r (distance [p q] [x 0])) :sigma 0.1) (derive (s (* 2 q)) (t p))",
+    "apart_noise": f"{APART} (observe d (= r (distance [p q] [x 0])) :sigma unknown)",
+    "apart_noises": f"{APART} {OTHERS} (observe d (= r (distance [p q] [x 0])) :sigma unknown) "
+    "(observe e (= u p) :sigma unknown)",
+    "apart_loss": f"{APART} (observe d (= r (distance [p q] [x 0])) :sigma 0.1 :loss (huber 1))",
+    "turned_back": "(data d (table (x) (1) (0.999) (1.001))) (unknowns (a :init 0.1)) "
+    "(observe d (= x (cos a)) :sigma 0.01)",
     "derived": f"{POINTS} {THREE} {LINE} (derive (s (* 2 a)) (t (+ b c)) (u b))",
 }
-QUICK = ("noises", "losses", "derived")
-"""Whose solvers are tried in every test run: two groups of noise, two of losses, and what is derived."""
+QUICK = ("noises", "losses", "apart", "derived")
+"""Whose solvers are tried in every test run: two groups of noise, two of losses, what vanishes, what is derived."""
 CHOSEN = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in TEXTS]
 
 CLOSE = 1e-9
@@ -75,6 +84,41 @@ def test_python(name, tmp_path, monkeypatch):
     for quantity, each in found["derived"].items():
         assert same(each["sigma"], wanted[quantity].sigma), quantity
     assert run(sys.executable, f"test_{name}.py", folder=folder).returncode == 0
+
+
+EDGES = """(problem edges (data d (table (x y) (0 0) (0 0))) (unknowns (p :init 0) (q :init 0))
+  (observe d (= x p) :sigma 0.1) (observe d (= y q) :sigma 0.1)
+  (derive (r (norm [p q])) (h (hypot p q)) (w (atan2 q p)) (s (sqrt p)) (a (* 3 p))))"""
+"""Where distances, directions and roots of what is zero have no derivative; ``a`` has one."""
+
+
+def sigmas_at_edges():
+    """What the general path says, with the reason where it says nothing."""
+    return {each.name: (float(each.sigma), each.reason) for each in mbm.loads(EDGES).solve().first.derived}
+
+
+def test_the_general_path_has_no_deviation_without_derivative():
+    found = sigmas_at_edges()
+    for name in "rhws":
+        assert np.isnan(found[name][0])
+        assert found[name][1] == "its derivative is not finite at the estimates"
+    assert found["a"] == (pytest.approx(3 * 0.1 / 2**0.5, rel=1e-12), None)
+
+
+@pytest.mark.parametrize("target", ["python", "c"])
+def test_generated_solvers_have_no_deviation_without_derivative(target, tmp_path):
+    folder = written(of_text(EDGES, target), tmp_path)
+    if target == "c":
+        if shutil.which("cc") is None:
+            pytest.skip("no C compiler (cc) is here")
+        made = make(folder, "all", watched=False)
+        assert made.returncode == 0, made.stdout + made.stderr
+    command = ("./edges",) if target == "c" else (sys.executable, "edges.py")
+    found = run(*command, "data/d.csv", folder=folder)
+    assert found.returncode == 0
+    rows = {row["name"]: row["sigma"] for row in csv.DictReader(found.stdout.splitlines())}
+    assert [rows[name] for name in "rhws"] == [""] * 4
+    assert float(rows["a"]) == pytest.approx(3 * 0.1 / 2**0.5, rel=CLOSE)
 
 
 def test_a_turn_about_the_line_of_all_points(tmp_path, monkeypatch):

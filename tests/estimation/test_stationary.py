@@ -8,8 +8,9 @@ import pytest
 import mbm
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
-from mbm.estimation.uncertainty.stationary import JACOBIANS, without_stationary
+from mbm.estimation.uncertainty.stationary import without_stationary
 from mbm.report.types import SolveStatus
+from mbm.solver.decisions import MOST_GROUPS
 
 
 @pytest.mark.parametrize("noise", [":sigma 0.1", ""], ids=["stated", "unknown"])
@@ -76,7 +77,7 @@ def test_many_suspects_are_looked_into_together(angles):
     found = minimise(equations, np.concatenate([np.full(angles, 1e-9), np.full(3, 2.0)]), Settings())
     before = equations.jacobians
     kept = without_stationary(equations, found)
-    assert equations.jacobians - before <= JACOBIANS
+    assert equations.jacobians - before <= MOST_GROUPS
     assert not kept.jacobian[:, :angles].any()
     np.testing.assert_array_equal(kept.jacobian[:, angles:], found.jacobian[:, angles:])
 
@@ -86,3 +87,11 @@ def test_the_second_order_term_is_not_taken_of_many_unknowns():
     equations = Cosines(400, 3)
     minimise(equations, np.full(403, 0.3), Settings())
     assert equations.jacobians < 100
+
+
+@pytest.mark.parametrize("noise", [":sigma 0.1", ":sigma unknown"], ids=["stated", "unknown"])
+def test_a_bare_estimator_leaves_no_deviation_either(noise):
+    text = f"(problem p (data d (table (y) (1) (1.03))) (unknowns (t :init 0.3)) (observe d (= y (cos t)) {noise}))"
+    found = mbm.loads(text).compile().estimator("y")([1.0, 1.03])
+    assert (found.status, found.clean) == ("unobservable", False)
+    assert np.isnan(found.sigma).all()

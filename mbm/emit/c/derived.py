@@ -16,7 +16,8 @@ from mbm.machine.program import Operator, Program
 from mbm.solver import description as at
 
 _SPREAD = """/* The standard deviation of a quantity with the derivatives `slopes` by the coordinates at `places`, by
- * linear propagation; negative where the data do not determine it. `row` says which of several quantities it is. */
+ * linear propagation; negative where the data do not determine it, or it has no derivative at the estimates. `row` says
+ * which of several quantities it is. */
 static double spread_of(struct frame *f, long row, long count, const long *rows, const long *columns,
     const long *places, const double *slopes, double *gradient)
 {{
@@ -46,6 +47,8 @@ static double spread_of(struct frame *f, long row, long count, const long *rows,
             if (gradient[j] != 0.0)
                 variance += gradient[i] * f->covariance[i * n + j] * gradient[j];
     }}
+    if (!isfinite(variance))
+        return -1.0;
     return variance > 0.0 ? sqrt(variance) : 0.0;
 }}
 """

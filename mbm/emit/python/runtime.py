@@ -221,7 +221,7 @@ def derive(p: Prepared, point: Array, matrix: Array, *, deficient: bool) -> dict
 def spread(
     p: Prepared, size: int, places: Indices, lines: Any, slopes: Array, matrix: Array, *, deficient: bool
 ) -> Array:
-    """Standard deviations (size,) by linear propagation; NaN where the data do not determine them."""
+    """Standard deviations (size,) by linear propagation; NaN for what is not determined or has no derivative."""
     gradient, loose = np.zeros((size, p.free)), np.zeros(size, dtype=bool)
     for line, place, slope in zip(lines, places, slopes, strict=True):
         if p.column[place] >= 0:

@@ -18,6 +18,7 @@ from mbm.solver.decisions import STATED
 from mbm.solver.description import NO_LOSS, Problem, Unit
 from mbm.solver.equations import load_rows
 from mbm.solver.linear_algebra import copied
+from mbm.solver.stationary import forget_stationary
 from mbm.solver.sweeps import sweep
 from mbm.solver.trust_region import constraint_count
 from mbm.solver.workspace import Rows, Work
@@ -151,6 +152,7 @@ def covariance_anew(problem: Problem, work: Work, covariance: Reals) -> Real:
     rows = work.rows
     load_rows(problem, rows)
     sweep(problem, answer.numbers, 0, 0, rows, rows.constants, answer.triangle)
+    forget_stationary(problem, answer.sides, work)
     count = 0
     if work.penalised == 1:
         count = constraint_count(problem, rows.data)

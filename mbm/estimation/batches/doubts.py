@@ -30,8 +30,8 @@ from mbm.estimation.trust.nonlinearity import (
     too_much,
 )
 from mbm.estimation.trust.plausibility import CHECKED, STRAINED, innovations
-from mbm.estimation.uncertainty.stationary import FAR, LEAST, STEP, vanishing
 from mbm.problem.types import BlockRole, Problem
+from mbm.solver.decisions import ABSURD, BEND_STEP, LEAST_SIZE, vanishing
 
 if TYPE_CHECKING:
     from mbm.estimation.batches.surface import Tangents
@@ -216,13 +216,14 @@ def stationary(portion: Portion, ends: Ends, found: Factors, jacobian: Floats) -
     size = np.where(size > 0.0, size, 1.0)
     spread = np.maximum(1.0, np.sqrt(ends.cost / max(portion.most, 1))) * (1 + MARGIN)
     wrong |= (rounded_turns(turning(equations), found.scale) & (found.scale > 0.0)).any(axis=1)
-    near = found.scale * FAR * size < spread[:, None]
+    near = found.scale * ABSURD * size < spread[:, None]
     for place in np.flatnonzero(near.any(axis=0)).tolist():
         step = np.zeros(size.shape)
-        step[:, place] = STEP * np.maximum(size[:, place], LEAST)
+        step[:, place] = BEND_STEP * np.maximum(size[:, place], LEAST_SIZE)
         there = portion.linearised(equations.retract(ends.points, step))
         moved = rooted_slopes(portion, *there)[:, :, place] - jacobian[:, :, place]
         bend = np.sqrt(np.square(moved).sum(axis=1)) / step[:, place] * (1 + MARGIN)
-        zero = vanishing(found.scale[:, place], size[:, place], bend, spread)
+        each = zip(found.scale[:, place], size[:, place], bend, spread, strict=True)
+        zero = np.array([vanishing(*one) for one in each], dtype=bool)
         wrong |= near[:, place] & (zero | ~np.isfinite(bend))
     return wrong

@@ -227,6 +227,7 @@ def stream_of(
     system = system_of(equations, settings, often=True)
     if system is None or not isinstance(system.code, SolverCode):
         return NO_CODE
+    system.system[of.Problem.scaled] = problem.estimates_noise
     known = equations.groups[0].cache.without_closed_form
     # what was learnt of closed forms is not relied on where stated noise tells a bad fit
     unchallenged = bool(equations.constraints) or (kind_of(equations) in known and problem.estimates_noise)

@@ -11,23 +11,7 @@ import numpy as np
 
 from mbm.equations.metric import rounded_turns, turning
 from mbm.equations.types import Equations, Floats, Indices, Mask, Minimum
-
-FAR = 1e4
-"""Conditional standard deviations above so many times the coordinate's size are looked into."""
-
-VANISHING = 1e-12
-"""A derivative that vanishes nearer to the estimate than this share of its size is zero."""
-
-FAINT = 1e-8
-"""``J² / |∂J/∂x|``, in standard deviations: where the curvature moves the residuals by one, ``J`` moves them by the
-root of twice this at most. A parabola y = x² whose x is ten thousand times less certain than large comes to 1e-4."""
-
-JACOBIANS = 16
-"""Jacobians that are made for this at most: more suspects than these are moved in groups."""
-
-STEP = 1e-4
-LEAST = 1e-6
-"""Share of the size over which the derivative is differenced, and the least size."""
+from mbm.solver.decisions import ABSURD, BEND_STEP, LEAST_SIZE, MOST_GROUPS, vanishing
 
 
 def without_stationary(equations: Equations, minimum: Minimum, spread: float = 1.0) -> Minimum:
@@ -48,8 +32,8 @@ def without_stationary(equations: Equations, minimum: Minimum, spread: float = 1
     length = np.sqrt(np.einsum("mn,mn->n", jacobian, jacobian))
     zero = (length > 0.0) & rounded_turns(turning(equations), length)
     suspect, size = np.flatnonzero(suspects(equations, minimum, length, spread) & ~zero), _size(equations, minimum)
-    for first in range(min(JACOBIANS, len(suspect))):
-        group = suspect[first::JACOBIANS]
+    for first in range(min(MOST_GROUPS, len(suspect))):
+        group = suspect[first::MOST_GROUPS]
         zero[group] = _stationary(equations, minimum, group, size[group], spread)
     if not zero.any():
         return minimum
@@ -60,8 +44,7 @@ def without_stationary(equations: Equations, minimum: Minimum, spread: float = 1
 
 def suspects(equations: Equations, minimum: Minimum, length: Floats, spread: float = 1.0) -> Mask:
     """Which coordinates, with columns of such a ``length`` (n,), have absurd conditional standard deviations."""
-    absurd = length * FAR * _size(equations, minimum) < spread
-    return np.asarray((length > 0.0) & (minimum.at_bound == 0) & absurd)
+    return np.asarray((minimum.at_bound == 0) & (length > 0.0) & (length * ABSURD * _size(equations, minimum) < spread))
 
 
 def _size(equations: Equations, minimum: Minimum) -> Floats:
@@ -73,16 +56,11 @@ def _size(equations: Equations, minimum: Minimum) -> Floats:
 @np.errstate(all="ignore")
 def _stationary(equations: Equations, minimum: Minimum, columns: Indices, size: Floats, spread: float) -> Mask:
     """Which of the columns (k,) are zero beside what small steps of them all make of each."""
-    steps = STEP * np.maximum(size, LEAST)
+    steps = BEND_STEP * np.maximum(size, LEAST_SIZE)
     step = np.zeros(minimum.jacobian.shape[1])
     step[columns] = steps
     here = minimum.jacobian[:, columns]
     there = equations.jacobian(equations.retract(minimum.point, step))[:, columns]
     length = np.linalg.norm(here, axis=0)
     bend = np.linalg.norm(there - here, axis=0) / steps
-    return vanishing(length, size, bend, spread)
-
-
-def vanishing(length: Floats, size: Floats, bend: Floats, spread: float | Floats) -> Mask:
-    """Whether columns of a ``length`` (k,) are zero beside their change ``bend`` with coordinates of a ``size``."""
-    return np.asarray((length <= VANISHING * size * bend) | (length * length <= FAINT * bend * spread))
+    return np.array([vanishing(*each, spread) for each in zip(length, size, bend, strict=True)], dtype=bool)
