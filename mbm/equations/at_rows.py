@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from mbm.equations.binding import Group
+from mbm.equations.gathering import MemberPicker, picked_members
 from mbm.equations.layout import Entry, Layout
-from mbm.equations.members import MemberPicker, picked_members
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.expression.evaluate import Values, evaluate
 from mbm.expression.nodes import Column, Component, Expression, Leaf, externals

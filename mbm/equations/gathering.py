@@ -1,19 +1,57 @@
-"""Aggregates over the rows of a table: what they come to, and how they vary with the unknowns."""
+"""Aggregates over the rows of a table: what they come to, and how they vary with the unknowns.
+
+Which members of a family the rows of a table speak of.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
 from mbm.equations.layout import Entry, Layout, half_turns
 from mbm.equations.types import Floats, Indices
+from mbm.expression.nodes import LiteralMember, Member
+from mbm.expression.rows import RowChoice
+from mbm.problem import faults as problem_faults
 from mbm.problem.aggregates import Aggregate, AggregateKind
+from mbm.problem.rows import Positions, member_cells
 from mbm.problem.stand_ins import stand_in
+from mbm.problem.tables import Table
 from mbm.problem.types import Problem
+from mbm.text.types import MbmError
 from mbm.values import dataclass
+
+MemberPicker: TypeAlias = Callable[[Entry, Member, Table | None, Positions | None, Mapping[str, Table]], Indices | int]
+"""Numbers of members as `picked_members` gives them."""
+
+
+def picked_members(
+    entry: Entry, member: Member, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
+) -> Indices | int:
+    """Numbers (from 0) of the members that ``member`` names, for each row at ``positions``.
+
+    Raises:
+        MbmError: a key that is no member's.
+
+    """
+    where = f"the family `{entry.unknown.name}`"
+    if isinstance(member, LiteralMember):
+        literal = entry.index.get(member.key)
+        if literal is None:
+            raise MbmError(problem_faults.dangling_key(entry.unknown.span, member.key, where, None, None))
+        return literal
+    cells = member_cells(member, table, positions, tables)
+    found = list(map(entry.index.get, cells))
+    if None in found:
+        row = found.index(None)
+        if table is None or positions is None or member.row is not RowChoice.EACH:
+            raise MbmError(problem_faults.dangling_key(entry.unknown.span, cells[row], where, None, None))
+        place = table.place(int(positions[row]), member.column)
+        raise MbmError(problem_faults.dangling_key(place, cells[row], where, None, entry.unknown.span))
+    return np.array(found, dtype=np.int64)
 
 
 class Rows(Protocol):

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import affine
-from mbm.equations.forwarding import Forwarding
+from mbm.equations.metric import Forwarding
 from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.values import dataclass
 

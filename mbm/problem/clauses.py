@@ -39,11 +39,15 @@ def split_options(
     known: tuple[str, ...],
     repeatable: tuple[str, ...] = (),
     not_yet: Mapping[str, str] | None = None,
+    alone: str | None = None,
 ) -> Options:
     """Sort ``items`` into positional forms and ``:keyword value`` pairs.
 
+    ``alone`` is the usage of an owner that takes options only.
+
     Raises:
-        MbmError: an option that is unknown, given twice, without a value, or not available yet.
+        MbmError: an option that is unknown, given twice, without a value, or not available yet; a form beside options
+            that stand alone.
 
     """
     later = not_yet or {}
@@ -73,6 +77,8 @@ def split_options(
             keywords[item.name] = items[position + 1]
         places[item.name] = item.span
         position += 2
+    if alone is not None and positional:
+        raise MbmError(language_faults.bad_form(positional[0].span, f"{owner} takes options only", alone))
     return Options(
         positional=tuple(positional),
         keywords=keywords,

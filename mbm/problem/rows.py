@@ -282,7 +282,7 @@ def keyed_rows(
     if isinstance(member, LiteralMember):
         cells: list[CellKey] = [member.key]
     else:
-        cells = _member_cells(member, table, positions, tables)
+        cells = member_cells(member, table, positions, tables)
     found = np.array([place.get(cell, -1) for cell in cells], dtype=np.int64)
     if bool((found < 0).any()):
         row = int(np.argmax(found < 0))
@@ -293,20 +293,20 @@ def keyed_rows(
     return found
 
 
-def _member_cells(
+def member_cells(
     member: ColumnMember | None, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
 ) -> list[CellKey]:
+    """The keys that ``member`` names, for each row at ``positions`` of ``table`` (None: for all)."""
     if member is None or (member.row is RowChoice.EACH and table is None):
         message = "a key is wanted where there is no row"
         raise TypeError(message)
     if member.row is RowChoice.EACH and table is not None:
-        if member.column == ROW and ROW not in table.columns:
-            keys: list[CellKey] = [float(r) for r in table.rows]
-        else:
-            keys = list(table.keys(member.column))
-        return keys if positions is None else [keys[i] for i in positions]
-    other = tables[member.table].keys(member.column)
-    return [other[chosen_place(member.row, len(other))]]
+        keys = static_cells(table, member.column)
+        return keys if positions is None else [keys[i] for i in positions.tolist()]
+    others = tables[member.table].keys(member.column)
+    if not others:
+        raise MbmError(faults.aggregate_of_nothing(None, member.table))
+    return [others[chosen_place(member.row, len(others))]]
 
 
 def chosen_number(leaf: Column, tables: Mapping[str, Table]) -> float:

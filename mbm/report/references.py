@@ -27,7 +27,7 @@ from mbm.estimation.search.solution import Solution
 from mbm.estimation.search.starting import GIVEN
 from mbm.estimation.settings import Forms, Settings, settings_of
 from mbm.estimation.solve.estimate import assemble, estimate
-from mbm.estimation.starts.closed_forms.thinning import ENOUGH
+from mbm.estimation.starts.closed_forms.rows import ENOUGH
 from mbm.kernels.serialised import BoundRows
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated

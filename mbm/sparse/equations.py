@@ -8,8 +8,8 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
-from mbm.equations.forwarding import Forwarding
 from mbm.equations.losses import rooted_jacobian
+from mbm.equations.metric import Forwarding
 from mbm.equations.types import Floats, Indices
 from mbm.kernels.types import Backend
 from mbm.sparse.arithmetic import Arithmetic

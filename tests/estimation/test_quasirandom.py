@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from mbm.estimation.starts.quasirandom import _directions, directions, rotations, sobol
+from mbm.estimation.starts.random_starts import _directions, directions, rotations, sobol
 
 
 def test_direction_numbers_are_those_of_an_independent_implementation():

@@ -9,14 +9,13 @@ import pytest
 
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.intersection import INTERSECTION
-from mbm.estimation.starts.closed_forms.linear import LINEAR
+from mbm.estimation.starts.closed_forms.linear import LINEAR, SCALED_RANGES
 from mbm.estimation.starts.closed_forms.measured import MEASURED
 from mbm.estimation.starts.closed_forms.multilateration import MULTILATERATION
 from mbm.estimation.starts.closed_forms.planar_calibration import PLANAR_CALIBRATION
 from mbm.estimation.starts.closed_forms.planes import PLANES
 from mbm.estimation.starts.closed_forms.pose_from_points import POSE_FROM_POINTS
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES
-from mbm.estimation.starts.closed_forms.scaled_ranges import SCALED_RANGES
 from mbm.estimation.starts.closed_forms.similarity import SIMILARITY
 from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan
 from mbm.testing.closed_forms import ClosedFormSample, check_closed_form

@@ -9,8 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from mbm.equations.binding import Group
-from mbm.equations.corrections.measured import Measured
-from mbm.equations.corrections.sharing import Some, components, divided, values_of
+from mbm.equations.corrections.measured import Measured, Some, components, divided, values_of
 from mbm.equations.corrections.system import Part, System
 from mbm.equations.types import Indices, Mask
 from mbm.kernels.types import Evaluation, Kernel

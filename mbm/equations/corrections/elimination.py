@@ -6,21 +6,23 @@ found exactly (`feet`). With B = ∂h/∂y and A = ∂h/∂x there, ``w = h − 
 is ``wᵀ S⁻¹ w``, and by the envelope theorem its gradient is ``2 Aᵀ S⁻¹ w``. So ``r = S^(-1/2) w`` and
 ``J = S^(-1/2) A`` are residuals and a Jacobian with the exact cost and gradient, and ``(JᵀJ)⁻¹`` is the covariance of
 Gauss and Helmert's model (Koch 1999, 3.7; Lenzmann and Lenzmann 2004 on where to linearise).
+
+The inverse root of ``S = B Bᵀ + Σ`` is never formed: what whitens with it is a `Root`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
+from typing import Protocol
 
 import numpy as np
 
 from mbm.equations.binding import INPUTS_AT_A_TIME, EvaluationCache, Group
 from mbm.equations.corrections.components import Builder
 from mbm.equations.corrections.feet import feet, first_feet
-from mbm.equations.corrections.measured import Measured, MeasuredColumn, measured, rows_of_groups
-from mbm.equations.corrections.roots import Root, root
-from mbm.equations.corrections.sharing import check_sharing
+from mbm.equations.corrections.measured import Measured, MeasuredColumn, check_sharing, measured, rows_of_groups
+from mbm.equations.corrections.steps import spread
 from mbm.equations.corrections.straight import straight_groups
 from mbm.equations.corrections.system import System
 from mbm.equations.corrections.types import Conditions, CorrectedColumn, Feet, MeasuredErrors
@@ -29,6 +31,67 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.values import dataclass
+
+
+class Root(Protocol):
+    """Something that makes the equations of each component independent with variance 1."""
+
+    def apply(self, values: Floats) -> Floats:
+        """``values`` (R, k, n) whitened; NaN where S is singular."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scalars:
+    sigma: Floats
+
+    def apply(self, values: Floats) -> Floats:
+        return np.asarray(values / self.sigma[:, :, None])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Triangles:
+    lower: Floats
+
+    def apply(self, values: Floats) -> Floats:
+        return np.asarray(np.linalg.solve(self.lower, values))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LowRank:
+    """``(I + B Bᵀ)^(-1/2) = I + B V diag(((1 + s)^(-1/2) − 1)/s) Vᵀ Bᵀ`` with ``BᵀB = V diag(s) Vᵀ``."""
+
+    slopes: Floats
+    inner: Floats
+
+    def apply(self, values: Floats) -> Floats:
+        return np.asarray(values + self.slopes @ (self.inner @ (self.slopes.transpose(0, 2, 1) @ values)))
+
+
+@np.errstate(all="ignore")
+def root(slopes: Floats, noisy: Mask) -> Root:
+    """The root for ``slopes`` (R, k, q) and equations with own noise where ``noisy`` (R, k)."""
+    _, k, q = slopes.shape
+    if k == 1:
+        squares = np.einsum("rkq,rkq->rk", slopes, slopes) + noisy
+        return _Scalars(np.where(squares > 0.0, np.sqrt(squares), np.nan))
+    if k > q and bool(noisy.all()):
+        squared, vectors = np.linalg.eigh(slopes.transpose(0, 2, 1) @ slopes)
+        squared = np.maximum(squared, 0.0)
+        grown = np.sqrt(1.0 + squared)
+        factors = -1.0 / (grown * (1.0 + grown))  # ((1 + s)^(-1/2) − 1)/s without its cancellation
+        return _LowRank(slopes, (vectors * factors[:, None, :]) @ vectors.transpose(0, 2, 1))
+    covariance = spread(slopes, noisy)
+    try:
+        return _Triangles(np.asarray(np.linalg.cholesky(covariance), dtype=np.float64))
+    except np.linalg.LinAlgError:
+        lower = np.full(covariance.shape, np.nan)
+        for i, matrix in enumerate(covariance):
+            try:
+                lower[i] = np.linalg.cholesky(matrix)
+            except np.linalg.LinAlgError:
+                continue
+        return _Triangles(lower)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

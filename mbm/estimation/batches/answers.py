@@ -11,14 +11,20 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.coarse import coarsely_read
-from mbm.estimation.batches.degrees import degrees_columns
-from mbm.estimation.batches.derived import DerivedColumns, derived_columns
+from mbm.estimation.batches.degrees import counted_of, degrees_columns, informing_slopes
 from mbm.estimation.batches.doubts import doubtful, stationary
-from mbm.estimation.batches.factor import Factors, Spread, factors
-from mbm.estimation.batches.likelihoods import counted_of, informing_slopes
+from mbm.estimation.batches.factor import (
+    Factors,
+    Spread,
+    counted,
+    factors,
+    informed,
+    outlying,
+    rooted_slopes,
+    sandwiches,
+)
 from mbm.estimation.batches.limited import held_back, limited_columns, near_limits
-from mbm.estimation.batches.losses import counted, informed, outlying, rooted_slopes, sandwiches
-from mbm.estimation.batches.portion import Portion, stated
+from mbm.estimation.batches.portion import DerivedColumns, Portion, derived_columns, stated
 from mbm.estimation.batches.remarks import remarks
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows, Which, places_of
@@ -29,7 +35,8 @@ from mbm.problem.types import Block, BlockRole, Problem
 from mbm.solver.decisions import usual_cost
 
 if TYPE_CHECKING:
-    from mbm.estimation.batches.surface import Held, Tangents
+    from mbm.estimation.batches.surface import Held
+    from mbm.estimation.batches.types import Tangents
 
 
 @np.errstate(all="ignore")
@@ -142,7 +149,7 @@ def _limits(
     """What is to be said of the constraints; None where there are none."""
     if surface is None or ends.multipliers is None:
         return None
-    from mbm.estimation.batches.limits import limits
+    from mbm.estimation.batches.surface import limits
 
     return limits(problem, stack, which, portion, *surface, ends.multipliers)
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.losses import rooted_residuals
+from mbm.estimation.batches.factor import rooted_residuals
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Ends, Solver

@@ -12,8 +12,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.formulas import of_arrays
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.descent import native_sets, plain_ends, weighted
-from mbm.estimation.batches.factor import factors
-from mbm.estimation.batches.losses import rooted_slopes
+from mbm.estimation.batches.factor import factors, rooted_slopes
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Ends, Kept, Solver, Which

@@ -11,19 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.corrections.components import Builder
+from mbm.equations.corrections.elimination import root
 from mbm.equations.corrections.feet import feet, first_feet
 from mbm.equations.corrections.measured import Measured, UncertainRows, measured, rows_of_groups
-from mbm.equations.corrections.roots import root
 from mbm.equations.corrections.search import FAR
 from mbm.equations.corrections.straight import eliminating
 from mbm.equations.corrections.system import Conditions, OwnInputs
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.components import components_solver, several_noises
 from mbm.estimation.batches.descent import solver_of
-from mbm.estimation.batches.losses import rooted_residuals
+from mbm.estimation.batches.factor import rooted_residuals
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Corrections, Ends, Errors, Solver, Which
@@ -69,20 +67,10 @@ def straightened(problem: Problem, stack: Stack) -> Stack | None:
     )
 
 
-def corrected_solver(problem: Problem, stack: Stack, first: Assembled, settings: Settings) -> Solver | None:
-    """What solves equations with errors; None where native code does not handle them.
-
-    ``first`` are the equations of one of the solves.
-    """
+def corrected_solver(stack: Stack, fine: Solver | None, settings: Settings) -> Solver | None:
+    """What solves equations with errors by ``fine``, from where exact columns lead; None where native code cannot."""
     short = replace(settings, max_iterations=min(ROUGH, settings.max_iterations), tolerance=ROUGHLY)
     rough = solver_of(stack.exactly(), short)
-    fine: Solver | None
-    if not several_noises(problem):
-        fine = solver_of(stack, settings)
-    elif stack.equations.lossy:
-        fine = None
-    else:  # where closed forms may fit better, each solve is compared with them
-        fine = components_solver(problem, stack, first, lambda: None, settings)
     if rough is None or fine is None:
         return None
 

@@ -13,10 +13,8 @@ import numpy as np
 from mbm.equations.metric import rounded_turns, turning
 from mbm.equations.surface import plainly_affine
 from mbm.equations.types import Floats, Mask
-from mbm.estimation.batches.derived import DerivedColumns
-from mbm.estimation.batches.factor import Factors, Spread, factors
-from mbm.estimation.batches.losses import rooted_slopes
-from mbm.estimation.batches.portion import Portion, stated
+from mbm.estimation.batches.factor import Factors, Spread, factors, rooted_slopes
+from mbm.estimation.batches.portion import DerivedColumns, Portion, stated
 from mbm.estimation.batches.types import Ends
 from mbm.estimation.trust.curvature import MOST_DERIVED, UNMOVED, directions
 from mbm.estimation.trust.leverage import drawn
@@ -34,7 +32,7 @@ from mbm.problem.types import BlockRole, Problem
 from mbm.solver.decisions import ABSURD, BEND_STEP, LEAST_SIZE, vanishing
 
 if TYPE_CHECKING:
-    from mbm.estimation.batches.surface import Tangents
+    from mbm.estimation.batches.types import Tangents
 
 MARGIN = 1e-6
 """Share by which limits are narrowed here: far above what roundings in another order make of the same numbers."""

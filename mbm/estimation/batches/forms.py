@@ -21,7 +21,7 @@ from mbm.estimation.consensus.recognised import Recognised, recognised
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.multilateration import Spheres
 from mbm.estimation.starts.closed_forms.pose_from_points import Sights
-from mbm.estimation.starts.closed_forms.thinning import ENOUGH
+from mbm.estimation.starts.closed_forms.rows import ENOUGH
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.solver.decisions import plausible
 from mbm.values import dataclass

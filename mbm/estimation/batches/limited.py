@@ -7,11 +7,10 @@ import numpy as np
 from mbm.equations.binding import affine
 from mbm.equations.spreads import Limited
 from mbm.equations.types import Floats, Mask
-from mbm.estimation.batches.degree_types import DegreesColumns
 from mbm.estimation.batches.factor import Spread
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.surface import Held
-from mbm.estimation.batches.types import Ends
+from mbm.estimation.batches.types import DegreesColumns, Ends
 from mbm.estimation.coverage.limits import Lines, box, narrow, single_limits
 from mbm.estimation.coverage.student import coverage_factors
 from mbm.problem.types import Problem

@@ -1,4 +1,7 @@
-"""The equations of some solves at one point for each: residuals and their derivatives, solve by solve."""
+"""The equations of some solves at one point for each: residuals and their derivatives, solve by solve.
+
+Quantities that are derived once in each solve, with their uncertainty, follow from them.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,14 @@ from numpy.typing import NDArray
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
+from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.scatter import Scatter, scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Kept, Which, places_of
+from mbm.estimation.uncertainty.derived import cannot_vary, reported
+from mbm.problem.types import Derived
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -316,3 +322,36 @@ def _once(group: Group, solves: int) -> _Lines:
         scatter=Scatter(fixed=(), varying=()),
         inputs=_blank(group, np.repeat(group.parameters, solves, axis=0)),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DerivedColumns:
+    """One derived quantity of K solves: ``values`` (K, numbers), ``sigma`` (K, size), ``gradient`` (K, size, n).
+
+    ``image`` (K, size, n) is the gradient times a factor of the covariance.
+    """
+
+    owner: int
+    group: Group
+    values: Floats
+    sigma: Floats
+    gradient: Floats
+    image: Floats
+
+
+@np.errstate(all="ignore")
+def derived_columns(quantity: Derived, owner: int, stack: Stack, points: Floats, factor: Floats) -> DerivedColumns:
+    """A derived quantity at points (K, N), with the covariance ``factor @ factorᵀ`` (K, n, n) of the estimates."""
+    group = stack.derived[owner][0]
+    values = stated(group, points)
+    gradient = stated_slopes(group, points, stack.equations)
+    if quantity.kind is not None:
+        gradient = tangent_slopes(quantity.kind, quantity.dimension, values, gradient)
+        values = numbers_of_stated(quantity.kind, quantity.dimension, values)
+    image = np.matmul(gradient, factor)
+    sigma = np.sqrt(np.square(image).sum(axis=2))
+    if quantity.kind is None:
+        held = cannot_vary(values, sigma)
+        gradient[held], image[held], sigma[held] = 0.0, 0.0, 0.0
+        values = reported(quantity, values)
+    return DerivedColumns(owner=owner, group=group, values=values, sigma=sigma, gradient=gradient, image=image)

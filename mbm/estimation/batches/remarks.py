@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.equations.binding import measured_side
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.losses import rooted_residuals
+from mbm.estimation.batches.factor import rooted_residuals
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Remarks, Which

@@ -14,7 +14,7 @@ from mbm.estimation.batches.types import Which
 from mbm.estimation.consensus.recognised import Recognised, recognised
 from mbm.estimation.minimise.native.system import NativeSystem, system_of
 from mbm.estimation.settings import Settings
-from mbm.estimation.starts.closed_forms.thinning import ENOUGH
+from mbm.estimation.starts.closed_forms.rows import ENOUGH
 from mbm.solver import description as of
 from mbm.values import dataclass
 

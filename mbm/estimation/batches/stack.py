@@ -15,8 +15,8 @@ from mbm.equations.assembling import blank
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.gathering import picked_members
 from mbm.equations.layout import Entry, Layout
-from mbm.equations.members import member_cells, picked_members
 from mbm.equations.types import Indices
 from mbm.estimation.batches.sets import Sets, Span
 from mbm.estimation.batches.types import Errors, Which, places_of
@@ -24,7 +24,7 @@ from mbm.expression.nodes import ColumnMember, Member
 from mbm.kernels.types import KernelSet
 from mbm.problem import faults as problem_faults
 from mbm.problem.families import distinct
-from mbm.problem.rows import Positions
+from mbm.problem.rows import Positions, member_cells
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Family, Problem
 from mbm.text.types import MbmError

@@ -182,7 +182,7 @@ def _made(
         return None if found is None else formed(bound.exactly(), found, settings)
 
     def ranges() -> RangeMaps | None:
-        from mbm.estimation.starts.closed_forms.thinning import ENOUGH
+        from mbm.estimation.starts.closed_forms.rows import ENOUGH
 
         plain = not (bound.equations.linear or bound.equations.constraints or bound.equations.lossy)
         plain = plain and not bound.equations.likely
@@ -234,6 +234,14 @@ def _may_be_correlated(problem: Problem, bound: Stack, settings: Settings) -> bo
     return plain and may_be_correlated(problem, bound.equations, int(bound.residuals.max(initial=0)))
 
 
+def _fitting(problem: Problem, bound: Stack, first: Assembled, settings: Settings) -> Solver | None:
+    """What fits equations with errors in measured columns; None where native code does not."""
+    if not several_noises(problem):
+        return solver_of(bound, settings)
+    # Where closed forms may fit better, each solve is compared with them.
+    return None if bound.equations.lossy else components_solver(problem, bound, first, lambda: None, settings)
+
+
 def _descent(
     problem: Problem,
     bound: Stack,
@@ -259,7 +267,7 @@ def _descent(
         from mbm.estimation.batches.corrected import corrected_solver
 
         odd = settings.robust is not None or _begins_at_agreement(problem, bound)
-        solver = None if odd else corrected_solver(problem, bound, first, settings)
+        solver = None if odd else corrected_solver(bound, _fitting(problem, bound, first, settings), settings)
     elif settings.robust is not None:
         solver = consensus_solver(problem, bound, first, points, settings)
     elif _begins_at_agreement(problem, bound):

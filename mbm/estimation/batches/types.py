@@ -10,18 +10,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.layout import Entry, Layout
+from mbm.equations.spreads import Freedom, Limited
 from mbm.equations.types import Floats, Indices, Mask, Reason
 from mbm.estimation.search.solution import Failure, RawRows, Skipped, Solution
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.values import dataclass
 
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DegreesColumns:
+    """Of T solves the freedom (T, n) of the estimates, and (T, size) of each derived quantity.
+
+    ``poor`` (T,): some intervals fall short even so. ``limited`` (T, n) are hard limits of the estimates (None: there
+    are none).
+    """
+
+    estimates: Freedom
+    derived: tuple[Freedom, ...]
+    poor: Mask
+    limited: Limited | None = None
+
+    def first(self, count: int) -> DegreesColumns:
+        """Those of the first ``count`` solves."""
+        return DegreesColumns(
+            estimates=self.estimates.first(count),
+            derived=tuple(each.first(count) for each in self.derived),
+            poor=self.poor[:count],
+            limited=None if self.limited is None else self.limited.first(count),
+        )
+
+
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from mbm.equations.assembly import Assembled
     from mbm.equations.corrections.measured import Measured
-    from mbm.estimation.batches.degree_types import DegreesColumns
     from mbm.text.types import Diagnostic
 
 REASONS = tuple(Reason)
@@ -301,3 +325,24 @@ class Block:
             return found
         with self.lock:
             return self.make(number, self.columns, number - self.which.start)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tangents:
+    """Orthonormal directions ``basis`` (K, n, n) along what holds, in coordinates of the ``scale`` (K, n).
+
+    Columns that are ``gone`` (K, n), the first ones, are zero: as many as there are independent constraints that hold,
+    of which ``equalities`` (K,) are equations. ``clear`` (K,): no constraint is violated, and how many dimensions they
+    take away is beyond doubt, and not all.
+    """
+
+    basis: Floats
+    scale: Floats
+    gone: Mask
+    equalities: Indices
+    clear: Mask
+
+    @property
+    def taken(self) -> Indices:
+        """Dimensions (K,) that constraints take away."""
+        return np.asarray(self.gone.sum(axis=1))

@@ -19,8 +19,8 @@ from mbm.estimation.search.starting import blank_numbers
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import completions
 from mbm.estimation.starts.closed_forms.relative_poses import related, relates
+from mbm.estimation.starts.closed_forms.rows import ENOUGH
 from mbm.estimation.starts.closed_forms.situation import Situation
-from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges
 
 ORIGIN = "the foremost rows"

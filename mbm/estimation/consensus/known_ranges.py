@@ -33,7 +33,7 @@ class KnownRanges:
         if not isinstance(found, RangeMaps):
             return None
         # Here and below: loaded where many data sets are solved only, so that the others start at once.
-        from mbm.estimation.starts.closed_forms.thinning import ENOUGH
+        from mbm.estimation.starts.closed_forms.rows import ENOUGH
 
         return found if all(group.rows <= ENOUGH for group in equations.groups) else None
 

@@ -9,8 +9,8 @@ from typing import TypeAlias
 
 import numpy as np
 
+from mbm.equations.gathering import picked_members
 from mbm.equations.layout import Layout, layout
-from mbm.equations.members import picked_members
 from mbm.equations.types import Indices, Mask
 from mbm.estimation.intervals import arithmetic as of
 from mbm.estimation.intervals import faults

@@ -169,8 +169,8 @@ class Challenge:
         """How far closed forms get from each of some numbers (N,); whether they were made of a sample of the rows."""
         # Loaded where a start is challenged only, so that other problems start at once.
         from mbm.estimation.starts.closed_forms.completion import completions
+        from mbm.estimation.starts.closed_forms.rows import ENOUGH
         from mbm.estimation.starts.closed_forms.situation import Situation
-        from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 
         situations = [
             Situation(layout=self._equations.layout, groups=self._equations.groups, numbers=numbers, most=ENOUGH)

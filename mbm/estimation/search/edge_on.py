@@ -21,7 +21,7 @@ from mbm.estimation.search.basins import equal_costs
 from mbm.estimation.search.search import Found, search
 from mbm.estimation.search.starting import Beginning
 from mbm.estimation.settings import Settings
-from mbm.estimation.starts.silhouettes.pictures import pictures_of
+from mbm.estimation.starts.silhouettes.hulls import pictures_of
 from mbm.problem.manifold import Piece
 from mbm.problem.types import Problem
 

@@ -32,8 +32,7 @@ def refusals(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
             found.extend(error.diagnostics)
     if not found and any(block.errors for block in problem.blocks):
         # Here and below: loaded by problems with errors in columns only, so that others are checked at once.
-        from mbm.equations.corrections.measured import measured, rows_of_problem
-        from mbm.equations.corrections.sharing import check_sharing
+        from mbm.equations.corrections.measured import check_sharing, measured, rows_of_problem
 
         try:
             uncertain = rows_of_problem(problem, tables)

@@ -88,8 +88,8 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     # Here and below: loaded where starts are missing only, so that other problems start at once.
     from mbm.estimation.search.aligning import aligned
     from mbm.estimation.starts.closed_forms.completion import completions
+    from mbm.estimation.starts.closed_forms.rows import ENOUGH
     from mbm.estimation.starts.closed_forms.situation import Situation
-    from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 
     wanted_numbers = np.where(open_ones, np.nan, numbers)
     tied = aligned(equations, wanted_numbers, settings) if settings.closed_forms else ()

@@ -68,8 +68,8 @@ def _sufficient(equations: Assembled, numbers: Floats, settings: Settings) -> li
 def _complete(equations: Assembled, numbers: Floats, settings: Settings, given: Sequence[Entry]) -> bool:
     """Whether closed forms give all numbers, if those of some unknowns are known."""
     from mbm.estimation.starts.closed_forms.completion import completions
+    from mbm.estimation.starts.closed_forms.rows import ENOUGH
     from mbm.estimation.starts.closed_forms.situation import Situation
-    from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 
     layout = equations.layout
     known = numbers.copy()

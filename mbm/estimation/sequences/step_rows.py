@@ -9,8 +9,8 @@ import numpy as np
 
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.gathering import picked_members
 from mbm.equations.layout import Entry
-from mbm.equations.members import picked_members
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.minimise.native.packing import weights_of
 from mbm.estimation.native.code import native_code

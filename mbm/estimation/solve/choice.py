@@ -16,9 +16,9 @@ from mbm.estimation.search.challenge import uncompared
 from mbm.estimation.search.starting import GIVEN, beginnings, blank_numbers
 from mbm.estimation.settings import Settings, settings_of
 from mbm.estimation.starts.closed_forms.completion import completions
+from mbm.estimation.starts.closed_forms.rows import ENOUGH
 from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.estimation.starts.closed_forms.standard import STANDARD
-from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 from mbm.estimation.starts.closed_forms.types import ClosedForm
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.linalg import sqrtm
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.common_errors import with_rho
 from mbm.equations.structure import Pattern, Structure
+from mbm.equations.structuring import with_rho
 from mbm.equations.types import Floats, Indices, Minimum, Noise, NoiseState, Observability
 from mbm.estimation.uncertainty.shared_degrees import NoiseParameter, Rho, Told, scale_of, told
 from mbm.solver.noise_factors import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS

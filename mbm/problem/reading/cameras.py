@@ -40,9 +40,8 @@ def read_camera(work: Workspace, clause: Sequence) -> None:
         owner="a camera",
         known=("model", "focal", "center", "distortion", "axes", "near", "per"),
         not_yet={"size": "images"},
+        alone=USAGE,
     )
-    if options.positional:
-        raise MbmError(language_faults.bad_form(options.positional[0].span, "a camera takes options only", USAGE))
     axes = _choice(options.get("axes"), _AXES, "axes") or "opencv"
     distortion, near = options.get("distortion"), options.get("near")
     family = family_of(work, options.get("per"))

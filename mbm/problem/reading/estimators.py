@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from enum import StrEnum
 from math import inf, isfinite
 from types import MappingProxyType
+from typing import TypeVar
 
 from mbm.expression.dimension import NONE as DIMENSIONLESS
 from mbm.expression.nodes import Apply, Constant, Number, nearest
@@ -39,6 +41,9 @@ LARGEST_QUANTILE = 1.0 - 1e-12
 LARGEST_SHAPE = 2.0
 LEAST_DEVIATIONS, MOST_DEVIATIONS = 1e-50, 1e50
 """Between them lies each number of standard deviations that means something, and its powers are numbers."""
+
+
+Word = TypeVar("Word", bound=StrEnum)
 
 
 def read_loss(work: Workspace, form: Form | None) -> Loss | None:
@@ -85,18 +90,11 @@ def read_consensus(work: Workspace, form: Form | None) -> Consensus | None:
         raise MbmError(faults.unknown_consensus(form.span, name, known))
     allowed = {ConsensusKind.LMEDS: ("trials",), ConsensusKind.GNC: ("threshold", "quantile", "trust")}
     options = split_options(
-        items, form.span, owner=f"`{name}`", known=allowed.get(kind, ("threshold", "trials"))
+        items, form.span, owner=f"`{name}`", known=allowed.get(kind, ("threshold", "trials")), alone=CONSENSUS_USAGE
     )  # fmt: skip
-    if options.positional:
-        raise MbmError(
-            language_faults.bad_form(options.positional[0].span, f"`{name}` takes options only", CONSENSUS_USAGE)
-        )
     trials = threshold = quantile = None
     if (given := options.get("trials")) is not None:
-        trials = integer(work.evaluator.wanted(given, work.scope), given.span, "`:trials` (a whole number)")
-        if not 1 <= trials <= MAXIMUM_TRIALS:
-            wrong = f"`:trials` should lie in 1 … {MAXIMUM_TRIALS}"
-            raise MbmError(language_faults.bad_form(given.span, wrong, CONSENSUS_USAGE))
+        trials = whole_within(work, given, 1, MAXIMUM_TRIALS, "`:trials`", CONSENSUS_USAGE)
     if (given := options.get("threshold")) is not None:
         threshold = _deviations(work, given, "`:threshold`", CONSENSUS_USAGE)
     if (given := options.get("quantile")) is not None:
@@ -157,6 +155,23 @@ def _deviations(work: Workspace, form: Form, what: str, usage: str) -> float:
     return number_within(work, form, LEAST_DEVIATIONS, MOST_DEVIATIONS, wrong, usage)
 
 
+def whole_within(work: Workspace, form: Form, low: int, high: int, what: str, usage: str) -> int:
+    """A whole number from ``low`` to ``high``."""
+    value = integer(work.evaluator.wanted(form, work.scope), form.span, f"{what} (a whole number)")
+    if not low <= value <= high:
+        raise MbmError(language_faults.bad_form(form.span, f"{what} should lie in {low} … {high}", usage))
+    return value
+
+
+def word_of(form: Form, words: type[Word], wrong: str, usage: str) -> Word:
+    """One of the ``words`` that an option may say; ``wrong`` has a place for what it says else."""
+    name = form.name if isinstance(form, Symbol) else form.span.text
+    found = next((each for each in words if each.value == name), None)
+    if found is None:
+        raise MbmError(language_faults.bad_form(form.span, wrong.format(name), usage))
+    return found
+
+
 def number_within(work: Workspace, form: Form, low: float, high: float, wrong: str, usage: str = LOSS_USAGE) -> float:
     """A number without a unit above ``low`` and up to ``high``, both finite or not."""
     given = work.evaluator.wanted(form, work.scope)
@@ -207,7 +222,7 @@ def read_estimator(work: Workspace, solves: list[Sequence]) -> Estimator:
         found = checked_cuts(replace(found, cuts=True), constraints.span)
     if hypotheses is None:
         return found
-    count = _whole(work, hypotheses, MOST_HYPOTHESES, ":hypotheses")
+    count = whole_within(work, hypotheses, 1, MOST_HYPOTHESES, "`:hypotheses`", USAGE)
     if count > 1 and found.method is SequenceMethod.BATCH:
         message = "`batch` follows one hypothesis"
         raise MbmError(
@@ -239,9 +254,7 @@ def named_estimator(name: str) -> Estimator | None:
 def _read(work: Workspace, form: Form) -> Estimator:
     name, items = named(form, USAGE)
     method = SequenceMethod(name)
-    options = split_options(items, form.span, owner=f"`{name}`", known=_OPTIONS.get(method, ()))
-    if options.positional:
-        raise MbmError(language_faults.bad_form(options.positional[0].span, f"`{name}` takes options only", USAGE))
+    options = split_options(items, form.span, owner=f"`{name}`", known=_OPTIONS.get(method, ()), alone=USAGE)
     found = Estimator(method=method, span=form.span)
     skip, lag = options.get("skip"), options.get("lag")
     if skip is not None:
@@ -253,15 +266,8 @@ def _read(work: Workspace, form: Form) -> Estimator:
             raise MbmError(language_faults.bad_form(iterated.span, "`:iterated` is true or false", USAGE))
         found = replace(found, iterated=iterated.name == "true")
     if lag is not None:
-        found = replace(found, lag=_whole(work, lag, LONGEST_LAG, ":lag"))
+        found = replace(found, lag=whole_within(work, lag, 1, LONGEST_LAG, "`:lag`", USAGE))
     return found
-
-
-def _whole(work: Workspace, form: Form, most: int, name: str) -> int:
-    value = integer(work.evaluator.wanted(form, work.scope), form.span, f"`{name}` (a whole number)")
-    if not 1 <= value <= most:
-        raise MbmError(language_faults.bad_form(form.span, f"`{name}` should lie in 1 … {most}", USAGE))
-    return value
 
 
 INTERVAL_USAGE = ":method (interval [:contract forward | hc4 | hull] [:width 1% | ((unknown width)…)] [:boxes n])"
@@ -277,32 +283,19 @@ def read_enclosing(work: Workspace, form: Form | None, declarations: Iterable[De
     """
     if not (isinstance(form, Sequence) and form.head == "interval"):
         return None
-    options = split_options(form.items[1:], form.span, owner="`interval`", known=("contract", "width", "boxes"))
-    if options.positional:
-        wrong = "`interval` takes options only"
-        raise MbmError(language_faults.bad_form(options.positional[0].span, wrong, INTERVAL_USAGE))
+    known = ("contract", "width", "boxes")
+    options = split_options(form.items[1:], form.span, owner="`interval`", known=known, alone=INTERVAL_USAGE)
     contractor, boxes = Contractor.HC4, Enclosing().boxes
     if (given := options.get("contract")) is not None:
-        contractor = _contractor(given)
+        contractor = word_of(given, Contractor, "`{}` is no contractor", INTERVAL_USAGE)
     if (given := options.get("boxes")) is not None:
-        boxes = integer(work.evaluator.wanted(given, work.scope), given.span, "`:boxes` (a whole number)")
-        if not 1 <= boxes <= LARGEST_LIMIT:
-            wrong = f"`:boxes` should lie in 1 … {LARGEST_LIMIT}"
-            raise MbmError(language_faults.bad_form(given.span, wrong, INTERVAL_USAGE))
+        boxes = whole_within(work, given, 1, LARGEST_LIMIT, "`:boxes`", INTERVAL_USAGE)
     width = options.get("width")
     if width is None:
         return Enclosing(contractor=contractor, boxes=boxes)
     if isinstance(width, Sequence) and width.items and isinstance(width.items[0], Sequence):
         return Enclosing(contractor=contractor, widths=_widths(work, width, declarations), boxes=boxes)
     return Enclosing(contractor=contractor, fraction=_fraction(work, width), boxes=boxes)
-
-
-def _contractor(form: Form) -> Contractor:
-    name = form.name if isinstance(form, Symbol) else form.span.text
-    found = next((c for c in Contractor if c.value == name), None)
-    if found is None:
-        raise MbmError(language_faults.bad_form(form.span, f"`{name}` is no contractor", INTERVAL_USAGE))
-    return found
 
 
 def _fraction(work: Workspace, form: Form) -> float:

@@ -18,7 +18,7 @@ from mbm.problem.elaboration import Workspace
 from mbm.problem.requests import Window
 from mbm.problem.tables import Table
 from mbm.problem.zero_points import stated_difference
-from mbm.text.types import Form, MbmError, Sequence, Symbol
+from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
 USAGE = "(window column :length l :step s [:min-rows n])"
 MOST_ROWS_WANTED = 1_000_000_000
@@ -38,12 +38,7 @@ def read_window(work: Workspace, clauses: list[Sequence], for_each: tuple[str, .
         raise MbmError(language_faults.bad_form(clause.span, "`window` wants a length and a step", USAGE))
     column = named_column(work, named)
     tables = tuple(table for table in work.tables.values() if column in table.columns)
-    for table in tables:
-        cells = table.columns[column]
-        if cells.is_text:
-            position = cells.first_text() or 0
-            place = table.place(position, column)
-            raise MbmError(faults.bad_time(place, column, str(cells.cell(position)), named.span))
+    refuse_texts(tables, column, named.span)
     if column in for_each:
         raise MbmError(language_faults.duplicate_definition(named.span, column, clause.span))
     rows = options.get("min-rows")
@@ -117,3 +112,17 @@ def stretch(work: Workspace, form: Form, tables: tuple[Table, ...], column: str,
     if not 0 < number < float("inf"):
         raise MbmError(language_faults.bad_form(form.span, f"`{what}` is a number above zero", f"{what} 1s"))
     return number
+
+
+def refuse_texts(tables: Iterable[Table], column: str, span: Span) -> None:
+    """Refuse texts in a column of times.
+
+    Raises:
+        MbmError: bad-time.
+
+    """
+    for table in tables:
+        cells = table.columns[column]
+        if cells.is_text:
+            position = cells.first_text() or 0
+            raise MbmError(faults.bad_time(table.place(position, column), column, str(cells.cell(position)), span))

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from mbm.expression.nodes import nearest
 from mbm.language import faults as language_faults
-from mbm.language.coerce import integer, static_number
+from mbm.language.coerce import static_number
 from mbm.problem import faults
 from mbm.problem.clauses import only, split_options
 from mbm.problem.elaboration import Routines, Workspace
@@ -25,6 +25,8 @@ from mbm.problem.reading.estimators import (
     read_consensus,
     read_enclosing,
     read_trust,
+    whole_within,
+    word_of,
 )
 from mbm.problem.reading.named_columns import named_column
 from mbm.problem.reading.unknowns import stated_numbers
@@ -66,9 +68,8 @@ def read_request(
         solve.span,
         owner="`solve`",
         known=OPTIONS,
+        alone=USAGE,
     )
-    if options.positional:
-        raise MbmError(language_faults.bad_form(options.positional[0].span, "`solve` takes options only", USAGE))
     method, routine = _method(options.get("method"), work.routines)
     return Request(
         method=method,
@@ -175,38 +176,21 @@ def _named_method(name: str, span: Span | None, routines: Routines) -> tuple[Met
 
 
 def _constraint_method(form: Form | None) -> ConstraintMethod:
-    """How constraints are met."""
-    if form is None:
+    """How constraints are met; the estimator of a sequence takes ``truncate``."""
+    if form is None or (form.name if isinstance(form, Symbol) else form.span.text) == TRUNCATE:
         return ConstraintMethod.PENALTY
-    name = form.name if isinstance(form, Symbol) else form.span.text
-    if name == TRUNCATE:  # the estimator of a sequence takes it
-        return ConstraintMethod.PENALTY
-    found = next((m for m in ConstraintMethod if m.value == name), None)
-    if found is None:
-        message = f"constraints are met by `penalty` or `exact`, of filters by `truncate`, not by `{name}`"
-        raise MbmError(language_faults.bad_form(form.span, message, "(solve :constraints exact)"))
-    return found
+    wrong = "constraints are met by `penalty` or `exact`, of filters by `truncate`, not by `{}`"
+    return word_of(form, ConstraintMethod, wrong, "(solve :constraints exact)")
 
 
 def _gauge(form: Form | None) -> Gauge:
     """What becomes of common motions."""
-    if form is None:
-        return Gauge.REPORT
-    name = form.name if isinstance(form, Symbol) else form.span.text
-    found = next((g for g in Gauge if g.value == name), None)
-    if found is None:
-        message = f"common motions are to be reported (`report`) or left to a datum (`free`), not `{name}`"
-        raise MbmError(language_faults.bad_form(form.span, message, "(solve :gauge free)"))
-    return found
+    wrong = "common motions are to be reported (`report`) or left to a datum (`free`), not `{}`"
+    return Gauge.REPORT if form is None else word_of(form, Gauge, wrong, "(solve :gauge free)")
 
 
 def _integer(work: Workspace, form: Form | None, default: int, low: int, high: int, name: str) -> int:
-    if form is None:
-        return default
-    value = integer(work.evaluator.wanted(form, work.scope), form.span, f"`:{name}` (a whole number)")
-    if not low <= value <= high:
-        raise MbmError(language_faults.bad_form(form.span, f"`:{name}` should lie in {low} … {high}", USAGE))
-    return value
+    return default if form is None else whole_within(work, form, low, high, f"`:{name}`", USAGE)
 
 
 def _share(work: Workspace, form: Form | None, name: str, default: float) -> float:
@@ -241,16 +225,11 @@ def _random(work: Workspace, form: Sequence) -> RandomStarts:
     options = split_options(form.items[1:], form.span, owner="`random`", known=("seed",))
     if len(options.positional) != 1:
         raise MbmError(language_faults.bad_form(form.span, "`random` takes the number of starts", STARTS_USAGE))
-    count = _whole(work, options.positional[0], 1, MAXIMUM_STARTS, "the number of starts")
+    count = whole_within(work, options.positional[0], 1, MAXIMUM_STARTS, "the number of starts", STARTS_USAGE)
     seed = options.get("seed")
-    return RandomStarts(count=count, seed=None if seed is None else _whole(work, seed, 0, LARGEST_SEED, "`:seed`"))
-
-
-def _whole(work: Workspace, form: Form, low: int, high: int, name: str) -> int:
-    value = integer(work.evaluator.wanted(form, work.scope), form.span, f"{name} (a whole number)")
-    if not low <= value <= high:
-        raise MbmError(language_faults.bad_form(form.span, f"{name} should lie in {low} … {high}", STARTS_USAGE))
-    return value
+    if seed is not None:
+        return RandomStarts(count=count, seed=whole_within(work, seed, 0, LARGEST_SEED, "`:seed`", STARTS_USAGE))
+    return RandomStarts(count=count)
 
 
 def _given(work: Workspace, form: Sequence, declarations: Mapping[str, Declaration]) -> GivenStarts:

@@ -14,7 +14,7 @@ from mbm.problem.elaboration import Workspace
 from mbm.problem.families import with_families
 from mbm.problem.naming import PRIOR
 from mbm.problem.reading.declarations import Declaration, components, read_declaration
-from mbm.problem.reading.named_columns import named_column
+from mbm.problem.reading.named_columns import named_column, refuse_texts
 from mbm.problem.scopes import Entry, Steps
 from mbm.problem.sequence.types import INTERVAL, PREVIOUS, RATE, State
 from mbm.problem.tables import ROW
@@ -177,12 +177,7 @@ def _steps(work: Workspace, form: Form) -> Family:
         raise MbmError(faults.table_without_key(form.span, form.name))
     column = named_column(work, form) if named is None or named.key is None else named.key
     sources = tuple((name, column) for name, table in work.tables.items() if column in table.columns)
-    for name, _ in sources:
-        table = work.tables[name]
-        cells = table.columns[column]
-        if cells.is_text:
-            position = cells.first_text() or 0
-            raise MbmError(faults.bad_time(table.place(position, column), column, str(cells.cell(position)), form.span))
+    refuse_texts((work.tables[name] for name, _ in sources), column, form.span)
     several = len(sources) > 1
     return Family(
         table=f"all {column}" if several else sources[0][0],

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from mbm.equations.binding import Group
-from mbm.equations.members import member_cells
 from mbm.estimation.search.solution import Solution
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Member, leaves
 from mbm.problem.naming import key_text
+from mbm.problem.rows import member_cells
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, UnknownKind
 from mbm.report.root_means import rows_of

@@ -8,10 +8,10 @@ from typing import TypeVar
 import numpy as np
 
 from mbm.equations.binding import Group
-from mbm.equations.members import member_cells
 from mbm.estimation.search.solution import Solution
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, leaves
 from mbm.expression.rows import RowChoice
+from mbm.problem.rows import member_cells
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.report.types import Floats, Mask

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mbm.equations.members import picked_members
+from mbm.equations.gathering import picked_members
 from mbm.estimation.search.solution import Solution
 from mbm.expression.evaluate import Lookup, Values, evaluate
 from mbm.expression.nodes import Column, Component, Expression, Leaf, Parameter

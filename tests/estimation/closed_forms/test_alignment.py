@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbm.estimation.starts.closed_forms.numerics.alignment import aligned, turned
+from mbm.estimation.starts.closed_forms.similarity import aligned, turned
 from tests.estimation.closed_forms.numerics_cases import ROTATIONS, Floats, cloud
 
 EXACT = 1e-12

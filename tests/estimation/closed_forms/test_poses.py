@@ -11,8 +11,11 @@ from scipy.spatial.transform import Rotation
 import mbm
 from mbm.estimation.native.interpreted import InterpretedCode
 from mbm.estimation.starts.closed_forms.intersection import meeting_points
-from mbm.estimation.starts.closed_forms.numerics.bearings import plane_poses_from_bearings, poses_from_bearings
-from mbm.estimation.starts.closed_forms.numerics.three_points import poses_from_three
+from mbm.estimation.starts.closed_forms.numerics.bearings import (
+    plane_poses_from_bearings,
+    poses_from_bearings,
+    poses_from_three,
+)
 from mbm.estimation.starts.closed_forms.pose_from_points import is_central
 from tests.estimation.closed_forms.numerics_cases import ROTATIONS, Floats, bearings, cloud
 

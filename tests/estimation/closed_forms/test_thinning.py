@@ -7,7 +7,7 @@ import pytest
 
 import mbm
 from mbm.equations.types import Floats
-from mbm.estimation.starts.closed_forms.thinning import ENOUGH, thinned
+from mbm.estimation.starts.closed_forms.rows import ENOUGH, thinned
 
 ROWS = 5 * ENOUGH
 NOISE = 0.005

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbm.equations.corrections.roots import root
+from mbm.equations.corrections.elimination import root
 from mbm.equations.corrections.steps import step
 
 SHAPES = [(1, 2, False), (1, 3, True), (2, 3, False), (3, 3, True), (5, 2, True), (6, 1, True)]

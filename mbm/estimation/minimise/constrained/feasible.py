@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbm.equations.forwarding import Forwarding
+from mbm.equations.metric import Forwarding
 from mbm.equations.types import Conflict, Floats, Indices, Mask, Minimum
 from mbm.estimation.minimise.constrained.linearise import linearise, met
 from mbm.estimation.minimise.constrained.types import ConstrainedEquations

@@ -16,7 +16,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.formulas import of_arrays
-from mbm.equations.forwarding import Forwarding
+from mbm.equations.metric import Forwarding
 from mbm.equations.types import Conflict, ConstraintState, Floats, Mask, Minimum, Reason
 from mbm.estimation.minimise.constrained.feasible import feasible_point
 from mbm.estimation.minimise.constrained.linearise import constraint_state, first_order

@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.forwarding import Forwarding
+from mbm.equations.metric import Forwarding
 from mbm.equations.types import Equations, Floats
 from mbm.estimation.minimise.constrained.types import ConstrainedEquations
 from mbm.estimation.minimise.native.iteration import iteration_of

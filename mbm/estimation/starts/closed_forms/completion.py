@@ -8,7 +8,7 @@ from dataclasses import field, replace
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.starts.closed_forms.numerics.finite import finite
+from mbm.estimation.starts.closed_forms.rows import finite
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, Support
 from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan
 from mbm.solver.decisions import plausible

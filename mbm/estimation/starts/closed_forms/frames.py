@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from mbm.equations.types import Floats
-from mbm.estimation.starts.closed_forms.numerics.finite import finite
+from mbm.estimation.starts.closed_forms.rows import finite
 from mbm.estimation.starts.closed_forms.situation import Candidate
 from mbm.problem.types import UnknownKind
 from mbm.rotations import cross_matrix, euler_angles, from_euler, planar, quaternion_of_matrix, vector_of_quaternion

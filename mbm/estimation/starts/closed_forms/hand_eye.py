@@ -9,9 +9,8 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.chains import FRAME, REST, SAME_MOTION, put_pose
-from mbm.estimation.starts.closed_forms.numerics.finite import finite
 from mbm.estimation.starts.closed_forms.products import Products, products_of
-from mbm.estimation.starts.closed_forms.rows import Rows
+from mbm.estimation.starts.closed_forms.rows import Rows, finite
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.rotations import nearest

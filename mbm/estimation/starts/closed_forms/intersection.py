@@ -11,8 +11,7 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.lines_of_sight import directions
-from mbm.estimation.starts.closed_forms.numerics.finite import finite
-from mbm.estimation.starts.closed_forms.rows import Rows
+from mbm.estimation.starts.closed_forms.rows import Rows, finite
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.values import dataclass

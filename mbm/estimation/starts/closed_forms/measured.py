@@ -7,10 +7,8 @@ import numpy as np
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.lines_of_sight import solved
-from mbm.estimation.starts.closed_forms.motions import origin, stepped
-from mbm.estimation.starts.closed_forms.numerics.finite import finite
-from mbm.estimation.starts.closed_forms.relative_poses import relates
-from mbm.estimation.starts.closed_forms.rows import Rows
+from mbm.estimation.starts.closed_forms.relative_poses import origin, relates, stepped
+from mbm.estimation.starts.closed_forms.rows import Rows, finite
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.values import dataclass

@@ -8,10 +8,13 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.native.code import AnyCode
 from mbm.estimation.starts.closed_forms.lines_of_sight import directions
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points
-from mbm.estimation.starts.closed_forms.numerics.bearings import plane_poses_from_bearings, poses_from_bearings
-from mbm.estimation.starts.closed_forms.numerics.contaminated import poses_of_most
-from mbm.estimation.starts.closed_forms.numerics.finite import finite
-from mbm.estimation.starts.closed_forms.numerics.three_points import poses_from_three
+from mbm.estimation.starts.closed_forms.numerics.bearings import (
+    plane_poses_from_bearings,
+    poses_from_bearings,
+    poses_from_three,
+    poses_of_most,
+)
+from mbm.estimation.starts.closed_forms.rows import finite
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.values import dataclass

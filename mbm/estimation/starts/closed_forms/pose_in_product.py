@@ -6,9 +6,8 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose, put_pose, rows_of_products, without_poses
-from mbm.estimation.starts.closed_forms.numerics.finite import finite
 from mbm.estimation.starts.closed_forms.products import products_in
-from mbm.estimation.starts.closed_forms.rows import Rows
+from mbm.estimation.starts.closed_forms.rows import Rows, finite
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.rotations import nearest

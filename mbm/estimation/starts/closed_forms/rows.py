@@ -1,6 +1,8 @@
 """Equations in some rows, as closed forms are given them: values and slopes at points of one's choosing.
 
 One equation in some rows, at points of one's choosing: what closed forms are recognised by.
+
+Of many rows of one member, enough are taken: what a start is computed from.
 """
 
 from __future__ import annotations
@@ -14,10 +16,29 @@ from mbm.equations.binding import Group
 from mbm.equations.scatter import scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.native.code import AnyCode, native_code
-from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 from mbm.kernels.types import Evaluation
 from mbm.symbolic.types import ColumnInput
 from mbm.values import dataclass
+
+ENOUGH = 4_000
+"""Rows of a group that each member keeps where closed forms give starts.
+
+A start's variance is then that of the estimate times n / 4000, far inside its basin; the answer is found from all rows.
+"""
+
+
+def thinned(member: Indices, most: int) -> Indices:
+    """Positions, ascending, of at most ``most`` rows of each member (n,); the same ones at each call.
+
+    They are drawn without a pattern, so that rows in which stations or times recur are met as often as they occur.
+    """
+    if len(member) <= most or int(np.bincount(member).max()) <= most:
+        return np.arange(len(member))
+    mixed = np.random.default_rng(0).permutation(len(member))
+    order = mixed[np.argsort(member[mixed], kind="stable")]
+    grouped = member[order]
+    rank = np.arange(len(member)) - np.searchsorted(grouped, grouped)
+    return np.sort(order[rank < most])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -200,3 +221,8 @@ class Rows:
             unit=self.unit[mask],
             weight=self.weight[mask],
         )
+
+
+def finite(array: Floats, axes: int | tuple[int, ...]) -> Mask:
+    """Where all entries along ``axes`` are finite."""
+    return np.asarray(np.isfinite(array).all(axis=axes), dtype=bool)

@@ -16,8 +16,7 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.layout import Entry, Layout
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.starts.closed_forms.rows import Piece, Rows
-from mbm.estimation.starts.closed_forms.thinning import thinned
+from mbm.estimation.starts.closed_forms.rows import Piece, Rows, thinned
 from mbm.problem.types import BlockRole
 from mbm.values import dataclass
 

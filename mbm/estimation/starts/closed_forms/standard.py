@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbm.estimation.starts.closed_forms.hand_eye import DATUM, HAND_EYE
 from mbm.estimation.starts.closed_forms.intersection import INTERSECTION
-from mbm.estimation.starts.closed_forms.linear import LINEAR
+from mbm.estimation.starts.closed_forms.linear import LINEAR, SCALED_RANGES
 from mbm.estimation.starts.closed_forms.measured import MEASURED
 from mbm.estimation.starts.closed_forms.multilateration import MULTILATERATION
 from mbm.estimation.starts.closed_forms.planar_calibration import PLANAR_CALIBRATION
@@ -12,7 +12,6 @@ from mbm.estimation.starts.closed_forms.planes import PLANES
 from mbm.estimation.starts.closed_forms.pose_from_points import POSE_FROM_POINTS
 from mbm.estimation.starts.closed_forms.pose_in_product import POSE_IN_PRODUCT
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES
-from mbm.estimation.starts.closed_forms.scaled_ranges import SCALED_RANGES
 from mbm.estimation.starts.closed_forms.similarity import SIMILARITY
 from mbm.estimation.starts.closed_forms.types import ClosedForm
 

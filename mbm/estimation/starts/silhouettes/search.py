@@ -19,8 +19,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.layout import Layout
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.starts.random_starts import random_points
-from mbm.estimation.starts.silhouettes.hulls import DIRECTIONS, IN_SPACE, Hulls, hulls_of, support
-from mbm.estimation.starts.silhouettes.pictures import Picture, pictures_of
+from mbm.estimation.starts.silhouettes.hulls import DIRECTIONS, IN_SPACE, Hulls, Picture, hulls_of, pictures_of, support
 from mbm.kernels.outlines.arcs import NEAREST_DEPTH
 
 DRAWN, THINNING, REFINED, FOLLOWED, TURNED = 1024, 64, 192, 64, 48

@@ -1,11 +1,63 @@
-"""Bearings of many points of known position → the poses that see them so (object space error, as in SQPnP)."""
+"""Bearings of many points of known position → the poses that see them so (object space error, as in SQPnP).
+
+Bearings of three points give the poses that see them so (P3P), by the solver's own text; they find poses where some
+bearings are wrong.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mbm.equations.types import Floats
+from mbm.estimation.native.code import AnyCode
+from mbm.estimation.starts.closed_forms.numerics.medians import agreeing, contaminated, samples_of
 from mbm.rotations import cross_matrix, exponential, nearest
+
+
+def poses_of_most(code: AnyCode, points: Floats, bearings: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """`poses_from_bearings` of the bearings (n, 3) that agree; of all, if none stands far out.
+
+    Of samples of three, the pose with the least median of squares tells which do.
+    """
+    R, t = poses_from_bearings(points, bearings, weights)
+    if len(R) and not contaminated(_misfits(R[:1], t[:1], points, bearings, weights)[0]):
+        return R, t
+    samples = samples_of(len(points), 3)
+    turns, shifts = poses_from_three(code, points[samples], bearings[samples])
+    known = np.isfinite(shifts).all(axis=-1)
+    if len(points) <= 3 or not bool(known.any()):
+        return R, t
+    kept = agreeing(_misfits(turns[known], shifts[known], points, bearings, weights))
+    return poses_from_bearings(points[kept], bearings[kept], weights[kept])
+
+
+def _misfits(R: Floats, t: Floats, points: Floats, bearings: Floats, weights: Floats) -> Floats:
+    """Weighted squared distances (k, n) between unit bearings and those of k poses."""
+    seen = np.einsum("kij,nj->kni", R, points) + t[:, None]
+    with np.errstate(all="ignore"):
+        seen /= np.linalg.norm(seen, axis=2, keepdims=True)
+        found = weights * np.square(seen - bearings).sum(axis=2)
+    return np.where(np.isfinite(found), found, np.inf)
+
+
+PRODUCTS = 1e3
+"""Of one set, with which `SolverCode.expect` weighs it."""
+
+
+def poses_from_three(code: AnyCode, points: Floats, bearings: Floats) -> tuple[Floats, Floats]:
+    """All ``R, t`` with ``R x + t = s d``, s > 0, for three points x and unit bearings d of each of T sets.
+
+    ``points`` and ``bearings`` have shape (T, 3, 3); R (T, 4, 3, 3) and t (T, 4, 3) hold up to four solutions, NaN
+    beside them: `mbm.solver.minimal_pose`.
+    """
+    sets = len(points)
+    found, counts, scratch = np.empty((sets, 4, 12)), np.zeros(sets, dtype=np.int64), np.empty(48)
+    code.expect(PRODUCTS * sets)
+    given = np.ascontiguousarray(points), np.ascontiguousarray(bearings)
+    code.routine("poses_of_many", int, object, object, object, object, object)(sets, *given, found, counts, scratch)
+    found[np.arange(4) >= counts[:, None]] = np.nan
+    return found[..., :9].reshape(sets, 4, 3, 3), found[..., 9:]
+
 
 ITERATIONS = 12
 """Steps of Gauss–Newton on the rotation from each candidate; it converges quadratically from most."""
