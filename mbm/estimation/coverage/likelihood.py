@@ -6,9 +6,9 @@ interval is the shortest that holds the wanted share of it between the limits. O
 shortest of the normal distribution between the limits. It holds the truth in (1 − α)/(1 + α) of all cases at least, and
 in more than 1 − α near a limit (Roe and Woodroofe 2001, Physical Review D 63, 013009; Zhang and Woodroofe 2003, Journal
 of Statistical Planning and Inference 115, 479–490). Data that would be certain beyond a limit (no counts,
-no success, all readings below the limit of detection) keep what gives them a probability of α at least: of no counts
-the shortest ends there, too, but it holds a value one σ above a limit of detection in 83 % only. The deviance has grown
-by 3.84 at 1.92, where nothing is counted in 15 % of all cases.
+no success, all readings below the limit of detection) keep what gives them a probability of α, too: of no counts
+the shortest ends there as well, but it holds a value one σ above a limit of detection in 83 % only. The deviance has
+grown by 3.84 at 1.92, where nothing is counted in 15 % of all cases.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from itertools import pairwise
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.likelihoods import log_likelihood
 from mbm.equations.spreads import Freedom, Limited
-from mbm.equations.types import Floats, Mask, Minimum
+from mbm.equations.types import Floats, Indices, Mask, Minimum
+from mbm.estimation.coverage.certain import Certain, certain
 from mbm.estimation.coverage.student import coverage_factors, shortest
 from mbm.estimation.coverage.within_limits import Profile, Quantities, QuantityProfile, quantities
 from mbm.estimation.search.solution import DerivedSolution
@@ -40,9 +40,6 @@ PLATEAU = 1e-3
 
 FIRST_STEP = 1e-3
 """Share of its size by which a coordinate is moved first where no standard deviation is known."""
-
-ROUNDED = 1e-9
-"""Difference of −2 log L from the deviance, beside it, that is rounding."""
 
 WITHOUT_END = 1e30
 """Distance that a likelihood reaches at least if it has no end, whatever the unit."""
@@ -102,7 +99,7 @@ class Likelihood:
 
     ``pinned`` (n,) are those that limits hold; something is ``held`` where none is, too, as by a limit of several.
     ``variance`` is that of the residuals; one scale that is an unknown counts as in `Profiles` if it is ``scaled``.
-    ``certain`` is −log of the probability of the data if other values would make them certain (NaN: none would).
+    ``certain`` knows the probability of data that other values would make certain (None: none would).
     ``alone`` (n,) are standard deviations of coordinates if all others are known; ``derived`` gives the quantities that
     are looked at, by their numbers.
     """
@@ -114,7 +111,7 @@ class Likelihood:
     held: bool
     variance: float
     scaled: bool
-    certain: float
+    certain: Certain | None
     alone: Floats
     settings: Settings
     derived: Callable[[int], Quantities | None]
@@ -137,7 +134,7 @@ class Likelihood:
             law = own.law(which, scaled=self.scaled)
             limits = profile.value - self.limits.lower[which], self.limits.upper[which] - profile.value
             if wanted[which] or not _agrees(profile, law, own, which):
-                asked = own.level, self.certain
+                asked = own.level, self._certain(np.array([which]))
                 own.ends[0][which], own.ends[1][which] = _interval(profile, law, limits, float(own.sigma[which]), asked)
 
     def put_in_derived(self, owner: int, numbers: Own, own: Own) -> None:
@@ -171,8 +168,11 @@ class Likelihood:
                 alone = float(np.linalg.norm(found.gradient[place] * self.alone))
                 if not told or not _agrees(profile, law, numbers, place):
                     first = float(numbers.sigma[place]) if told else alone
-                    ends = _interval(profile, law, (np.inf, np.inf), first, (own.level, self.certain))
+                    ends = _interval(profile, law, (np.inf, np.inf), first, (own.level, self._certain(touched)))
                     numbers.ends[0][place], numbers.ends[1][place] = ends
+
+    def _certain(self, coordinates: Indices) -> float:
+        return np.nan if self.certain is None else self.certain.of(coordinates)
 
     def _cut(self, own: Own) -> Mask:
         """Coordinates (n,) that limits hold or are near to, and those without a sigma."""
@@ -230,8 +230,6 @@ def likelihood(
     if limits is None:
         none = np.full(count, np.nan)
         limits = Limited(lower=np.full(count, -np.inf), upper=np.full(count, np.inf), step=none, sigma=none)
-    told = log_likelihood(equations, minimum.residuals) if equations.likely else None
-    certain = told is not None and abs(2.0 * told + minimum.cost) <= ROUNDED * (1.0 + minimum.cost)
     by_owner = {one.owner: one for one in derived}
     return Likelihood(
         equations=equations,
@@ -241,7 +239,7 @@ def likelihood(
         held=limited(observed),
         variance=outcome.covariance.variance,
         scaled=outcome.freedoms.scaled,
-        certain=0.5 * minimum.cost if certain else np.nan,
+        certain=certain(equations, minimum) if equations.likely else None,
         alone=np.sqrt(outcome.covariance.variance) / observed.scale,
         settings=settings,
         derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
@@ -311,13 +309,12 @@ def _interval(
     """
     below, above = _sides(profile, law, limits, sigma)
     level, certain = asked
-    improbable = -float(np.log1p(-level)) - certain
-    if improbable > 0.0 and min(len(below.places), len(above.places)) == 1:
-        return below.end(improbable), above.end(improbable)
+    one_sided = min(len(below.places), len(above.places)) == 1
+    least = max(-float(np.log1p(-level)) - certain, 0.0) if one_sided and not np.isnan(certain) else 0.0
     if below.endless or above.endless:
         flat = any(each.endless and each.surprise[-1] < PLATEAU for each in (below, above))
         factor = coverage_factors(level, np.array([law.dof]))[0]
-        most = law.of_square(float(-2.0 * np.log1p(-level) if flat else factor**2))
+        most = max(law.of_square(float(-2.0 * np.log1p(-level) if flat else factor**2)), least)
         ends = below.end(most), above.end(most)
         return (np.nan, np.nan) if np.isinf(ends).all() else ends
     shares = below.shares(), above.shares()
@@ -327,7 +324,8 @@ def _interval(
         middle = (low + high) / 2.0
         held = sum(np.interp(s.end(middle), s.places, share) for s, share in zip((below, above), shares, strict=True))
         low, high = (middle, high) if held < wanted else (low, middle)
-    return below.end(high), above.end(high)
+    most = max(high, least)
+    return below.end(most), above.end(most)
 
 
 def _sides(profile: Profile, law: Law, limits: tuple[float, float], sigma: float) -> tuple[Side, Side]:

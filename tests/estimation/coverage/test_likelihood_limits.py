@@ -277,3 +277,26 @@ def test_what_is_derived_from_an_estimate_at_its_limit_says_so() -> None:
     assert len(said) == 1 and "the standard deviations of `more` suppose that it stays there" in said[0]
     assert np.isnan(result["twice"].sigma)
     assert result["twice"].interval() == pytest.approx([0.0, -log(0.05)], rel=NEAR)  # twice the end of two readings
+
+
+@pytest.mark.parametrize("trials", [12, 13, 14])
+def test_no_success_where_the_limit_itself_is_hardly_probable(trials: int) -> None:
+    """At p = 0.2, the limit, no success in 13 trials has a probability of 5.5 %: the shortest 95 % reach farther.
+
+    Those of (1 − p)ⁿ from 0.2 on end where (1 − p)ⁿ⁺¹ is 5 % of what it is at 0.2.
+    """
+    text = TRIALS.format(n=trials).replace("(p :in (0 1))", "(p :in (0.2 1))")
+    assert ":in (0.2 1)" in text
+    end = 1.0 - 0.8 * 0.05 ** (1 / (trials + 1))
+    found = mbm.loads(text).solve(data={"d": {"k": np.array([0.0])}})["p"].interval()
+    assert found == pytest.approx([0.2, end], rel=NEAR)
+
+
+@pytest.mark.parametrize("sigma", [0.3, 1 / np.sqrt(2 * np.pi), 1.0])
+def test_data_that_speak_of_something_else_change_nothing(sigma: float) -> None:
+    """A family of two, one below the limit of detection and one measured, and an unknown of other data beside them."""
+    text = f"""(problem p (data d (table (k c low) ("u" 1 1) ("v" 3 0) ("v" 3.2 0)))
+      (unknowns (a :per d.k :in (0 10)) (b))
+      (observe d (= c (a k)) :sigma 0.5 :below (= low 1)) (observe (= 3 b) :sigma {sigma}))"""
+    result = mbm.loads(text).solve()
+    assert result["a"]["u"].interval() == pytest.approx([0.0, 1.0 - 0.5 * norm.ppf(0.05)], rel=NEAR)
