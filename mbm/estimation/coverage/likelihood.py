@@ -23,7 +23,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.spreads import Freedom, Limited
 from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.estimation.coverage.certain import Certain, certain
-from mbm.estimation.coverage.student import coverage_factors, shortest
+from mbm.estimation.coverage.student import Law, coverage_factors, shortest
 from mbm.estimation.coverage.within_limits import Profile, Quantities, QuantityProfile, quantities
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
@@ -46,6 +46,9 @@ WITHOUT_END = 1e30
 
 NO_SIDE = 1e-6
 """Share of the reach to one side below which there is no other side: a likelihood begins at its greatest value."""
+
+AIMED_AT = 16.0
+"""−log of that share that steps aim at: aimed at the least, they hit it, and rounding decides what follows."""
 
 LONGEST, SHORTEST = 1e3, 0.125
 """The next step as a multiple of the last one at most, and at least."""
@@ -247,32 +250,6 @@ def likelihood(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Law:
-    """What the growth of the cost, in variances, is taken for: the square of Student's t of ``dof`` degrees of freedom.
-
-    ``inflation`` is that of the standard deviation, and ``scaled`` as of `Profiles`.
-    """
-
-    dof: float
-    inflation: float
-    scaled: bool
-
-    def surprise(self, growth: float) -> float:
-        """−log of the share of the greatest density that is left."""
-        if not np.isfinite(self.dof):
-            return 0.5 * growth / self.inflation**2
-        if self.scaled:
-            return 0.5 * (self.dof + 1.0) * growth / (self.dof * self.inflation**2)
-        return self.of_square(growth / self.inflation**2)
-
-    def of_square(self, squared: float) -> float:
-        """The same where t² is so much."""
-        if not np.isfinite(self.dof):
-            return 0.5 * squared
-        return 0.5 * (self.dof + 1.0) * float(np.log1p(squared / self.dof))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Side:
     """One side of a likelihood: ``surprise`` (k,), −log of what is left of it, at distances ``places`` (k,) from 0 on.
 
@@ -366,7 +343,7 @@ def _side(surprise: Callable[[float], float], limit: float, step: float, least: 
         if np.isfinite(outside):
             step = max(SHORTEST * outside, np.sqrt(inside * outside))
         else:
-            step = min(inside * min(LONGEST, max(2.0, NOTHING_LEFT / max(found, PLATEAU))), limit)
+            step = min(inside * min(LONGEST, max(2.0, AIMED_AT / max(found, PLATEAU))), limit)
     if inside < limit <= (1.0 + AS_FAR) * inside:
         known[limit] = known[inside]
         inside = limit

@@ -10,6 +10,7 @@ from math import erfc, exp, inf, isfinite, lgamma, log, log1p, pi, sqrt
 import numpy as np
 
 from mbm.equations.types import Floats
+from mbm.values import dataclass
 
 SERIES_FROM = 1000.0
 """Degrees of freedom from which on the expansion about the normal distribution has errors below 1e-9."""
@@ -22,6 +23,32 @@ LEAST_TERM = 1e-300
 ROUNDING = 4e-16
 NEWTON_STEPS = 200
 HALVINGS = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Law:
+    """What the growth of the cost, in variances, is taken for: the square of Student's t of ``dof`` degrees of freedom.
+
+    ``inflation`` is that of the standard deviation, and ``scaled`` as of `Profiles`.
+    """
+
+    dof: float
+    inflation: float
+    scaled: bool
+
+    def surprise(self, growth: float) -> float:
+        """−log of the share of the greatest density that is left."""
+        if not isfinite(self.dof):
+            return 0.5 * growth / self.inflation**2
+        if self.scaled:
+            return 0.5 * (self.dof + 1.0) * growth / (self.dof * self.inflation**2)
+        return self.of_square(growth / self.inflation**2)
+
+    def of_square(self, squared: float) -> float:
+        """The same where t² is so much."""
+        if not isfinite(self.dof):
+            return 0.5 * squared
+        return 0.5 * (self.dof + 1.0) * log1p(squared / self.dof)
 
 
 def coverage_factor(level: float, dof: float) -> float:

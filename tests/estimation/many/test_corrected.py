@@ -21,7 +21,7 @@ ONE_BY_ONE = {
     *("more equations than values", "used twice", "marks seen twice"),
     *("beside unknown noise", "a circle, a loss that is not convex", "a circle, consensus"),
 }
-LEFT_APART = {"noise that is too large"}
+LEFT_APART = {"noise that is too large", "an inequality"}
 """Solves made together of which each is looked at by itself."""
 
 DRAWN = {"a circle, consensus", "a circle, a loss that is not convex"}
