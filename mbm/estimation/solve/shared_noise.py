@@ -214,14 +214,14 @@ class Rounds:
             return 0.0
         said = self._told(parameters)
         step = np.clip(_step(said), -LONGEST_STEP, LONGEST_STEP)
-        ahead = float(_slope(said) @ step)
+        uphill = _slope(said)
         before = self._likelihood()
         least = before - LIKELIHOOD_ROUNDING * (1.0 + abs(before))
         start = self._at, self._minimum
         for _ in range(SHORTER_STEPS):
             state = self._stepped(start[0], what, step)
             self._move(state)
-            behind = float(_slope(self._told(self._parameters()[0])) @ step)
+            ahead, behind = float(uphill @ step), float(_slope(self._told(self._parameters()[0])) @ step)
             if self._likelihood() >= least and not behind < -OVERSHOT * ahead:
                 return self._length(start[0], state)
             step = step * (max(ahead / (ahead - behind), LEAST_SHARE) if behind < 0.0 < ahead else 0.5)
@@ -249,13 +249,16 @@ class Rounds:
         return float(max(moves, default=0.0))
 
     def _likelihood(self) -> float:
-        """The logarithm of the restricted likelihood, but for what does not change."""
+        """The logarithm of the restricted likelihood, but for what does not change.
+
+        Of the normal equations JᵀJ the determinant is that within the row space of J, which no noise turns.
+        """
         observed = self._ways.observed(self._minimum)
         rank = observed.row_space.shape[1]
         factors = self._ways.factors(np.exp(0.5 * self._at.logs))
         structure = self._at.structure.scaled(factors)
-        used = ~observed.fixed
-        fitted = float(np.log(observed.singular_values[:rank]).sum() + np.log(observed.scale[used]).sum())
+        within = np.linalg.qr(observed.scale[:, None] * observed.row_space, mode="r")
+        fitted = float(np.log(observed.singular_values[:rank]).sum() + np.log(np.abs(np.diag(within))).sum())
         found = structure.log_determinant - float(np.log(factors).sum()) - fitted - 0.5 * self._minimum.cost
         return found if np.isfinite(found) else -np.inf
 
