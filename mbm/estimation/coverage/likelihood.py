@@ -62,8 +62,8 @@ AS_FAR = 1e-3
 AGREES = 0.01
 """Error of −log L between the places where it is known, which moves an end by less than 1 % of a standard deviation."""
 
-MOST_WORK = 3e6
-"""Residuals times the square of the coordinates beyond which profiles beside limits would take many seconds."""
+MOST_WORK = 3e5
+"""Residuals times the square of the coordinates beyond which profiles beside limits would take more than seconds."""
 
 LEAST_PLACES, MOST_PLACES = 5, 60
 """Places on one side where the likelihood is known."""
@@ -104,7 +104,8 @@ class Likelihood:
     ``variance`` is that of the residuals; one scale that is an unknown counts as in `Profiles` if it is ``scaled``.
     ``certain`` knows the probability of data that other values would make certain (None: none would).
     ``alone`` (n,) are standard deviations of coordinates if all others are known; ``derived`` gives the quantities that
-    are looked at, by their numbers.
+    are looked at, by their numbers. Profiles are ``followed`` unless that would take too long, and not of
+    coordinates (n,) that are free in combination with others, ``combined``.
     """
 
     equations: Assembled
@@ -116,7 +117,9 @@ class Likelihood:
     scaled: bool
     certain: Certain | None
     alone: Floats
+    combined: Mask
     settings: Settings
+    followed: bool
     derived: Callable[[int], Quantities | None]
 
     def put_in(self, own: Own) -> None:
@@ -132,6 +135,8 @@ class Likelihood:
         # what is near a limit of normal errors has the linear interval up to it
         wanted = plain & ~released & (cut if self.equations.likely else self.pinned)
         others = plain & ~(wanted | released) & (own.sigma > 0.0) & self.held
+        if not self.followed:
+            return
         for which in [*np.flatnonzero(wanted).tolist(), *np.flatnonzero(others)[:MOST_FOLLOWED].tolist()]:
             profile = Profile(self.equations, self.minimum, which, self.variance, self.settings)
             law = own.law(which, scaled=self.scaled)
@@ -155,6 +160,8 @@ class Likelihood:
             touched = found.touched(place)
             if not len(touched) or not (self.held or bool(cut[touched].any())):
                 continue
+            if np.isnan(numbers.sigma[place]) and bool(self.combined[touched].any()):
+                continue
             which = int(touched[0])
             if len(touched) == 1 and index[which] >= 0:
                 if which not in reached and (cut[which] or not np.isnan(own.ends[0][which])):
@@ -162,7 +169,7 @@ class Likelihood:
                 if which in reached:
                     for end, far in zip(numbers.ends, reached[which], strict=True):
                         end[place] = far[place]
-            elif followed < MOST_FOLLOWED:
+            elif self.followed and followed < MOST_FOLLOWED:
                 followed += 1
                 told = bool(numbers.sigma[place] > 0.0)
                 fewest = int(touched[own.freedom.dof[touched].argmin()])
@@ -182,7 +189,7 @@ class Likelihood:
         places = self.equations.coordinates(self.minimum.point)
         below, above = (np.where(np.isnan(each), own.linear, each) for each in own.ends)
         near = (places - below < self.limits.lower) | (places + above > self.limits.upper)
-        return np.asarray(self.pinned | near | np.isnan(own.sigma))
+        return np.asarray(self.pinned | near | (np.isnan(own.sigma) & ~self.combined))
 
     def _whole(self, own: Own, which: int) -> tuple[float, float]:
         """How far the interval of a coordinate reaches, as it is stated."""
@@ -228,8 +235,6 @@ def likelihood(
         return None
     if not (equations.likely or limited(observed)) or not outcome.sigma_known or not outcome.covariance.variance > 0.0:
         return None
-    if not equations.likely and equations.count * count**2 > MOST_WORK:
-        return None
     if limits is None:
         none = np.full(count, np.nan)
         limits = Limited(lower=np.full(count, -np.inf), upper=np.full(count, np.inf), step=none, sigma=none)
@@ -244,7 +249,9 @@ def likelihood(
         scaled=outcome.freedoms.scaled,
         certain=certain(equations, minimum) if equations.likely else None,
         alone=np.sqrt(outcome.covariance.variance) / observed.scale,
+        combined=~observed.estimable & (np.square(minimum.jacobian).sum(axis=0) > 0.0) & (minimum.at_bound == 0),
         settings=settings,
+        followed=equations.likely or equations.count * count**2 <= MOST_WORK,
         derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
     )
 

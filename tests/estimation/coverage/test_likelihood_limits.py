@@ -300,3 +300,29 @@ def test_data_that_speak_of_something_else_change_nothing(sigma: float) -> None:
       (observe d (= c (a k)) :sigma 0.5 :below (= low 1)) (observe (= 3 b) :sigma {sigma}))"""
     result = mbm.loads(text).solve()
     assert result["a"]["u"].interval() == pytest.approx([0.0, 1.0 - 0.5 * norm.ppf(0.05)], rel=NEAR)
+
+
+@pytest.mark.parametrize("errors", [":distribution poisson", ":sigma 0.5 :below (> x 5)"])
+def test_what_a_combination_leaves_free_has_no_interval(errors: str) -> None:
+    """Of two intercepts the data tell the sum, whose interval is that of one; their own were where roundings grow."""
+    text = """(problem p (data d (table (x n) (1 1) (2 2) (3 2) (4 5) (5 4) (6 8)))
+      (unknowns (a :init 1) (b :init 0.1){more})
+      (observe d (= n (+ {sum} (* a x))) {errors}) (derive (w {sum}) (v (- {sum} (* 2 b)))))"""
+    one = mbm.loads(text.format(more="", sum="b", errors=errors)).solve()
+    two = mbm.loads(text.format(more=" (c :init 0.3)", sum="(+ b c)", errors=errors)).solve()
+    for name in ("b", "c", "v"):
+        assert np.isnan(two[name].interval()).all()
+    for name in ("a", "w"):
+        assert two[name].interval() == pytest.approx(one[name].interval(), rel=NEAR, abs=NEAR)
+
+
+def test_many_estimates_at_limits_have_their_intervals() -> None:
+    """Each by itself: N(-0.1, 0.2) above 0, up to 95 % of what is left of it."""
+    rows = " ".join(f"({k} {-0.1 if k % 2 else 3.0})" for k in range(80))
+    text = f"""(problem p (data d (table (k y) {rows})) (unknowns (a :per d.k :in (0 100)))
+      (observe d (= y (a k)) :sigma 0.2) (derive (twice (* 2 (a 1)))))"""
+    result = mbm.loads(text).solve()
+    left = norm.sf(0.5)
+    end = -0.1 + 0.2 * norm.isf(0.05 * left)
+    assert result["a"][1].interval() == pytest.approx([0.0, end], rel=1e-6)
+    assert result["twice"].interval() == pytest.approx([0.0, 2 * end], rel=1e-6)
