@@ -354,6 +354,8 @@ def _on_manifold(unknown: Unknown, numbers: Floats) -> Floats:
                 )
             )
         if piece in (Piece.QUATERNION, Piece.SPHERE):
+            largest = np.abs(part).max(axis=1, keepdims=True)  # the square of 1e200 is infinite
+            part /= np.where(largest > 0.0, largest, 1.0)
             length = np.linalg.norm(part, axis=1, keepdims=True)
             if bool((length == 0.0).any()):
                 none, one = ("rotation", "[1, 0, 0, 0]") if piece is Piece.QUATERNION else ("direction", "[0, 0, 1]")

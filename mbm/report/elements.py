@@ -24,6 +24,9 @@ from mbm.scales import SI
 from mbm.text.printer import plain_number
 from mbm.values import dataclass
 
+NO_ROTATION = 1e-3
+"""Largest entry of R Rᵀ − 1 of a matrix that is a rotation, written with four digits."""
+
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 GEOMETRIC = frozenset({Kind.DIRECTION, Kind.ROTATION, Kind.POSE, Kind.SIMILARITY})
@@ -134,7 +137,8 @@ def numbers_of_written(value: Mapping[str, Any]) -> list[float] | None:
         if "quaternion" in value and len(translation) != 2:
             return [*np.asarray(value["quaternion"], dtype=np.float64).tolist(), *rest]
         matrix = np.asarray(value["matrix"], dtype=np.float64)
-        if bool(np.linalg.det(matrix) <= 0.0):
+        turned = bool(np.abs(matrix @ matrix.T - np.eye(len(matrix))).max() > NO_ROTATION)
+        if turned or bool(np.linalg.det(matrix) <= 0.0):
             return None
         if matrix.shape == (2, 2):
             return [float(np.arctan2(matrix[1, 0], matrix[0, 0])), *rest]

@@ -77,6 +77,7 @@ TURNED = """(problem turned
         ({"q": {"quaternion": [0, 0, 0, 0]}}, "unknown-override", "`q` is no rotation: its length is 0"),
         ({"q": {"matrix": np.zeros((3, 3)).tolist()}}, "bad-initial-values", "neither a rotation nor a pose"),
         ({"q": {"matrix": np.diag([1, 1, -1]).tolist()}}, "bad-initial-values", "neither a rotation nor a pose"),
+        ({"q": {"matrix": np.diag([2, 1, 1]).tolist()}}, "bad-initial-values", "neither a rotation nor a pose"),
         ({"s": [1, 0, 0, 0, 0, 0, 0, 0]}, "unknown-override", "`s` has a scale that is not above 0"),
     ],
 )
@@ -89,6 +90,8 @@ def test_starts_of_any_length_are_of_unit_length() -> None:
     result = mbm.loads(TURNED).solve(init={"d": [0, 3, 4], "q": [3, 0, 0, 0.5]})
     np.testing.assert_allclose(result["d"].value, [0, 1, 0], atol=1e-9)  # the tolerance of the solve
     assert np.linalg.norm(result["q"].value) == pytest.approx(1.0, abs=1e-12)
+    for length in (1e200, 1e-200):  # the squares of which no number holds
+        np.testing.assert_allclose(mbm.loads(TURNED).solve(init={"d": [0, 0, length]})["d"].value, [0, 1, 0], atol=1e-9)
 
 
 @pytest.mark.parametrize("given", [0, -1, -3, 2.5, "2", "a", True, [1]])

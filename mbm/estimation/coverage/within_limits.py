@@ -12,6 +12,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.metric import Forwarding
 from mbm.equations.types import Floats, Indices, Mask, Minimum
+from mbm.estimation.minimise.constrained.linearise import linearise, met
 from mbm.estimation.minimise.constrained.solve import function_constrained_minimum
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.search.solution import DerivedSolution
@@ -36,6 +37,7 @@ class Profile:
     def __init__(self, equations: Assembled, minimum: Minimum, which: int, variance: float, settings: Settings) -> None:
         free = equations.free
         self._number = int(equations.layout.number[free[which]])
+        self._every = equations
         self._others = equations.freed(np.delete(free, which), minimum.point)
         self._settings = settings
         self._least = minimum.cost
@@ -71,7 +73,9 @@ class Profile:
         residuals = self._others.residuals(start)
         cost = float(residuals @ residuals)
         if not self._others.dimension:
-            return cost, start
+            every = self._every
+            met_all = not every.constraints or bool(met(linearise(every, start), every.equality).all())
+            return (cost if met_all else np.inf), start
         if not np.isfinite(cost):
             return None
         found = minimise(self._others, start, self._settings)

@@ -57,6 +57,7 @@ def beyond(equations: Assembled, minimum: Minimum, others: Sequence[Alternative]
     squares = np.array([np.diag(np.linalg.pinv(each, hermitian=True)) for each in normals])
     costs = (np.array([each.cost for each in own]) - minimum.cost) / variance
     wider = np.array([_log_size(each) for each in normals]) - _log_size(minimum.jacobian.T @ minimum.jacobian)
+    wider = np.nan_to_num(wider)  # what is open has no volume to compare
     return Beyond(
         steps=steps_to(equations, minimum.point, points[near]),
         spreads=np.sqrt(variance * squares),
@@ -65,6 +66,11 @@ def beyond(equations: Assembled, minimum: Minimum, others: Sequence[Alternative]
 
 
 def _log_size(normal: Floats) -> float:
-    """The logarithm of the squared volume of the region that normal equations (n, n) leave; 0 where that is open."""
-    sign, found = np.linalg.slogdet(normal)
-    return -float(found) if sign > 0.0 and np.linalg.cond(normal) < OPEN else 0.0
+    """The logarithm of the squared volume of the region that normal equations (n, n) leave; NaN where that is open."""
+    scale = np.sqrt(np.diag(normal))
+    if not scale.all():
+        return np.nan
+    scaled = normal / np.outer(scale, scale)
+    sign, found = np.linalg.slogdet(scaled)
+    closed = sign > 0.0 and np.linalg.cond(scaled) < OPEN
+    return -float(found) - 2.0 * float(np.log(scale).sum()) if closed else np.nan

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from scipy.stats import truncnorm
+from scipy.stats import norm, truncnorm
 
 import mbm
 from mbm.cli.main import run
@@ -153,3 +153,16 @@ def test_intervals_beside_a_limit_hold_the_truth(inside: float) -> None:
         held = ((found[:, 0] <= truth) & (truth <= found[:, 1])).mean()
         # 1000 runs are known to 0.7 % (one standard deviation)
         assert 0.93 < held < 0.985
+
+
+@pytest.mark.parametrize("constraint", ["(<= (^ a 2) 0.16)", "(<= (exp a) (exp 0.4))", "(<= (* a a a) 0.064)"])
+def test_a_limit_on_a_function_of_the_only_unknown(constraint: str) -> None:
+    """N(0.55, 0.1/√2) below 0.4: the shortest that holds 95 % of what is left begins where 5 % of that are."""
+    text = f"""(problem p (data d (table (y) (0.5) (0.6))) (unknowns (a)) (constraints {constraint})
+      (observe d (= y a) :sigma 0.1) (derive (twice (* 2 a))))"""
+    result = mbm.loads(text).solve()
+    sigma = 0.1 / np.sqrt(2.0)
+    begin = 0.55 + sigma * norm.ppf(0.05 * norm.cdf((0.4 - 0.55) / sigma))
+    # The likelihood is known to 1 % of its logarithm between the places looked at.
+    assert result["a"].interval() == pytest.approx([begin, 0.4], rel=2e-3)
+    assert result["twice"].interval() == pytest.approx([2 * begin, 0.8], rel=2e-3)
