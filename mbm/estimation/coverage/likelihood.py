@@ -148,7 +148,8 @@ class Likelihood:
     def put_in_derived(self, owner: int, numbers: Own, own: Own) -> None:
         """The same of the ``numbers`` of a derived quantity, beside the coordinates of their ``own`` ends.
 
-        A number that is made of one coordinate alone goes as far as that takes it.
+        A number that is made of one coordinate alone goes as far as that takes it. Nobody looks at one that equations
+        make certain; one without a slope where several leave their limits at once has no interval.
         """
         found = self.derived(owner)
         if found is None:
@@ -169,7 +170,9 @@ class Likelihood:
                 if which in reached:
                     for end, far in zip(numbers.ends, reached[which], strict=True):
                         end[place] = far[place]
-            elif self.followed and followed < MOST_FOLLOWED:
+            elif self.followed and followed < MOST_FOLLOWED and numbers.sigma[place] != 0.0:
+                if not found.felt(place, self.equations, self.alone):
+                    continue
                 followed += 1
                 told = bool(numbers.sigma[place] > 0.0)
                 fewest = int(touched[own.freedom.dof[touched].argmin()])

@@ -19,6 +19,7 @@ from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
 from mbm.estimation.trust.curvature import MOST_DERIVED
 from mbm.estimation.uncertainty.derived import Propagation
+from mbm.estimation.uncertainty.observability import STILL
 from mbm.values import dataclass
 
 SHORTER_STEPS = 40
@@ -118,6 +119,18 @@ class Quantities:
         width = self.gradient.shape[1]
         dense = self.group.dense_jacobian(point + self.turned, self.columns, width)
         return np.asarray(dense.reshape(-1, width)[place])
+
+    def felt(self, place: int, equations: Assembled, alone: Floats) -> bool:
+        """Whether one of them has a slope: not one that is rounding beside what steps ``alone`` (n,) make of it.
+
+        Nothing leads away from where it has none, as a product of two numbers at 0.
+        """
+        steps = np.diag(alone)[self.touched(place)]
+        steps = np.vstack([steps, steps.sum(axis=0)])
+        points = equations.retract(np.tile(self.point, (2 * len(steps), 1)), np.vstack([steps, -steps]))
+        moved = np.abs(self.changes(points)[:, place])
+        slope = float(np.abs(self.gradient[place]) @ alone)
+        return slope > STILL * float(moved[np.isfinite(moved)].max(initial=0.0))
 
     def reach(self, number: int, below: float, above: float) -> tuple[Floats, Floats]:
         """How far they go (k,) below and above while one ``number`` goes so far; NaN where that is not known."""

@@ -103,11 +103,14 @@ class Propagation:
                 if derived.kind is not None:
                     part = tangent_slopes(derived.kind, derived.dimension, stated[lines], slopes)
                 spread = self._sigmas(part)
-                still = pinned(self.outcome.observed, part.reshape(spread.size, width)).reshape(spread.shape)
+                still, certain = (
+                    each.reshape(spread.shape)
+                    for each in pinned(self.outcome.observed, part.reshape(spread.size, width))
+                )
                 still |= held_too[lines] & ~part.any(axis=-1)
                 reason = PINNED if bool(still.any()) else reason
                 if derived.kind is None:
-                    held = cannot_vary(stated[lines], spread)
+                    held = cannot_vary(stated[lines], spread) | certain
                     part, spread = np.where(held[..., None], 0.0, part), np.where(held, 0.0, spread)
                 sigma[chosen] = np.where(unknown[lines] | still, np.nan, spread)
                 found = self.outcome.freedoms.of(part)

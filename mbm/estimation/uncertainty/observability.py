@@ -91,24 +91,26 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface
         unused=tuple(unused.tolist()),
         estimable=estimable,
         fixed=fixed.copy(),
-        limited_space=None if surface is None else _limited(surface, used, scale),
+        limited_space=None if surface is None else _limited(surface, fixed, scale),
     )
 
 
-def _limited(surface: Surface, used: Indices, scale: Floats) -> Floats | None:
-    """An orthonormal basis (n, k) of the directions that inequalities take away and equations do not, scaled."""
-    slopes = surface.slopes[:, used] / scale[used]
-    lengths = np.sqrt(np.square(slopes).sum(axis=1))
-    slopes, equality = slopes[lengths > 0.0] / lengths[lengths > 0.0, None], surface.equality[lengths > 0.0]
-    if not bool((~equality).any()):
+def _limited(surface: Surface, fixed: Mask, scale: Floats) -> Floats | None:
+    """An orthonormal basis (n, k) of the directions that bounds and inequalities take away and equations do not,
+    scaled; None: those of coordinates at a bound alone.
+    """
+    slopes, tied = surface.slopes / scale, surface.equality
+    if bool(tied.all()) and not (bool(fixed.any()) and bool((slopes[:, fixed] != 0.0).any())):
         return None
-    directions, rank, _ = taken_away(slopes[equality], equality[equality], whole=False)
+    slopes = np.vstack([slopes, np.eye(len(scale))[fixed]])
+    tied = np.append(tied, np.zeros(int(fixed.sum()), dtype=bool))
+    lengths = np.sqrt(np.square(slopes).sum(axis=1))
+    slopes, tied = slopes[lengths > 0.0] / lengths[lengths > 0.0, None], tied[lengths > 0.0]
+    directions, rank, _ = taken_away(slopes[tied], tied[tied], whole=False)
     along = directions[:rank]
-    rows = slopes[~equality] - slopes[~equality] @ along.T @ along
+    rows = slopes[~tied] - slopes[~tied] @ along.T @ along
     _, singular, right = np.linalg.svd(rows, full_matrices=False)
-    found = np.zeros((len(scale), int((singular > STILL).sum())))
-    found[used] = right[: found.shape[1]].T
-    return found
+    return np.asarray(right[: int((singular > STILL).sum())].T)
 
 
 def observed_at(minimum: Minimum, point: Floats, weights: Floats | None = None) -> Observability:
@@ -139,22 +141,27 @@ def limited(observed: Observability) -> bool:
     return observed.limited_space is not None or bool(observed.fixed.any())
 
 
-def pinned(observed: Observability, gradient: Floats) -> Mask:
-    """Which quantities with the gradient (k, n) change only as estimates leave the limits that hold them."""
+def pinned(observed: Observability, gradient: Floats) -> tuple[Mask, Mask]:
+    """Which quantities with the gradient (k, n) change only as estimates leave the limits that hold them, and which
+    not even then: of what limits hold and equations tie together.
+    """
     if not limited(observed):
-        return np.zeros(len(gradient), dtype=bool)
+        return np.zeros(len(gradient), dtype=bool), np.zeros(len(gradient), dtype=bool)
     weighted = gradient / observed.scale
     held, loose = np.where(observed.fixed, weighted, 0.0), np.where(observed.fixed, 0.0, weighted)
     if observed.limited_space is not None:
-        held = np.hstack([held, loose @ observed.limited_space])
+        held = weighted @ observed.limited_space
     if observed.inverse is None:
         loose = np.hstack([loose @ observed.row_space, loose @ observed.null_space])
-    held_by, moved_by = (np.square(each).sum(axis=1) for each in (held, loose))
-    return np.asarray((held_by > 0.0) & (moved_by <= STILL**2 * held_by))
+    held_by, moved_by, whole = (np.square(each).sum(axis=1) for each in (held, loose, weighted))
+    still = (whole > 0.0) & (moved_by <= STILL**2 * whole)
+    return np.asarray(still & (held_by > STILL**2 * whole)), np.asarray(still & (held_by <= STILL**2 * whole))
 
 
 def pinned_coordinates(observed: Observability) -> Mask:
-    """Which of the coordinates (n,) do so: those at a bound, and those that an inequality holds alone."""
+    """Which of the coordinates (n,) change only so: those at a bound, and those that inequalities and equations hold
+    with them.
+    """
     if observed.limited_space is None:
         return observed.fixed
-    return np.asarray(observed.fixed | pinned(observed, np.eye(len(observed.fixed))))
+    return pinned(observed, np.eye(len(observed.fixed)))[0]

@@ -138,6 +138,40 @@ def test_a_quantity_that_equations_determine_keeps_its_zero() -> None:
     assert found["both"].interval() == pytest.approx([3.0, 3.0 + far], rel=NEAR)
 
 
+@pytest.mark.parametrize(("unknown", "limit"), BOUND[:2])
+@pytest.mark.parametrize("each", ["", "(for-each k)"])
+def test_what_equations_tie_to_an_estimate_at_its_limit_goes_as_far_as_that(
+    unknown: str, limit: str, each: str
+) -> None:
+    limit = limit.replace("(constraints", "").replace("(>= a 0))", "(>= a 0)")
+    text = f"""(problem p (data d external) (unknowns {unknown} (b)) (constraints {limit} (= (+ a b) 1)) {each}
+        (observe d (= y a) :sigma 0.2)
+        (derive (twice (* 2 b)) (sum (+ a b)) (none (- (+ a b) 1)) (both (+ a (* 3 b)))))"""
+    data = {"y": READINGS, "k": np.zeros(3)}
+    found = mbm.loads(text).solve(data={"d": data}).solves[0]
+    far = ends(READINGS)
+    for name, expected in (("b", [1 - far, 1.0]), ("twice", [2 - 2 * far, 2.0]), ("both", [3 - 2 * far, 3.0])):
+        assert found[name].interval() == pytest.approx(expected, rel=NEAR)
+        assert np.isnan(found[name].sigma)
+    for name, value in (("sum", 1.0), ("none", 0.0)):
+        assert found[name].sigma == 0.0
+        assert found[name].interval() == pytest.approx([value, value], abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("unknowns", "limits"),
+    [("(a :in (0 10)) (b :in (-1 0))", ""), ("(a) (b)", "(constraints (>= a 0) (<= b 0))")],
+)
+def test_a_product_of_two_estimates_at_their_limits_has_no_interval(unknowns: str, limits: str) -> None:
+    text = f"""(problem p (data d external) (unknowns {unknowns}) {limits} (observe d (= y a) :sigma 0.2)
+        (observe d (= y (- (* 2 b) a 1)) :sigma 0.2)
+        (derive (product (* a b)) (sum (+ a b)) (small (* 1e-9 (+ a b)))))"""
+    found = mbm.loads(text).solve(data={"d": {"y": READINGS}})
+    assert np.isnan(found["product"].sigma) and np.isnan(found["product"].interval()).all()
+    assert found["product"].reason is not None and "leaves the limit" in found["product"].reason
+    assert found["small"].interval() == pytest.approx(1e-9 * found["sum"].interval(), rel=NEAR)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("inside", [0.0, 0.5, 1.0, 2.0])
 def test_intervals_beside_a_limit_hold_the_truth(inside: float) -> None:
