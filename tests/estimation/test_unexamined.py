@@ -48,6 +48,22 @@ def test_too_many_derived_numbers_are_named():
     assert "not examined: curvature of f (more than 200 derived numbers)" in str(result)
 
 
+HELD = """(problem p (data d external) (unknowns (a :init 0.3 :in (0 5)) (b :init 0.1))
+    (observe d (= y (+ a (* b x))) :sigma 0.1{loss}){each})"""
+
+
+@pytest.mark.parametrize("each", ["", " (for-each k)"])
+@pytest.mark.parametrize("loss", ["", " :loss huber"])
+def test_intervals_beside_limits_are_named_where_nobody_follows_them(loss, each):
+    """An intercept that is -0.1 without its limit; the cost of a loss is no likelihood."""
+    x = np.arange(10.0, 15.0)
+    data = {"d": {"x": x, "y": 0.1 * x - 0.1 + 0.05 * (-1) ** x, "k": np.zeros(5)}}
+    found = mbm.loads(HELD.format(loss=loss, each=each)).solve(data=data).solves[0]
+    assert found["a"].at_bound.all()
+    assert list(found.not_examined) == (["intervals beside limits"] if loss else [])
+    assert np.isnan(found["a"].interval()).all() == bool(loss)
+
+
 def test_solves_made_together_say_the_same():
     derived = "(derive (f (* a (exp (* -1 k t))) :over (grid t 0 3 201)))"
     many = mbm.loads(f"(problem p (data d external) {DECAY} {derived} (for-each run))").solve(data=rows(12))

@@ -28,6 +28,7 @@ from mbm.estimation.coverage.within_limits import Profile, Quantities, QuantityP
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
 from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED, OF_LIKELIHOODS
+from mbm.estimation.trust.unexamined import unfollowed
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.observability import limited, pinned_coordinates
 from mbm.values import dataclass
@@ -254,7 +255,7 @@ def likelihood(
         alone=np.sqrt(outcome.covariance.variance) / observed.scale,
         combined=~observed.estimable & (np.square(minimum.jacobian).sum(axis=0) > 0.0) & (minimum.at_bound == 0),
         settings=settings,
-        followed=equations.likely or equations.count * count**2 <= MOST_WORK,
+        followed=unfollowed(equations, minimum) is None,
         derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
     )
 

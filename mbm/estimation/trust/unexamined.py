@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mbm.equations.assembly import Assembled
 from mbm.equations.binding import affine
 from mbm.equations.surface import on_surface, plainly_affine
 from mbm.equations.types import Minimum
@@ -13,16 +14,49 @@ from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.curvature import MOST_DERIVED, Curvature
 from mbm.estimation.trust.nonlinearity import MOST_COORDINATES, too_much
 from mbm.estimation.uncertainty.derived import Propagation
+from mbm.estimation.uncertainty.observability import limited
 
 CURVATURE = "curvature"
 """The name of what is not examined at all; that of one quantity is called `curvature of NAME`."""
 
 
+BESIDE_LIMITS = "intervals beside limits"
+"""The name of what is not followed where limits hold an estimate."""
+
+SPARSE = "the problem was solved with sparse matrices"
+
+MOST_WORK = 3e6
+"""Residuals times the square of the coordinates beyond which profiles beside limits would take many seconds."""
+
+
 def unexamined(
     propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSolution, ...], found: Curvature | None
 ) -> Mapping[str, str]:
-    """Reasons by what was not examined; nothing where the model is linear, or no minimum was reached."""
-    if not minimum.reason.converged or (found is not None and not derived):
+    """Reasons by what was not examined; nothing where no minimum was reached."""
+    if not minimum.reason.converged:
+        return {}
+    outcome = propagation.outcome
+    why = unfollowed(outcome.influence.equations, minimum) if limited(outcome.observed) else None
+    beside = {} if why is None else {BESIDE_LIMITS: why}
+    return {**_curvature(propagation, minimum, derived, found), **beside}
+
+
+def unfollowed(equations: Assembled, minimum: Minimum) -> str | None:
+    """Why nobody follows intervals to where estimates leave the limits that hold them; None: somebody does."""
+    if minimum.blocks is not None:
+        return SPARSE
+    if equations.lossy:
+        return "the cost of losses is no likelihood"
+    if not equations.likely and equations.count * equations.dimension**2 > MOST_WORK:
+        return "too many rows for so many unknowns"
+    return None
+
+
+def _curvature(
+    propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSolution, ...], found: Curvature | None
+) -> Mapping[str, str]:
+    """Reasons by what of the curvature was not examined; nothing where the model is linear."""
+    if found is not None and not derived:
         return {}
     equations = propagation.equations
     straight = plainly_affine(equations) and (minimum.blocks is not None or on_surface(equations, minimum) is None)
@@ -60,7 +94,7 @@ def _why_nothing(propagation: Propagation, minimum: Minimum) -> str | None:
     """None where the covariance is not that of these equations alone: noises estimated of a subset, no unknowns."""
     estimated = propagation.outcome.covariance
     if minimum.blocks is not None:
-        return "the problem was solved with sparse matrices"
+        return SPARSE
     if too_much(estimated.factor.shape[1] if estimated.factor.ndim == 2 else 0, minimum.residuals.shape[0]):
         return f"more than {MOST_COORDINATES} unknowns, or too many rows for so many unknowns"
     if propagation.equations.lossy:
