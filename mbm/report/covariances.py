@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.estimation.search.solution import Solution
-from mbm.estimation.uncertainty.observability import pinned_coordinates
 from mbm.report.derived_values import FREE
 from mbm.report.elements import GEOMETRIC, coordinate_factors, element_names
 from mbm.report.quantities import Shown
@@ -29,7 +28,7 @@ def estimates_covariance(solution: Solution, shown: Shown, unknown: str | None, 
         return _matrix(chosen, factors, None, _LEFT_OUT)
     if unknown is not None:
         return _matrix(chosen, factors, np.full((len(chosen),) * 2, np.nan), unknown)
-    held = pinned_coordinates(solution.observability)
+    held = solution.minimum.at_bound != 0
     matrix = _whole(solution)
     if matrix is None:
         return _matrix(chosen, factors, None, f"{len(chosen)} scalars are too many")

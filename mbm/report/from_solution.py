@@ -13,7 +13,6 @@ from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.search import Alternative as OtherMinimum
 from mbm.estimation.search.solution import Failure, Hypothesis, Skipped, Solution
 from mbm.estimation.sequences.faults import BEYOND_BOUNDS
-from mbm.estimation.uncertainty.observability import pinned_coordinates
 from mbm.problem.naming import member_name
 from mbm.problem.types import Problem
 from mbm.report import faults
@@ -228,7 +227,7 @@ class _Each:
         count = len(solution.layout.number)
         sigma = np.full(count, np.nan)
         bound, unused, estimable = (np.zeros(count, dtype=bool) for _ in range(3))
-        bound[solution.free] = pinned_coordinates(solution.observability)
+        bound[solution.free] = solution.minimum.at_bound != 0
         if unknown is None:
             sigma[solution.free] = solution.covariance.sigma
             unused[solution.unused] = True
@@ -282,8 +281,7 @@ def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each)
 
 def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alternative:
     """Another minimum: its estimates alone."""
-    held = replace(solution.observability, fixed=other.minimum.at_bound != 0, limited_space=None)
-    there = replace(solution, numbers=other.minimum.point, minimum=other.minimum, observability=held)
+    there = replace(solution, numbers=other.minimum.point, minimum=other.minimum)
     robust = solution.robust_cost
     return Alternative(
         cost=other.cost,

@@ -84,7 +84,7 @@ def _outside(kind: Kind, tables: Tables, near: np.ndarray | None) -> Outside:
         factors, matrix = np.array([np.sqrt(cost / dof)]), matrix * cost / dof
     return Outside(
         x=(end.x if kind.moved is None else base)[: max(n, len(base) if kind.moved else 0)],
-        sigmas=np.where(_held(end), np.nan, np.sqrt(np.diag(matrix)))[:n],
+        sigmas=np.where(_at_bound(statement, end), np.nan, np.sqrt(np.diag(matrix)))[:n],
         cost=cost, dof=dof, factors=factors, objective=end.objective, sizes=sizes(statement, end.x)[:n],
         clear=end.clear,
     )  # fmt: skip
@@ -129,12 +129,14 @@ def _components(kind: Kind, tables: Tables, factors: np.ndarray, found) -> np.nd
     return factors * np.sqrt([squares[part].sum() / kept[part].sum() for part in kind.rows(tables)])
 
 
-def _held(end: Minimum) -> np.ndarray:
-    """Coordinates that inequalities and bounds keep from moving, and equations alone do not."""
-    moves, without = (
-        np.linalg.norm(along(rows, len(end.x)), axis=1) for rows in (end.holding, end.holding[: end.equations])
-    )
-    return (moves <= 1e-9) & (without > 1e-9)
+def _at_bound(statement: Statement, end: Minimum) -> np.ndarray:
+    """Coordinates that a bound holds: conditions with one slope, behind the stated constraints."""
+    held = np.zeros(len(end.x), dtype=bool)
+    for lower, upper in ((statement.lower, statement.upper),):
+        for limit in (lower, upper):
+            if limit is not None:
+                held |= np.abs(end.x - limit) < 1e-9 * sizes(statement, end.x)
+    return held
 
 
 def faults(kind: Kind, tables: Tables, answer: Answer, wanted: Outside) -> list[str]:

@@ -23,9 +23,9 @@ SHARES = [(-1e3, False), (0.5, False), (1.3, False), (1.5, True), (2.0, True), (
 
 
 def check(solve, held):
-    """The constraint holds x, which has no deviation, and that of y is σ, or it only touches x."""
+    """The constraint holds x, whose deviation is 0 and that of y σ, or only touches it."""
     sigma = {estimate.name: float(estimate.sigma) for estimate in solve.estimates}
-    assert sigma["x"] == pytest.approx(np.nan if held else SIGMA, rel=1e-9, nan_ok=True)
+    assert sigma["x"] == pytest.approx(0.0 if held else SIGMA, rel=1e-9)
     assert sigma["y"] == pytest.approx(SIGMA if held else np.sqrt(2) * SIGMA, rel=1e-9)
     assert ("active-constraint" in [d.code.name for d in solve.diagnostics]) == held
     assert solve.dof == int(held)

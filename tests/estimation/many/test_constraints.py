@@ -57,13 +57,13 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
 
 @pytest.mark.parametrize("name", MADE_TOGETHER)
 def test_these_are_made_together(name):
-    """Of those that are pushed against something and of the others, most are answered in columns."""
+    """Most are answered in columns of those that no inequality holds: where one lets go is looked for one by one."""
     solves = solved(name).result.solves
     clean = np.concatenate([block.block.columns.clean for block in solves.blocks])
     pushed = np.concatenate([block.block.columns.limits.pushed.any(axis=1) for block in solves.blocks])
-    assert clean.sum() > len(solves) / 2
-    assert bool((clean & pushed).any()) == (name in PUSHED)
-    assert (clean & ~pushed).any()
+    assert clean.sum() > (~pushed).sum() / 2
+    assert not (clean & pushed).any()
+    assert bool(pushed.any()) == (name in PUSHED)
 
 
 @pytest.mark.parametrize("name", MADE_TOGETHER)
@@ -98,7 +98,7 @@ def test_tables_and_texts_are_those_of_the_reports(name):
     assert columns.fits == plain.fits
     shown = [list(many_solves(each, 100, Paint(False), True)) for each in (solves, tuple(solves))]
     assert shown[0] == shown[1]
-    assert sum("more like it" in line for line in shown[0]) > 0
+    assert "more like it" in " ".join(" ".join(shown[0]).split())
 
 
 @pytest.mark.parametrize("sigma", ["0.1", "unknown"])
