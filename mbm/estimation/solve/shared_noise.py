@@ -251,14 +251,17 @@ class Rounds:
     def _likelihood(self) -> float:
         """The logarithm of the restricted likelihood, but for what does not change.
 
-        Of the normal equations JᵀJ the determinant is that within the row space of J, which no noise turns.
+        Of the normal equations JᵀJ the determinant is that of the movements which constraints leave and the data feel,
+        orthogonal to the free ones: no noise turns these.
         """
         observed = self._ways.observed(self._minimum)
         rank = observed.row_space.shape[1]
         factors = self._ways.factors(np.exp(0.5 * self._at.logs))
         structure = self._at.structure.scaled(factors)
-        within = np.linalg.qr(observed.scale[:, None] * observed.row_space, mode="r")
-        fitted = float(np.log(observed.singular_values[:rank]).sum() + np.log(np.abs(np.diag(within))).sum())
+        felt, free = (each / observed.scale[:, None] for each in (observed.row_space, observed.null_space))
+        free = np.linalg.qr(free)[0]
+        moved = np.linalg.qr(felt - free @ (free.T @ felt), mode="r")
+        fitted = float(np.log(observed.singular_values[:rank]).sum() - np.log(np.abs(np.diag(moved))).sum())
         found = structure.log_determinant - float(np.log(factors).sum()) - fitted - 0.5 * self._minimum.cost
         return found if np.isfinite(found) else -np.inf
 
