@@ -243,8 +243,8 @@ def _doubts(walked: Walked, fit: Fit, hypotheses: tuple[Hypothesis, ...]) -> Ite
     if fit.chi2_p is not None and fit.sigma0 is not None and fit.chi2_p < IMPROBABLE:
         yield faults.overconfident_filter(walked.problem.span, fit.sigma0, fit.chi2_p)
     weights = [each.weight for each in hypotheses]
-    if any(weight >= PROBABLE for weight in weights[1:]):
-        yield faults.another_hypothesis(walked.problem.span, [w for w in weights if w >= PROBABLE])
+    if sum(weights[1:]) >= PROBABLE:
+        yield faults.another_hypothesis(walked.problem.span, weights[0], weights[1:])
 
 
 def _lost(walked: Walked, counted: Assembled, residuals: Floats) -> tuple[Diagnostic, ...]:

@@ -28,8 +28,8 @@ BEYOND_BOUNDS = Code(
 
 ANOTHER_HYPOTHESIS = Code(
     "another-hypothesis",
-    "A filter follows several hypotheses, and another than the one that is reported is still probable after the last "
-    "step: it has 5 % of all weight or more (a warning). It stands among the `hypotheses`.",
+    "A filter follows several hypotheses, and others than the one that is reported are still probable after the last "
+    "step: they have 5 % of all weight or more together (a warning). They stand among the `hypotheses`.",
     "Measure something that tells them apart, or exclude one with a constraint or the prior of the first step.",
 )
 
@@ -53,18 +53,17 @@ def beyond_bounds(span: Span | None, name: str, steps: int | None) -> Diagnostic
     )
 
 
-def another_hypothesis(span: Span | None, weights: Sequence[float]) -> Diagnostic:
-    """``weights`` of the hypothesis reported and of the others that are probable."""
-    reported, *others = (f"{weight:.4g}" for weight in weights)
+def another_hypothesis(span: Span | None, reported: float, others: Sequence[float]) -> Diagnostic:
+    """The weights of the hypothesis ``reported``, and of the ``others``."""
     if len(others) == 1:
-        what = f"another hypothesis is probable after the last step: its weight is {others[0]}"
+        what = f"another hypothesis is probable after the last step: its weight is {others[0]:.4g}"
     else:
-        listed = f"{', '.join(others[:-1])} and {others[-1]}"
-        what = f"{len(others)} other hypotheses are probable after the last step: their weights are {listed}"
+        what = f"{len(others)} other hypotheses are followed after the last step: their weights are {sum(others):.4g}"
+        what += f" together, {max(others):.4g} the greatest"
     return Diagnostic(
         code=ANOTHER_HYPOTHESIS,
         severity=Severity.WARNING,
-        message=f"{what}, that of the one reported {reported}",
+        message=f"{what}, that of the one reported {reported:.4g}",
         place=span,
         hint=ANOTHER_HYPOTHESIS.mend,
     )
