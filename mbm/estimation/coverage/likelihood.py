@@ -63,9 +63,6 @@ AS_FAR = 1e-3
 AGREES = 0.01
 """Error of −log L between the places where it is known, which moves an end by less than 1 % of a standard deviation."""
 
-MOST_WORK = 3e5
-"""Residuals times the square of the coordinates beyond which profiles beside limits would take more than seconds."""
-
 LEAST_PLACES, MOST_PLACES = 5, 60
 """Places on one side where the likelihood is known."""
 
@@ -235,7 +232,10 @@ def likelihood(
     outcome = propagation.outcome
     equations = outcome.influence.equations
     observed, count = outcome.observed, equations.dimension
-    if equations.lossy or minimum.blocks is not None or not minimum.feasible or not minimum.reason.converged:
+    followed = unfollowed(equations, minimum) is None
+    if not followed and (limits is None or not np.isfinite(limits.step).any()):
+        return None
+    if not minimum.feasible or not minimum.reason.converged:
         return None
     if not (equations.likely or limited(observed)) or not outcome.sigma_known or not outcome.covariance.variance > 0.0:
         return None
@@ -255,7 +255,7 @@ def likelihood(
         alone=np.sqrt(outcome.covariance.variance) / observed.scale,
         combined=~observed.estimable & (np.square(minimum.jacobian).sum(axis=0) > 0.0) & (minimum.at_bound == 0),
         settings=settings,
-        followed=unfollowed(equations, minimum) is None,
+        followed=followed,
         derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
     )
 

@@ -25,8 +25,8 @@ BESIDE_LIMITS = "intervals beside limits"
 
 SPARSE = "the problem was solved with sparse matrices"
 
-MOST_WORK = 3e6
-"""Residuals times the square of the coordinates beyond which profiles beside limits would take many seconds."""
+MOST_WORK = 3e5
+"""Residuals times the square of the coordinates beyond which profiles beside limits would take more than seconds."""
 
 
 def unexamined(

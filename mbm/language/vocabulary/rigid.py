@@ -280,7 +280,7 @@ def direction_difference(
 
 
 def tangent_axes(unit: tuple[Expression, ...], span: Span) -> tuple[tuple[Expression, ...], tuple[Expression, ...]]:
-    """Two unit vectors orthogonal to a unit vector and to one another (Duff et al. 2017, without branches)."""
+    """Two unit vectors orthogonal to a unit vector and to one another (Duff et al. 2017)."""
     x, y, z = unit
     sign = apply(Operation.IF, Apply(Operation.LESS, (z, _SEAM), span=span), negate(ONE, span), ONE, span=span)
     a = divide(negate(ONE, span), add(sign, z, span), span)
