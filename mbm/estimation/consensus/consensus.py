@@ -25,9 +25,10 @@ from mbm.equations.types import Floats, Noise, NoiseState
 from mbm.estimation.consensus import faults
 from mbm.estimation.consensus.agreeing import agreed, agreed_anywhere
 from mbm.estimation.consensus.binding import units_of, without_losses
+from mbm.estimation.consensus.held import held_by
 from mbm.estimation.consensus.parts import agree_in_parts, parts_of
 from mbm.estimation.consensus.rules import independent_columns
-from mbm.estimation.consensus.truncated import agree_by_losses
+from mbm.estimation.consensus.truncated import agree_by_losses, fitted
 from mbm.estimation.consensus.types import Agreed, Asked, Prepared, observed, with_loss
 from mbm.estimation.consensus.units import Units, consistency
 from mbm.estimation.minimise.minimise import minimise
@@ -43,6 +44,9 @@ from mbm.text.types import Diagnostic, MbmError
 
 Starts: TypeAlias = Callable[[], tuple[Beginning, ...]]
 """Finds the points to start from, at least one; may raise MbmError."""
+
+HELD_ROUNDS = 5
+"""Times that inequalities are put in which hold the fit to what agrees, until they are the same."""
 
 SAMPLE = 10_000
 """With more units the trials are judged by so many, drawn at random: the best of them is the best of all but for luck
@@ -68,12 +72,14 @@ def agreeing(
                 raise
     point = beginnings[0].point if found is None or beginnings else found.point
     units = units_of(equations, problem, point, observed)
-    if found is None and (units.scalars <= equations.dimension or not equations.dimension):
+    asked = replace(asked, held=held_by(equations, point, equations.equality))
+    left = asked.left(equations)
+    if found is None and (units.scalars <= left or not left):
         if problem.sequence is not None and equations.dimension:
             raise MbmError(faults.no_subset(problem.sequence.span, consensus.kind.value))
         return Prepared(equations=equations, starts=beginnings)
-    if found is None or beginnings:
-        found = _agreed(asked, equations, units, beginnings)
+    if found is None or beginnings or equations.constraints:
+        asked, found = _agreed(asked, equations, units, beginnings or (Beginning(point=point, origin=""),))
     if not found.inliers.any():  # no equation has a value anywhere near: the minimisation says which
         return Prepared(equations=equations, starts=beginnings or starts())
     return _prepared(asked, equations, units, found, beginnings)
@@ -130,7 +136,7 @@ def _prepared(
     problem, consensus, settings = asked.problem, asked.consensus, asked.settings
     keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
     keep[units.number] = found.inliers
-    factors, noise = _loss_noise(problem, equations, units, found)
+    factors, noise = _loss_noise(asked, equations, units, found)
     diagnostics: list[Diagnostic] = []
     told = settled or found.share >= LEAST_SHARE
     if not told:
@@ -163,9 +169,12 @@ def scaled(problem: Problem, equations: Assembled, settings: Settings, search: S
     if units.scalars == 0 or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
     starts = _fitted_plainly(problem, equations, settings, starts)
-    few = equations.count < equations.dimension
-    found = _all_agree(units, starts[0].point) if few else _agreed(asked, equations, units, starts)
-    factors, noise = _loss_noise(problem, equations, units, found)
+    asked = replace(asked, held=held_by(equations, starts[0].point, equations.equality))
+    few = equations.count < asked.left(equations)
+    found = _all_agree(units, starts[0].point)
+    if not few:
+        asked, found = _agreed(asked, equations, units, starts)
+    factors, noise = _loss_noise(asked, equations, units, found)
     return Prepared(
         equations=equations,
         starts=starts if few else _from_agreement(found, consensus, settings, starts),
@@ -205,9 +214,24 @@ def _all_agree(units: Units, point: Floats) -> Agreed:
     )
 
 
-def _agreed(asked: Asked, equations: Assembled, units: Units, starts: tuple[Beginning, ...]) -> Agreed:
+def _agreed(asked: Asked, equations: Assembled, units: Units, starts: tuple[Beginning, ...]) -> tuple[Asked, Agreed]:
+    """The units that agree, and what they were asked: with the inequalities that hold the fit to them put in."""
+    found = _in_pieces(asked, equations, units, np.stack([start.point for start in starts]))
+    if equations.equality.all():
+        return asked, found
+    before = equations.equality
+    for _ in range(HELD_ROUNDS):
+        holding = fitted(asked, equations, units, found).constraints
+        if holding is None or bool((holding.forcing == before).all()):
+            break
+        before = holding.forcing
+        asked = replace(asked, held=held_by(equations, found.point, before))
+        found = _in_pieces(asked, equations, units, found.point[None])
+    return asked, found
+
+
+def _in_pieces(asked: Asked, equations: Assembled, units: Units, points: Floats) -> Agreed:
     """The units that agree: in one piece, part by part, or, with very many connected unknowns, by way of losses."""
-    points = np.stack([start.point for start in starts])
     if equations.dimension > 1:
         parts = parts_of(equations)
         if max(len(part.columns) for part in parts) > MANY_CONNECTED:
@@ -277,9 +301,10 @@ def _from_agreement(
 
 
 def _loss_noise(
-    problem: Problem, equations: Assembled, units: Units, found: Agreed
+    asked: Asked, equations: Assembled, units: Units, found: Agreed
 ) -> tuple[Floats | None, Mapping[int, Noise]]:
     """Factors (all residuals,) and noise of the blocks that have a loss and unknown noise."""
+    problem, left = asked.problem, asked.left(equations)
     factors = np.ones(equations.whole)
     noise: dict[int, Noise] = {}
     total = int(units.components[found.inliers].sum())
@@ -288,7 +313,7 @@ def _loss_noise(
             continue
         mine = units.group == number
         count = int(units.components[mine & found.inliers].sum())
-        redundancy = count * (1.0 - equations.dimension / total) if total else 0.0
+        redundancy = count * (1.0 - left / total) if total else 0.0
         variance = float(found.variances[mine].mean())
         factor = sqrt(variance)
         exact = variance <= units.rounding[mine & found.inliers].max(initial=0.0)

@@ -23,7 +23,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.formulas import of_arrays
 from mbm.equations.losses import LossFunction
-from mbm.equations.types import Floats, Indices, Mask
+from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.estimation.consensus.binding import without_losses
 from mbm.estimation.consensus.scores import cuts, limits_of, variances_at
 from mbm.estimation.consensus.types import Agreed, Asked
@@ -32,7 +32,6 @@ from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.settings import Settings
 from mbm.problem.kinds import LossKind
-from mbm.problem.types import Problem
 from mbm.solver.consensus_gnc import gnc_weight
 from mbm.solver.consensus_records import Units as SolverUnits
 from mbm.solver.consensus_truncation import untruncated
@@ -124,7 +123,7 @@ class _Rule:
 def agree_by_truncation(asked: Asked, equations: Assembled, units: Units, ways: Sequence[Way], trusted: Mask) -> Agreed:
     """The units that agree, by the best of some ways, one at least; those ``trusted`` (U,) do in any case."""
     fits = _Fits(asked, equations, units)
-    rule = _Rule(cut=limits_of(units, asked.consensus), trusted=trusted, dimension=equations.dimension)
+    rule = _Rule(cut=limits_of(units, asked.consensus), trusted=trusted, dimension=asked.left(equations))
     ends = [_settled(fits, rule, _graduated(fits, rule, way)) for way in ways if not asked.settings.stopped()]
     best = min(ends, key=lambda end: end[1]) if ends else _settled(fits, rule, ways[0].start)
     return replace(best[0], cut_short=asked.settings.stopped())
@@ -203,12 +202,12 @@ def agree_by_losses(asked: Asked, equations: Assembled, units: Units, start: Flo
     def narrowed(widths: tuple[float, ...], point: Floats) -> Agreed:
         squares = units.squares(plain.plain_residuals(point))
         for width in widths:
-            variances = _variances(squares, units, equations.dimension)
+            variances = _variances(squares, units, asked.left(plain))
             factors = _by_row(np.sqrt(variances), units, plain)
             lossy = _with_loss(plain, acting, width * float(np.sqrt(cut.max()))).with_factors(factors)
             point = minimise(lossy, point, way, problem.span).point
             squares = units.squares(plain.plain_residuals(point))
-        return _fitted_to_inliers(problem, plain, units, point, cut, way)
+        return _fitted_to_inliers(replace(asked, settings=way), plain, units, point, cut)
 
     found = _best([narrowed(WIDTHS, start), narrowed(NARROW, start)], units)
     if found.share >= LEAST_SHARE:
@@ -224,29 +223,34 @@ def _best(candidates: Sequence[Agreed], units: Units) -> Agreed:
     return candidates[int(np.argmax(counts))]
 
 
-def _fitted_to_inliers(
-    problem: Problem, plain: Assembled, units: Units, point: Floats, cut: Floats, settings: Settings
-) -> Agreed:
+def fitted(asked: Asked, equations: Assembled, units: Units, found: Agreed) -> Minimum:
+    """The fit to the units that agree, weighted by their noise, where the constraints hold."""
+    plain = without_losses(equations)
+    keep = np.ones(int(plain.units.max()) + 1, dtype=bool)
+    keep[units.number] = found.inliers
+    weighted = plain.with_factors(_by_row(np.sqrt(found.variances), units, plain)).kept(keep)
+    return minimise(weighted, found.point, asked.settings, asked.problem.span)
+
+
+def _fitted_to_inliers(asked: Asked, plain: Assembled, units: Units, point: Floats, cut: Floats) -> Agreed:
     """Fits to the inliers until they stay the same."""
-    before = None
+    before, left = None, asked.left(plain)
     squares = units.squares(plain.plain_residuals(point))
     for _ in range(NARROWED_ROUNDS):
-        variances = _variances(squares, units, plain.dimension)
+        variances = _variances(squares, units, left)
         inliers = squares <= cut * variances
         if before is not None and bool((inliers == before).all()):
             break
         before = inliers
-        keep = np.ones(int(plain.units.max()) + 1, dtype=bool)
-        keep[units.number] = inliers
-        weighted = plain.with_factors(_by_row(np.sqrt(variances), units, plain)).kept(keep)
-        point = minimise(weighted, point, settings, problem.span).point
+        kept = Agreed(point=point, inliers=inliers, limits=cut * variances, variances=variances)
+        point = fitted(asked, plain, units, kept).point
         squares = units.squares(plain.plain_residuals(point))
     limits = cut * variances
     return Agreed(
         point=point,
         inliers=inliers,
         limits=limits,
-        variances=noise_of_inliers(squares, squares <= limits, variances, units, plain.dimension, limits),
+        variances=noise_of_inliers(squares, squares <= limits, variances, units, left, limits),
     )
 
 

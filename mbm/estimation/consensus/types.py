@@ -10,6 +10,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Mask, Minimum, Noise, Reason
+from mbm.estimation.consensus.held import Held
 from mbm.estimation.search.starting import Beginning
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Block, BlockRole, Consensus, Problem
@@ -31,7 +32,7 @@ def with_loss(block: Block) -> bool:
 class Asked:
     """What is asked of consensus: by which rules, of the units of the blocks that are ``ruled``.
 
-    ``stated``: no noise is unknown any more.
+    ``stated``: no noise is unknown any more. ``held`` are the constraints that are put in (None: none).
     """
 
     problem: Problem
@@ -39,6 +40,12 @@ class Asked:
     consensus: Consensus
     ruled: Callable[[Block], bool]
     stated: bool = False
+    held: Held | None = None
+
+    def left(self, equations: Assembled) -> int:
+        """Coordinates of equations that constraints leave."""
+        mine = None if self.held is None else self.held.within(equations)
+        return equations.dimension - (0 if mine is None else len(mine.columns))
 
     def acting(self, equations: Assembled) -> tuple[bool, ...]:
         """Which groups of equations have units that may be left out."""

@@ -13,7 +13,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
 from mbm.equations.whitening import Whitener
-from mbm.estimation.minimise.native.function import Remembered
+from mbm.estimation.minimise.native.function import Evaluated, Remembered
 from mbm.estimation.minimise.native.iteration import Iteration
 from mbm.estimation.minimise.native.packing import rows_of, system_arrays
 from mbm.estimation.minimise.native.system import ROWS_IN_PYTHON, NativeSystem
@@ -80,11 +80,14 @@ class Picked:
         )
 
 
-def picked_rows(equations: Assembled) -> Picked:
-    """Equations without losses as rows that are picked from all of them, those left out by their weights not."""
+def picked_rows(equations: Assembled, source: Evaluated | None = None) -> Picked:
+    """Equations without losses as rows that are picked from all of them, those left out by their weights not.
+
+    ``source`` has the residuals (m,) and Jacobian (m, n) of them (None: they themselves).
+    """
     place = np.full(equations.whole, -1, dtype=np.int64)
     place[slice(None) if equations.rows is None else equations.rows] = np.arange(equations.count)
-    remembered, numbers = Remembered(equations), len(equations.layout.start)
+    remembered, numbers = Remembered(source or equations), len(equations.layout.start)
     groups: list[Group] = []
     units: list[Indices] = []
     first = first_unit = 0

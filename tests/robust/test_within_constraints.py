@@ -1,0 +1,90 @@
+"""What agrees, and the noise of it, beside constraints: as where the equation is put in by hand."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import mbm
+
+FREE = {
+    "linear": ("(a) (b)", "(+ a (* b x))", "(= (+ a b) 1.2)"),
+    "dependent": ("(a) (b) (c)", "(+ a (* b x) c)", "(= (+ a b) 1.2) (= (+ (* 2 a) (* 2 b)) 2.4) (= c 0)"),
+    "curved": ("(a :init 1) (b :init 0.3)", "(+ a (* b x))", "(= (+ (^ a 2) (^ b 2)) 1.04)"),
+    "inequality": ("(a) (b)", "(+ a (* b x))", "(>= a 1.3)"),
+}
+PUT_IN = {
+    "linear": ("(b)", "(+ (- 1.2 b) (* b x))"),
+    "dependent": ("(b)", "(+ (- 1.2 b) (* b x))"),
+    "curved": ("(f :init 0.3)", "(* (sqrt 1.04) (+ (cos f) (* (sin f) x)))"),
+    "inequality": ("(b)", "(+ 1.3 (* b x))"),
+}
+WAYS = {
+    "huber": (":loss (huber 1.5)", ""),
+    "tukey": (":loss (tukey 4.7)", ""),
+    "lmeds": ("", "(solve :robust lmeds)"),
+    "gnc": ("", "(solve :robust gnc)"),
+}
+
+
+def points(seed):
+    generator = np.random.default_rng(seed)
+    x = np.linspace(0, 5, 14)
+    y = 1 + 0.2 * x + 0.1 * generator.normal(size=14)
+    y[generator.choice(14, 2, replace=False)] += 2
+    return {"x": x, "y": y}
+
+
+def solved(unknowns, model, constraints, way, data):
+    loss, request = WAYS[way]
+    text = (
+        f"(problem line (data d external) (unknowns {unknowns}) (observe d (= y {model}) :sigma unknown {loss})"
+        f"{constraints} {request})"
+    )
+    (found,) = json.loads(mbm.loads(text).solve(data={"d": data}).to_json())["solves"]
+    return found
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("kind", FREE)
+def test_noise_is_that_of_the_equation_put_in(kind, way):
+    unknowns, model, constraints = FREE[kind]
+    for seed in (0, 1, 2):
+        data = points(seed)
+        found = solved(unknowns, model, f"(constraints {constraints})", way, data)
+        expected = solved(*PUT_IN[kind], "", way, data)
+        # 1e-8: steps to a curved constraint end where they no longer shrink
+        assert found["noise"]["d"] == pytest.approx(expected["noise"]["d"], rel=1e-8)
+        assert found["dof"] == expected["dof"]
+        other = next(iter(expected["estimates"].values()))["value"]
+        if kind != "curved":
+            assert found["estimates"]["b"]["value"] == pytest.approx(other, rel=1e-7)
+
+
+def test_an_equation_may_tell_what_the_rows_do_not():
+    """No subset of rows tells a · b apart; with a = 2 b is the slope, found among a third of outliers."""
+    generator = np.random.default_rng(3)
+    x = np.linspace(1, 5, 15)
+    y = 6 * x + 0.1 * generator.normal(size=15)
+    y[::3] -= 40
+    constraints = "(constraints (= a 2))"
+    found = solved("(a :init 1) (b :init 1)", "(* a b x)", constraints, "lmeds", {"x": x, "y": y})
+    assert found["estimates"]["b"]["value"] == pytest.approx(3, abs=0.05)  # σ about 0.005
+    assert found["residuals"]["d"]["outliers"] == [1, 4, 7, 10, 13]
+
+
+def test_parts_have_constraints_of_their_own():
+    """Two lines that nothing connects, each through a stated point: as the two by themselves."""
+    both = {f"{name}{k}": values for k in "12" for name, values in points(int(k)).items()}
+    text = (
+        "(problem lines (data d external) (unknowns (a) (b) (c) (e))"
+        " (observe first d (= y1 (+ a (* b x1))) :sigma unknown :loss (huber 1.5))"
+        " (observe second d (= y2 (+ c (* e x2))) :sigma unknown :loss (huber 1.5))"
+        " (constraints (= (+ a b) 1.2) (= (+ c e) 1.2)))"
+    )
+    (found,) = json.loads(mbm.loads(text).solve(data={"d": both}).to_json())["solves"]
+    for k, name in (("1", "first"), ("2", "second")):
+        alone = solved(*PUT_IN["linear"], "", "huber", {"x": both[f"x{k}"], "y": both[f"y{k}"]})
+        assert found["noise"][name] == pytest.approx(alone["noise"]["d"], rel=1e-8)
