@@ -82,6 +82,7 @@ class Drafting:
 
     problem_forms: tuple[str, ...] = PROBLEM_FORMS
     case_forms: tuple[str, ...] = CASE_FORMS
+    derived_forms: tuple[str, ...] = DERIVED_FORMS
 
     def __init__(
         self,
@@ -296,7 +297,7 @@ class Drafting:
         )
 
     def _derived(self, number: int, derived: Derived) -> DerivedShape:
-        identifier = self.names.made(derived.name, *DERIVED_FORMS)
+        identifier = self.names.made(derived.name, *self.derived_forms)
         mine = self.pairs.get((Purpose.DERIVED, number), ())
         return DerivedShape(
             name=Foreign(derived.name),

@@ -31,7 +31,7 @@ def refuse(found: Elaborated, target: Target) -> None:
     """
     problem = found.problem
     faults_found = [*_sequence(problem, target), *_data(problem), *_blocks(problem)]
-    faults_found += [] if problem.sequence is not None else _derived(problem, target)
+    faults_found += _derived(problem, target)
     for constant in (each for each in problem.constants if each.sigmas and target.solves):
         what, why = f"the uncertainty of the constant `{constant.name}`", "generated solvers solve once, for its value"
         todo = "leave its `:sigma` or `:prior` out, or make it an unknown with a prior"
@@ -134,10 +134,6 @@ def _sequence(problem: Problem, target: Target) -> Iterator[Diagnostic]:
         why = "a generated filter follows one sequence"
         todo = "leave `for-each` and `window` out, and let there be a filter for each"
         yield faults.not_emitted(sequence.span, "`for-each` or `window` with `states`", why, todo)
-    for derived in problem.derived:
-        what = f"the derived quantity `{derived.name}` beside `states`"
-        why = "a generated filter answers the unknowns and states of a step"
-        yield faults.not_emitted(derived.span, what, why, "leave it out, and compute it of the answer")
 
 
 def _data(problem: Problem) -> Iterator[Diagnostic]:
@@ -258,7 +254,11 @@ def _derived(problem: Problem, target: Target) -> Iterator[Diagnostic]:
     for written in problem.written_out:
         why = "it is written out for the rows at hand, and a generated solver gets others"
         yield faults.not_emitted(written.span, "an aggregate in a constraint", why, "leave it out")
-    families = {u.family.rows for u in problem.unknowns if u.family is not None and u.family.column is not None}
+    families = {
+        u.family.rows
+        for u in problem.unknowns
+        if u.family is not None and u.family.column is not None and not u.is_state
+    }
     for derived in problem.derived:
         what = f"the derived quantity `{derived.name}`"
         if derived.kind is not None and target.solves:

@@ -47,7 +47,8 @@ problem could become, members of its structs; files, programs and targets of `ma
 do not have some of the files."""
 
 _IN_FILTERS = (
-    ("function", "answer_at begin_all close_frame find_rows open_frame put_fixed take_rows take_step take_transition"),
+    ("function", "answer_at begin_all close_frame find_rows keep_derived open_frame put_fixed"),
+    ("function", "take_rows take_step take_transition"),
     ("frame", "chain count data dt given keys memory moves moves_count previous rows spread walk"),
     ("result", "at hypotheses innovation residuals"),
     ("data", "at"),
@@ -83,5 +84,6 @@ FILTER_FORMS = (
     *PROBLEM_FORMS,
     *(f"function.{{name}}_{word}" for word in ["filter", "rows", "step", "finish", "next_step"]),
 )
+FILTER_DERIVED_FORMS = (*DERIVED_FORMS, "result.{name}_covariance", "function.keep_{name}")
 FILTER_CASE_FORMS = (*CASE_FORMS, "function.{name}_begin", "function.{name}_take")
 """Those of filters."""

@@ -33,13 +33,7 @@ def described(blueprint: Blueprint) -> Iterator[str]:
         yield f"* constant {code(constant.name)} = {constant.value:.17g}"
     yield ""
     yield from described_blocks(blueprint)
-    for derived in blueprint.derived:
-        over = f" for each row of {code(derived.table)}" if derived.table is not None else ""
-        unit = f", shown in {prose(derived.unit)}" if derived.unit else ""
-        yield f"Derived {code(derived.name)}{over}{unit}:"
-        yield ""
-        yield from fenced(line for case in derived.cases[:MOST_CASES] for line in case.text)
-        yield ""
+    yield from described_derived(blueprint)
     if blueprint.agreement is not None:
         yield from _agreement(blueprint.agreement)
     if blueprint.ranges is not None:
@@ -61,6 +55,17 @@ def described_blocks(blueprint: Blueprint) -> Iterator[str]:
     """The clauses."""
     for block in blueprint.blocks:
         yield from _block(block)
+
+
+def described_derived(blueprint: Blueprint) -> Iterator[str]:
+    """The quantities computed from the estimates."""
+    for derived in blueprint.derived:
+        over = f" for each row of {code(derived.table)}" if derived.table is not None else ""
+        unit = f", shown in {prose(derived.unit)}" if derived.unit else ""
+        yield f"Derived {code(derived.name)}{over}{unit}:"
+        yield ""
+        yield from fenced(line for case in derived.cases[:MOST_CASES] for line in case.text)
+        yield ""
 
 
 def _unknown(blueprint: Blueprint, unknown: UnknownShape) -> str:

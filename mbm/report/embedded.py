@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from mbm.emit.c.files import CHUNK
@@ -14,12 +16,13 @@ from mbm.emit.refusals import refuse_cells
 from mbm.emit.routines.systems import set_capacities
 from mbm.emit.types import OutputFile, Target
 from mbm.equations.binding import EvaluationCache, Group
-from mbm.equations.types import Indices
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.sequences.answer import derived_after
 from mbm.estimation.sequences.embedded import Embedded, embedded, numbered
 from mbm.estimation.sequences.places import spread_entries
 from mbm.estimation.sequences.room import GroupRows, Room
-from mbm.estimation.sequences.run import Begun, begun
-from mbm.estimation.sequences.unsuited import unsuited
+from mbm.estimation.sequences.run import Begun, begun, walk_of
+from mbm.estimation.sequences.unsuited import derived_elsewhere, unsuited
 from mbm.estimation.settings import Forms, settings_of
 from mbm.kernels.types import KernelSet
 from mbm.machine.records import reals_in, slots_by_name, view
@@ -69,7 +72,7 @@ def filter_plan(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, f
         raise TypeError(problem.name)
     starts = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     ready = begun(problem, kernels, found.tables, starts, settings_of(problem.request, None, forms), cache)
-    for what in unsuited(ready):
+    for what in (*unsuited(ready), *derived_elsewhere(ready, kernels)):
         why = "a generated filter is given the rows of one step at a time"
         raise MbmError(not_emitted(sequence.span, f"a problem {what}", why))
     most = _rows_of_steps(found, sequence)
@@ -109,7 +112,7 @@ def filter_plan(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, f
         steps=Foreign(sequence.steps),
         reached=Foreign(sequence.reached),
         joined=tuple(map(Foreign, dict.fromkeys(table for table, _ in sequence.joined))),
-        references=_references(ready),
+        references=_references(ready, kernels, starts),
     )
 
 
@@ -208,9 +211,10 @@ def _fixed(rows: GroupRows) -> FixedRows:
     )
 
 
-def _references(ready: Begun) -> StepReferences:
+def _references(ready: Begun, kernels: KernelSet, starts: Mapping[str, Floats]) -> StepReferences:
     """The answers of the first steps."""
-    track = ready.chained.walk(ready.prior, ready.rules)
+    walk = walk_of(ready, kernels, key={}, starts=starts)
+    track = walk.track
     count = min(track.made, MOST_REFERENCES)
     layout = ready.chained.seen.equations.layout
     keys = ready.tables[ready.sequence.steps].numbers(ready.sequence.column)
@@ -221,4 +225,5 @@ def _references(ready: Begun) -> StepReferences:
         numbers=layout.reported(track.points[:count]),
         covariances=np.where(touched[:, :, None] | touched[:, None, :], np.nan, covariances),
         costs=track.costs[:count],
+        derived=tuple(derived_after(walk, k) for k in range(count)) if ready.problem.derived else (),
     )

@@ -43,6 +43,7 @@ STATIONS = """
   (observe z (= y (* s (+ x (lift at)))) :sigma (+ 0.2 anchors.h) :when (> w 0.2))
   (observe z (= y (if (= kind "near") x (* 2 x))) :sigma 0.4)
   (observe anchors (= h (lift name)) :sigma 0.1)
+  {rest}
   (solve :method {method}))"""
 """Rows that pick members, are joined, left out, of kinds with equations of their own; transitions that take columns."""
 
@@ -52,6 +53,7 @@ DRIVE = """
   (states :over k (at (pose 2) :init (pose2 0 0 0) :sigma 0.3))
   (dynamics (= (next at) (compose at (pose2 forward 0 turn)) :sigma [0.03 0.05 0.02]))
   (observe ranges (= d (distance (translation at) [px py])) :sigma 0.1)
+  {rest}
   (solve :method {method}))"""
 
 ARM = """
@@ -72,7 +74,7 @@ def cart(method, sigma="0.1", rest=""):
     return CART.format(method=method, sigma=sigma, rest=rest), {"frames": FRAMES, "z": made}
 
 
-def stations(method):
+def stations(method, rest=""):
     """The stations with their data."""
     z = table(
         y=noisy,
@@ -81,10 +83,10 @@ def stations(method):
         kind=lambda k, g: g.choice(["near", "far"], len(k)),
     )
     frames = {**FRAMES, "go": np.cos(FRAMES["k"])}
-    return STATIONS.format(method=method), {"frames": frames, "z": z}
+    return STATIONS.format(method=method, rest=rest), {"frames": frames, "z": z}
 
 
-def drive(method):
+def drive(method, rest=""):
     """The drive with its data."""
     k = FRAMES["k"]
     wheels = {"k": k, "forward": np.full(STEPS, 1.0), "turn": np.full(STEPS, 0.1)}
@@ -93,7 +95,7 @@ def drive(method):
         py=lambda k, g: 5.0 + g.standard_normal(len(k)),
         d=lambda k, g: 5.0 + 0.1 * g.standard_normal(len(k)),
     )
-    return DRIVE.format(method=method), {"wheels": wheels, "ranges": ranges}
+    return DRIVE.format(method=method, rest=rest), {"wheels": wheels, "ranges": ranges}
 
 
 def arm():

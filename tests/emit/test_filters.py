@@ -45,6 +45,8 @@ def hostile():
         (= y{NAME} (+ s{NAME} t{NAME}.w{NAME} (=f{NAME} who{NAME}) (ω{NAME} who{NAME})
           (if (= who{NAME} {formula}) 1 0))) :sigma 2)
       (constraints (<= (=f{NAME} {formula}) 5))
+      (derive (s{NAME}2 (* 2 s{NAME})) (g{NAME} [(=f{NAME} {formula}) (ω{NAME} {formula})])
+        (r{NAME} (if (= who{NAME} {formula}) (- y{NAME} s{NAME}) 1) :over *d{NAME}))
       (solve :method truncated-ekf))"""
     return text, {}
 
@@ -96,12 +98,22 @@ LATER = (
 )
 """One that says the same in each row of a table, and holds from the first on."""
 
+KINDS = """
+(derive (high (+ x (lift at)) :over z) (kinds (if (= kind "near") (* w x) (+ x 1)) :over z)
+  (lifts (* (lift name) h) :over anchors) (one (lift "a")) (both [(* x s) (lift "b")]))"""
+"""At every step, for rows of a step and of no step, by kinds of rows with kernels of their own."""
+PLACES = """
+(derive (place (translation at)) (side (atan2 (dot [0 1] (transform at [1 0])) 1) :unit deg)
+  (missed (- d (distance (translation at) [px py])) :over ranges))"""
+LOST = "(derive (sum (+ x g)) (alone [x (* 2 g)]) (none (log (- x 100))))"
+"""Determined where its parts are not, not determined, and without a value."""
+
 SHAPES = {
-    "iterated, members, kinds": sequences.stations("iterated-ekf"),
+    "iterated, members, kinds": sequences.stations("iterated-ekf", KINDS),
     "cuts": sequences.cart("truncated-ekf", "s", "(constraints (<= x 0.5) (= b 0.2))"),
     "poses": sequences.drive("ekf"),
     "hypotheses": sequences.arm(),
-    "fixed lag": sequences.drive("(smoother :lag 3)"),
+    "fixed lag": sequences.drive("(smoother :lag 3)", PLACES),
     "hostile": hostile(),
 }
 """What is made in each usual run."""
@@ -110,8 +122,8 @@ MORE = {
     "iterated": sequences.cart("iterated-ekf"),
     "lag 1": sequences.cart("(smoother :lag 1)", "s"),
     "lag 20": sequences.cart("(smoother :lag 20)"),
-    "lag, members": sequences.stations("(smoother :lag 2)"),
-    "iterated poses": sequences.drive("iterated-ekf"),
+    "lag, members": sequences.stations("(smoother :lag 2)", KINDS),
+    "iterated poses": sequences.drive("iterated-ekf", PLACES),
     "covariances": plain(
         COVARIANCES.format(noise="covariance [[0.02 0.01] [0.01 0.03]]", seen="covariance [[0.1 0.02] [0.02 s]]"),
         y=noisy,
@@ -129,7 +141,7 @@ MORE = {
     ),
     "tables": plain(TABLES, y=noisy),
     "names": (WALK, {"frame": {"chain": [1, 2, 3], "step": [1, 2, 3]}}),
-    "nothing known": plain(OPEN, y=noisy),
+    "nothing known": plain(OPEN.replace("(solve", f"{LOST} (solve"), y=noisy),
     "exact": plain(THROWN, y=noisy),
     "an equation of what does not move": plain(STILL, y=noisy),
     "an equation that holds later": LATER,
@@ -147,7 +159,7 @@ def test_a_generated_filter_answers_as_the_solver_does(shape, tmp_path):
 
 def test_a_generated_filter_is_the_one_of_textbooks(tmp_path):
     """Kalman's equations with inverses in NumPy, of irregular steps, some of them with several rows or none."""
-    text, data = sequences.cart("ekf", "s")
+    text, data = sequences.cart("ekf", "s", "(derive (both [(+ x b) (- (* 2 (rate x)) b)]))")
     z, steps = data["z"], data["frames"]["k"] ** 1.1
     data = {"frames": {"k": steps}, "z": {**z, "k": z["k"] ** 1.1}}
     moves = []
@@ -170,6 +182,33 @@ def test_a_generated_filter_is_the_one_of_textbooks(tmp_path):
         found = [[float(line[name]), float(line[f"{name} sigma"])] for line in lines]
         np.testing.assert_allclose(found, np.stack([means[:, c], np.sqrt(covariances[:, c, c])], 1), rtol=1e-10)
     np.testing.assert_allclose(sum(float(line["innovation"]) for line in lines), cost, rtol=1e-10)
+    for c, combination in enumerate(([1.0, 1.0, 0.0], [-1.0, 0.0, 2.0]), start=1):
+        found = [[float(line[f"both {c}"]), float(line[f"both {c} sigma"])] for line in lines]
+        sigma = np.sqrt(np.einsum("i,kij,j->k", combination, covariances, combination))
+        np.testing.assert_allclose(found, np.stack([means @ combination, sigma], 1), rtol=1e-10)
+
+
+DERIVED = {
+    "kinds": (*sequences.stations("iterated-ekf", KINDS), "stations", ("frames", "z")),
+    "places": (*sequences.drive("(smoother :lag 3)", PLACES), "drive", ("wheels", "ranges")),
+}
+
+
+@pytest.mark.parametrize("shape", DERIVED)
+def test_derived_quantities_are_those_of_the_solver(shape, tmp_path):
+    """Rows of a step, and what has a value at every step, to 1e-10; what belongs to no step is that of the last one."""
+    text, data, name, tables = DERIVED[shape]
+    folder = written(files(text, data), tmp_path)
+    assert make(folder).returncode == 0
+    shown = run(f"./{name}", *(f"data/{table}.csv" for table in tables), folder=folder)
+    lines = list(csv.DictReader(io.StringIO(shown.stdout)))
+    solved = mbm.loads(text).solve(data=data)
+    for derived in solved.derived:
+        own = [key.removesuffix(" sigma") for key in lines[0] if re.fullmatch(rf"{derived.name}( \d+)* sigma", key)]
+        kept = lines[-1:] if derived.name in ("lifts", "one") else lines
+        found = [[line[key], line[f"{key} sigma"]] for line in kept for key in own if line[key]]
+        expected = np.stack([np.ravel(derived.value), np.ravel(derived.sigma)], 1)
+        np.testing.assert_allclose(np.array(found, dtype=float), expected, rtol=1e-10, atol=1e-12)
 
 
 CALLS = """
@@ -247,7 +286,9 @@ def test_a_filter_allocates_nothing_and_c_plus_plus_may_include_its_header(tmp_p
 REFUSED = {
     "batch": ("(solve :method batch)", "rows of all steps at once"),
     "smoother": ("(solve :method (smoother))", "`:method \\(smoother\\)`"),
-    "derive": ("(derive (d (* 2 x))) (solve :method ekf)", "the derived quantity `d`"),
+    "derive a step": ("(derive (d (- x (first z x)))) (solve :method ekf)", "`d` names the step of a state"),
+    "derive a row": ("(derive (d (- x (first z y)))) (solve :method ekf)", "`d` looks at rows of other steps"),
+    "derive a motion": ("(derive (d (rot-x x))) (solve :method ekf)", "no rotations"),
     "for-each": ("(for-each run) (solve :method ekf)", "`for-each`"),
     "loss": ("(observe z (= y x) :sigma 1 :loss huber) (solve :method ekf)", "a loss needs iteration"),
     "first": ("(observe z (= y (* x (first z y))) :sigma 1) (solve :method ekf)", "rows of other steps"),

@@ -8,6 +8,7 @@ from mbm.emit.c.cells import Cells
 from mbm.emit.c.text import bare, comment, remark, wrapped
 from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.reserved import RESERVED
+from mbm.emit.routines.derived import OPEN
 from mbm.emit.statements import ARITHMETIC, Dialect, called, statements
 from mbm.emit.system import StaticSystem, varies
 from mbm.emit.types import BlockCase, Blueprint, DerivedShape
@@ -15,27 +16,23 @@ from mbm.machine.c import number
 from mbm.machine.program import Operator, Program
 from mbm.solver import description as at
 
-_SPREAD = """/* The standard deviation of a quantity with the derivatives `slopes` by the coordinates at `places`, by
- * linear propagation; negative where the data do not determine it, or it has no derivative at the estimates. `row` says
- * which of several quantities it is. */
-static double spread_of(struct frame *f, long row, long count, const long *rows, const long *columns,
-    const long *places, const double *slopes, double *gradient)
+_SPREAD = """/* The column of the coordinate at a place: -1: it stays, {open}: the data do not determine it. */
+static long column_of(const struct frame *f, long place)
+{{
+    return f->column[place] >= 0 || f->fixed[place] ? f->column[place] : {open};
+}}
+
+/* The standard deviation of quantity `row` of those with the derivatives `slopes`, by linear propagation; negative
+ * where the data do not determine it, or it has no derivative at the estimates. */
+static double spread_of(struct frame *f, long row, long count, const long *rows, const long *tangents,
+    const long *columns, const double *slopes, double *gradient)
 {{
     const long n = f->system->n;
     double variance = 0.0;
-    long i, j, k;
+    long i, j;
 
-    for (j = 0; j < n; j++)
-        gradient[j] = 0.0;
-    for (k = 0; k < count; k++) {{
-        const long place = places[columns[k]];
-        if (rows[k] != row || slopes[k] == 0.0)
-            continue;
-        if (f->column[place] >= 0)
-            gradient[f->column[place]] += slopes[k];
-        else if (!f->fixed[place])
-            return -1.0;
-    }}
+    if (!gather_gradient(n, row, count, rows, tangents, columns, slopes, gradient))
+        return -1.0;
     if (f->states[{deficient}] != 0 && !determines(f->system, gradient, &f->work))
         return -1.0;
 {untold}    for (i = 0; i < n; i++) {{
@@ -75,7 +72,7 @@ def derived_functions(blueprint: Blueprint, static: StaticSystem) -> str:
     if not blueprint.derived:
         return ""
     cells = Cells(blueprint)
-    spread = _SPREAD.format(deficient=at.DEFICIENT, untold=_UNTOLD if static.told else "")
+    spread = _SPREAD.format(deficient=at.DEFICIENT, open=OPEN, untold=_UNTOLD if static.told else "")
     return "\n".join([spread, *("\n".join(_function(cells, each)) for each in blueprint.derived)])
 
 
@@ -89,6 +86,47 @@ def capacity(cells: Cells, derived: DerivedShape) -> str:
     return str(derived.size) if derived.table is None else f"{derived.size} * {cells.rows(derived.table)}"
 
 
+def patterns(derived: DerivedShape) -> Iterator[str]:
+    """Declarations of a function that evaluates a quantity: which derivatives each case has, and room for one row."""
+    for place, case in enumerate(derived.cases, start=1):
+        kernel = case.kernel
+        for word, values in (("rows", kernel.jacobian_rows), ("tangents", kernel.jacobian_columns)):
+            listed = ", ".join(str(int(v)) for v in values) or "0"
+            yield f"    static const long {word}_{place}[] = {{{listed}}};"
+    wide = max((len(c.variables) + len(c.parameters) for c in derived.cases), default=0)
+    outputs = max((derived.size + len(c.kernel.jacobian_rows) for c in derived.cases), default=0)
+    tangents = max((len(c.tangents) for c in derived.cases), default=0)
+    yield f"    double inputs[{wide + 1}], outputs[{outputs + 1}];"
+    yield f"    long columns[{tangents + 1}], c;"
+
+
+def evaluated(
+    case: BlockCase, variables: Iterable[str], parameters: Iterable[str], columns: Iterable[str]
+) -> Iterator[str]:
+    """Statements that evaluate a case of a quantity at these numbers; ``columns`` of its tangents are put, too."""
+    for i, value in enumerate((*variables, *parameters)):
+        yield f"inputs[{i}] = {value};"
+    for i, value in enumerate(columns):
+        yield f"columns[{i}] = {value};"
+    yield f"{case.identifier}_derived(inputs, outputs);"
+
+
+def found_number(derived: DerivedShape) -> str:
+    """Number ``c`` of a quantity that was evaluated."""
+    return "turned_to(outputs[c], 0.0)" if derived.angle else "outputs[c]"
+
+
+def slopes(derived: DerivedShape, place: int) -> str:
+    """What `gather_gradient` is given of case ``place`` of a quantity that was evaluated."""
+    count = len(derived.cases[place].kernel.jacobian_rows)
+    return f"{count}, rows_{place + 1}, tangents_{place + 1}, columns, outputs + {derived.size}"
+
+
+def tests(cells: Cells, case: BlockCase) -> str:
+    """The condition that the row at hand is in a case."""
+    return " && ".join(cells.equals(value, key) for value, key in case.static)
+
+
 def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
     over = "once" if derived.table is None else told("for each row of `", derived.table, "`")
     filtered = derived.table is not None and cells.blueprint.table(derived.table).where is not None
@@ -96,18 +134,8 @@ def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
     yield f"static int derive_{derived.identifier}(struct frame *f)"
     yield "{"
     yield f"    const {cells.blueprint.identifier}_data *data = f->data;"
-    for place, case in enumerate(derived.cases, start=1):
-        kernel = case.kernel
-        for word, values in (("rows", kernel.jacobian_rows), ("columns", kernel.jacobian_columns)):
-            listed = ", ".join(str(int(v)) for v in values) or "0"
-            yield f"    static const long {word}_{place}[] = {{{listed}}};"
-    wide = max((len(c.variables) + len(c.parameters) for c in derived.cases), default=0)
-    outputs = max((derived.size + len(c.kernel.jacobian_rows) for c in derived.cases), default=0)
-    tangents = max((len(c.tangents) for c in derived.cases), default=0)
-    yield f"    double inputs[{wide + 1}], outputs[{outputs + 1}];"
-    yield f"    long places[{tangents + 1}], c, used = 0;"
-    if derived.table is not None:
-        yield f"    long {'i' if filtered else 'row'};"
+    yield from patterns(derived)
+    yield f"    long {'' if derived.table is None else 'i, ' if filtered else 'row, '}used = 0;"
     yield ""
     yield "    (void)data;"
     opened, closed = cells.loop(derived.table)
@@ -125,27 +153,20 @@ def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
     yield ""
 
 
-def _case(cells: Cells, derived: DerivedShape, case: BlockCase, number: int) -> Iterator[str]:
-    tests = " && ".join(cells.equals(value, key) for value, key in case.static)
-    yield f"if ({tests}) {{" if tests else "{"
-    for i, slot in enumerate(case.variables):
-        yield f"    inputs[{i}] = f->{estimates(cells.blueprint)}[{cells.slot(slot, 'offsets')}];"
-    for i, value in enumerate(case.parameters):
-        yield f"    inputs[{len(case.variables) + i}] = {cells.input(value)};"
-    for i, slot in enumerate(case.tangents):
-        yield f"    places[{i}] = {cells.slot(slot, 'firsts')};"
-    count = len(case.kernel.jacobian_rows)
+def _case(cells: Cells, derived: DerivedShape, case: BlockCase, place: int) -> Iterator[str]:
+    test = tests(cells, case)
     held = f"f->derived_{derived.identifier}"
-    yield f"    {case.identifier}_derived(inputs, outputs);"
+    variables = (f"f->{estimates(cells.blueprint)}[{cells.slot(slot, 'offsets')}]" for slot in case.variables)
+    columns = (f"column_of(f, {cells.slot(slot, 'firsts')})" for slot in case.tangents)
+    yield f"if ({test}) {{" if test else "{"
+    yield from (f"    {line}" for line in evaluated(case, variables, map(cells.input, case.parameters), columns))
     yield f"    for (c = 0; c < {derived.size}; c++) {{"
-    found = "turned_to(outputs[c], 0.0)" if derived.angle else "outputs[c]"
-    yield f"        {held}[used * {derived.size} + c] = {found};"
-    yield f"        {held}_sigma[used * {derived.size} + c] = spread_of(f, c, {count}, rows_{number + 1},"
-    yield f"            columns_{number + 1}, places, outputs + {derived.size}, f->spare);"
+    yield f"        {held}[used * {derived.size} + c] = {found_number(derived)};"
+    yield f"        {held}_sigma[used * {derived.size} + c] = spread_of(f, c, {slopes(derived, place)}, f->spare);"
     yield "    }"
     yield "    used++;"
-    yield "    continue;" if tests else "}"
-    if tests:
+    yield "    continue;" if test else "}"
+    if test:
         yield "}"
 
 

@@ -34,21 +34,22 @@ def _places(made: FilterBlueprint, case: BlockCase, moves: bool) -> Iterator[str
 
 
 def _place(made: FilterBlueprint, slot: SlotPlace, array: str, moves: bool) -> str:
+    member = "" if slot.member is None else Cells(made.blueprint).member(slot.member)
+    value = placed(made, slot, member, index=array == "index", moves=moves)
+    return f"f->{array}[f->{array}_used++] = {value};    {remark(slot.shown)}"
+
+
+def placed(made: FilterBlueprint, slot: SlotPlace, member: str, *, index: bool, moves: bool) -> str:
+    """Where a number (``index``) of a step or of a transition stands, or the column of a coordinate."""
     unknown = made.blueprint.unknowns[slot.unknown]
     part = made.plan.parts[unknown.name]
-    index = array == "index"
     first = (part.number if index else part.coordinate) + slot.component
     first += made.plan.ahead[0 if index else 1] if slot.ahead else 0
-    shown = remark(slot.shown)
     column = made.plan.pair_column if moves else made.plan.column
     if slot.member is None:
-        value = str(first if index else column[first])
-    else:
-        width = unknown.size if index else unknown.freedom
-        value = f"{first} + {Cells(made.blueprint).member(slot.member)} * {width}"
-        if not index:
-            value = f"{'PAIR_COLUMN' if moves else 'COLUMN'}[{value}]"
-    return f"f->{array}[f->{array}_used++] = {value};    {shown}"
+        return str(first if index else column[first])
+    value = f"{first} + {member} * {unknown.size if index else unknown.freedom}"
+    return value if index else f"{'PAIR_COLUMN' if moves else 'COLUMN'}[{value}]"
 
 
 def begin_function(

@@ -8,17 +8,18 @@ from math import isnan
 
 import numpy as np
 
+from mbm.emit.answers import Floats
 from mbm.emit.c.csv import CSV
 from mbm.emit.c.files import cmake, kernels_file, makefile, solver_file
 from mbm.emit.c.filter_header import filter_header
 from mbm.emit.c.filter_main import main_file, tables_file, test_file
-from mbm.emit.c.filter_memory import places
+from mbm.emit.c.filter_memory import DerivedRoom, derived_rooms, places
 from mbm.emit.c.filter_source import filter_source
 from mbm.emit.data_files import table_text
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.markdown import code, prose
 from mbm.emit.types import BlockCase, OutputFile
-from mbm.emit.words import described_blocks
+from mbm.emit.words import described_blocks, described_derived
 
 WHAT = "Filters and smoothers: square-root covariances, updates as least squares, cuts by constraints."
 
@@ -67,20 +68,40 @@ def _kernels(made: FilterBlueprint) -> list[BlockCase]:
 
 
 def _references(made: FilterBlueprint) -> str:
-    """One line for each step: where it is, its numbers, its covariance row by row, v' S^-1 v; nothing for NaN."""
+    """One line for each step: where it is, its numbers, its covariance row by row, v' S^-1 v, what is derived; nothing
+    for NaN.
+    """
     known = made.plan.references
     size = known.covariances.shape[1] ** 2
     heads = ["at", *(f"number {k + 1}" for k in range(known.numbers.shape[1]))]
     heads += [*(f"covariance {k + 1}" for k in range(size)), "innovation"]
     columns = [known.keys[:, None], known.numbers, known.covariances.reshape(len(known.keys), -1), known.costs[:, None]]
+    for room in derived_rooms(made):
+        laid = [_laid_out(room, *step[room.number]) for step in known.derived]
+        heads += [f"derived {room.number + 1} number {k}" for k in range(len(laid[0]))]
+        columns.append(np.array(laid))
     lines = [",".join(heads)]
     rows = np.hstack(columns).tolist()
     lines += [",".join("" if isnan(value) else repr(value) for value in row) for row in rows]
     return "\n".join(lines) + "\n"
 
 
+def _laid_out(room: DerivedRoom, values: Floats, covariances: Floats) -> Floats:
+    """How many rows there are, and their values and covariances with nothing behind them."""
+    lacking = room.rows - len(values)
+    padded = [
+        np.pad(a, [(0, lacking), *[(0, 0)] * (a.ndim - 1)], constant_values=np.nan) for a in (values, covariances)
+    ]
+    return np.concatenate([[len(values)], *(a.ravel() for a in padded)])
+
+
 def _readme(made: FilterBlueprint) -> str:
-    return "\n".join([*_building(made), *_calling(made), *described_blocks(made.blueprint)]) + "\n"
+    return (
+        "\n".join(
+            [*_building(made), *_calling(made), *described_blocks(made.blueprint), *described_derived(made.blueprint)]
+        )
+        + "\n"
+    )
 
 
 def _building(made: FilterBlueprint) -> Iterator[str]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from mbm.emit.c.filter_memory import capacity, places
-from mbm.emit.c.header import guarded, opened, table_fields
+from mbm.emit.c.filter_memory import capacity, derived_rooms, places
+from mbm.emit.c.header import derived_fields, guarded, opened, table_fields
 from mbm.emit.c.text import remark
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.foreign import Word, told
@@ -59,6 +59,11 @@ def filter_header(made: FilterBlueprint) -> str:
         lines += table_fields(table, {plan.key: "; NULL: it is that of the step"}) if table.name in made.given else ()
     lines += [f"}} {name}_rows;", "", "/* What is answered, in SI; arrays stand in the filter. */", "typedef struct {"]
     lines += [*_result(), *(line for unknown in blueprint.unknowns for line in _estimate(made, unknown))]
+    for room in derived_rooms(made):
+        lines += derived_fields(room.derived, once=room.once)
+        many, size = "" if room.once else "rows x ", room.derived.size
+        shape = f"({many}{size} x {size}); NaN: not determined"
+        lines.append(f"    const double *{room.derived.identifier}_covariance;    /* {shape} */")
     lines += [f"}} {name}_result;", "", *_calls(made), *guarded("}"), "", "#endif", ""]
     return "\n".join(lines)
 

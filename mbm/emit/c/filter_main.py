@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mbm.emit.c.filter_memory import DerivedRoom, derived_rooms
 from mbm.emit.c.reading import DIFFERS, arguments_read, program_head, table_read, tables_head
 from mbm.emit.c.text import in_unit, literal
 from mbm.emit.filtering.types import FilterBlueprint
@@ -134,9 +135,26 @@ def _print(made: FilterBlueprint) -> Iterator[str]:
                 yield f'        printf(",%.17g", result->{unknown.identifier}_sigma[{place}] / {factor});'
                 yield "    else"
                 yield "        putchar(',');"
+    for room in derived_rooms(made):
+        yield from _print_derived(room)
     yield "    putchar('\\n');"
     yield "}"
     yield ""
+
+
+def _print_derived(room: DerivedRoom) -> Iterator[str]:
+    """Value and standard deviation of each number; nothing where there is no row."""
+    name, scale = room.derived.identifier, room.derived.scale
+    for place in range(room.rows * room.derived.size):
+        here = "" if room.once else f"{place // room.derived.size} < result->{name}_rows"
+        for suffix, value in (
+            ("", in_unit(f"result->{name}[{place}]", scale)),
+            ("_sigma", f"result->{name}_sigma[{place}] / {number(scale.factor)}"),
+        ):
+            known = " && ".join(filter(None, (here, f"result->{name}_sigma[{place}] >= 0.0" if suffix else "")))
+            yield "    putchar(',');"
+            yield from (f"    if ({known})",) if known else ()
+            yield f'    {"    " if known else ""}printf("%.17g", {value});'
 
 
 def _unknowns(made: FilterBlueprint) -> list[tuple[UnknownShape, int]]:
@@ -159,6 +177,14 @@ def _columns(made: FilterBlueprint) -> Iterator[str]:
                     component = f" {c + 1}" if count > 1 else ""
                     yield "    putchar(',');"
                     yield f"    csv_put_text(stdout, {literal(unknown.name, member, component, word)});"
+    for room in derived_rooms(made):
+        for k in range(room.rows):
+            for c in range(room.derived.size):
+                row = "" if room.once else f" {k + 1}"
+                component = f" {c + 1}" if room.derived.size > 1 else ""
+                for word in ("", " sigma"):
+                    yield "    putchar(',');"
+                    yield f"    csv_put_text(stdout, {literal(room.derived.name, row, component, word)});"
     yield "    putchar('\\n');"
 
 
@@ -188,13 +214,14 @@ def _main(made: FilterBlueprint) -> Iterator[str]:
     yield ""
 
 
-_COMPARE = """static double known(const struct csv *reference, long row, long column)
-{{
+_KNOWN = """static double known(const struct csv *reference, long row, long column)
+{
     const char *cell = csv_cell(reference, row, column);
     return *cell == 0 ? NAN : strtod(cell, NULL);
-}}
+}
 
-/* Compares an answer with a row of `reference.csv`; how many numbers differ. */
+"""
+_COMPARE = """/* Compares an answer with a row of `reference.csv`; how many numbers differ. */
 static long compare(const {name}_result *result, const struct csv *reference, long row, long *compared)
 {{
     const long numbers = {upper}_NUMBERS, n = {upper}_FREE;
@@ -219,9 +246,49 @@ static long compare(const {name}_result *result, const struct csv *reference, lo
     if (!isnan(result->innovation))
         wrong += differs(result->innovation, known(reference, row, 1 + numbers + n * n), 1.0);
     *compared += 1 + numbers + n * n;
-    return wrong;
+{derived}    return wrong;
 }}
 """
+_COMPARE_DERIVED = """/* Compares a derived quantity, `size` numbers in each of at most `most` rows, from a `column`. */
+static long compare_derived(long rows, long most, long size, const double *found, const double *sigma,
+    const double *covariance, const struct csv *reference, long row, long column)
+{
+    long i, j, k, wrong = (double)rows != known(reference, row, column);
+
+    for (i = 0; i < rows && i < most; i++) {
+        for (j = i * size; j < (i + 1) * size; j++) {
+            const double value = known(reference, row, column + 1 + j);
+            wrong += isnan(value) ? !isnan(found[j]) : differs(found[j], value, sigma[j]);
+            for (k = 0; k < size; k++) {
+                const double c = known(reference, row, column + 1 + (most + j) * size + k);
+                const double own = covariance[j * size + k];
+                wrong += isnan(c) ? !isnan(own) : differs(own, c, sigma[j] * sigma[i * size + k]);
+                if (i * size + k == j)
+                    wrong += isnan(c) ? sigma[j] >= 0.0 : differs(sigma[j], sqrt(c), 0.0);
+            }
+        }
+    }
+    return wrong;
+}
+
+"""
+
+
+def _compare(made: FilterBlueprint) -> str:
+    """The functions that compare."""
+    name, plan = made.blueprint.identifier, made.plan
+    column = 2 + plan.chain["numbers"] + plan.chain["n"] ** 2
+    lines = []
+    for room in derived_rooms(made):
+        own, size, most = room.derived.identifier, room.derived.size, room.rows
+        rows = "1" if room.once else f"result->{own}_rows"
+        count = 1 + most * size * (1 + size)
+        lines.append(f"    wrong += compare_derived({rows}, {most}, {size}, result->{own}, result->{own}_sigma,")
+        lines.append(f"        result->{own}_covariance, reference, row, {column});")
+        lines.append(f"    *compared += {count};")
+        column += count
+    text = _COMPARE.format(name=name, upper=name.upper(), derived="".join(f"{line}\n" for line in lines))
+    return f"{_KNOWN}{_COMPARE_DERIVED if lines else ''}{text}"
 
 
 def test_file(made: FilterBlueprint) -> str:
@@ -229,7 +296,7 @@ def test_file(made: FilterBlueprint) -> str:
     name = made.blueprint.identifier
     paths = ", ".join(f'(char *)"data/{table.identifier}.csv"' for table in _tables(made))
     lines = [*_heads(made, "the numbers of `mbm solve` for the steps of `data/` must come again.")]
-    lines += [DIFFERS + _COMPARE.format(name=name, upper=name.upper()), "int main(void)", "{"]
+    lines += [DIFFERS + _compare(made), "int main(void)", "{"]
     lines += [f"    char *const paths[] = {{{paths}}};", "    struct csv reference;", f"    {name}_result result;"]
     lines += ["    long row = 0, wrong = 0, compared = 0;", ""]
     lines += ['    if (!csv_read(&reference, "reference.csv"))', "        return 2;"]

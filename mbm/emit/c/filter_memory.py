@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from mbm.emit.c.frame import ends
 from mbm.emit.c.text import remark
 from mbm.emit.filtering.types import FilterBlueprint
-from mbm.emit.types import Blueprint, TableShape
+from mbm.emit.types import Blueprint, DerivedShape, TableShape
 from mbm.machine.c import number
 from mbm.machine.kinds import Held
 from mbm.machine.records import plans_of
 from mbm.solver.filter_records import Walk
+from mbm.values import dataclass
 
 INTEGERS = ("STEP", "STOPPED", "OBSERVED", "LEFT", "SWAPPED")
 """What a filter remembers beside the walk: the step to come, counted round; whether no step may come any more, and one
@@ -30,6 +31,44 @@ def saved() -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The reals and the integers of a walk that last from step to step."""
     values = [plan for plan in plans_of(Walk) if plan.held is Held.VALUE and plan.name not in ("skip", "tolerance")]
     return tuple(p.name for p in values if p.text == "Real"), tuple(p.name for p in values if p.text == "Integer")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DerivedRoom:
+    """Room for quantity ``number``: at most so many ``rows``, each of which takes so many numbers (``given``) of
+    tables and picks a member by each of the ``links``. ``once``: there is one row at every step.
+    """
+
+    derived: DerivedShape
+    number: int
+    rows: int
+    given: int
+    links: tuple[int, ...]
+    once: bool
+
+    @property
+    def picked(self) -> int:
+        """Integers of a row: its case, and its members."""
+        return 1 + len(self.links)
+
+
+def derived_rooms(made: FilterBlueprint) -> tuple[DerivedRoom, ...]:
+    """Those of all quantities."""
+    found = []
+    for place, derived in enumerate(made.blueprint.derived):
+        slots = (slot for case in derived.cases for slot in (*case.variables, *case.tangents))
+        table = None if derived.table is None else made.blueprint.table(derived.table)
+        found.append(
+            DerivedRoom(
+                derived=derived,
+                number=place,
+                rows=1 if table is None else capacity(made, table),
+                given=max((len(case.parameters) for case in derived.cases), default=0),
+                links=tuple(dict.fromkeys(slot.member for slot in slots if slot.member is not None)),
+                once=derived.table in (None, made.plan.steps),
+            )
+        )
+    return tuple(found)
 
 
 def places(made: FilterBlueprint) -> tuple[dict[str, int], dict[str, int]]:
@@ -56,6 +95,13 @@ def places(made: FilterBlueprint) -> tuple[dict[str, int], dict[str, int]]:
         "REPORTED": numbers,
         "SAVED": len(saved()[0]),
     }
+    rooms = derived_rooms(made)
+    reals["SLOPES"] = 2 * n * max((room.derived.size for room in rooms), default=0)
+    for room in rooms:
+        size = room.derived.size
+        reals[f"TAKEN_{room.number}"] = held * room.rows * room.given
+        reals[f"DERIVED_{room.number}"] = reals[f"DERIVED_{room.number}_SIGMA"] = room.rows * size
+        reals[f"DERIVED_{room.number}_COVARIANCE"] = room.rows * size * size
     integers = {
         "WALK_INTEGERS": plan.integers + 1,
         "SEEN_INDEX": plan.seen.sizes[2],
@@ -70,6 +116,8 @@ def places(made: FilterBlueprint) -> tuple[dict[str, int], dict[str, int]]:
         "SAVED_INTEGERS": len(saved()[1]),
         "TOLD": len(plan.seen.groups),
         **dict.fromkeys(INTEGERS, 1),
+        **{f"PICKED_{room.number}": held * room.rows * room.picked for room in rooms},
+        **{f"COUNT_{room.number}": held for room in rooms},
     }
     return reals, integers
 

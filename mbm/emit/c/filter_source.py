@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.cells import Cells
+from mbm.emit.c.filter_derived import derived_answers, derived_functions
 from mbm.emit.c.filter_header import STATUSES
 from mbm.emit.c.filter_memory import data_text, memory_text
 from mbm.emit.c.filter_rows import once, row_functions
@@ -40,6 +41,7 @@ def filter_source(made: FilterBlueprint) -> str:
         memory_text(made),
         table_functions(blueprint, frozenset(plan.joined)),
         rows,
+        derived_functions(made),
         *_public(made),
         "",
     ]
@@ -109,6 +111,7 @@ def _answer(made: FilterBlueprint) -> Iterator[str]:
         part = plan.parts[unknown.name]
         yield f"    result->{unknown.identifier} = reals + AT_REPORTED + {part.number};"
         yield f"    result->{unknown.identifier}_sigma = reals + AT_SIGMAS + {part.coordinate};"
+    yield from derived_answers(made)
     yield "}"
     yield ""
 
@@ -164,6 +167,9 @@ def _step(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     yield "        result->status = take_step(f, k);"
     yield "    if (result->status == 0 && k > 0)"
     yield "        result->status = take_transition(f, k);"
+    if made.blueprint.derived:
+        yield "    if (result->status == 0)"
+        yield f"        result->status = keep_derived(f, k % {held});"
     yield "    if (result->status != 0)"
     yield "        return result->status;"
     yield "    if (f->chain.begin == k)"

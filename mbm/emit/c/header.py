@@ -44,7 +44,7 @@ def header(blueprint: Blueprint) -> str:
     lines += [f"}} {name}_data;", "", "/* What is answered, in SI; `sigma` are standard deviations. */"]
     lines += ["typedef struct {", *_result(blueprint), *_agreed(blueprint)]
     lines += [line for unknown in blueprint.unknowns for line in _estimate(unknown)]
-    lines += [line for derived in blueprint.derived for line in _derived(derived)]
+    lines += [line for derived in blueprint.derived for line in derived_fields(derived, once=derived.table is None)]
     lines += [f"}} {name}_result;", "", *_workspace(name), *_calls(name), *guarded("}"), "", "#endif", ""]
     return "\n".join(lines)
 
@@ -122,11 +122,12 @@ def _estimate(unknown: UnknownShape) -> Iterator[str]:
     yield f"    const double *{unknown.identifier}_sigma;    /* ({many}{unknown.freedom}) */"
 
 
-def _derived(derived: DerivedShape) -> Iterator[str]:
-    if derived.table is not None:
-        rows = remark("the rows of `", derived.table, "` that count")
+def derived_fields(derived: DerivedShape, *, once: bool) -> Iterator[str]:
+    """The fields of a quantity that has a value ``once``, or for rows of a table."""
+    if not once:
+        rows = remark("the rows of `", derived.table or "", "` that count")
         yield f"    long {derived.identifier}_rows;    {rows}"
-    many = "" if derived.table is None else "rows × "
+    many = "" if once else "rows × "
     what = remark(f"({many}{derived.size}) derived", *_shown(derived.unit))
     yield f"    const double *{derived.identifier};          {what}"
     yield f"    const double *{derived.identifier}_sigma;    /* ({many}{derived.size}) */"

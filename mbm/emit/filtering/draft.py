@@ -12,7 +12,7 @@ from mbm.emit.filtering.types import FilterBlueprint, FilterGroup, FilterPlan
 from mbm.emit.foreign import Foreign
 from mbm.emit.identifiers import Identifiers
 from mbm.emit.places import Places
-from mbm.emit.reserved import FILTER_CASE_FORMS, FILTER_FORMS, TAKEN_IN_FILTERS
+from mbm.emit.reserved import FILTER_CASE_FORMS, FILTER_DERIVED_FORMS, FILTER_FORMS, TAKEN_IN_FILTERS
 from mbm.emit.routines.modules import known
 from mbm.emit.types import BlockCase, BlockShape, Choice, ColumnValue, ConstantValue, FamilyShape, SlotPlace
 from mbm.expression.nodes import ColumnMember
@@ -90,7 +90,6 @@ def _with_tables(found: Elaborated, plan: FilterPlan) -> Elaborated:
             problem,
             plans=(*problem.plans, *plans),
             unknowns=unknowns,
-            derived=(),
             request=replace(problem.request, for_each=(sequence.column,)),  # its columns are given, whatever reads them
         ),
         raw=raw,
@@ -166,6 +165,7 @@ class _FilterDrafting(Drafting):
 
     problem_forms = FILTER_FORMS
     case_forms = FILTER_CASE_FORMS
+    derived_forms = FILTER_DERIVED_FORMS
     NO_CELL = Foreign("")
     """Stands where a number is that no cell gives."""
 

@@ -76,13 +76,15 @@ class Part:
 class StepReferences:
     """What ``mbm solve`` answers for the first T steps of the data of compile time.
 
-    ``numbers`` (T, N) as they are reported, ``covariances`` (T, n, n; NaN: not determined), ``costs`` (T,).
+    ``numbers`` (T, N) as they are reported, ``covariances`` (T, n, n; NaN: not determined), ``costs`` (T,). ``derived``
+    has at each step of each derived quantity the values (rows, size) and their covariances (rows, size, size).
     """
 
     keys: Floats
     numbers: Floats
     covariances: Floats
     costs: Floats
+    derived: tuple[tuple[tuple[Floats, Floats], ...], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -281,15 +281,38 @@ def _steps_of(walked: Walked, own: OwnSteps, group: Group) -> Indices:
     return steps_of(group, block, own.places, sequence, walked.tables)
 
 
+def derived_after(walked: Walked, step: int) -> tuple[tuple[Floats, Floats], ...]:
+    """Of each derived quantity the values (rows, size) that a solve up to a step has, and their covariances (rows,
+    size, size): of the rows of this step, or of a table without steps.
+    """
+    sequence = walked.problem.sequence
+    if sequence is None:
+        raise TypeError(walked.problem.name)
+    column, at = sequence.column, walked.tables[sequence.steps].numbers(sequence.column)[step]
+    found = []
+    for one, spread in _each_derived(walked, OwnSteps.of(walked.told.places, step + 1)):
+        name = walked.problem.derived[one.owner].table
+        table = None if name is None else walked.tables[name]
+        stepped = table is not None and column in table.columns
+        mine = table.numbers(column) == at if table is not None and stepped else np.ones(len(one.values), dtype=bool)
+        lines = spread.lines[mine]
+        found.append((one.values[mine], lines @ np.swapaxes(lines, 1, 2)))
+    return tuple(found)
+
+
 def _derived(walked: Walked, own: OwnSteps) -> tuple[tuple[DerivedSolution, ...], Floats | None]:
     """Derived quantities, each row with the covariance of the step that it belongs to, else of the last; and that of
     them all, as `Solution` has it.
     """
+    found = _each_derived(walked, own)
+    return tuple(one for one, _ in found), joint([spread for _, spread in found])
+
+
+def _each_derived(walked: Walked, own: OwnSteps) -> list[tuple[DerivedSolution, Deviations]]:
     layout, step = walked.told.equations.layout, walked.chained.seen.equations.layout
     numbers = own.numbers(layout.reported(_numbers(walked)), step.reported(walked.track.points))
     with np.errstate(all="ignore"):
-        found = [_one(walked, own, numbers, owner) for owner in range(len(walked.problem.derived))]
-    return tuple(one for one, _ in found), joint([spread for _, spread in found])
+        return [_one(walked, own, numbers, owner) for owner in range(len(walked.problem.derived))]
 
 
 def _one(walked: Walked, own: OwnSteps, numbers: Floats, owner: int) -> tuple[DerivedSolution, Deviations]:

@@ -5,7 +5,7 @@ What is known before the first step: the means and covariances that the states h
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
 from time import perf_counter
@@ -18,6 +18,7 @@ from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.faults import no_unknowns
 from mbm.equations.types import Floats
 from mbm.equations.whitening import stated_noise
+from mbm.estimation.minimise.native.system import never
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.sequences import faults
 from mbm.estimation.sequences.answer import Walked, solution_of
@@ -108,6 +109,30 @@ def begun(
     )
 
 
+def walk_of(
+    ready: Begun,
+    kernels: KernelSet,
+    *,
+    key: Mapping[str, CellKey],
+    starts: Mapping[str, Floats],
+    stopped: Callable[[], bool] = never,
+) -> Walked:
+    """The walk over all steps, with what it is told with."""
+    solved = Told(equations=ready.equations, binder=ready.binder, places=ready.places)
+    return Walked(
+        problem=ready.problem,
+        kernels=kernels,
+        tables=ready.tables,
+        key=key,
+        solved=solved,
+        told=told(solved, ready.sequence, kernels, starts),
+        chained=ready.chained,
+        prior=ready.prior,
+        rules=ready.rules,
+        track=ready.chained.walk(ready.prior, ready.rules, stopped),
+    )
+
+
 def walked(
     problem: Problem,
     kernels: KernelSet,
@@ -121,23 +146,8 @@ def walked(
     """As `mbm.estimation.sequences.filtering.filtered`."""
     began = perf_counter()
     ready = begun(problem, kernels, tables, starts, settings, cache)
-    track = ready.chained.walk(ready.prior, ready.rules, settings.stopped)
-    solved = Told(equations=ready.equations, binder=ready.binder, places=ready.places)
-    found = solution_of(
-        Walked(
-            problem=problem,
-            kernels=kernels,
-            tables=tables,
-            key=key,
-            solved=solved,
-            told=told(solved, ready.sequence, kernels, starts),
-            chained=ready.chained,
-            prior=ready.prior,
-            rules=ready.rules,
-            track=track,
-        ),
-        seconds=lambda: perf_counter() - began,
-    )
+    walk = walk_of(ready, kernels, key=key, starts=starts, stopped=settings.stopped)
+    found = solution_of(walk, seconds=lambda: perf_counter() - began)
     if ready.sequence.estimator.whole:
         return found
     return replace(found, diagnostics=(*found.diagnostics, *beyond_bounds(problem, found)))

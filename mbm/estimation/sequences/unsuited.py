@@ -8,10 +8,11 @@ from mbm.estimation.sequences.run import Begun
 from mbm.estimation.sequences.step_rows import FIRST, whens
 from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, leaves
 from mbm.expression.rows import RowChoice
+from mbm.kernels.types import KernelSet
 from mbm.problem.previous import column_before
 from mbm.problem.tables import ROW
 from mbm.problem.types import Block, RowValues
-from mbm.symbolic.types import ColumnInput
+from mbm.symbolic.types import ColumnInput, Purpose
 
 
 def unsuited(begun: Begun) -> Iterator[str]:
@@ -40,6 +41,18 @@ def unsuited(begun: Begun) -> Iterator[str]:
         for each in group.kernel.parameters:
             if isinstance(each, ColumnInput) and _elsewhere(each, stepped):
                 yield f"in which `{problem.blocks[group.kernel.owner].name}` looks at rows of other steps"
+
+
+def derived_elsewhere(begun: Begun, kernels: KernelSet) -> Iterator[str]:
+    """What derived quantities take that is not of one step, in the same words."""
+    stepped = {name for name, _ in begun.sequence.sources}
+    for kernel in kernels.kernels:
+        if kernel.purpose is Purpose.DERIVED:
+            name = begun.problem.derived[kernel.owner].name
+            if any(_named(slot.member) for slot in kernel.variables if slot.unknown in begun.sequence.names):
+                yield f"in which `{name}` names the step of a state"
+            if any(isinstance(each, ColumnInput) and _elsewhere(each, stepped) for each in kernel.parameters):
+                yield f"in which `{name}` looks at rows of other steps"
 
 
 def _named(member: object) -> bool:

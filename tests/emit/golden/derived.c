@@ -319,27 +319,23 @@ static int assemble(struct frame *f)
     return status;
 }
 
-/* The standard deviation of a quantity with the derivatives `slopes` by the coordinates at `places`, by
- * linear propagation; negative where the data do not determine it, or it has no derivative at the estimates. `row` says
- * which of several quantities it is. */
-static double spread_of(struct frame *f, long row, long count, const long *rows, const long *columns,
-    const long *places, const double *slopes, double *gradient)
+/* The column of the coordinate at a place: -1: it stays, -2: the data do not determine it. */
+static long column_of(const struct frame *f, long place)
+{
+    return f->column[place] >= 0 || f->fixed[place] ? f->column[place] : -2;
+}
+
+/* The standard deviation of quantity `row` of those with the derivatives `slopes`, by linear propagation; negative
+ * where the data do not determine it, or it has no derivative at the estimates. */
+static double spread_of(struct frame *f, long row, long count, const long *rows, const long *tangents,
+    const long *columns, const double *slopes, double *gradient)
 {
     const long n = f->system->n;
     double variance = 0.0;
-    long i, j, k;
+    long i, j;
 
-    for (j = 0; j < n; j++)
-        gradient[j] = 0.0;
-    for (k = 0; k < count; k++) {
-        const long place = places[columns[k]];
-        if (rows[k] != row || slopes[k] == 0.0)
-            continue;
-        if (f->column[place] >= 0)
-            gradient[f->column[place]] += slopes[k];
-        else if (!f->fixed[place])
-            return -1.0;
-    }
+    if (!gather_gradient(n, row, count, rows, tangents, columns, slopes, gradient))
+        return -1.0;
     if (f->states[4] != 0 && !determines(f->system, gradient, &f->work))
         return -1.0;
     for (i = 0; i < n; i++) {
@@ -361,23 +357,22 @@ static int derive_climb(struct frame *f)
 {
     const derived_data *data = f->data;
     static const long rows_1[] = {0, 0};
-    static const long columns_1[] = {0, 1};
+    static const long tangents_1[] = {0, 1};
     double inputs[3], outputs[4];
-    long places[3], c, used = 0;
-    long row;
+    long columns[3], c;
+    long row, used = 0;
 
     (void)data;
     for (row = 0; row < data->steps_rows; row++) {
         {
             inputs[0] = f->point[f->offsets[0] + f->h_of_steps[row] * 1];
             inputs[1] = f->point[f->offsets[0] + f->h_of_steps_[row] * 1];
-            places[0] = f->firsts[0] + f->h_of_steps[row] * 1;
-            places[1] = f->firsts[0] + f->h_of_steps_[row] * 1;
+            columns[0] = column_of(f, f->firsts[0] + f->h_of_steps[row] * 1);
+            columns[1] = column_of(f, f->firsts[0] + f->h_of_steps_[row] * 1);
             climb_derived(inputs, outputs);
             for (c = 0; c < 1; c++) {
                 f->derived_climb[used * 1 + c] = outputs[c];
-                f->derived_climb_sigma[used * 1 + c] = spread_of(f, c, 2, rows_1,
-                    columns_1, places, outputs + 1, f->spare);
+                f->derived_climb_sigma[used * 1 + c] = spread_of(f, c, 2, rows_1, tangents_1, columns, outputs + 1, f->spare);
             }
             used++;
         }
@@ -391,9 +386,10 @@ static int derive_top(struct frame *f)
 {
     const derived_data *data = f->data;
     static const long rows_1[] = {0, 0};
-    static const long columns_1[] = {0, 1};
+    static const long tangents_1[] = {0, 1};
     double inputs[3], outputs[4];
-    long places[3], c, used = 0;
+    long columns[3], c;
+    long used = 0;
 
     (void)data;
     {
@@ -401,13 +397,12 @@ static int derive_top(struct frame *f)
         {
             inputs[0] = f->point[f->offsets[0] + f->h_b[0] * 1];
             inputs[1] = f->point[f->offsets[0] + f->h_c[0] * 1];
-            places[0] = f->firsts[0] + f->h_b[0] * 1;
-            places[1] = f->firsts[0] + f->h_c[0] * 1;
+            columns[0] = column_of(f, f->firsts[0] + f->h_b[0] * 1);
+            columns[1] = column_of(f, f->firsts[0] + f->h_c[0] * 1);
             top_derived(inputs, outputs);
             for (c = 0; c < 1; c++) {
                 f->derived_top[used * 1 + c] = outputs[c];
-                f->derived_top_sigma[used * 1 + c] = spread_of(f, c, 2, rows_1,
-                    columns_1, places, outputs + 1, f->spare);
+                f->derived_top_sigma[used * 1 + c] = spread_of(f, c, 2, rows_1, tangents_1, columns, outputs + 1, f->spare);
             }
             used++;
         }
@@ -422,9 +417,10 @@ static int derive_both(struct frame *f)
 {
     const derived_data *data = f->data;
     static const long rows_1[] = {0, 1};
-    static const long columns_1[] = {0, 1};
+    static const long tangents_1[] = {0, 1};
     double inputs[3], outputs[5];
-    long places[3], c, used = 0;
+    long columns[3], c;
+    long used = 0;
 
     (void)data;
     {
@@ -432,13 +428,12 @@ static int derive_both(struct frame *f)
         {
             inputs[0] = f->point[f->offsets[0] + f->h_b[0] * 1];
             inputs[1] = f->point[f->offsets[0] + f->h_c[0] * 1];
-            places[0] = f->firsts[0] + f->h_b[0] * 1;
-            places[1] = f->firsts[0] + f->h_c[0] * 1;
+            columns[0] = column_of(f, f->firsts[0] + f->h_b[0] * 1);
+            columns[1] = column_of(f, f->firsts[0] + f->h_c[0] * 1);
             both_derived(inputs, outputs);
             for (c = 0; c < 2; c++) {
                 f->derived_both[used * 2 + c] = outputs[c];
-                f->derived_both_sigma[used * 2 + c] = spread_of(f, c, 2, rows_1,
-                    columns_1, places, outputs + 2, f->spare);
+                f->derived_both_sigma[used * 2 + c] = spread_of(f, c, 2, rows_1, tangents_1, columns, outputs + 2, f->spare);
             }
             used++;
         }
