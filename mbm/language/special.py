@@ -197,6 +197,9 @@ def let_scope(evaluator: Evaluator, form: Sequence, scope: Scope) -> tuple[Local
         name, value_form = binding.items[0].name, binding.items[1]
         if sequential:
             inner = LocalScope({name: evaluator.evaluate(value_form, inner)}, inner)
+        elif name in variables:
+            first = next(each for each in form.items[1].items if isinstance(each, Sequence) and each.head == name)
+            raise MbmError(faults.duplicate_definition(binding.items[0].span, name, first.span))
         else:
             variables[name] = evaluator.evaluate(value_form, scope)
     return inner, form.items[2:]

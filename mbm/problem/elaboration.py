@@ -167,11 +167,9 @@ class Workspace:
             yield
         except MbmError as error:
             found = [d for d in error.diagnostics if not self._follows(d)]
-            if isinstance(declares, Sequence) and declares.head is not None:
-                inside = declares.items[1:] if declares.head == STATES else ()
-                self.undeclared.update(
-                    each.head for each in (declares, *inside) if isinstance(each, Sequence) and each.head
-                )
+            if declares is not None:
+                inside = declares.items[1:] if isinstance(declares, Sequence) and declares.head == STATES else ()
+                self.undeclared.update(name for each in (declares, *inside) if (name := _declared(each)))
             self._keep(found)
             if any(d.code in _ENDING for d in found):
                 raise MbmError(*self.diagnostics) from None
@@ -371,6 +369,11 @@ def shaped(value: Value, shape: tuple[int, ...], span: Span, *, broadcast: bool 
     if not isinstance(value, Array) or value.shape != shape:
         raise MbmError(language_faults.length_clash(span, describe(value), f"shape {shape[0]}×{shape[1]}"))
     return value.elements
+
+
+def _declared(form: Form) -> str | None:
+    """The name that a declaration begins with, or would, had its list not been forgotten."""
+    return form.name if isinstance(form, Symbol) else form.head if isinstance(form, Sequence) else None
 
 
 def pair_of(form: Form, what: str) -> tuple[Form, Form]:

@@ -72,7 +72,11 @@ def places_of(table: Table, positions: list[int]) -> tuple[DataPlace, ...]:
 def _shares_its_line(provenance: Provenance, row: int) -> bool:
     """Whether a row of a table written in the problem stands on one line with another, which names neither."""
     beside = [near for near in (row - 1, row + 1) if 0 < near <= provenance.rows]
-    return provenance.place(row) in map(provenance.place, beside)
+    return any(_on_one_line(provenance.place(row), provenance.place(near)) for near in beside)
+
+
+def _on_one_line(a: DataPlace, b: DataPlace) -> bool:
+    return (a.file, a.row) == (b.file, b.row)
 
 
 def _counted(solution: Solution) -> Mask:

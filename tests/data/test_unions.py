@@ -258,3 +258,10 @@ def test_the_same_answer_comes_from_the_cache(folder):
     first = float(solved(folder, text)["a"].value)
     (folder / "A3.csv").write_text("x,y\n1,100\n")
     assert (first, float(solved(folder, text)["a"].value)) == pytest.approx((20, 40), rel=EXACT)
+
+
+def test_rows_on_one_line_of_the_problem_are_not_told_by_it(folder, capsys):
+    rows = " ".join(f"(1 {y})" for y in (10, 10, 10, 99, 10))
+    (folder / "p.mbm").write_text(f"(problem p (data d (table (x y) {rows})) {LINE} (solve :robust (lmeds)))")
+    run(["solve", "p.mbm"])
+    assert capsys.readouterr().out.rstrip().endswith("outliers: row 4")

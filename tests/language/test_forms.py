@@ -171,6 +171,7 @@ def test_special_forms_cannot_be_defined(lisp, name):
     ("text", "code"),
     [
         ("(if 1 2)", "bad-form"), ("(let)", "bad-form"), ("(let ((1 2)) 3)", "bad-form"), ("(lambda (x))", "bad-form"),
+        ("(let ((a 1) (a 2)) a)", "duplicate-definition"),
         ("(sum (i 1) i)", "bad-form"), ("(quote)", "bad-form"), ("(cond)", "bad-form"),
         ("(lambda ((x)) x)", "bad-form"),
         ("(lambda (x x) x)", "duplicate-definition"), ("(if a 1 2)", "not-a-condition"), ("(range 1 a)", "not-static"),

@@ -266,3 +266,10 @@ def test_unknowns_that_could_not_be_read_are_not_said_to_be_missing():
     with pytest.raises(mbm.MbmError) as caught:
         mbm.loads(text).solve()
     assert "no-unknowns" not in {each.code.name for each in caught.value.diagnostics}
+
+
+def test_an_unknown_without_its_list_is_told_once():
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads(f"(problem p {LINE} (unknowns a (b)) (observe t (= y (+ a (* b x)))))").solve()
+    (fault,) = caught.value.diagnostics
+    assert (fault.code.name, fault.place.text) == ("bad-form", "a") and "`(a)`" in fault.message

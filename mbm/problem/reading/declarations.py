@@ -63,7 +63,9 @@ def declare_unknowns(work: Workspace, clause: Sequence) -> list[Declaration]:
 def read_declaration(work: Workspace, item: Form, *, steps: Family | None = None) -> Declaration:
     """An unknown as declared; with ``steps`` a state, whose family goes over them."""
     if not (isinstance(item, Sequence) and item.items and isinstance(item.items[0], Symbol)):
-        raise MbmError(language_faults.bad_form(item.span, "an unknown is a list that begins with its name", USAGE))
+        written = f", `({item.name})`" if isinstance(item, Symbol) else ""
+        said = f"an unknown is a list that begins with its name{written}"
+        raise MbmError(language_faults.bad_form(item.span, said, USAGE))
     name = item.items[0]
     owner, known = ("an unknown", OPTIONS) if steps is None else ("a state", STATE_OPTIONS)
     options = split_options(item.items[1:], item.span, owner=owner, known=known)
