@@ -265,3 +265,15 @@ def test_rows_on_one_line_of_the_problem_are_not_told_by_it(folder, capsys):
     (folder / "p.mbm").write_text(f"(problem p (data d (table (x y) {rows})) {LINE} (solve :robust (lmeds)))")
     run(["solve", "p.mbm"])
     assert capsys.readouterr().out.rstrip().endswith("outliers: row 4")
+
+
+def test_a_table_that_is_put_together_keeps_its_sources(folder):
+    inline = "(data t (table (x y) (5 1)))"
+    found = solved(
+        folder, f'(problem p (data a (csv "A*.csv")) {inline} (data d (union t a)) (for-each source) {LINE})'
+    )
+    assert [solve.key["source"] for solve in found.solves] == ["A10", "A2", "t"]
+    (fault,) = raised(
+        folder, f'(problem p (data a (csv "A*.csv")) (data b (csv "A?.csv")) (data d (union a b)) {LINE})'
+    )
+    assert fault.code.name == "bad-pattern" and "both be told by the name `A2`" in fault.message

@@ -26,7 +26,7 @@ NO_MATCH = Code(
 )
 BAD_PATTERN = Code(
     "bad-pattern",
-    "A pattern names files in a way that leaves open which of them a row is from.",
+    "A pattern, or a union of patterns, names files in a way that leaves open which of them a row is from.",
     "Write `*` and `?` in the name of the file only, and give the files names that differ before their endings.",
 )
 TOO_MANY_MATCHES = Code(
@@ -104,6 +104,12 @@ def same_source(place: Place, first: str, second: str, name: str) -> Diagnostic:
         f" `{short_text(name)}`"
     )
     return Diagnostic(code=BAD_PATTERN, message=message, place=place, hint="write the ending into the pattern")
+
+
+def told_alike(place: Place, first: str, second: str, name: str) -> Diagnostic:
+    """Rows of two tables that go into a union have the same ``name`` in the column ``source``."""
+    message = f"rows of `{short_text(first)}` and of `{short_text(second)}` would both be told by the name `{name}`"
+    return Diagnostic(code=BAD_PATTERN, message=message, place=place, hint="give the files or tables different names")
 
 
 def too_many_matches(place: Place, pattern: str, most: int) -> Diagnostic:

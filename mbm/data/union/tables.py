@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,13 @@ from mbm.values import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Piece:
-    """A table that goes into a union: ``name`` is what its rows have in the column ``source``.
+    """A table that goes into a union; its rows have ``sources`` (n,) in the column ``source``.
 
     ``rows`` (n,) are the numbers of its rows, from 1, by which ``provenance`` knows their places.
     """
 
     name: str
+    sources: tuple[str, ...] = field(repr=False)
     columns: Mapping[str, Column]
     provenance: Provenance
     rows: NDArray[np.int64]
@@ -41,14 +42,19 @@ def piece_of_file(name: str, raw: RawTable) -> Piece:
     provenance = raw.provenance()
     columns = {column.name: column for column in raw.columns}
     rows = np.arange(1, len(raw.file_rows) + 1)
-    return Piece(name=name, columns=columns, provenance=provenance, rows=rows, groups=raw.groups)
+    sources = (name,) * len(rows)
+    return Piece(name=name, sources=sources, columns=columns, provenance=provenance, rows=rows, groups=raw.groups)
 
 
 def piece_of_table(table: Table) -> Piece:
-    """A table with its own names and units."""
+    """A table with its own names and units. The rows of one that is put together already keep their sources."""
+    columns, sources = dict(table.columns), (table.name,) * len(table.rows)
+    if table.provenance.parts and (known := columns.pop(SOURCE, None)) is not None and known.texts is not None:
+        sources = known.texts
     return Piece(
         name=table.name,
-        columns=table.columns,
+        sources=sources,
+        columns=columns,
         provenance=table.provenance,
         rows=table.rows,
         groups=table.groups,
@@ -61,7 +67,7 @@ def united(path: str, pieces: Sequence[Piece]) -> RawTable:
     Columns stand as in the first piece. Whatever key a piece has, the rows of all have none.
 
     Raises:
-        MbmError: source-column, different-columns.
+        MbmError: source-column, different-columns, bad-pattern.
 
     """
     first = pieces[0]
@@ -72,9 +78,13 @@ def united(path: str, pieces: Sequence[Piece]) -> RawTable:
             names = (piece.name, first.name)
             places = (piece.beginning, first.beginning)
             raise MbmError(faults.different_columns(places, names, piece.columns, first.columns))
-    lengths = [len(piece.rows) for piece in pieces]
+    told: dict[str, Piece] = {}
+    for piece in pieces:
+        for name in dict.fromkeys(piece.sources):
+            if told.setdefault(name, piece) is not piece:
+                raise MbmError(faults.told_alike(piece.beginning, told[name].name, piece.name, name))
     columns = [_joined(name, pieces) for name in first.columns]
-    sources = tuple(piece.name for piece, length in zip(pieces, lengths, strict=True) for _ in range(length))
+    sources = tuple(name for piece in pieces for name in piece.sources)
     file_rows = np.concatenate([piece.provenance.file_rows[piece.rows - 1] for piece in pieces])
     file_rows.setflags(write=False)
     return RawTable(
