@@ -11,7 +11,7 @@ from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
 from mbm.language.program import ProblemDefinition, Program
 from mbm.problem import faults
-from mbm.text.suggest import closest
+from mbm.text.suggest import closest, listed, suggestion
 from mbm.text.types import Diagnostic, Form, Keyword, MbmError, Numeral, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
@@ -166,11 +166,20 @@ def effective_clauses(program: Program, problem: ProblemDefinition) -> tuple[Seq
     return clauses
 
 
+_PRIOR = "priors stand in `constraints`: `(constraints (normal x 0 1))`"
+_EQUATION = "equations stand in `observe`, or without noise in `constraints`"
+_STANDS_IN = {
+    **dict.fromkeys(("prior", "priors", "normal", "uniform", "rectangular", "triangular"), _PRIOR),
+    **dict.fromkeys(("=", "<=", ">="), _EQUATION),
+}
+"""Where what is often written as a clause belongs."""
+
+
 def _wrong_head(clause: Sequence) -> Diagnostic | None:
     head = clause.head or ""
     if head not in CLAUSES:
-        near = closest(head, CLAUSES)
-        return faults.unknown_clause(clause.items[0].span, head, near, CLAUSES)
+        mend = _STANDS_IN.get(head) or suggestion(head, CLAUSES, f"the clauses are {listed(CLAUSES)}")
+        return faults.unknown_clause(clause.items[0].span, head, mend)
     return None
 
 

@@ -177,7 +177,7 @@ def _status(
     outside = next((each.message for each in solution.diagnostics if each.code == BEYOND_BOUNDS), None)
     broken = violated_sentence(constraints) or outside
     if not reason.converged:
-        said = (reason.sentence, broken, _wants_a_start(solution))
+        said = (reason.sentence, broken, _wants_a_start(problem, solution))
         return SolveStatus.NOT_CONVERGED, "; ".join(each for each in said if each is not None)
     if broken is not None:
         return SolveStatus.INFEASIBLE, broken
@@ -186,15 +186,26 @@ def _status(
     return SolveStatus.CONVERGED, reason.sentence
 
 
-def _wants_a_start(solution: Solution) -> str | None:
-    """Of which unknowns a start might help, where none of those that were tried led to a minimum."""
+def _wants_a_start(problem: Problem, solution: Solution) -> str | None:
+    """Of which unknowns a start might help, or a limit, where none of the starts that were tried led to a minimum."""
     tally, layout = solution.tally, solution.layout
     if tally is None or tally.converged or solution.minimum.reason is Reason.INTERRUPTED:
         return None
     open_to = np.isnan(layout.start) | layout.guessed
     names = [entry.unknown.name for entry in layout.entries if bool(open_to[entry.range].any())]
     listed = ", ".join(f"`{name}`" for name in names[:MOST_WANTED]) + (" …" if len(names) > MOST_WANTED else "")
-    return f"no start led to a minimum: give `:init` or a narrow `:in` of {listed}" if names else None
+    if not names:
+        return None
+    if solution.minimum.reason is Reason.FLAT and not solution.observability.observable and _may_rise_forever(problem):
+        return f"the likelihood may be highest in the infinite: give a prior or `:in`, which bound {listed}"
+    return f"no start led to a minimum: give `:init` or a narrow `:in` of {listed}"
+
+
+def _may_rise_forever(problem: Problem) -> bool:
+    """Whether readings are of a kind whose likelihood can rise towards infinite values: counts, and limits."""
+    equations = (equation for block in problem.blocks for case in block.cases for equation in case.equations)
+    errors = (equation.likelihood for equation in equations if equation.likelihood is not None)
+    return any(each.law.counts or each.truncation is not None for each in errors)
 
 
 def _estimates(solution: Solution, how: Shown, unknown: str | None) -> tuple[Estimate, ...]:

@@ -178,6 +178,16 @@ def test_an_interruption_ends_with_what_is_there():
     assert [d.code.name for d in result.diagnostics] == ["interrupted"]
 
 
+def test_where_trials_are_separated_a_bound_is_wanted():
+    """The likelihood of (1 + e^{-(a + b x)})⁻¹ rises towards 1 as b grows: Albert, Anderson, Biometrika 71 (1984)."""
+    rows = " ".join(f"({x} 10 {10 * (x > 2)})" for x in range(6))
+    text = f"""(problem p (data d (table (x n k) {rows})) (unknowns (a) (b))
+      (observe d (= k (/ n (+ 1 (exp (- (+ a (* b x))))))) :distribution (binomial n)))"""
+    solve = mbm.loads(text).solve().first
+    assert solve.status == "not-converged"
+    assert solve.message.endswith("may be highest in the infinite: give a prior or `:in`, which bound `a`, `b`")
+
+
 def test_where_no_start_leads_to_a_minimum_the_starts_that_are_missing_are_named():
     """The root of a x − 10⁶⁰ − b² has values where a is 10⁶⁰ or more only; c has a start."""
     text = """(problem p (data d (table (x y) (1 2) (2 3) (3 3.5))) (unknowns (a) (b) (c :init 1))

@@ -273,3 +273,13 @@ def test_an_unknown_without_its_list_is_told_once():
         mbm.loads(f"(problem p {LINE} (unknowns a (b)) (observe t (= y (+ a (* b x)))))").solve()
     (fault,) = caught.value.diagnostics
     assert (fault.code.name, fault.place.text) == ("bad-form", "a") and "`(a)`" in fault.message
+
+
+@pytest.mark.parametrize(
+    ("clause", "belongs"), [("(prior a 0 1)", "constraints"), ("(normal a 0 1)", "constraints"), ("(= 1 a)", "observe")]
+)
+def test_what_is_no_clause_is_told_where_it_belongs(clause, belongs):
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads(f"(problem p {LINE} (unknowns (a)) (observe t (= y a)) {clause})").solve()
+    (fault,) = caught.value.diagnostics
+    assert fault.code.name == "unknown-clause" and f"stand in `{belongs}`" in fault.hint

@@ -7,7 +7,7 @@ from mbm.expression.units import parse_unit
 from mbm.language.limits import more_work
 from mbm.solver.description import RULES
 from mbm.solver.losses import LOSSES
-from mbm.text.suggest import did_you_mean, listed, suggestion
+from mbm.text.suggest import listed, suggestion
 from mbm.text.types import Code, Diagnostic, Label, Place, Source, Span
 
 NO_PROBLEM = Code(
@@ -169,13 +169,13 @@ def unknown_problem(name: str, names: tuple[str, ...]) -> Diagnostic:
     )
 
 
-def unknown_clause(span: Span, head: str, near: str | None, known: tuple[str, ...]) -> Diagnostic:
+def unknown_clause(span: Span, head: str, mend: str | None) -> Diagnostic:
     """A clause nobody knows."""
     return Diagnostic(
         code=UNKNOWN_CLAUSE,
         message=f"`{head}` is no clause of a problem",
         place=span,
-        hint=did_you_mean(near, f"the clauses are {listed(known)}"),
+        hint=mend,
     )
 
 
