@@ -88,14 +88,14 @@ def ladybug() -> Call:
     example, placeholder, data = bundle.CASES[bundle.LADYBUG]
     text = (bundle.SHARED / "examples" / example).read_text().replace(placeholder, str(bundle.SHARED / data))
     compiled = mbm.loads(text).compile()
-    return lambda: compiled.solve(workers=1).diagnostics
+    return lambda: compiled.solve(workers=1).first.diagnostics
 
 
 def ellipse_errors() -> Call:
     """An ellipse through 150 points with errors in both coordinates, with all that `compiled.solve` says."""
     compiled = mbm.loads(ellipse.PROBLEM).compile(data={"pts": ellipse.table(20)})
     table = ellipse.table(150)
-    return lambda: compiled.solve(data={"pts": table}).diagnostics
+    return lambda: compiled.solve(data={"pts": table}).first.diagnostics
 
 
 def line() -> Call:
@@ -110,7 +110,7 @@ def position() -> Call:
 
 def _whole_solve(text: str, points: dict[str, np.ndarray]) -> Call:
     compiled = mbm.loads(text).compile(data={"points": points})
-    return lambda: compiled.solve(data={"points": points}).diagnostics
+    return lambda: compiled.solve(data={"points": points}).first.diagnostics
 
 
 def fits() -> Call:
@@ -125,7 +125,7 @@ def fits() -> Call:
 def solves() -> Call:
     """The same with all that `compiled.solve` says."""
     each = [compiled for compiled, _ in _fits()]
-    return lambda: [compiled.solve().diagnostics for compiled in each]
+    return lambda: [compiled.solve().first.diagnostics for compiled in each]
 
 
 def _fits() -> list[tuple[mbm.CompiledProblem, np.ndarray]]:
@@ -142,13 +142,13 @@ def skeleton() -> Call:
     """25 joint angles within their limits from 100 random starts, the whole solve."""
     with tempfile.TemporaryDirectory() as folder:
         compiled = mbm.load(write_example(Path(folder), STARTS)).named("skeleton-limits").compile()
-    return lambda: compiled.solve(workers=1).diagnostics
+    return lambda: compiled.solve(workers=1).first.diagnostics
 
 
 def calibration() -> Call:
     """The calibration of a camera, 39 unknowns and 350 rows, with all that `compiled.solve` says."""
     compiled = mbm.load(ROOT / "problems" / "calibration" / "calibration.mbm").compile()
-    return lambda: compiled.solve(workers=1).diagnostics
+    return lambda: compiled.solve(workers=1).first.diagnostics
 
 
 def command() -> Call:
