@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from mbm.language.session import ReadFile
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem, RowValues
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.language.session import ReadFile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

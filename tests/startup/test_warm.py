@@ -166,6 +166,8 @@ def test_a_warm_solve_loads_nothing_that_compiles(backend: str, line: Path, cach
     front = (
         "mbm.shapes",
         "mbm.language.vocabulary",
+        "mbm.language.evaluator",
+        "mbm.language.program",
         "mbm.problem.reading",
         "mbm.problem.builder",
         "mbm.symbolic.model",
