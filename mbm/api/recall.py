@@ -123,7 +123,7 @@ def remember_text(store: Store, own: str, program: Program, read: tuple[ReadFile
         for use in program.used
     )
     uses = (*texts, *((str(each.path), str(each.resolved), each.sha256, False) for each in read))
-    return _digest(own, uses) if _put(store, TEXT, own, uses) else None
+    return _digest(own, uses) if _put(store, TEXT, uses, own) else None
 
 
 def _unchanged(path: str, resolved: str, digest: str | None, is_text: bool) -> bool:
@@ -191,11 +191,10 @@ def remember(
         kernels=kernels,
     )
     columns = _with_columns(key, found.raw)
-    if not found.consulted.nothing:
-        _put(store, PROBLEM, _digest(columns, answers), made)
-    if not _put(store, PROBLEM, columns, made):
+    keys = [columns] if found.consulted.nothing else [_digest(columns, answers), columns]
+    if not _put(store, PROBLEM, made, *keys):
         return None
-    _put(store, TABLES, key, tuple(plan.declaration for plan in found.problem.plans))
+    _put(store, TABLES, tuple(plan.declaration for plan in found.problem.plans), key)
     return columns
 
 
@@ -203,7 +202,7 @@ def remember_starts(store: Store, key: str, kinds: Iterable[Kind]) -> None:
     """Keep for which kinds of equations no closed form is made."""
     listed = sorted(kinds)
     if len(listed) <= MOST_KINDS:
-        _put(store, STARTS, key, tuple(listed))
+        _put(store, STARTS, tuple(listed), key)
 
 
 def _elaborated(made: Made, raw: Mapping[str, Table], tables: Mapping[str, Table]) -> Elaborated:
@@ -223,14 +222,16 @@ def _with_columns(key: str, raw: Mapping[str, Table]) -> str:
     return _digest(key, columns_of(raw))
 
 
-def _put(store: Store, kind: str, key: str, value: object) -> bool:
-    """Keep a value if it can be packed."""
+def _put(store: Store, kind: str, value: object, *keys: str) -> bool:
+    """Keep a value under some keys if it can be packed."""
     from mbm.kernels.packing import PackingError, pack
 
     try:
-        store.put(kind, key, pack(value))
+        content = pack(value)
     except PackingError:
         return False
+    for key in keys:
+        store.put(kind, key, content)
     return True
 
 

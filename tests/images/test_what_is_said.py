@@ -26,10 +26,16 @@ SOURCES = (
 )
 
 
+@pytest.fixture(scope="module")
+def seen():
+    image = np.rint(rendered(chessboard(7, 4), TURN, middle_of(corners(7, 4), TURN, 0.4), samples=2)).astype(np.uint8)
+    image.flags.writeable = False
+    return image
+
+
 @pytest.fixture
-def board():
-    image = rendered(chessboard(7, 4), TURN, middle_of(corners(7, 4), TURN, 0.4), samples=2)
-    return np.rint(image).astype(np.uint8)
+def board(seen):
+    return seen.copy()
 
 
 def fault(folder, source=SOURCE, sandbox=None):

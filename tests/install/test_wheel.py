@@ -41,10 +41,10 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def installed(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the programs of a fresh environment into which the wheel was installed with its dependencies."""
     home = tmp_path_factory.mktemp("fresh") / "environment"
-    venv.create(home, with_pip=True)
+    venv.create(home)
     programs = home / ("Scripts" if os.name == "nt" else "bin")
     (wheel,) = built.glob("*.whl")
-    _run(programs / "python", "-m", "pip", *INSTALL, wheel, cwd=home)
+    _run(sys.executable, "-m", "pip", "--python", programs / "python", *INSTALL, wheel, cwd=home)
     return programs
 
 

@@ -287,6 +287,7 @@ _LIBMVEC = (("avx2", "_ZGVdN4", 4), ("sse4_1", "_ZGVbN2", 2))
 """The variants of glibc's vector library: what the processor needs, prefix of the names, doubles in a vector."""
 
 
+@cache
 def described() -> str:
     """All that machine code depends on beside what it is made from; LLVM is asked where the kernel tells nothing."""
     told = _told() if image.supported() else {}
@@ -298,6 +299,7 @@ def described() -> str:
     return "\n".join((binding.get_default_triple(), binding.get_host_cpu_name(), features))
 
 
+@cache
 def vector_library() -> VectorLibrary:
     """What there is of glibc's vector library for this processor: elsewhere no function of it."""
     if not image.supported():

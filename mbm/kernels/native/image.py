@@ -14,6 +14,7 @@ import struct
 import sys
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
+from functools import cache
 
 from mbm.values import dataclass
 
@@ -144,6 +145,7 @@ def present(names: Iterable[str]) -> frozenset[str]:
     return frozenset(name for name in names if any(hasattr(library, name) for library in libraries))
 
 
+@cache
 def _opened() -> tuple[ctypes.CDLL, ...]:
     found = []
     for name in _LIBRARIES:

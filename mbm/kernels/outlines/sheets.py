@@ -11,6 +11,7 @@ D = det ∂x/∂(s, t), which is zero where a surface folds (Koenderink 1984):
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import casadi
@@ -28,7 +29,9 @@ def programs_of(figure: Figure) -> tuple[SheetPrograms, ...]:
     return tuple(_differentiated(sheet) for sheet in figure.sheets)
 
 
+@lru_cache(maxsize=256)
 def _differentiated(sheet: Sheet) -> SheetPrograms:
+    """Kept, as most silhouettes are measured in several ways."""
     expressions, symbols = converted(sheet)
     count = sheet.parameters + sheet.inputs
     inputs = casadi.SX.sym("z", count)

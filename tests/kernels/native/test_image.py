@@ -130,6 +130,10 @@ def test_images_lie_where_they_are_not_written_to():
     raise AssertionError
 
 
+vector_library, described = engine.vector_library.__wrapped__, engine.described.__wrapped__
+"""As of a process that has not asked for them yet."""
+
+
 def test_the_vector_library_is_what_the_processor_runs(monkeypatch, tmp_path):
     found = engine.vector_library()
     if not found.functions:
@@ -151,7 +155,7 @@ def test_the_vector_library_is_what_the_processor_runs(monkeypatch, tmp_path):
     for flags, width, functions, fused in (("sse4_1", 2, True, False), ("fma", 4, False, True), ("", 4, False, False)):
         told.write_text(f"processor : 0\nflags\t: fpu {flags}\n\nprocessor : 1\nflags : avx2 fma\n")
         monkeypatch.setattr(engine, "_CPUINFO", told)
-        found = engine.vector_library()
+        found = vector_library()
         assert (found.width, bool(found.functions), found.fused) == (width, functions, fused)
 
 
@@ -159,12 +163,12 @@ def test_the_description_names_features(monkeypatch, tmp_path):
     told = tmp_path / "cpuinfo"
     monkeypatch.setattr(engine, "_CPUINFO", told)
     # Where the kernel tells nothing LLVM does: what was made for one processor must not be found by another.
-    assert "+sse2" in engine.described()
-    assert not engine.vector_library().functions
+    assert "+sse2" in described()
+    assert not vector_library().functions
     told.write_text("processor : 0\nmodel name : A\nflags : avx2\n")
-    one = engine.described()
+    one = described()
     told.write_text("processor : 0\nmodel name : A\nflags : avx2 fma\n")
-    assert engine.described() != one
+    assert described() != one
     monkeypatch.setattr(image, "supported", lambda: False)
-    assert engine.described().count("\n") == 2
-    assert not engine.vector_library().functions
+    assert described().count("\n") == 2
+    assert not vector_library().functions
