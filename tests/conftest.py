@@ -1,4 +1,8 @@
-"""What all tests share: nothing is taken from, or left in, the caches of the user who runs them."""
+"""What all tests share: nothing is taken from, or left in, the caches of the user who runs them.
+
+Collected and reckoned as by the command line: what is loaded stays, and each matrix has one thread. Two processes of
+tests with two threads each wait for one another on two cores: large problems take up to sixteen times the time.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +16,15 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from mbm.cli.main import COLLECTED
+from mbm.cli.main import BLAS_THREADS, COLLECTED
 from mbm.kernels.store import VARIABLE
 
 settings.register_profile("untimed", deadline=None)  # no test asserts how long anything takes
 settings.load_profile("untimed")
 
-gc.set_threshold(COLLECTED, *gc.get_threshold()[1:])  # as the command line has it: what is loaded stays
+gc.set_threshold(COLLECTED, *gc.get_threshold()[1:])
+for variable in BLAS_THREADS:
+    os.environ.setdefault(variable, "1")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
