@@ -57,6 +57,8 @@ class Chain:
     """Most hypotheses that are followed."""
     lag: Integer
     """Steps after which a step is reported by a smoother of fixed lag; T: it is none."""
+    constants: Integer
+    """Constants of the rows of a step, 0 where no loss of theirs has minima of its own."""
     held: Integer
     """Steps whose rows and answers there is room for: step k is at ``k % held``. T, or fewer where steps come singly,
     in which case T is larger than any step."""
@@ -143,6 +145,14 @@ class Walk:
     """Their coefficients …"""
     wanted: Reals = sized("2 * n")
     """… and those that an iteration steps to."""
+    rival: Reals = sized("2 * n")
+    """Those of another minimum of the cost."""
+    stated: ConstantReals
+    """The constants of the rows of a step …"""
+    widened: Reals = sized("constants")
+    """… and with losses that are wider."""
+    newest: Reals = sized("numbers")
+    """Where a smoother's path begins at the step that comes in."""
     mean: Reals = sized("numbers")
     """The point that they are counted from."""
     trial: Reals = sized("numbers")
@@ -228,3 +238,4 @@ def share_out_walk(walk: Walk) -> None:
     lay_out(walk, walk.chain, walk.reals, walk.integers)
     lay_out(walk.rows, walk.seen, walk.rows_reals, walk.integers)
     lay_out(walk.moves, walk.moving, walk.moves_reals, walk.integers)
+    walk.stated = walk.rows.constants

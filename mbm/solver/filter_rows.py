@@ -5,9 +5,10 @@ from __future__ import annotations
 from mbm.machine.kinds import LANES
 from mbm.machine.records import view
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, distinct_arrays
-from mbm.solver.description import DATA_BLOCK, DATA_HEAD, Block, DataSet, Problem
-from mbm.solver.equations import cost_at_point, gather, groups_of, load_rows, portion, weights_width
+from mbm.solver.description import DATA_BLOCK, DATA_HEAD, NO_LOSS, Block, DataSet, Problem
+from mbm.solver.equations import cost_at_point, gather, groups_of, load_rows, portion, residuals_at_point, weights_width
 from mbm.solver.filter_records import Walk
+from mbm.solver.linear_algebra import copied, dot
 from mbm.solver.sweeps import slope_portion
 from mbm.solver.workspace import Rows
 
@@ -86,3 +87,22 @@ def step_cost(walk: Walk, point: ConstantReals) -> Real:
     """What these rows add to the cost at a point, losses included."""
     walk.evaluations += 1
     return cost_at_point(walk.seen, walk.rows, point, 1, 0, walk.rows.residuals)
+
+
+def plain_step_cost(walk: Walk, point: ConstantReals) -> Real:
+    """The same without losses."""
+    count = residuals_at_point(walk.seen, walk.rows, point, 0, 0, walk.rows.residuals)
+    return dot(count, walk.rows.residuals, walk.rows.residuals)
+
+
+def widen_losses(walk: Walk, factor: Real) -> None:
+    """Let the losses of the rows begin to count less at so many times the residuals as stated."""
+    problem = walk.seen
+    copied(walk.chain.constants, walk.stated, walk.widened)
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
+        for u in range(block.unit_count):
+            unit = block.units[u]
+            if unit.loss != NO_LOSS:
+                walk.widened[unit.loss_at] = factor * walk.stated[unit.loss_at]
+    walk.rows.constants = walk.widened

@@ -17,7 +17,7 @@ from mbm.machine.words import ConstantReals, Integer, Real
 from mbm.solver.charts import transport
 from mbm.solver.filter_moves import to_columns
 from mbm.solver.filter_records import Walk
-from mbm.solver.filter_rows import step_cost, step_lines
+from mbm.solver.filter_rows import plain_step_cost, step_cost, step_lines, widen_losses
 from mbm.solver.linear_algebra import add_multiple, append_rows, copied, corner, dot, filled, solve_upper, times_upper
 from mbm.solver.manifolds import retract
 from mbm.solver.rank_deficient import singular_values
@@ -35,6 +35,15 @@ MOST_HALVINGS = 30
 
 FIRST_COST = 1e300
 """Where costs are not finite."""
+
+COUNTED = 0.5
+"""Where losses leave less of the squares of a step's rows, another minimum is looked for."""
+
+WIDEST = 1e8
+"""How many times as wide losses are at first: plain least squares to rounding."""
+
+NARROWER = 0.5
+"""How many times as wide they are next."""
 
 
 def see_along(walk: Walk, m: Integer, count: Integer, lines: ConstantReals) -> None:
@@ -130,21 +139,11 @@ def shortened_share(walk: Walk, free: Integer, size: Integer, cost: Real) -> Rea
     return FIRST_COST
 
 
-def iterate_update(walk: Walk, m: Integer, free: Integer, size: Integer) -> Real:
-    """Least squares in the coefficients, from the lines at the mean on; what the rows add to the cost."""
-    chain = walk.chain
-    n = chain.n
+def descend(walk: Walk, m: Integer, free: Integer, size: Integer, start: Real) -> Real:
+    """The cost where Gauss-Newton's method ends, from `share` on: its cost is ``start``, its m lines are known."""
     lines = m
-    filled(size, 0.0, walk.share)
-    copied(size * n, walk.basis, walk.local)
-    if chain.iterations == 1:
-        set_triangle_of(walk, lines, free, size)
-        copied(size, walk.wanted, walk.share)
-        place_share(walk, size)
-        root = walk.triangle[(size + 1) * (size + 1) - 1]
-        return root * root
-    cost = cost_of_share(walk, free, size)
-    for _ in range(chain.iterations):
+    cost = start
+    for _ in range(walk.chain.iterations):
         set_triangle_of(walk, lines, free, size)
         walk.iterations += 1
         for j in range(size):
@@ -158,11 +157,61 @@ def iterate_update(walk: Walk, m: Integer, free: Integer, size: Integer) -> Real
             return cost
         if not found < FIRST_COST:
             break
-        copied(size * n, walk.basis, walk.local)
-        transport(walk.seen, walk.mean, walk.step, size, walk.turn, walk.local)
-        lines = step_lines(walk, walk.trial)
+        lines = lines_at_share(walk, size)
     walk.settled = 0
     return cost
+
+
+def lines_at_share(walk: Walk, size: Integer) -> Integer:
+    """The lines, and the vectors, about the point of `share`, where `trial` is."""
+    n = walk.chain.n
+    copied(size * n, walk.basis, walk.local)
+    transport(walk.seen, walk.mean, walk.step, size, walk.turn, walk.local)
+    return step_lines(walk, walk.trial)
+
+
+def iterate_update(walk: Walk, m: Integer, free: Integer, size: Integer) -> Real:
+    """Least squares in the coefficients, from the lines at the mean on; what the rows add to the cost."""
+    chain = walk.chain
+    n = chain.n
+    filled(size, 0.0, walk.share)
+    copied(size * n, walk.basis, walk.local)
+    if chain.iterations == 1:
+        set_triangle_of(walk, m, free, size)
+        copied(size, walk.wanted, walk.share)
+        place_share(walk, size)
+        root = walk.triangle[(size + 1) * (size + 1) - 1]
+        return root * root
+    cost = descend(walk, m, free, size, cost_of_share(walk, free, size))
+    if chain.constants > 0 and step_cost(walk, walk.trial) < COUNTED * plain_step_cost(walk, walk.trial):
+        return least_of_minima(walk, free, size, cost)
+    return cost
+
+
+def least_of_minima(walk: Walk, free: Integer, size: Integer, cost: Real) -> Real:
+    """The least cost of the minimum where `share` is and of the one that least squares lead to; `share` is there then.
+
+    Rows that a loss leaves out where they were predicted may all the same be worth a change of what was predicted.
+    Losses are wide at first, and become those that are stated (graduated non-convexity).
+    """
+    settled = walk.settled
+    copied(size, walk.share, walk.rival)
+    factor = WIDEST
+    while factor > 1.0:
+        widen_losses(walk, factor)
+        place_share(walk, size)
+        plain = descend(walk, lines_at_share(walk, size), free, size, cost_of_share(walk, free, size))
+        factor = min(NARROWER * factor, sqrt(plain))
+    walk.rows.constants = walk.stated
+    walk.settled = settled
+    found = cost_of_share(walk, free, size)
+    found = descend(walk, lines_at_share(walk, size), free, size, found)
+    if found < cost and walk.settled >= settled:
+        return found
+    walk.settled = settled
+    copied(size, walk.rival, walk.share)
+    found = cost_of_share(walk, free, size)
+    return descend(walk, lines_at_share(walk, size), free, size, found)
 
 
 def update(walk: Walk) -> Integer:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from mbm.machine.words import Integer
 from mbm.solver.charts import step_between, transport
-from mbm.solver.filter_moves import add_noise, carried, carry_lines, move_on
+from mbm.solver.filter_moves import add_noise, carried, carry_lines, move_on, predict
 from mbm.solver.filter_records import Walk
-from mbm.solver.filter_rows import load_step, step_lines
-from mbm.solver.filter_update import set_new_factor, set_triangle_of, turn_open
+from mbm.solver.filter_rows import load_move, load_step, plain_step_cost, step_cost, step_lines
+from mbm.solver.filter_update import COUNTED, set_new_factor, set_triangle_of, turn_open, update
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
 from mbm.solver.manifolds import retract
 from mbm.solver.smoothers import (
@@ -25,6 +25,7 @@ from mbm.solver.smoothers import (
     slot_of,
     smooth,
     spread_first,
+    spread_next,
     spread_path,
 )
 
@@ -104,11 +105,34 @@ def extend_path(walk: Walk, k: Integer) -> Integer:
     return 1
 
 
+def find_newest(walk: Walk, k: Integer) -> Integer:
+    """1: `newest` is what a filter makes of step k, whose rows a loss leaves out where the path would come to."""
+    if walk.chain.constants == 0 or k == 0 or walk.open_count > 0:
+        return 0
+    for i in range(walk.base, k):
+        if i == walk.base:
+            spread_first(walk, 0)
+        elif spread_next(walk, i - 1) == 0:
+            return 0
+    copied(walk.chain.numbers, path_of(walk, k - 1), walk.point)
+    load_move(walk, k - 1)
+    load_step(walk, k)
+    if predict(walk) == 0 or step_cost(walk, walk.point) >= COUNTED * plain_step_cost(walk, walk.point):
+        return 0
+    found = update(walk)
+    copied(walk.chain.numbers, walk.point, walk.newest)
+    return found
+
+
 def lag_step(walk: Walk, k: Integer) -> Integer:
     """Step k comes in, and the one a lag before goes out; 0 where something is not finite."""
     chain = walk.chain
+    begun = find_newest(walk, k)
     if extend_path(walk, k) == 0:
         return 0
+    if begun == 1:
+        copied(chain.numbers, walk.newest, path_of(walk, k))
+        walk.loose = 1
     free = smooth(walk, walk.base, k)
     if free < 0:
         return 0

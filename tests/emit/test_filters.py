@@ -145,6 +145,10 @@ MORE = {
     "exact": plain(THROWN, y=noisy),
     "an equation of what does not move": plain(STILL, y=noisy),
     "an equation that holds later": LATER,
+    "rows that a loss leaves out": (
+        UNITS.replace("huber", "tukey").replace("iterated-ekf", "(smoother :lag 1)"),
+        {"z": {"ms": [1, 3, 5, 7, 9], "mm": [30.0, 500.0, 20.0, 9000.0, 10.0]}},
+    ),
     "units and loss": (UNITS, {"z": {"ms": [0.1, 0.3, 0.7], "mm": [3.0, 5.0, 2.0]}}),
 }
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.equations.assembly import loss_lines
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.minimise.native.system import NativeSystem, never
 from mbm.estimation.sequences.local import Local
@@ -359,6 +360,7 @@ def chain_of(chained: Chained, rules: Rules) -> Indices:
         "lag": lag,
         "held": steps,
         "hypotheses": rules.hypotheses,
+        "constants": 0 if all(loss.convex for loss, _ in loss_lines(seen.equations)) else len(seen.native.constants),
     }
     found = np.zeros(slots_of(Chain), dtype=np.int64)
     for name, value in values.items():

@@ -109,10 +109,28 @@ def test_a_step_with_outliers_only_counts_as_one_without_rows(method, loss, rule
 
 @pytest.mark.parametrize("method", ["iterated-ekf", "(smoother :lag 2)", "smoother"])
 def test_a_filter_that_a_loss_has_lost_doubts_itself(method):
-    """Rows beyond the limit of Tukey's loss, as seen from a prediction, are left out for good."""
+    """Rows that cost less where they are left out than where the prediction changes are left out for good."""
     rows = {"k": [0, 1, 2, 3, 4, 5], "y": [0.1, 0.9, 900.0, 9.2, 9.9, 10.1]}
     found = solved(rows, method, when=":loss (tukey)")
     assert "too-few-agree" in [d.code.name for d in found.diagnostics]
+
+
+@pytest.mark.parametrize("loss", ["tukey", "geman-mcclure"])
+@pytest.mark.parametrize("method", ["iterated-ekf", "(smoother :lag 2)", "smoother"])
+def test_a_row_that_a_loss_leaves_out_where_it_was_predicted_is_not_lost(method, loss):
+    """A walk that is wider than a loss: rows far from the prediction explain themselves by it, one at 80 does not."""
+    random = np.random.default_rng(4)
+    y = np.cumsum(3.0 * random.normal(size=30)) + 0.5 * random.normal(size=30)
+    y[12] += 80.0
+    good = np.arange(30) != 12
+    walk = "(random-walk x :sigma 3)"
+    found = solved({"k": np.arange(30), "y": y}, method, dynamics=walk, when=f":loss ({loss})")
+    filled = {"dynamics": walk, "when": "", "rest": "", "method": method}
+    text = TEXT.replace("(data z external)", "(data z external) (data f (table (k) (0) (12)))").format(**filled)
+    without = mbm.loads(text).solve(data={"z": {"k": np.arange(30)[good], "y": y[good]}})
+    # half a deviation: what the weights of good rows take off their residuals
+    np.testing.assert_allclose(found["x"].value, without["x"].value, rtol=0, atol=0.25)
+    assert found.diagnostics == ()
 
 
 def test_rules_that_fit_subsets_are_refused():
