@@ -50,11 +50,12 @@ def held_back(found: Held) -> Mask:
 def near_limits(
     problem: Problem, portion: Portion, ends: Ends, limits: Limited | None, spread: Spread, degrees: DegreesColumns
 ) -> Mask:
-    """Solves (K,) of likelihoods with an estimate that a limit holds, or is within twice the linear interval of.
+    """Solves (K,) of likelihoods, and with derived quantities, with an estimate that a limit holds, or is within twice
+    the linear interval of.
 
     Such intervals are looked for one by one.
     """
-    if limits is None or not portion.equations.likely:
+    if limits is None or not (portion.equations.likely or problem.derived):
         return np.zeros(portion.count, dtype=bool)
     freedom, places = degrees.estimates, portion.equations.layout.number[portion.equations.free]
     reach = 2.0 * coverage_factors(problem.request.coverage, freedom.dof) * freedom.inflation * spread.sigma

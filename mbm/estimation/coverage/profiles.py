@@ -173,4 +173,4 @@ def profiles(
 
 def _share(likelihood: Likelihood | None) -> float:
     """By how much the end of a linear interval may be off, as a share of it."""
-    return TOLERATED if likelihood is None or not likelihood.followed else OF_LIKELIHOODS
+    return TOLERATED if likelihood is None or not likelihood.decisive else OF_LIKELIHOODS

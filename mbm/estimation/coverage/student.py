@@ -5,7 +5,7 @@ SciPy has these functions, and its import takes as long as a small solve.
 
 from __future__ import annotations
 
-from math import erfc, exp, inf, isfinite, lgamma, log, log1p, pi, sqrt
+from math import erfc, exp, expm1, inf, isfinite, lgamma, log, log1p, pi, sqrt
 
 import numpy as np
 
@@ -38,17 +38,30 @@ class Law:
 
     def surprise(self, growth: float) -> float:
         """−log of the share of the greatest density that is left."""
-        if not isfinite(self.dof):
-            return 0.5 * growth / self.inflation**2
-        if self.scaled:
-            return 0.5 * (self.dof + 1.0) * growth / (self.dof * self.inflation**2)
-        return self.of_square(growth / self.inflation**2)
+        return float(self.surprises(np.array(growth)))
+
+    def surprises(self, growths: Floats) -> Floats:
+        """The same of many."""
+        squared = growths / self.inflation**2
+        if self.scaled and isfinite(self.dof):
+            return 0.5 * (self.dof + 1.0) * squared / self.dof
+        return self.of_squares(squared)
 
     def of_square(self, squared: float) -> float:
         """The same where t² is so much."""
+        return float(self.of_squares(np.array(squared)))
+
+    def of_squares(self, squared: Floats) -> Floats:
+        """The same of many."""
         if not isfinite(self.dof):
             return 0.5 * squared
-        return 0.5 * (self.dof + 1.0) * log1p(squared / self.dof)
+        return np.asarray(0.5 * (self.dof + 1.0) * np.log1p(squared / self.dof))
+
+    def growth(self, surprise: float) -> float:
+        """The growth at which so much is reached, of normal errors."""
+        if not isfinite(self.dof):
+            return 2.0 * surprise * self.inflation**2
+        return self.dof * expm1(2.0 * surprise / (self.dof + 1.0)) * self.inflation**2
 
 
 def coverage_factor(level: float, dof: float) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.binding import Group
+from mbm.equations.binding import Group, affine
 from mbm.equations.metric import Forwarding
 from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.estimation.minimise.constrained.linearise import linearise, met
@@ -44,7 +44,12 @@ class Profile:
         self._least = minimum.cost
         self._variance = variance
         self._points = {0.0: minimum.point}
-        self.value = float(minimum.point[self._number])
+        self._value = float(minimum.point[self._number])
+
+    @property
+    def value(self) -> float:
+        """Where it begins."""
+        return self._value
 
     def growth(self, step: float) -> float:
         """By how many variances the cost grows with a step of the coordinate, least over all others; infinite where
@@ -70,7 +75,7 @@ class Profile:
     def _found(self, start: Floats, there: float) -> tuple[float, Floats] | None:
         """The least cost (infinite: none) after a step, from a point near it, and where; None: nothing leads there."""
         start = start.copy()
-        start[self._number] = self.value + there
+        start[self._number] = self._value + there
         residuals = self._others.residuals(start)
         cost = float(residuals @ residuals)
         if not self._others.dimension:
@@ -89,6 +94,7 @@ class Quantities:
 
     These are the ``point`` (N,). Reported angles are ``turned`` (N,) from those of the equations. ``gradient`` (k, n)
     is that at the estimates, and ``columns`` (M,) the place of each coordinate among the free ones, -1 elsewhere.
+    ``straight``: it is the same everywhere.
     """
 
     group: Group
@@ -98,6 +104,7 @@ class Quantities:
     gradient: Floats
     columns: Indices
     angle: bool
+    straight: bool
 
     def touched(self, place: int) -> Indices:
         """The free coordinates that a number is made of."""
@@ -195,7 +202,7 @@ class QuantityProfile(Profile):
         self._least = minimum.cost
         self._variance = variance
         self._points = {0.0: minimum.point}
-        self.value = float(self._quantities.values[self._place])
+        self._value = float(self._quantities.values[self._place])
 
     def _found(self, start: Floats, there: float) -> tuple[float, Floats] | None:
         brought = Brought(
@@ -231,4 +238,5 @@ def quantities(propagation: Propagation, one: DerivedSolution, point: Floats) ->
         gradient=one.gradient,
         columns=columns,
         angle=stated.angle,
+        straight=not stated.angle and affine(groups[0], columns >= 0),
     )

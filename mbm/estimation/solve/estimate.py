@@ -243,8 +243,9 @@ def _profiles(
 ) -> Profiles | None:
     """What follows intervals that are not linear."""
     likely, outcome = None, propagation.outcome
-    if run.equations.likely or beside_limits(outcome.observed):
-        # Loaded by likelihoods and where limits hold something, so that the others start at once.
+    within = bool(derived) and (limits is not None or not bool(run.equations.equality.all()))
+    if run.equations.likely or beside_limits(outcome.observed) or within:
+        # Loaded by likelihoods and where there are limits, so that the others start at once.
         from mbm.estimation.coverage.likelihood import likelihood
 
         likely = likelihood(propagation, minimum, limits, derived, run.settings)

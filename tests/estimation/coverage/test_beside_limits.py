@@ -201,3 +201,58 @@ def test_a_limit_on_a_function_of_the_only_unknown(constraint: str) -> None:
     # The likelihood is known to 1 % of its logarithm between the places looked at.
     assert result["a"].interval() == pytest.approx([begin, 0.4], rel=2e-3)
     assert result["twice"].interval() == pytest.approx([2 * begin, 0.8], rel=2e-3)
+
+
+NEARBY = """(problem p (data d external) (unknowns {unknown} (b)) {limit} {each}
+    (observe d (= y (+ a (* b x))) :sigma {sigma})
+    (derive (twice (* 2 a)) (square (^ a 2)) (sum (+ a (* 3 b))) (less (- a b)) (b-too (* 1 b))))"""
+
+
+@pytest.mark.parametrize(("unknown", "limit"), BOUND[:2])
+@pytest.mark.parametrize("each", ["", "(for-each k)"])
+def test_near_a_limit_what_is_derived_ends_where_the_estimate_does(unknown: str, limit: str, each: str) -> None:
+    """The estimate's own interval is that of the normal distribution cut off at the limit, the sum's that of its
+    profile within the limit, on a grid."""
+    x, y = np.array([-1.0, 0.0, 1.0, 2.0]), np.array([0.1, 0.5, 0.7, 1.4])
+    data = {"k": np.zeros(4), "x": x, "y": y}
+    text = NEARBY.format(unknown=unknown, limit=limit, each=each, sigma=0.8)
+    found = mbm.loads(text).solve(data={"d": data}).solves[0]
+    covariance = 0.64 * np.linalg.inv(np.array([[4.0, x.sum()], [x.sum(), x @ x]]))
+    a, b = covariance @ np.array([y.sum(), x @ y]) / 0.64
+    scale = np.sqrt(covariance[0, 0])
+    reach = brentq(lambda z: norm.cdf(z) - norm.cdf(-min(z, a / scale)) - 0.95 * norm.cdf(a / scale), 0.5, 5.0)
+    assert reach > a / scale  # the limit cuts it
+    far = a + reach * scale
+    for name, wanted in (("a", [0.0, far]), ("twice", [0.0, 2 * far]), ("square", [0.0, far**2])):
+        assert found[name].interval() == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+    assert found["b-too"].interval() == pytest.approx(found["b"].interval(), rel=1e-9)
+    grid, inverse = np.linspace(-8.0, 12.0, 100_001), np.linalg.inv(covariance)
+    for name, factor in (("sum", 3.0), ("less", -1.0)):
+        # steps (s, (grid - a - s)/factor - b) from the estimates
+        way, start = np.array([1.0, -1.0 / factor]), np.stack([np.zeros(len(grid)), (grid - a) / factor - b])
+        best = np.maximum(0.0, a - (way @ inverse @ start) / (way @ inverse @ way))
+        step = np.stack([best - a, (grid - best) / factor - b])
+        wanted = shortest(grid, np.einsum("ik,ij,jk->k", step, inverse, step))
+        assert found[name].interval() == pytest.approx(wanted, abs=2e-3)
+
+
+def test_a_limit_of_several_cuts_what_is_derived_of_them() -> None:
+    x, y = np.array([-1.0, 0.0, 1.0, 2.0]), np.array([0.1, 0.5, 0.7, 1.4])
+    text = NEARBY.format(unknown="(a)", limit="(constraints (>= (+ a (* 3 b)) 1.5))", each="", sigma=0.5)
+    found = mbm.loads(text).solve(data={"d": {"x": x, "y": y}})
+    covariance = 0.25 * np.linalg.inv(np.array([[4.0, x.sum()], [x.sum(), x @ x]]))
+    value = np.array([1.0, 3.0]) @ covariance @ np.array([y.sum(), x @ y]) / 0.25
+    scale = np.sqrt(np.array([1.0, 3.0]) @ covariance @ np.array([1.0, 3.0]))
+    down = (1.5 - value) / scale
+    reach = brentq(lambda z: norm.cdf(z) - norm.cdf(down) - 0.95 * norm.cdf(-down), 0.1, 5.0)
+    assert 0.0 < -down < reach
+    assert found["sum"].interval() == pytest.approx([1.5, value + reach * scale], rel=1e-4)
+
+
+def test_under_a_loss_what_is_derived_of_one_estimate_is_cut_too() -> None:
+    x, y = np.array([-1.0, 0.0, 1.0, 2.0, 3.0]), np.array([-0.9, 1.0, 0.1, 1.9, 1.4])
+    text = NEARBY.format(unknown="(a :in (0 10))", limit="", each="", sigma="0.5 :loss (huber 2)")
+    found = mbm.loads(text).solve(data={"d": {"x": x, "y": y}})
+    low, high = found["a"].interval()
+    assert low == 0.0 and found["a"].interval_kind == "limited"
+    assert found["twice"].interval() == pytest.approx([0.0, 2 * high], rel=1e-9, abs=1e-9)
