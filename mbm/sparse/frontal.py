@@ -18,6 +18,7 @@ from mbm.equations.types import Floats, Indices
 from mbm.sparse.blocks import frontal as of
 from mbm.sparse.blocks.parts import Graph
 from mbm.sparse.routines import Routines
+from mbm.sparse.structure import distinct
 from mbm.values import dataclass
 
 RELAXED = ((32, 0.8), (96, 0.3), (1 << 40, 0.05))
@@ -69,7 +70,7 @@ def fronts(rows: Indices, columns: Indices, sizes: Indices, ordering: Ordering) 
     for place, top in enumerate(owner):
         owned[top].append(place)
     sequence = np.array([place for top in tops for place in owned[top]], dtype=np.int64)
-    scalar = np.concatenate([np.arange(first[b], first[b + 1]) for b in order[sequence]])
+    scalar = _strung(first[order[sequence]], sizes[order[sequence]])
     place_of = np.empty(len(scalar), dtype=np.int64)
     place_of[scalar] = np.arange(len(scalar))
     start = np.empty(len(sizes), dtype=np.int64)
@@ -77,14 +78,18 @@ def fronts(rows: Indices, columns: Indices, sizes: Indices, ordering: Ordering) 
     counts = sizes[order]
     spans = []
     for top in tops:
-        inside = [np.arange(start[p], start[p] + counts[p]) for p in owned[top]]
-        outside = [np.arange(start[p], start[p] + counts[p]) for p in below[top]]
-        own = np.concatenate(inside)
-        rest = np.sort(np.concatenate(outside)) if outside else np.empty(0, dtype=np.int64)
-        spans.append((len(own), np.concatenate([own, rest])))
+        inside, outside = np.array(owned[top]), np.array([*below[top]], dtype=np.int64)
+        own = _strung(start[inside], counts[inside])
+        spans.append((len(own), np.concatenate([own, np.sort(_strung(start[outside], counts[outside]))])))
     number = {top: k for k, top in enumerate(tops)}
     above = [number[owner[parents[top]]] if parents[top] >= 0 else -1 for top in tops]
     return Fronts(size=len(scalar), order=scalar, fronts=_placed(spans, above, place_of[rows], place_of[columns]))
+
+
+def _strung(starts: Indices, counts: Indices) -> Indices:
+    """The ranges of ``counts`` numbers from ``starts``, one after the other."""
+    ends = np.cumsum(counts)
+    return np.arange(counts.sum()) + np.repeat(starts - ends + counts, counts)
 
 
 def _eliminated(left: Indices, right: Indices, order: Indices) -> tuple[list[set[int]], list[int]]:
@@ -93,7 +98,7 @@ def _eliminated(left: Indices, right: Indices, order: Indices) -> tuple[list[set
     place = np.empty(count, dtype=np.int64)
     place[order] = np.arange(count)
     low, high = np.minimum(place[left], place[right]), np.maximum(place[left], place[right])
-    codes = np.unique(low[low != high] * count + high[low != high])
+    codes = distinct(low[low != high] * count + high[low != high])
     low, high = np.divmod(codes, count)
     cuts = np.searchsorted(low, np.arange(count + 1))
     targets = high.tolist()
@@ -117,7 +122,7 @@ def _joined(below: list[set[int]], parents: list[int], sizes: Indices) -> tuple[
     count = len(parents)
     width = sizes.astype(np.float64).tolist()
     size = sizes.tolist()
-    rest = [float(sum(size[p] for p in each)) for each in below]
+    rest = [float(sum(map(size.__getitem__, each))) for each in below]
     zeros = [0.0] * count
     into = list(range(count))
     children: list[list[int]] = [[] for _ in range(count)]
@@ -219,7 +224,7 @@ class FrontFactor:
 def minimum_degree(made: Routines, left: Indices, right: Indices, sizes: Indices) -> Indices:
     """The elimination order of a graph (`mbm.sparse.blocks.ordering`), as `fronts.Ordering` has it."""
     count, columns = len(sizes), int(sizes.sum())
-    codes = np.unique(np.concatenate([left * count + right, right * count + left]))
+    codes = distinct(np.concatenate([left * count + right, right * count + left]))
     row, column = np.divmod(codes, count)
     apart = row != column
     row, column = row[apart], column[apart]

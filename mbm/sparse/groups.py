@@ -14,7 +14,7 @@ from mbm.equations.binding import Group
 from mbm.equations.corrections.system import System
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.sparse.structure import BlockFamily, Piece
+from mbm.sparse.structure import BlockFamily, Piece, distinct
 from mbm.values import dataclass
 
 Number = TypeVar("Number", np.float64, np.int64)
@@ -214,7 +214,7 @@ def system_place(
     for i, place in places:
         component = system.parts[i].equations[:, 0] // k
         codes.append((component * kinds + np.array(place.piece.families)[:, None]) * most + place.piece.members)
-    every = np.unique(np.concatenate([each.ravel() for each in codes]))
+    every = distinct(np.concatenate([each.ravel() for each in codes]))
     (component, family), member = np.divmod(every // most, kinds), every % most
     firsts = np.flatnonzero(np.diff(every // most, prepend=-1))
     rank = np.arange(len(every)) - np.repeat(firsts, np.diff(firsts, append=len(every)))

@@ -8,7 +8,7 @@ from math import prod
 import numpy as np
 
 from mbm.equations.types import Floats, Indices
-from mbm.sparse.structure import Piece, Structure
+from mbm.sparse.structure import Piece, Structure, distinct, firsts
 from mbm.values import dataclass
 
 FEW = 20_000
@@ -135,8 +135,7 @@ def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> P
     codes = [_codes(m.i, m.j, members) for m in meetings]
     if key[0] == key[1]:
         codes.append(np.arange(left.members) * (right.members + 1))
-    every = np.sort(np.concatenate(codes), kind="stable")
-    unique = every[_firsts(every)]
+    unique = distinct(np.concatenate(codes))
     shape = (left.size, right.size)
     contributions = []
     for meeting, code in zip(meetings, codes, strict=False):
@@ -169,19 +168,14 @@ def _ordered(rows: Indices, targets: Indices, numbers: int) -> tuple[Indices, In
     written here and there are waited for less than rows that are read here and there.
     """
     order = np.argsort(targets, kind="stable")
-    firsts = _firsts(targets[order])
-    if numbers <= FEW and len(rows) > len(firsts):
+    begins = firsts(targets[order])
+    if numbers <= FEW and len(rows) > len(begins):
         return rows, np.arange(len(rows) + 1), targets, True
-    counts = np.diff(firsts, append=len(order))
-    sequence = np.argsort(rows[order[firsts]], kind="stable")
+    counts = np.diff(begins, append=len(order))
+    sequence = np.argsort(rows[order[begins]], kind="stable")
     starts = np.append(0, np.cumsum(counts[sequence]))
-    places = np.arange(len(order)) + np.repeat(firsts[sequence] - starts[:-1], counts[sequence])
-    return rows[order[places]], starts, targets[order[firsts[sequence]]], False
-
-
-def _firsts(ascending: Indices) -> Indices:
-    """Where each of the distinct numbers of an ascending vector begins."""
-    return np.flatnonzero(np.diff(ascending, prepend=ascending[:1] - 1))
+    places = np.arange(len(order)) + np.repeat(begins[sequence] - starts[:-1], counts[sequence])
+    return rows[order[places]], starts, targets[order[begins[sequence]]], False
 
 
 def _turned(members: tuple[int, int]) -> bool:

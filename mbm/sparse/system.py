@@ -18,7 +18,7 @@ from mbm.sparse.elimination import Elimination, eliminable, elimination
 from mbm.sparse.frontal import FrontFactor, FrontSolver, front_solver, fronts, minimum_degree
 from mbm.sparse.normal import Normal, NormalPattern, normal_pattern
 from mbm.sparse.routines import Making
-from mbm.sparse.structure import Structure, Values
+from mbm.sparse.structure import Structure, Values, distinct
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -172,10 +172,10 @@ def plan(found: Structure, backend: Backend | None = None, workers: int | None =
         columns_.append(place[np.broadcast_to(column, shape).reshape(-1)])
     row, column = np.concatenate(rows_), np.concatenate(columns_)
     codes = np.minimum(row, column) * width + np.maximum(row, column)
-    keys = np.unique(codes)
+    keys = distinct(codes)
     dense = width <= NARROW
     if gone is not None and not dense:
-        keys = np.union1d(keys, _coupled(gone))
+        keys = distinct(np.concatenate([keys, _coupled(gone)]))
         dense = width <= WIDE and len(keys) > FULL * width * width / 2
     solver: FrontSolver | None = None
     if not dense:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections import deque
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices, Mask
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 def behind_one_another(entry: Entry, first: Indices, second: Indices) -> Mask:
@@ -22,21 +25,14 @@ def behind_one_another(entry: Entry, first: Indices, second: Indices) -> Mask:
 
 def foremost_edges(members: int, first: Indices, second: Indices, later: Floats) -> Indices:
     """Edges of a spanning forest (Kruskal 1956), those with the least ``later`` (m,) before all others."""
-    above = list(range(members))
+    from scipy.sparse.csgraph import minimum_spanning_tree
 
-    def top(number: int) -> int:
-        while above[number] != number:
-            above[number] = above[above[number]]
-            number = above[number]
-        return number
-
-    kept = []
-    for k in np.argsort(later, kind="stable").tolist():
-        a, b = top(int(first[k])), top(int(second[k]))
-        if a != b:
-            above[b] = a
-            kept.append(k)
-    return np.array(sorted(kept), dtype=np.int64)
+    order = np.argsort(later, kind="stable")
+    order = order[(first != second)[order]]
+    low, high = np.minimum(first, second)[order], np.maximum(first, second)[order]
+    codes, foremost = np.unique(low * members + high, return_index=True)
+    tree = minimum_spanning_tree(_graph(members, codes, 1.0 + foremost.astype(np.float64)))
+    return np.sort(order[tree.data.astype(np.int64) - 1])
 
 
 def shortest_ways(members: int, first: Indices, second: Indices, known: Indices) -> tuple[Indices, Indices]:
@@ -44,20 +40,19 @@ def shortest_ways(members: int, first: Indices, second: Indices, known: Indices)
 
     For each member the one before it (-1: it is known, or not reached) and the edge from there, the shortest ways.
     """
-    neighbours: list[list[tuple[int, int]]] = [[] for _ in range(members)]
-    for k, (a, b) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
-        neighbours[a].append((b, k))
-        neighbours[b].append((a, len(first) + k))
-    parent = [-1] * members
-    edge = [-1] * members
-    met = [False] * members
-    waiting = deque(known.tolist())
-    for here in waiting:
-        met[here] = True
-    while waiting:
-        here = waiting.popleft()
-        for there, k in neighbours[here]:
-            if not met[there]:
-                met[there], parent[there], edge[there] = True, here, k
-                waiting.append(there)
-    return np.array(parent, dtype=np.int64), np.array(edge, dtype=np.int64)
+    from scipy.sparse.csgraph import breadth_first_order
+
+    size, begins = members + 1, np.full(len(known), members)  # one more member, from which those known are reached
+    tails, heads = np.concatenate([first, second, begins]), np.concatenate([second, first, known])
+    codes, foremost = np.unique(tails * size + heads, return_index=True)
+    before = breadth_first_order(_graph(size, codes, np.ones(len(codes))), members)[1][:members].astype(np.int64)
+    reached = (before >= 0) & (before < members)
+    edge = foremost[np.searchsorted(codes, before * size + np.arange(members)) * reached]
+    return np.where(reached, before, -1), np.where(reached, edge, -1)
+
+
+def _graph(members: int, codes: Indices, weights: Floats) -> csr_array:
+    """Edges from one member to another by their ascending ``codes``."""
+    from scipy.sparse import csr_array
+
+    return csr_array((weights, np.divmod(codes, members)), shape=(members, members))
