@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import mpmath
 import numpy as np
 
@@ -17,6 +19,7 @@ SHARES = (1e-300, 1e-30, 1e-8, 1e-3, 0.1, 0.5, *NEAR, 2.0, 5.0, 30.0)
 GRID = [(share * dof, dof) for dof in FREEDOM for share in (SHARES if dof < 10_000 else NEAR[1:-1])]
 
 
+@functools.cache
 def tail(value: float, dof: int) -> mpmath.mpf:
     """P(χ² > value); of many degrees by the series of the lower part, with digits for what cancels."""
     a, x = EXACT.mpf(dof) / 2, EXACT.mpf(value) / 2
@@ -41,12 +44,9 @@ def room(value: float, dof: int) -> float:
     return 1e-14 + 4 * 2.3e-16 * (a * abs(np.log(x)) + x + a * abs(np.log(a)))
 
 
-WANTED = {point: tail(*point) for point in GRID}
-
-
 def close(found: float, point: tuple[float, int]) -> bool:
     """Whether a tail is the one at a point of the grid."""
-    wanted = WANTED[point]
+    wanted = tail(*point)
     if wanted < 1e-290:
         return 0.0 <= found < 1e-280
     return abs(found - wanted) <= room(*point) * wanted

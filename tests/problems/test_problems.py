@@ -149,7 +149,10 @@ def scripts():
     ]
 
 
-LONG_SCRIPTS = ("photographs", "can", "chain_intervals", "desk_in_a_photograph", "shoulder", "stereo")
+LONG_SCRIPTS = (
+    *("photographs", "can", "chain_intervals", "desk_in_a_photograph", "shoulder", "stereo"),
+    *("mower", "bundle"),
+)
 """Those that take seconds: they draw or find images again, search, or minimise with differences."""
 
 

@@ -7,7 +7,8 @@ by the branch that holds there; ``ceiling``, ``floor``, ``sign`` and what is hel
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import mpmath
@@ -81,6 +82,14 @@ def smooth(expression: sympy.Basic, point: Mapping[sympy.Symbol, Any]) -> sympy.
     return expression.func(*arguments)
 
 
+@functools.lru_cache(maxsize=1024)  # rows of a block have most parts in common
+def with_slopes(expression: sympy.Expr) -> tuple[list[sympy.Symbol], Callable[..., list[Any]]]:
+    """The symbols of a smooth expression, and what gives its value and its derivatives by them."""
+    inputs = sorted(expression.free_symbols, key=str)
+    whole = [expression, *(sympy.diff(expression, s) for s in inputs)]
+    return inputs, sympy.lambdify(inputs, whole, modules="mpmath", cse=False)
+
+
 def by_sympy(block: Any, point: Mapping[sympy.Symbol, float]) -> tuple[np.ndarray, np.ndarray]:
     """Values (m,) and Jacobian (m, n) of a block; ``point`` gives every input."""
     with mpmath.workdps(DIGITS):
@@ -93,9 +102,9 @@ def by_sympy(block: Any, point: Mapping[sympy.Symbol, float]) -> tuple[np.ndarra
     values, rows = [], []
     for symbol, expression in (*definitions, *((None, c) for c in components)):
         local = smooth(expression, known)
-        inputs = sorted(local.free_symbols, key=str)
-        value, *partial = numbers([local, *(sympy.diff(local, s) for s in inputs)], known)
+        inputs, function = with_slopes(local)
         with mpmath.workdps(DIGITS):
+            value, *partial = (mpmath.mpf(v) for v in function(*(known[s] for s in inputs)))
             slope = sum((p * slopes[s] for p, s in zip(partial, inputs, strict=True)), unit.copy())
         if symbol is None:
             values.append(float(value))
@@ -116,13 +125,12 @@ def by_kernel(kernel: Any, inputs: Sequence[float]) -> tuple[np.ndarray, np.ndar
 def by_differences(kernel: Any, inputs: Sequence[float]) -> np.ndarray:
     """The Jacobian (m, n) by central differences at two steps, extrapolated (Richardson): error of fourth order."""
     inputs = np.asarray(inputs, dtype=float)
+    values = function_of("values", kernel.value_program)
 
     def slope(column: int, step: float) -> np.ndarray:
         moved = np.zeros_like(inputs)
         moved[column] = step
-        ahead, behind = (
-            np.asarray(function_of("values", kernel.value_program)(inputs + s * moved)).reshape(-1) for s in (1, -1)
-        )
+        ahead, behind = (np.asarray(values(inputs + s * moved)).reshape(-1) for s in (1, -1))
         return (ahead - behind) / (2 * step)
 
     columns = []

@@ -35,6 +35,10 @@ DRAWN = {"consensus", "a loss that is not convex"}
 """Whose subsets native code draws otherwise than the general path."""
 
 
+REPEATED = {"windows of unknown noise", "both, unknown noise", "affine, unknown noise", "affine without a start"}
+"""What others show part by part: windows, unknown noise, both kinds of constraints, no start. Each takes seconds."""
+
+
 @functools.cache
 def solved(name):
     """The solves of a problem, made once for all that is said of them here."""
@@ -42,7 +46,7 @@ def solved(name):
     return mbm.loads(text).solve(data=data)
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in REPEATED else n for n in PROBLEMS])
 def test_documents_agree_with_those_of_solves_one_by_one(name):
     """Of the general path in Python, tolerances as `numbers_apart` argues them."""
     text, data = PROBLEMS[name]
