@@ -8,6 +8,7 @@ r of d independent components with variance 1, and ψ(r) = ρ'(|r|²) r, the asy
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from itertools import pairwise
 from math import lgamma, log, sqrt
 
@@ -132,11 +133,15 @@ def tuned(weight: RelativeWeight, components: int, wanted: float = EFFICIENCY) -
     return high
 
 
+_gauss = cache(np.polynomial.legendre.leggauss)
+"""Nodes and weights; to make a hundred takes longer than the integral."""
+
+
 def _chi(scale: float, components: int) -> tuple[Floats, Floats]:
     """Nodes on the norms and the χ_d density times the weights; the loss's corner at ``scale`` lies between two."""
     top = sqrt(components) + REACH
     ends = (0.0, min(scale, top), top)
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    nodes, weights = _gauss(NODES)
     norms = np.concatenate([a + (b - a) * 0.5 * (nodes + 1.0) for a, b in pairwise(ends)])
     widths = np.concatenate([0.5 * (b - a) * weights for a, b in pairwise(ends)])
     logarithm = (components - 1) * np.log(np.maximum(norms, 1e-300)) - 0.5 * norms * norms
