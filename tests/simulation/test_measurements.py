@@ -11,6 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbm
+from mbm.compiler import Inputs
+from mbm.report.options import SimulationSettings
 
 ROWS = 4000
 X = np.linspace(-1.0, 2.0, ROWS)
@@ -216,8 +218,9 @@ def test_true_values_are_drawn_from_the_priors() -> None:
       (observe d (= y (+ a b)) :sigma 0.1)
       (constraints (normal R (euler 0 0 1) 0.1)))""")
     draws, turns = [], []
+    simulator = problem.simulator(Inputs(tables={"d": {"y": [0.0]}}))
     for seed in range(100):
-        made = problem.simulate(data={"d": {"y": [0.0]}}, seed=seed, draw_priors=True)
+        made = simulator.measurements(SimulationSettings(seed=seed, draw_priors=True))
         true = made.truth["solves"][0]["estimates"]
         draws.append((true["a"]["value"] - 2) / 0.5)
         w, x, y, z = true["R"]["value"]["quaternion"]
