@@ -6,7 +6,7 @@ A better start for equations with errors in measured columns: the fit that takes
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from mbm.equations.corrections.steps import step
 from mbm.equations.corrections.types import Conditions
 from mbm.equations.metric import cost_at
 from mbm.equations.types import Correctable, Equations, Floats, Indices, Mask
-from mbm.values import dataclass
+from mbm.values import dataclass, replace
 
 LAST = 1e-8
 """A Newton step shorter than this, beside 1 + |u| standard deviations, is the last: its square is below rounding."""

@@ -109,14 +109,22 @@ def curved_up(slopes: Floats, curvature: Floats, noisy: Mask, asked: Mask) -> Ma
     """
     bent = np.einsum("rij,rij->r", curvature, curvature) >= 1.0
     result = np.asarray(~bent, dtype=bool)
-    for i in np.flatnonzero(bent & asked):
-        held = slopes[i].T @ (slopes[i] / np.where(noisy[i], 1.0, SOFTNESS)[:, None])
-        try:
-            np.linalg.cholesky(LEVEL * np.eye(slopes.shape[2]) + curvature[i] + held)
-        except np.linalg.LinAlgError:
-            continue
-        result[i] = True
+    looked_at = np.flatnonzero(bent & asked)
+    along = slopes[looked_at]
+    held = along.transpose(0, 2, 1) @ (along / np.where(noisy[looked_at], 1.0, SOFTNESS)[:, :, None])
+    result[looked_at] = _positive_definite(LEVEL * np.eye(slopes.shape[2]) + curvature[looked_at] + held)
     return result
+
+
+def _positive_definite(matrices: Floats) -> Mask:
+    """Which symmetric matrices (R, n, n) have positive pivots only: elimination, of all R together."""
+    rest, found = matrices, np.ones(len(matrices), dtype=bool)
+    while rest.shape[1]:
+        pivot = rest[:, 0, 0]
+        found &= pivot > 0.0
+        column = rest[:, 1:, 0] / np.where(found, pivot, 1.0)[:, None]
+        rest = rest[:, 1:, 1:] - column[:, :, None] * rest[:, 0, None, 1:]
+    return found
 
 
 def solved(matrices: Floats, right: Floats) -> Floats:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbm.equations.corrections.elimination import root
-from mbm.equations.corrections.steps import step
+from mbm.equations.corrections.steps import curved_up, step
 
 SHAPES = [(1, 2, False), (1, 3, True), (2, 3, False), (3, 3, True), (5, 2, True), (6, 1, True)]
 """Equations, corrections, and whether the equations have noise of their own: every way of solving."""
@@ -60,3 +60,21 @@ def test_systems_without_a_solution_give_no_numbers() -> None:
     assert not np.isfinite(found[0]).any()
     np.testing.assert_allclose(found[1], -0.5)
     assert np.isnan(root(slopes, np.zeros((2, 1), dtype=bool)).apply(np.ones((2, 1, 1)))[0]).all()
+
+
+@pytest.mark.parametrize(("k", "q"), [(1, 1), (1, 2), (1, 3), (2, 4)])
+def test_a_foot_is_a_nearest_point_where_the_reduced_hessian_is_positive(k: int, q: int) -> None:
+    """By the eigenvalues of I + W on the null space of exact conditions."""
+    random = np.random.default_rng(10 * k + q)
+    slopes, bent = random.normal(size=(200, k, q)), random.normal(size=(200, q, q))
+    curvature = bent + bent.transpose(0, 2, 1)
+    exact = np.zeros((200, k), dtype=bool)
+    asked = random.random(200) < 0.9
+    found = curved_up(slopes, curvature, exact, asked)
+    for i in range(200):
+        free = np.linalg.svd(slopes[i])[2][k:]
+        reduced = np.linalg.eigvalsh(free @ (np.eye(q) + curvature[i]) @ free.T)
+        plain = np.square(curvature[i]).sum() < 1.0
+        # conditions have a weight of 1e8, so that values within 1e-6 of zero are not decided
+        if not reduced.size or abs(reduced.min()) > 1e-6 or plain:
+            assert found[i] == (plain or (asked[i] and (not reduced.size or reduced.min() > 0.0)))
