@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import TypeAlias, TypeVar
 
@@ -32,6 +31,7 @@ from mbm.report.types import (
     SolveStatus,
 )
 from mbm.text.types import Diagnostic
+from mbm.values import replace
 
 T = TypeVar("T")
 K = TypeVar("K")

@@ -80,7 +80,7 @@ def _uneven(
     owners = () if portion.consensus or portion.most < TELLING_ROWS else told_apart(problem, stack.equations)
     if not owners:
         return
-    leverage, deviations = np.square(basis).sum(axis=2), portion.deviations()
+    leverage, deviations = np.einsum("kmn,kmn->km", basis, basis), portion.deviations()
     for owner in owners:
         sides: list[Floats | None] = []
         numbers: list[Indices | None] = []
@@ -95,8 +95,8 @@ def _uneven(
         fitted = measured + errors
         for count in np.unique(counts[counts >= TELLING_ROWS]).tolist():
             solves = np.flatnonzero(counts == count)
-            there = np.nonzero(rows[solves] >= 0)[1].reshape(-1, count)
-            at = solves if count == portion.most else (solves[:, None], there)
+            there = None if count == portion.most else np.nonzero(rows[solves] >= 0)[1].reshape(-1, count)
+            at = solves if there is None else (solves[:, None], there)
             alike = Clauses(
                 fitted=fitted[at],
                 errors=errors[at],

@@ -132,7 +132,8 @@ def end_ratios(
     """
     seen = np.matmul(residuals[:, None, :], tangent)[:, 0]
     own = np.einsum("ij,ij->i", seen, along)
-    least = np.square(residuals).sum(axis=1) - np.square(seen).sum(axis=1) + np.square(own)
+    squares = np.einsum("ij,ij->i", residuals, residuals)
+    least = squares - np.einsum("ij,ij->i", seen, seen) + np.square(own)
     grown = (least - cost) / variance
     found = np.where(grown > 0.0, NORMAL_95 / np.sqrt(np.maximum(grown, 0.0)), np.inf)
     return np.where(np.isfinite(least), found, 0.0)

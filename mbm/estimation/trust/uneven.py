@@ -8,7 +8,7 @@ their variance.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
 from math import erfc, sqrt
 
@@ -37,6 +37,9 @@ NO_DIFFERENCE = 1e-9
 
 BY_CHANCE = 0.01
 """Share of all solves in which errors that are as stated are said to be uneven."""
+
+USUAL = 2.575
+"""Standard deviations of a correlation that chance exceeds in more than `BY_CHANCE` of all solves (normal, 2.5758)."""
 
 
 class With(StrEnum):
@@ -89,18 +92,21 @@ class Clauses:
         n = self.fitted.shape[1]
         largest = np.abs(self.fitted).max(axis=1, keepdims=True)
         steps = np.round(self.fitted / (NO_DIFFERENCE * largest))
-        by_value, by_row = _ranks(steps), _ranks(self.rows)
-        sized = np.abs(steps)
-        columns = np.stack([by_value if bool((sized == steps).all()) else _ranks(sized), by_value, by_row])
-        found = correlations(columns, self._sizes())
+        by_value, sized = _ranks(steps), np.abs(steps)
+        columns = {With.SIZE: by_value, With.ROW: _ranks(self.rows)}
+        if not bool((sized == steps).all()):
+            columns = {With.SIZE: _ranks(sized), With.VALUE: by_value, With.ROW: columns[With.ROW]}
+        sizes = self._sizes()
+        found = np.stack([_products(each, sizes) for each in columns.values()])
         found = np.where(np.isfinite(found) & self._telling(largest), found, 0.0)
-        tests = _different(columns)
         worst = np.abs(found).argmax(axis=0)
-        largest_found = found[worst, np.arange(len(worst))].tolist()
+        correlation = found[worst, np.arange(len(worst))]
+        seldom = np.flatnonzero(np.abs(correlation) * sqrt(n - 1) > USUAL)
+        tests = _different([each[seldom] for each in columns.values()])
         return [
-            (place, tuple(With)[worst[place]], correlation)
-            for place, correlation in enumerate(largest_found)
-            if erfc(abs(correlation) * sqrt(0.5 * (n - 1))) * tests[place] * clauses < BY_CHANCE
+            (place, tuple(columns)[worst[place]], float(correlation[place]))
+            for place, count in zip(seldom.tolist(), tests.tolist(), strict=True)
+            if erfc(abs(correlation[place]) * sqrt(0.5 * (n - 1))) * count * clauses < BY_CHANCE
         ]
 
     def _sizes(self) -> Floats:
@@ -120,40 +126,44 @@ class Clauses:
         return np.asarray(made & checked & np.isfinite(self.fitted).all(axis=1))
 
 
-def correlations(columns: Floats, ranks: Floats) -> Floats:
-    """Those (C, T) of ranks ``columns`` (C, T, n) with ``ranks`` (T, n), all about their means."""
-    products = (columns * ranks).sum(axis=2)
-    return np.asarray(products / np.sqrt(np.square(columns).sum(axis=2) * np.square(ranks).sum(axis=1)))
+def _products(ranks: Floats, others: Floats) -> Floats:
+    """Rank correlations (T,): ranks (T, n) are of length 1."""
+    return np.asarray(np.einsum("tn,tn->t", ranks, others))
 
 
-def _different(columns: Floats) -> Indices:
-    """How many (T,) of the columns (C, T, n) of ranks are not the same as one before, or its mirror image."""
-    found = np.zeros(columns.shape[1], dtype=np.int64)
-    for k in range(len(columns)):
-        same = np.abs(np.nan_to_num(correlations(columns[:k], columns[k]))) > 1.0 - NO_DIFFERENCE
-        found += ~same.any(axis=0)
+def _different(columns: Sequence[Floats]) -> Indices:
+    """How many (T,) of several columns (T, n) of ranks are not the same as one before, or its mirror image."""
+    found = np.zeros(len(columns[0]), dtype=np.int64)
+    for k, column in enumerate(columns):
+        same = np.zeros(len(found), dtype=bool)
+        for before in columns[:k]:
+            same |= np.abs(_products(before, column)) > 1.0 - NO_DIFFERENCE
+        found += ~same
     return found
 
 
 def _ranks(values: Floats | Indices) -> Floats:
-    """Ranks (T, n) along each row, about their mean; equal values share one."""
-    n = values.shape[1]
-    places, each = np.arange(n), np.arange(len(values))[:, None]
+    """Ranks (T, n) along each row, about their mean and of length 1; equal values share one."""
+    count, n = values.shape
+    middle = 0.5 * (n - 1)
+    plain = np.arange(n) - middle
+    plain /= np.sqrt(np.square(plain).sum())
     if bool((values[:, 1:] > values[:, :-1]).all()):
-        return np.broadcast_to(places - 0.5 * (n - 1), values.shape)
-    order = np.argsort(values, axis=1)
-    ordered = values[each, order]
-    new = np.ones(values.shape, dtype=bool)
-    new[:, 1:] = ordered[:, 1:] != ordered[:, :-1]
-    low = high = places
-    if not bool(new.all()):
-        last = np.ones(values.shape, dtype=bool)
-        last[:, :-1] = new[:, 1:]
-        low = np.maximum.accumulate(np.where(new, places, 0), axis=1)
-        high = np.minimum.accumulate(np.where(last, places, n)[:, ::-1], axis=1)[:, ::-1]
-    result = np.empty(values.shape)
-    result[each, order] = 0.5 * (low + high) - 0.5 * (n - 1)
-    return result
+        return np.broadcast_to(plain, values.shape)
+    order = np.argsort(values, axis=1) + n * np.arange(count)[:, None]
+    ordered = values.ravel()[order]
+    differs = ordered[:, 1:] != ordered[:, :-1]
+    ranks = np.broadcast_to(plain, values.shape)
+    if not bool(differs.all()):
+        ends = np.ones((count, 1), dtype=bool)
+        first, last = np.hstack([ends, differs]), np.hstack([differs, ends])
+        low = np.maximum.accumulate(np.where(first, np.arange(n), 0), axis=1)
+        high = np.minimum.accumulate(np.where(last, np.arange(n), n)[:, ::-1], axis=1)[:, ::-1]
+        shared = 0.5 * (low + high) - middle
+        ranks = shared / np.sqrt(np.square(shared).sum(axis=1, keepdims=True))
+    result = np.empty(values.size)
+    result[order] = ranks
+    return result.reshape(values.shape)
 
 
 def uneven_noise(
