@@ -20,7 +20,7 @@ from mbm.equations.selection import Selection, selections
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.intervals.types import Enclosure
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
-from mbm.estimation.sequences.filtering import by_filter, filtered
+from mbm.estimation.sequences.filtering import moved
 from mbm.estimation.settings import Forms, Settings, settings_of, standard_forms
 from mbm.estimation.solve.estimate import estimate
 from mbm.kernels.faults import is_failed_call
@@ -133,7 +133,7 @@ def _enclosing(found: Elaborated, settings: Settings) -> Solving[Enclosure]:
 
 def _estimating(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, settings: Settings) -> Solving[Solution]:
     """Estimates."""
-    make = filtered if by_filter(found.problem) else estimate
+    make = estimate if found.problem.sequence is None else moved
 
     def solve(selection: Selection, starts: Mapping[str, Floats], last: Solution | None) -> Solution:
         solution = make(

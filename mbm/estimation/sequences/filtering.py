@@ -21,7 +21,7 @@ def by_filter(problem: Problem) -> bool:
     return problem.sequence is not None and problem.sequence.estimator.method is not SequenceMethod.BATCH
 
 
-def filtered(
+def moved(
     problem: Problem,
     kernels: KernelSet,
     tables: Mapping[str, Table],
@@ -34,16 +34,21 @@ def filtered(
 ) -> Solution:
     """The states of one data set by the method that the problem asks for; the arguments are those of `estimate`.
 
-    A smoother of all steps meets inequalities and bounds as ``batch`` does, which it hands over to where some matter.
+    ``batch`` begins where a smoother ends if what is carried on from the first step is no start. A smoother of all
+    steps meets inequalities and bounds as ``batch`` does, which it hands over to where some matter.
 
     Raises:
         MbmError: the problem has what filters do not take, or something has no start.
 
     """
     # Loaded by problems with states only, so that the others start at once.
+    from mbm.estimation.sequences.beginning import starts_of_all_steps
     from mbm.estimation.sequences.limits import meets_limits
     from mbm.estimation.sequences.run import walked
 
+    if not by_filter(problem):
+        begun = starts_of_all_steps(problem, kernels, tables, starts, settings, cache)
+        return estimate(problem, kernels, tables, key=key, starts=begun, settings=settings, cache=cache, last=last)
     found = walked(problem, kernels, tables, key=key, starts=starts, settings=settings, cache=cache)
     sequence = problem.sequence
     if sequence is None or not sequence.estimator.whole or meets_limits(problem, found):
@@ -51,8 +56,8 @@ def filtered(
     # What all rows say is beyond a limit: `batch` has it met, and takes all rows as this smoother does.
     estimator = replace(sequence.estimator, method=SequenceMethod.BATCH)
     together = replace(problem, sequence=replace(sequence, estimator=estimator))
-    begun = {e.unknown.name: found.numbers[e.range] for e in found.layout.entries}
+    ended = {e.unknown.name: found.numbers[e.range] for e in found.layout.entries}
     met = estimate(
-        together, kernels, tables, key=key, starts={**begun, **starts}, settings=settings, cache=cache, last=last
+        together, kernels, tables, key=key, starts={**ended, **starts}, settings=settings, cache=cache, last=last
     )
     return replace(met, method=f"smoother, limits by {met.method}", seconds=found.seconds + met.seconds)

@@ -118,11 +118,6 @@ def estimate(
     """
     began = perf_counter()
     equations, binder = assemble(problem, kernels, tables, starts, cache)
-    if problem.sequence is not None:
-        # Loaded by problems with states only, so that the others start at once.
-        from mbm.estimation.solve.step_by_step import begun_step_by_step
-
-        equations = begun_step_by_step(equations, binder, kernels, starts, settings)
     robust = prepared(problem, equations, settings, lambda: starting_points(equations, settings, last))
     equations = robust.equations.with_factors(robust.factors)
     ranges = partial(known_ranges(cache).of, equations, settings, stated=not problem.estimates_noise)

@@ -39,6 +39,8 @@ def carried_starts(
     """
     found = cache.layouts.of(problem, tables, starts)
     changing = [entry for entry in found.entries if entry.unknown.is_state and entry.steps is None]
+    if all(e.unknown.name in starts for e in changing):
+        return {}
     if any(found.guessed[e.offset : e.offset + e.unknown.size].any() for e in changing):
         return {}  # better starts are looked for than the middle of a range
     binder = Binder(problem=problem, layout=found, tables=tables, cache=cache)

@@ -315,3 +315,26 @@ def test_a_start_is_found_step_by_step():
     result = mbm.loads(text).solve(data=data)
     assert result.solves[0].chi2_p > 1e-3
     assert np.abs((result["a"].value - angle) / result["a"].sigma).max() < 5
+
+
+@pytest.mark.slow
+def test_batch_begins_where_a_smoother_ends():
+    """A drive among four beacons, of whose ranges a fifth is too long by 10 m on the average: it begins at rest."""
+    rng = np.random.default_rng(0)
+    t = 0.5 * np.arange(250)
+    places, rate = np.zeros((250, 2)), np.zeros(2)
+    for k in range(1, 250):
+        pushed = 0.25 * rng.normal(size=2)
+        places[k] = places[k - 1] + 0.5 * rate + 0.125 * pushed
+        rate = rate + 0.5 * pushed
+    beacons = 30.0 * np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]])
+    step, which = np.repeat(np.arange(250), 4), np.tile(np.arange(4), 250)
+    ranges = np.linalg.norm(places[step] - beacons[which], axis=1) + 0.1 * rng.normal(size=1000)
+    wrong = rng.random(1000) < 0.2
+    ranges[wrong] += rng.exponential(10.0, size=wrong.sum())
+    text = """(problem drive (data seen external) (states :over t (p (vector 2) :init [0 0] :sigma 1))
+      (dynamics (constant-velocity p :acceleration 0.5 :velocity 0 :velocity-sigma 1))
+      (observe seen (= r (distance p [bx by])) :sigma 0.1 :loss tukey))"""
+    data = {"seen": {"t": t[step], "bx": beacons[which, 0], "by": beacons[which, 1], "r": ranges}}
+    result = mbm.loads(text).solve(data=data)
+    assert np.abs((result["p"].value - places) / result["p"].sigma).max() < 5
