@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from typing import TypeAlias
@@ -245,10 +245,10 @@ class _Builder:
 
 def _judged(nodes: list[Node], demands: list[Demand], wanted: list[Wanted]) -> tuple[Node, ...]:
     """The nodes with what their uses say of them: which need not exist, and which count but for whole turns."""
-    strict, turning = [False] * len(nodes), [True] * len(nodes)
+    needed, turning = [np.zeros(node.rows, dtype=bool) for node in nodes], [True] * len(nodes)
     used = [False] * len(nodes)
     for demand in demands:
-        strict[demand.node], turning[demand.node] = True, False
+        needed[demand.node][:], turning[demand.node] = True, False
     for each in wanted:
         for number in each.nodes:
             turning[number] &= each.angle
@@ -257,16 +257,29 @@ def _judged(nodes: list[Node], demands: list[Demand], wanted: list[Wanted]) -> t
         node = nodes[number]
         for argument in node.arguments:
             used[argument] = True
-            strict[argument] |= strict[number] and node.operation not in LENIENT
             whole = node.operation in TURNING or (node.operation in SUMS and turning[number])
             turning[argument] = turning[argument] and whole
+        for argument, rows in _needed(node, needed[number], nodes):
+            needed[argument] |= rows if nodes[argument].rows > 1 else rows.any()
     angles = [False] * len(nodes)
     found = []
     for number, node in enumerate(nodes):
         sums = node.operation in SUMS and any(angles[a] for a in node.arguments)
         angles[number] = turning[number] and used[number] and (node.operation in DIRECTIONS or sums)
-        found.append(replace(node, lenient=not strict[number], turning=angles[number]))
+        found.append(replace(node, lenient=not needed[number].all(), turning=angles[number]))
     return tuple(found)
+
+
+def _needed(node: Node, rows: Mask, nodes: list[Node]) -> Iterator[tuple[int, Mask]]:
+    """The arguments of a node, and the rows (rows,) in which each has to exist, as the node has to in ``rows``."""
+    if node.operation is Operation.IF:
+        test = nodes[node.arguments[0]].known
+        if test is not None:  # the data decide
+            yield node.arguments[1], rows & (test[0][0] >= 1.0)
+            yield node.arguments[2], rows & (test[1][0] <= 0.0)
+    elif node.operation not in LENIENT:
+        for argument in node.arguments:
+            yield argument, rows
 
 
 LENIENT = frozenset(

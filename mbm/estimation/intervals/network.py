@@ -21,7 +21,7 @@ class Node:
 
     Exactly one of the following holds it: ``known`` numbers (1, rows); the places of the unknown numbers that it is
     (rows,), ``places``; an ``operation`` on the nodes ``arguments``, with the known ``exponent`` of a power.
-    ``lenient``: it need not exist, since only a branch that may not be taken or a derived quantity asks for it.
+    ``lenient``: it need not exist in all rows: only a branch that may not be taken or a derived quantity asks for it.
     ``turning``: an angle of which only the value but for whole turns counts, so that it may lie beyond ±π.
     """
 
