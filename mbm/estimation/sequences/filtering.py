@@ -35,7 +35,7 @@ def moved(
     """The states of one data set by the method that the problem asks for; the arguments are those of `estimate`.
 
     ``batch`` begins where a smoother ends if what is carried on from the first step is no start. A smoother of all
-    steps meets inequalities and bounds as ``batch`` does, which it hands over to where some matter.
+    steps hands over to ``batch`` where inequalities and bounds matter, and where its path does not settle.
 
     Raises:
         MbmError: the problem has what filters do not take, or something has no start.
@@ -51,13 +51,18 @@ def moved(
         return estimate(problem, kernels, tables, key=key, starts=begun, settings=settings, cache=cache, last=last)
     found = walked(problem, kernels, tables, key=key, starts=starts, settings=settings, cache=cache)
     sequence = problem.sequence
-    if sequence is None or not sequence.estimator.whole or meets_limits(problem, found):
+    if sequence is None or not sequence.estimator.whole:
         return found
-    # What all rows say is beyond a limit: `batch` has it met, and takes all rows as this smoother does.
+    settled = found.minimum.reason.converged
+    if settings.stopped() if not settled else meets_limits(problem, found):
+        return found
+    # What all rows say is beyond a limit, or the path got stuck: `batch` takes all rows as this smoother does.
     estimator = replace(sequence.estimator, method=SequenceMethod.BATCH)
     together = replace(problem, sequence=replace(sequence, estimator=estimator))
     ended = {e.unknown.name: found.numbers[e.range] for e in found.layout.entries}
-    met = estimate(
-        together, kernels, tables, key=key, starts={**ended, **starts}, settings=settings, cache=cache, last=last
-    )
-    return replace(met, method=f"smoother, limits by {met.method}", seconds=found.seconds + met.seconds)
+    begun = {**ended, **starts} if settled else starts_of_all_steps(together, kernels, tables, starts, settings, cache)
+    met = estimate(together, kernels, tables, key=key, starts=begun, settings=settings, cache=cache, last=last)
+    if not settled and not met.minimum.reason.converged:
+        return found
+    method = f"smoother, {'limits' if settled else 'end'} by {met.method}"
+    return replace(met, method=method, seconds=found.seconds + met.seconds)

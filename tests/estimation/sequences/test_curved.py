@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 import mbm
 from mbm.estimation.sequences.walk import Prior, Rules
@@ -229,3 +230,18 @@ def test_a_smoother_of_poses_is_the_batch_solution():
         np.testing.assert_allclose(np.sign(q @ place[:4]) * q, place[:4], rtol=0, atol=1e-8)
         np.testing.assert_allclose(found.points[k][4:], place[4:], rtol=0, atol=1e-8)
         np.testing.assert_allclose(np.sqrt(np.diag(found.covariances[k])), sigma, rtol=1e-7)
+
+
+def test_a_smoother_whose_path_gets_stuck_ends_as_batch_does():
+    """One range to one beacon at each step: the filter's path ends on the wrong side of it."""
+    t = 0.1 * np.arange(250)
+    places = 5.0 * np.column_stack([np.sin(t / 10), np.cos(t / 13)])
+    noise = 0.1 * np.random.default_rng(0).normal(size=250)
+    text = """(problem around (data seen external) (states :over t (p (vector 2) :init [0 5] :sigma 1))
+      (dynamics (constant-velocity p :acceleration 0.5 :velocity 0 :velocity-sigma 1))
+      (observe seen (= r (distance p [10 10])) :sigma 0.1) (solve :method smoother))"""
+    data = {"seen": {"t": t, "r": np.linalg.norm(places - 10.0, axis=1) + noise}}
+    found = mbm.loads(text).solve(data=data)
+    assert found.solves[0].status == "converged"
+    # 250 rows, and as many priors and noises as numbers: the sum of squares is χ² distributed
+    assert chi2.ppf(1e-3, 250) < found.solves[0].cost < chi2.ppf(1 - 1e-3, 250)
