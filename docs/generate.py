@@ -228,7 +228,7 @@ def library() -> str:
             parts.append(
                 f"## `({name} {arguments})`\n\n" + "".join(f"{line}\n" for line in function.doc.splitlines()) + "\n"
             )
-    parts.append("Meshes are not available yet.\n")
+    parts.append("Shapes from files are [meshes](models.md).\n")
     return "".join(parts)
 
 

@@ -56,9 +56,8 @@ class Profile:
         Where there are faces, these are the lines that belong to one of them only; else all lines.
         """
         around: dict[frozenset[int], list[tuple[int, int]]] = {}
-        for face in self.faces:
-            for a, b in zip(face, (*face[1:], face[0]), strict=True):
-                around.setdefault(frozenset((a, b)), []).append((a, b))
+        for edge in _edges(self.faces):
+            around.setdefault(frozenset(edge), []).append(edge)
         found = {}
         for number, (a, b) in self.lines.items():
             edges = around.get(frozenset((a, b)), [] if self.faces else [(a, b)])
@@ -92,13 +91,30 @@ def profile_of(nodes: tuple[Node, ...], call: Call, span: Span) -> Profile:
         raise MbmError(faults.bad_profile(span, f"it has {len(surfaces)} surfaces"))
     if not surfaces and not curves:
         raise MbmError(faults.bad_profile(span, "it has neither vertexes nor curves"))
-    surface, vertexes = surfaces[0] if surfaces else (None, {})
-    return Profile(
-        vertexes=vertexes,
-        lines=surface.lines if surface is not None else {},
-        faces=_faces(surface, vertexes, span) if surface is not None else (),
-        curves=tuple(curves),
-    )
+    if not surfaces:
+        return Profile(vertexes={}, lines={}, faces=(), curves=tuple(curves))
+    surface, vertexes = surfaces[0]
+    faces = _faces(surface, vertexes, span)
+    # beside curves, planes are flat pieces within what these go round (the four corners of a disk)
+    lines = surface.lines if curves else _lines(surface, faces)
+    return Profile(vertexes=vertexes, lines=lines, faces=faces, curves=tuple(curves))
+
+
+def _edges(faces: tuple[tuple[int, ...], ...]) -> Iterator[tuple[int, int]]:
+    """Neighbouring vertexes around each face, in its direction."""
+    for face in faces:
+        yield from pairwise((*face, face[0]))
+
+
+def _lines(surface: Surface, faces: tuple[tuple[int, ...], ...]) -> Mapping[int, tuple[int, ...]]:
+    """Its lines, and numbered on from them the edges of its faces that are none of them."""
+    lines = dict(surface.lines)
+    named = {frozenset(ends) for ends in lines.values()}
+    for edge in _edges(faces):
+        if frozenset(edge) not in named:
+            named.add(frozenset(edge))
+            lines[max(lines, default=0) + 1] = edge
+    return lines
 
 
 def _plane(point: Array, span: Span) -> Point:

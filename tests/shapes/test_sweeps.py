@@ -26,6 +26,9 @@ MODELS = """
   (vertexes (1 (0 0 0)) (2 (2 0 0)) (3 (2 1 0)) (4 (0 1 0)) (5 (4 0 0)) (6 (4 1 0)))
   (lines (1 (1 2)) (2 (2 3)) (3 (3 4)) (4 (4 1)) (5 (2 5)) (6 (5 6)) (7 (6 3)))
   (planes (1 (1 2 3 4)) (2 (2 5 6 3))))
+(defmodel bare () (vertexes (1 (0 0 0)) (2 (2 0 0)) (3 (2 1 0)) (4 (0 1 0))) (planes (1 (1 2 3 4))))
+(defmodel half-bare () (vertexes (1 (0 0 0)) (2 (2 0 0)) (3 (2 1 0)) (4 (0 1 0)))
+  (lines (1 (2 3))) (planes (1 (1 2 3 4)) (2 (1 4 3 2))))
 """
 HEPTAGON = 7 / 2 * 0.2**2 * np.sin(2 * np.pi / 7)
 ROUNDING = 1e-12
@@ -62,6 +65,8 @@ def test_prisms_have_the_numbers_of_the_library(opened, sweep, model):
     [
         ("(extrude (rectangular 1 2) 3)", 2 * 4 * 3),
         ("(extrude (angle 3 2 0.5) 4)", (3 * 2 - 2.5 * 1.5) * 4),
+        ("(extrude (bare) 3)", 2 * 3),
+        ("(extrude (half-bare) 3)", 2 * 3),
         ("(extrude (window) 2)", 8),  # two faces with a line between, over which there is no side
         # Pappus: the middle of the profile runs along the path; mitred corners give and take alike
         ("(sweep (rectangular 0.1 0.2) (polyline ((0 0) (3 0) (3 4) (7 7))))", 0.08 * 12),
@@ -238,8 +243,11 @@ def test_sweeps_are_bounded(opened, code, form):
 
 
 def test_vertexes_do_not_move_when_a_profile_is_numbered_with_gaps(opened):
-    text = "(defmodel gap () (vertexes (2 (0 0 0)) (5 (1 0 0)) (7 (0 1 0))) (lines (3 (2 5))) (planes (4 (2 5 7))))"
+    text = """(defmodel gap () (vertexes (2 (0 0 0)) (5 (1 0 0)) (7 (0 1 0))) (lines (3 (2 5)) (4 (5 7)) (6 (7 2)))
+      (planes (4 (2 5 7))))"""
     surface, *_ = pieces(opened(text).value("(extrude (gap) 1)").content)
     np.testing.assert_allclose(list(vertexes(surface)), [2, 5, 7, 9, 12, 14])
-    assert surface.lines == {3: (2, 5), 6: (9, 12), 8: (2, 9), 11: (5, 12), 13: (7, 14)}
-    assert surface.planes == {1: (2, 7, 5), 2: (9, 12, 14), 5: (2, 5, 12, 9)}
+    first = {3: (2, 5), 4: (5, 7), 6: (7, 2)}
+    assert surface.lines == first | {9: (9, 12), 10: (12, 14), 12: (14, 9), 14: (2, 9), 17: (5, 12), 19: (7, 14)}
+    ends = {1: (2, 7, 5), 2: (9, 12, 14)}
+    assert surface.planes == ends | {5: (2, 5, 12, 9), 6: (5, 7, 14, 12), 8: (7, 2, 9, 14)}
