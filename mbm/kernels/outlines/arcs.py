@@ -28,6 +28,11 @@ SAME = 1e-8
 BENT = 8
 """Chords of the bent image of a straight line."""
 
+RULED, UNEVEN, THINNED = 1e-6, 4.0, 8
+"""A straight fold: how far it is from its chord, in lengths; how many times faster its image may run in one part than
+in another, so that Gauss points and polynomials do on the longer chords; and of how many nodes one is kept.
+"""
+
 POINT = 1e-10
 """Parameter beside a side that is a single point, where D would vanish all along."""
 
@@ -50,11 +55,15 @@ class Arc:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Patch:
-    """A surface with the images of its sides, (CELLS + 1, 3) each, counter-clockwise; None for one that is a point."""
+    """A surface with the images of its sides, (CELLS + 1, 3) each, counter-clockwise; None for one that is a point.
+
+    ``turns`` (4, CELLS + 1) are values of D there, ``zeros`` where it changes its sign.
+    """
 
     sheet: int
     places: NDArray[np.int64]
     sides: tuple[Floats | None, ...]
+    turns: Floats
     zeros: tuple[Floats, ...]
     lines: tuple[Floats, ...]
 
@@ -68,8 +77,8 @@ def arcs_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> tuple[Arc, .
     arcs = [arc for arc in found if arc is not None and arc.weight]
     surfaces = [patch for patch in patches if patch is not None]
     for patch in surfaces:
-        for line in patch.lines:
-            points = _geometry(surveyor, patch, line, numbers)[:, :2]
+        for every in patch.lines:
+            line, points = _thinned(every, _geometry(surveyor, patch, every, numbers)[:, :2])
             arcs.append(
                 Arc(
                     sheet=patch.sheet,
@@ -82,6 +91,19 @@ def arcs_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> tuple[Arc, .
                 )
             )
     return (*arcs, *_sides(figure, surveyor, surfaces, numbers))
+
+
+def _thinned(nodes: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """Every eighth node of a fold that is straight and evenly paced, as those of cylinders and cones are."""
+    for each in (nodes, points):
+        ways, whole = each - each[0], each[-1] - each[0]
+        if np.abs(ways[:, 0] * whole[1] - ways[:, 1] * whole[0]).max() > RULED * np.dot(whole, whole):
+            return nodes, points
+    paces = np.diff(points, axis=0) @ (points[-1] - points[0])
+    if not 0 < paces.max() < UNEVEN * paces.min():
+        return nodes, points
+    kept = [*range(0, len(nodes) - 1, THINNED), len(nodes) - 1]
+    return nodes[kept], points[kept]
 
 
 def _edges(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Iterator[Arc | None]:
@@ -162,7 +184,7 @@ def _patch(surveyor: Surveyor, sheet: int, places: tuple[int, ...], numbers: Flo
     if not (grid[..., 2] >= NEAREST_DEPTH).all():
         return None
     places3 = grid[..., :3]
-    around = np.stack([places3[:, 0], places3[-1], places3[::-1, -1], places3[0, ::-1]])
+    around = _around(places3)
     size = np.ptp(places3.reshape(-1, 3), axis=0).max()
     extended = np.ptp(around, axis=1).max(axis=1) > SAME * size
     sides = tuple(side if long else None for side, long in zip(around, extended.tolist(), strict=True))
@@ -171,10 +193,18 @@ def _patch(surveyor: Surveyor, sheet: int, places: tuple[int, ...], numbers: Flo
         for line, end, side in ((t, 0, 0), (s, -1, 1), (t, -1, 2), (s, 0, 3)):
             if sides[side] is None:
                 line[end] += POINT if end == 0 else -POINT
-        grid = table(_grid(s, t)).reshape(CELLS + 1, CELLS + 1, -1)
+        lines = (grid[:, 0], s, t[0]), (grid[-1], s[-1], t), (grid[:, -1], s, t[-1]), (grid[0], s[0], t)
+        for side in np.flatnonzero(~extended).tolist():
+            on_line, first, second = lines[side]
+            on_line[:] = table(np.stack(np.broadcast_arrays(first, second), axis=1))
     values = jacobian(grid.reshape(-1, grid.shape[2])).reshape(CELLS + 1, CELLS + 1)
     folds = folds_of(fold, (s, t), values)
-    return _Patch(sheet=sheet, places=own, sides=sides, zeros=folds.zeros, lines=folds.lines)
+    return _Patch(sheet=sheet, places=own, sides=sides, turns=_around(values), zeros=folds.zeros, lines=folds.lines)
+
+
+def _around(grid: Floats) -> Floats:
+    """The sides (4, CELLS + 1, …) of a grid, counter-clockwise."""
+    return np.stack([grid[:, 0], grid[-1], grid[::-1, -1], grid[0, ::-1]])
 
 
 def _grid(s: Floats, t: Floats) -> Floats:
@@ -213,13 +243,12 @@ def _sides(figure: Figure, surveyor: Surveyor, patches: list[_Patch], numbers: F
         for turn, loop in zip(turns, figure.ends, strict=True)
         for p, side, along in loop
     }
-    groups = [(group, _cuts(patches, group)) for group in _same_sides(patches)]
-    turned = _turned(surveyor, patches, groups, numbers)
-    for group, share in groups:
+    for group in _same_sides(patches):
+        share = _cuts(patches, group)
         first, own, _ = group[0]
         weights = np.zeros(len(share) - 1, dtype=int)
         for number, side, along in group:
-            turn = turned[number, side] + ends.get((number, side), 0)
+            turn = _turned(patches[number], side, along, share) + ends.get((number, side), 0)
             weights += turn if along else -turn
         nodes, known = side_parameters(own, share), patches[first].sides[own]
         if known is None or share is not _SHARES:
@@ -253,24 +282,17 @@ def _cuts(patches: list[_Patch], group: list[tuple[int, int, bool]]) -> Floats:
     return np.asarray(share)
 
 
-def _turned(
-    surveyor: Surveyor,
-    patches: list[_Patch],
-    groups: list[tuple[list[tuple[int, int, bool]], Floats]],
-    numbers: Floats,
-) -> dict[tuple[int, int], NDArray[np.int64]]:
-    """The sign of D between the nodes of each (patch, side); those of a patch are found together."""
-    found: dict[tuple[int, int], NDArray[np.int64]] = {}
-    for number, patch in enumerate(patches):
-        own = [(side, along, share) for group, share in groups for p, side, along in group if p == number]
-        if not own:
-            continue
-        middles = [(share[1:] + share[:-1]) / 2 for _, _, share in own]
-        at = [side_parameters(side, m if along else 1 - m) for (side, along, _), m in zip(own, middles, strict=True)]
-        signs = np.sign(jacobian(_geometry(surveyor, patch, np.concatenate(at), numbers))).astype(np.int64)
-        parts = np.split(signs, np.cumsum([len(m) for m in middles])[:-1])
-        found |= {(number, side): part for (side, _, _), part in zip(own, parts, strict=True)}
-    return found
+def _turned(patch: _Patch, side: int, along: bool, share: Floats) -> NDArray[np.int64]:
+    """The sign of D between nodes at shares of a side, or of what runs against it, from the grid's nodes around."""
+    values, zeros = patch.turns[side], np.sort(patch.zeros[side])
+    if share is _SHARES:
+        return np.asarray(np.sign(values[:-1] + values[1:]).astype(np.int64)[:: 1 if along else -1])
+    middle = (share[1:] + share[:-1]) / 2
+    middle = middle if along else 1 - middle
+    below = np.minimum((middle * CELLS).astype(np.int64), CELLS - 1)
+    before, here, after = (np.searchsorted(zeros, each) for each in (_SHARES[below], middle, _SHARES[below + 1]))
+    found = np.where(after == before, values[below] + values[below + 1], values[below + (here > before)])
+    return np.asarray(np.sign(found).astype(np.int64))
 
 
 def _area_of_end(images: Callable[[int, int], Floats | None], loop: tuple[tuple[int, int, bool], ...]) -> float:

@@ -1,8 +1,8 @@
 """Signed distances of points from an outline, positive outside, for many points at once.
 
-The nearest chord begins a search along its arc (Newton's method on (x − p)·dx = 0, which at a fold is enough: off the
-fold the image moves along the outline only, at first order). What the nearest point's normal velocity is to the outline
-is the derivative of the distance, with its sign; at a corner that of the corner itself.
+The nearest place on a polynomial of each span begins a search along its arc (Newton's method on (x − p)·dx = 0, which
+at a fold is enough: off the fold the image moves along the outline only, at first order). What the nearest point's
+normal velocity is to the outline is the derivative of the distance, with its sign; at a corner that of the corner.
 """
 
 from __future__ import annotations
@@ -18,15 +18,18 @@ from mbm.values import dataclass
 CHORDS = 2
 """Parts that a span of a curved arc is cut into for the search."""
 
-FEW_CHORDS, LOOKED_AT = 96, 8
-"""Chords of which all are looked at; and those of more that are looked at first."""
+FEW_CHORDS, LOOKED_AT = 96, (3, 12)
+"""Chords of which all are looked at; and those of more that are looked at, first and where these leave doubt."""
 
 TOGETHER = 500_000
 """Distances of points from chords that are computed together."""
 
-FOOT_STEPS = 12
+FOOT_STEPS, POLYNOMIAL_STEPS = 12, 4
 
-SETTLED = 1e-9
+BEYOND = 1.25
+"""Half spans from the middle: feet a little beyond the end of a span are found from it as well."""
+
+AT_REST = 1e-9
 """Step, in chords, that a foot is left by: what that does to its distance is a rounding."""
 
 
@@ -43,7 +46,7 @@ class Feet:
 
 def feet_of(outline: Outline, points: Floats) -> Feet:
     """The nearest points of the outline to ``points`` (n, 2)."""
-    piece, place = _nearest_chords(outline, points)
+    piece, place = _nearest_places(outline, points)
     place, spots = _refined(outline, points, piece, place)
     smooth_end = _smooth(outline)
     before = np.argsort(outline.following)
@@ -73,27 +76,70 @@ def _smooth(outline: Outline) -> NDArray[np.bool_]:
     return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) <= PARALLEL)
 
 
-def _nearest_chords(outline: Outline, points: Floats) -> tuple[Indices, Floats]:
-    """The piece and the place on it whose chord is nearest to each point."""
+def _nearest_places(outline: Outline, points: Floats) -> tuple[Indices, Floats]:
+    """The piece and the place on it that are nearest to each point, but for what powers above the fifth tell of a span.
+
+    The nearest chord begins Newton's method on the polynomial of degree five that has the ends of the span and its
+    middle, and the derivatives there.
+    """
     spans = outline.spans
-    parts = np.where(outline.arcs.straight[outline.arc[spans.piece]], 1, CHORDS)
+    bent = ~outline.arcs.straight[outline.arc[spans.piece]]
+    parts = np.where(bent, CHORDS, 1)
     own = np.repeat(np.arange(len(parts)), parts + 1)
-    number = np.arange(len(own)) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)
-    piece, place = spans.piece[own], spans.first[own] + number * ((spans.last - spans.first) / parts)[own]
-    images = outline.spots(outline.arc[piece], place).x
-    begin = np.flatnonzero(number < parts[own])
-    piece, first, last = piece[begin], place[begin], place[begin + 1]
-    starts, ways = images[begin], images[begin + 1] - images[begin]
+    node = np.cumsum(parts + 1) - parts - 1
+    number = np.arange(len(own)) - node[own]
+    width = (spans.last - spans.first) / parts
+    places, inner = spans.first[own] + number * width[own], number < parts[own]
+    places[~inner] = np.nextafter(spans.last, spans.first)  # the next chord goes on at another pace
+    nodes = outline.spots(outline.arc[spans.piece[own]], places)
+    begin = np.flatnonzero(inner)
+    starts, ways = nodes.x[begin], nodes.x[begin + 1] - nodes.x[begin]
     best = _nearest(points, starts, ways)
-    share = _shares(points, starts[best], ways[best])
-    return piece[best], first[best] + share * (last - first)[best]
+    share = _shares(points, starts[best], ways[best]) + number[begin][best]
+    span = own[begin][best]
+    curved = np.flatnonzero(bent[span])
+    if len(curved):
+        three = node[bent] + np.arange(CHORDS + 1)[:, None]
+        coefficients = _polynomials(nodes.x.T[:, three], nodes.way.T[:, three] * width[bent])
+        here = (np.cumsum(bent) - 1)[span[curved]]
+        share[curved] = 1 + _on_polynomials(points[curved].T, coefficients[:, :, here], share[curved] - 1)
+    piece = spans.piece[span]
+    return piece, np.clip(spans.first[span] + share * width[span], outline.first[piece], outline.last[piece])
+
+
+def _polynomials(images: Floats, slopes: Floats) -> Floats:
+    """Coefficients (6, 2, spans) by rising powers, from values and derivatives (2, 3, spans) at −1, 0, 1."""
+    (low, middle, high), (below, even, above) = np.moveaxis(images, 1, 0), np.moveaxis(slopes, 1, 0)
+    rise, odd = (high + low) / 2 - middle, (high - low) / 2 - even
+    bend, tilt = (above - below) / 2, (above + below) / 2 - even
+    return np.stack([middle, even, 2 * rise - bend / 2, (5 * odd - tilt) / 2, bend / 2 - rise, (tilt - 3 * odd) / 2])
+
+
+def _on_polynomials(points: Floats, coefficients: Floats, share: Floats) -> Floats:
+    """The feet of points (2, n) on polynomials (6, 2, n), a little beyond −1 and 1 at most, by Newton's method."""
+    constant, *others = coefficients
+    constant = constant - points
+    for _ in range(POLYNOMIAL_STEPS):
+        gap = way = bend = np.zeros_like(constant)
+        for each in reversed(others):
+            bend = bend * share + way
+            way = way * share + gap
+            gap = gap * share + each
+        bend, way, gap = 2 * (bend * share + way), way * share + gap, gap * share + constant
+        squared = _dot(way.T, way.T)
+        slope = squared + _dot(gap.T, bend.T)
+        step = -_dot(gap.T, way.T) / np.where(slope > 0.05 * squared, slope, squared)
+        share = np.clip(share + step, -BEYOND, BEYOND)
+        if np.abs(step).max(initial=0.0) < AT_REST:
+            break
+    return np.asarray(share)
 
 
 def _nearest(points: Floats, starts: Floats, ways: Floats) -> Indices:
     """Which chord is nearest to each point.
 
     Many chords are cut to about the same length, and those of the nearest middles looked at. What belongs to another
-    middle is no nearer than that less half a length; where this is less than what was found, all chords are looked at.
+    middle is no nearer than that less half a length; where this is less than what was found, more are looked at.
     """
     if len(starts) <= FEW_CHORDS:
         return np.asarray(np.argmin(_squared_gaps(points, starts, ways), axis=0))
@@ -103,16 +149,22 @@ def _nearest(points: Floats, starts: Floats, ways: Floats) -> Indices:
     cuts = np.ceil(lengths / max(float(lengths.mean()), 1e-300)).astype(np.int64).clip(1)
     owner = np.repeat(np.arange(len(cuts)), cuts)
     share = (np.arange(len(owner)) - np.repeat(np.cumsum(cuts) - cuts, cuts) + 0.5) / cuts[owner]
-    far, near = cKDTree(starts[owner] + share[:, None] * ways[owner]).query(points, k=LOOKED_AT)
-    near, half = owner[near], float((lengths / cuts).max()) / 2
-    x, y, u, v, squares = (each[near] for each in (*starts.T.copy(), *ways.T.copy(), lengths**2))
-    x, y = points[:, :1] - x, points[:, 1:] - y
-    share = np.clip((x * u + y * v) / np.maximum(squares, 1e-300), 0, 1)
-    squared, line = np.square(x - share * u) + np.square(y - share * v), np.arange(len(points))
-    nearest = np.argmin(squared, axis=1)
-    best = np.asarray(near[line, nearest])
-    unsure = np.flatnonzero(far[:, -1] - half < np.sqrt(squared[line, nearest]))
-    for some in np.array_split(unsure, len(unsure) * len(starts) // TOGETHER + 1):
+    middles, half = cKDTree(starts[owner] + share[:, None] * ways[owner]), float((lengths / cuts).max()) / 2
+    columns = (*starts.T.copy(), *ways.T.copy(), np.maximum(lengths**2, 1e-300))
+    best, left = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
+    for count in LOOKED_AT:
+        far, near = middles.query(points[left], k=count)
+        near = owner[near.T]
+        x, y, u, v, squares = (each[near] for each in columns)
+        x, y = points[left, 0] - x, points[left, 1] - y
+        share = np.clip((x * u + y * v) / squares, 0, 1)
+        squared, line = np.square(x - share * u) + np.square(y - share * v), np.arange(len(left))
+        nearest = np.argmin(squared, axis=0)
+        best[left] = near[nearest, line]
+        left = left[far[:, -1] - half < np.sqrt(squared[nearest, line])]
+        if not len(left):
+            return best
+    for some in np.array_split(left, len(left) * len(starts) // TOGETHER + 1):
         best[some] = np.argmin(_squared_gaps(points[some], starts, ways), axis=0)
     return best
 
@@ -152,7 +204,7 @@ def _refined(outline: Outline, points: Floats, piece: Indices, place: Floats) ->
         moved = np.clip(place[bent] + np.clip(step, -1, 1), first[bent], last[bent])
         change = moved - place[bent]
         place[bent] = moved
-        moving = np.abs(change) >= SETTLED
+        moving = np.abs(change) >= AT_REST
         bent, change, before = bent[moving], change[moving], gap[moving]
         if not len(bent):
             break

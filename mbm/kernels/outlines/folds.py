@@ -22,6 +22,8 @@ _STEPS = 60
 _SETTLED = 1e-9
 """Share of an edge of the grid: a step of Newton's method as short leaves a rounding."""
 
+Indices = NDArray[np.int64]
+
 Fold = Callable[[Floats], tuple[Floats, Floats]]
 """D (points,) and its gradient (points, 2) at parameters (points, 2)."""
 
@@ -38,25 +40,22 @@ def folds_of(fold: Fold, at: tuple[Floats, Floats], values: Floats) -> Folds:
     """The folds of a surface whose D has ``values`` (CELLS + 1, CELLS + 1) on the grid of coordinates ``at``."""
     s, t = at
     positive = values >= 0
+    if positive.all() or not positive.any():
+        return Folds(lines=(), zeros=(np.zeros(0),) * 4)
     across = np.argwhere(positive[1:, :] != positive[:-1, :])  # edges along s
     along = np.argwhere(positive[:, 1:] != positive[:, :-1])  # edges along t
-    if not len(across) and not len(along):
-        return Folds(lines=(), zeros=(np.zeros(0),) * 4)
     both = np.concatenate([across, along])
     after = both + np.repeat([[1, 0], [0, 1]], [len(across), len(along)], axis=0)
     starts, ends = (np.stack([s[i], t[j]], axis=1) for i, j in (both.T, after.T))
     rising = positive[tuple(after.T)]
     found, slopes = _zeros(fold, starts, ends, rising)
-    numbers = {(0, i, j): k for k, (i, j) in enumerate(across.tolist())}
-    numbers |= {(1, i, j): len(across) + k for k, (i, j) in enumerate(along.tolist())}
-    lines = tuple(_directed(found[chain], slopes[chain]) for chain in _chains(_neighbours(numbers, positive)))
-    sides = (
-        [k for (kind, _, j), k in numbers.items() if kind == 0 and j == 0],
-        [k for (kind, i, _), k in numbers.items() if kind == 1 and i == CELLS],
-        [k for (kind, _, j), k in numbers.items() if kind == 0 and j == CELLS],
-        [k for (kind, i, _), k in numbers.items() if kind == 1 and i == 0],
-    )
-    bottom, right, top, left = (found[np.array(k, dtype=np.int64)] for k in sides)
+    on_s, on_t = np.full((CELLS, CELLS + 1), -1), np.full((CELLS + 1, CELLS), -1)
+    on_s[tuple(across.T)] = np.arange(len(across))
+    on_t[tuple(along.T)] = len(across) + np.arange(len(along))
+    chains = _chains(_neighbours(on_s, on_t, positive, len(both)))
+    lines = tuple(_directed(found[chain], slopes[chain]) for chain in chains)
+    sides = (each[each >= 0] for each in (on_s[:, 0], on_t[CELLS], on_s[:, CELLS], on_t[0]))
+    bottom, right, top, left = (found[each] for each in sides)
     return Folds(lines=lines, zeros=(bottom[:, 0], right[:, 1], 1 - top[:, 0], 1 - left[:, 1]))
 
 
@@ -84,38 +83,37 @@ def _zeros(fold: Fold, starts: Floats, ends: Floats, rising: NDArray[np.bool_]) 
     return points, fold(points)[1]
 
 
-def _neighbours(numbers: dict[tuple[int, int, int], int], positive: NDArray[np.bool_]) -> dict[int, list[int]]:
-    """The zeros that are joined to each one through a cell."""
-    joined: dict[int, list[int]] = {k: [] for k in numbers.values()}
-    cells = {(i, j - d) if kind == 0 else (i - d, j) for kind, i, j in numbers for d in (0, 1)}
-    for i, j in sorted(cells):
-        if not (0 <= i < CELLS and 0 <= j < CELLS):
-            continue
-        edges = ((0, i, j), (1, i + 1, j), (0, i, j + 1), (1, i, j))
-        met = [numbers[e] for e in edges if e in numbers]
-        # where both diagonals differ, the corner at (i, j) is cut off if it is negative: the positive ones are joined
-        pairs = [(0, 1)] if len(met) == 2 else [(0, 3), (1, 2)] if not positive[i, j] else [(0, 1), (2, 3)]
-        for a, b in pairs:
-            joined[met[a]].append(met[b])
-            joined[met[b]].append(met[a])
-    return joined
+def _neighbours(on_s: Indices, on_t: Indices, positive: NDArray[np.bool_], count: int) -> list[list[int]]:
+    """The zeros that are joined to each one through a cell; ``on_s``, ``on_t``: the zero on each edge, or −1."""
+    edges = np.stack([on_s[:, :-1], on_t[1:], on_s[:, 1:], on_t[:-1]], axis=2)
+    met = edges[(edges >= 0).any(axis=2)]
+    two = (met >= 0).sum(axis=1) == 2
+    pairs = met[two][met[two] >= 0].reshape(-1, 2).tolist()
+    # where both diagonals differ, the corner at (i, j) is cut off if it is negative: the positive ones are joined
+    for four, joined in zip(met[~two].tolist(), positive[:-1, :-1][(edges >= 0).all(axis=2)].tolist(), strict=True):
+        a, b, c, d = four
+        pairs += [(a, b), (c, d)] if joined else [(a, d), (b, c)]
+    found: list[list[int]] = [[] for _ in range(count)]
+    for a, b in pairs:
+        found[a].append(b)
+        found[b].append(a)
+    return found
 
 
-def _chains(joined: dict[int, list[int]]) -> list[list[int]]:
+def _chains(joined: list[list[int]]) -> list[list[int]]:
     """Open chains from end to end, then closed ones, whose first point comes again."""
-    left = set(joined)
+    left = [True] * len(joined)
     chains = []
-    for start in (*(k for k, near in joined.items() if len(near) == 1), *joined):
-        if start not in left:
+    for start in (*(k for k, near in enumerate(joined) if len(near) == 1), *range(len(joined))):
+        if not left[start]:
             continue
-        chain = [start]
-        left.discard(start)
-        while True:
-            following = next((k for k in joined[chain[-1]] if k in left), None)
-            if following is None:
-                break
-            chain.append(following)
-            left.discard(following)
+        chain, here = [start], start
+        left[start] = False
+        while here >= 0:
+            here = next((k for k in joined[here] if left[k]), -1)
+            if here >= 0:
+                chain.append(here)
+                left[here] = False
         if len(chain) > 2 and start in joined[chain[-1]]:
             chain.append(start)
         if len(chain) > 1:

@@ -1,12 +1,13 @@
-"""Which of many chords is nearest to a point, against shapely's distances."""
+"""Which of many chords is nearest to a point, against shapely's distances; feet on polynomials, against their roots."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 import shapely
+from numpy.polynomial import Polynomial
 
-from mbm.kernels.outlines.distances import _nearest
+from mbm.kernels.outlines.distances import _nearest, _on_polynomials, _polynomials
 
 
 @pytest.mark.parametrize("uneven", [False, True])
@@ -24,3 +25,21 @@ def test_nearest_chords(count, uneven):
     expected = shapely.distance(shapely.points(points)[:, None], chords[None]).min(axis=1)
     found = shapely.distance(shapely.points(points), chords[_nearest(points, ring, ways)])
     np.testing.assert_allclose(found, expected, atol=1e-10)
+
+
+def test_feet_on_polynomials():
+    """Spans that turn by about half a rad, from values and derivatives at three places; the foot is a root."""
+    rng = np.random.default_rng(5)
+    power = np.array([40.0, 40.0, 5.0, 1.0, 0.2, 0.05])
+    made = [[Polynomial(power * rng.uniform(-1, 1, 6)) for _ in range(2)] for _ in range(30)]
+    nodes = np.array([-1.0, 0.0, 1.0])
+    images = np.array([[each[k](nodes) for each in made] for k in range(2)]).swapaxes(1, 2)
+    slopes = np.array([[each[k].deriv()(nodes) for each in made] for k in range(2)]).swapaxes(1, 2)
+    places = rng.uniform(-0.9, 0.9, len(made))
+    points = np.array([[each[k](place) for each, place in zip(made, places, strict=True)] for k in range(2)])
+    points += rng.normal(size=points.shape)
+    found = _on_polynomials(points, _polynomials(images, slopes), places + rng.uniform(-0.05, 0.05, len(made)))
+    for point, (x, y), foot in zip(points.T, made, found, strict=True):
+        roots = ((x - point[0]) * x.deriv() + (y - point[1]) * y.deriv()).roots()
+        expected = roots.real[np.abs(roots.imag) < 1e-9]
+        assert np.abs(expected - foot).min() < 1e-7  # four of Newton's steps from a twentieth

@@ -57,6 +57,15 @@ def test_convex_bodies(shape, camera):
     agrees(measured(shape, camera), region, 1e-7, upward=camera == "paper")
 
 
+@pytest.mark.parametrize("place", [(0.1, 0.25, 0.33), (0.1, 0.3, 0.6)])
+@pytest.mark.parametrize("shape", ["cylinder", "frustum"])
+def test_bodies_that_run_away(shape, place):
+    """Its lines run up to seven times as fast where they are near as where they are far."""
+    where = {"angles": (0.1, 0.15, 0.2), "place": place}
+    region = shapely.MultiPoint(seen(HULLS[shape], **where)).convex_hull
+    agrees(measured(shape, **where), region, 1e-7)
+
+
 @pytest.mark.parametrize("camera", ["distorted", "fisheye"])
 def test_bent_edges(camera):
     """Each face as a polygon of many points on its edges."""
