@@ -12,14 +12,26 @@ from mbm.equations.layout import Entry, Layout
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.expression.evaluate import Values, evaluate
 from mbm.expression.nodes import Column, Component, Expression, Leaf, externals
+from mbm.expression.projection import Projection
 from mbm.problem.rows import Positions, lookup, sampled_column
 from mbm.problem.tables import Table
-from mbm.problem.types import Equation, Problem
+from mbm.problem.types import Problem
 from mbm.symbolic.types import Slot
 from mbm.values import dataclass
 
 DIVIDES_BY_DEPTH = "pinhole"
 """The model of cameras that shows points behind it, turned upside down."""
+
+
+def pinholes(group: Group) -> list[Projection]:
+    """By which cameras that divide by the depth the equations of a group see their points."""
+    seen = (equation.projection for equation in group.equations)
+    return [each for each in seen if each is not None and each.model == DIVIDES_BY_DEPTH]
+
+
+def looks_back(first: Values, second: Values) -> Mask:
+    """Whether a camera with these focal lengths looks along −z: both are negative."""
+    return np.asarray((np.asarray(first) < 0) & (np.asarray(second) < 0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,17 +80,13 @@ class AtRows:
             member = self.pick(entry, slot.member, self.table, self.positions, self.tables)
         return entry.offset + member * entry.unknown.size + slot.component
 
-    def behind(self, equations: Sequence[Equation]) -> Mask | None:
-        """Which rows (R,) see a point that is behind its camera, or beside it; None where no equation can tell.
-
-        A camera with negative focal lengths looks along −z.
-        """
-        seen = [e.projection for e in equations if e.projection is not None and e.projection.model == DIVIDES_BY_DEPTH]
-        wanted = [each for projection in seen for each in (projection.depth, *projection.focal)]
+    def behind(self) -> Mask | None:
+        """Which rows (R,) see a point that is behind its camera, or beside it; None where no equation can tell."""
+        wanted = [each for seen in pinholes(self.group) for each in (seen.depth, *seen.focal)]
         if not wanted or any(externals(tuple(wanted))):
             return None
         depth, *focal = np.moveaxis(self.values(wanted).reshape(self.count, -1, 3), 2, 0)
-        ahead = np.where((focal[0] < 0) & (focal[1] < 0), -depth, depth)
+        ahead = np.where(looks_back(*focal), -depth, depth)
         return np.asarray((ahead <= 0).any(axis=1))
 
 

@@ -81,6 +81,7 @@ class Binder:
                 if block.trust is None or positions is None
                 else _decided(block.trust, self.tables, positions),
                 readings=None if kernel.plain is None else readings(case, table, positions, self.tables),
+                equations=case.equations,
             )
             groups.append(group)
             first += group.count

@@ -134,7 +134,8 @@ class Group:
     Residuals stand at ``first …`` in the vector of all, units (one equation in one row) at ``first_unit …``. ``number``
     is the kernel's in the set of all, ``cache`` keeps what was made of it. ``gathered`` are the aggregates that a
     derived quantity takes. ``trusted`` (rows,) are those that no outlier rule may reject (None: none). ``readings``:
-    what belongs to residuals that are those of a likelihood (None: they are not).
+    what belongs to residuals that are those of a likelihood (None: they are not). ``equations`` are the
+    kernel's, if it is one of equations.
     """
 
     kernel: Kernel
@@ -156,6 +157,7 @@ class Group:
     gathered: Gathered | None = None
     trusted: Mask | None = None
     readings: Readings | None = None
+    equations: tuple[Equation, ...] = ()
 
     @property
     def places(self) -> Indices:

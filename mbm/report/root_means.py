@@ -103,7 +103,7 @@ def _raw(problem: Problem, solution: Solution) -> Iterator[RawRows]:
             solve=np.zeros(group.rows, dtype=np.int64),
             values=values,
             counting=counting,
-            behind=rows.behind(problem.blocks[group.kernel.owner].cases[group.kernel.case].equations),
+            behind=rows.behind(),
             rows=np.ones(group.rows, dtype=np.int64) if rows.table is None else rows.table.rows[group.positions],
         )
 

@@ -11,6 +11,7 @@ from dataclasses import field
 
 from mbm.expression.algebra import ONE, add, multiply, subtract
 from mbm.expression.nodes import Apply, Constant, Expression, Figure, Leaf, Number, Parameter, Sheet, postorder
+from mbm.expression.projection import by_axes
 from mbm.expression.substitution import substituted
 from mbm.language import faults as language_faults
 from mbm.language.curves import Point
@@ -159,7 +160,7 @@ class _Drawing:
 def _seen(call: Call, camera: CameraValue | None, point: Point) -> Point:
     depth: Expression = ONE
     if camera is None or camera.model == "pinhole":
-        depth = point[2] if camera is not None and camera.axes == "opencv" else point[0]
+        depth = by_axes(point, "paper" if camera is None else camera.axes, call.span)[2]
     return (*project_point(call, camera, point).elements, depth)
 
 

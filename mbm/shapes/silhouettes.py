@@ -23,7 +23,7 @@ EXTREME_USAGE = "(extreme S :left|:right|:top|:bottom)"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Silhouette(Placeable):
-    """The region that a shape covers in an image; ``upward``: the second coordinate grows upwards (axes paper)."""
+    """The region that a shape covers in an image; ``upward``: the second coordinate grows upwards (axes paper and opengl)."""
 
     drawn: Drawn
     upward: bool
@@ -71,7 +71,7 @@ def silhouette(call: Call, camera: CameraValue | None, shape: Value, span: Span)
     """
     if not isinstance(shape, Shape):
         raise MbmError(faults.wrong_kind(span, "a shape", describe(shape)))
-    upward = camera is None or camera.axes == "paper"
+    upward = camera is None or camera.axes != "opencv"
     return Silhouette(drawn=drawn(call, camera, shape), upward=upward, span=call.span)
 
 

@@ -50,6 +50,6 @@ def raw_rows(problem: Problem, stack: Stack, which: range, columns: Columns) -> 
             solve=solve,
             values=portion.values(number, columns.points),
             counting=every if columns.counting is None else columns.counting[solve[:, None], slots],
-            behind=rows.behind(block.cases[group.kernel.case].equations),
+            behind=rows.behind(),
             rows=np.ones(len(solve), dtype=np.int64) if table is None else table.rows[positions],
         )

@@ -33,8 +33,7 @@ def _behind(problem: Problem, tables: Mapping[str, Table], equations: Assembled,
     """Which rows of all groups, one group after another, see a point behind a camera; False where nothing tells."""
     found = []
     for group in equations.groups:
-        block = problem.blocks[group.kernel.owner]
         rows = rows_at(problem, group, equations.layout, tables, numbers)
-        behind = rows.behind(block.cases[group.kernel.case].equations)
+        behind = rows.behind()
         found.append(np.zeros(group.rows, dtype=bool) if behind is None else behind)
     return np.concatenate(found) if found else np.zeros(0, dtype=bool)

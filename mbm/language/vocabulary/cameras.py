@@ -1,7 +1,7 @@
 """Projections: the paper's ``perse`` and cameras with distortion.
 
 Axes ``opencv``: z forward, x right, y down, pixel centres at whole numbers. Axes ``paper``: x forward, y left, z up,
-X = k0 y/x, Y = k1 z/x (Oyama & Tachi 1989, sect. 3 (2)). Distortion is Brown's model in OpenCV's order k1 k2 p1 p2 k3;
+X = k0 y/x, Y = k1 z/x (Oyama & Tachi 1989, sect. 3 (2)). Axes ``opengl``: x right, y up, −z forward. Distortion is Brown's model in OpenCV's order k1 k2 p1 p2 k3;
 of a fisheye the radius is f (θ + k1 θ³ + k2 θ⁵ + k3 θ⁷ + k4 θ⁹) with θ the angle from the optical axis (Kannala and Brandt
 2006). Weak-perspective and orthographic cameras do not divide by the depth: u = f x + c, with f the scale in px per length.
 """
@@ -13,7 +13,7 @@ from fractions import Fraction
 from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, divide, dot, multiply, subtract
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
-from mbm.expression.projection import NEAR, Projection
+from mbm.expression.projection import NEAR, Projection, by_axes
 from mbm.language import faults
 from mbm.language.coerce import scalar
 from mbm.language.values import Array, Call, CameraValue, Value, describe
@@ -46,7 +46,7 @@ def depth_of(camera: Value | None, point: tuple[Expression, ...], span: Span) ->
         return subtract(apply(Operation.SQRT, dot(point, point, span), span=span), camera.near, span)
     if camera.model != "pinhole":
         return None
-    return subtract(point[2 if camera.axes == "opencv" else 0], camera.near, span)
+    return subtract(by_axes(point, camera.axes, span)[2], camera.near, span)
 
 
 def _focal(call: Call, name: str) -> Expression:
@@ -58,8 +58,7 @@ def _focal(call: Call, name: str) -> Expression:
 
 
 def _project(camera: CameraValue, point: tuple[Expression, ...], span: Span) -> Array:
-    a, b, c = point
-    across, up, depth = (a, b, c) if camera.axes == "opencv" else (b, c, a)
+    across, up, depth = by_axes(point, camera.axes, span)
     if camera.model == "pinhole":
         x, y = _distort(camera, divide(across, depth, span), divide(up, depth, span), span)
     elif camera.model == "fisheye":

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from mbm.expression.algebra import ZERO
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, Member, Number
-from mbm.expression.projection import NEAR
+from mbm.expression.projection import AXES, NEAR
 from mbm.language import faults as language_faults
 from mbm.language.coerce import scalar, text, vector
 from mbm.language.values import SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
@@ -21,11 +21,10 @@ from mbm.text.types import Form, MbmError, Sequence, Span, Symbol, Text
 
 USAGE = (
     "(camera name [:model pinhole] [:focal (fx fy)] [:center (cx cy)] "
-    "[:distortion (k1 k2 p1 p2 k3)] [:axes opencv|paper] [:near 0.1] [:per TABLE])"
+    "[:distortion (k1 k2 p1 p2 k3)] [:axes opencv|paper|opengl] [:near 0.1] [:per TABLE])"
 )
 _MODELS = ("pinhole", "fisheye", "weak-perspective", "orthographic")
 _COEFFICIENTS = {"pinhole": (5, "k1 k2 p1 p2 k3"), "fisheye": (4, "k1 k2 k3 k4")}
-_AXES = ("opencv", "paper")
 
 
 def read_camera(work: Workspace, clause: Sequence) -> None:
@@ -42,7 +41,7 @@ def read_camera(work: Workspace, clause: Sequence) -> None:
         not_yet={"size": "images"},
         alone=USAGE,
     )
-    axes = _choice(options.get("axes"), _AXES, "axes") or "opencv"
+    axes = _choice(options.get("axes"), AXES, "axes") or AXES[0]
     distortion, near = options.get("distortion"), options.get("near")
     family = family_of(work, options.get("per"))
     keys = keys_of(work, family)

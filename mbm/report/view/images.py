@@ -29,6 +29,7 @@ AnySeeing = TypeVar("AnySeeing", Seeing, ContourSeeing, CurveSeeing, LineSeeing)
 _FRAMES = {
     "opencv": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
     "paper": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+    "opengl": np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]),
 }
 """Right, up and forward in the frame of a camera, by its axes."""
 

@@ -106,7 +106,7 @@ def _photograph(
         outlier=np.concatenate([row.outlier[mask] for row, mask in parts]),
         lines=tuple(lines),
         labels=("X", "Y") if paper else ("u", "v"),
-        down=not paper if placed is None else placed.down,
+        down=first.sight.axes == "opencv" if placed is None else placed.down,
         left=paper,
         file=_file(first, parts[0][1]),
         path=path_of(first.table, first.positions, parts[0][1]),

@@ -34,7 +34,7 @@ class Sight:
 
     @property
     def axes(self) -> str:
-        """``opencv`` or ``paper``."""
+        """Those of the camera, as `AXES` has them."""
         if self.camera is not None:
             return self.camera.axes
         return "paper" if self.family is None else "opencv"

@@ -218,7 +218,7 @@ class Trace:
 def _upward(call: Call) -> bool:
     """Whether the second coordinate grows upwards in the image of what is projected."""
     camera = call.arguments[0]
-    return not isinstance(camera, CameraValue) or camera.axes == "paper"
+    return not isinstance(camera, CameraValue) or camera.axes != "opencv"
 
 
 def _images_of_ends(call: Call) -> Ends | None:

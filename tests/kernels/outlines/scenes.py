@@ -39,6 +39,7 @@ CAMERAS = {
     "fisheye": ":model fisheye :focal (f 810) :center (320 240) :distortion (k 0.01 0 0)",
     "orthographic": ":model orthographic :focal (/ f 2) :center (320 240)",
     "paper": ":axes paper :focal (f 810)",
+    "opengl": ":axes opengl :focal (f 810) :center (320 240)",
 }
 MEASURES = {
     "area": "(= 0 (area S))",
@@ -56,7 +57,7 @@ SIZE, FOCAL, BEND = 0.2, 800.0, -0.1
 
 def compiled(shape: str, camera: str = "pinhole", measures=tuple(MEASURES), *, points=(), angles=ANGLES, place=PLACE):
     """The problem whose residuals are what is measured; its unknowns are a pose, a size, f and k, in this order."""
-    seen = place if camera != "paper" else (place[2], *place[:2])
+    seen = {"paper": (place[2], *place[:2]), "opengl": (*place[:2], -place[2])}.get(camera, place)
     silhouette = f"(project cam (transform T {SHAPES[shape]}))"
     whole = [f"(observe {m} (let ((S {silhouette})) {MEASURES[m]}) :sigma 1)" for m in measures]
     rows = f"(observe points (contour-distance {silhouette} [u v]) :sigma 1)" if len(points) else ""
@@ -96,10 +97,13 @@ def rotation(angles=ANGLES) -> np.ndarray:
 
 
 def seen(points: np.ndarray, camera: str = "pinhole", angles=ANGLES, place=PLACE) -> np.ndarray:
-    """Images (…, 2) of points (…, 3) of a shape, by the formulas of OpenCV's and the paper's manuals."""
+    """Images (…, 2) of points (…, 3) of a shape, by the formulas of OpenCV's, the paper's and BAL's manuals."""
     if camera == "paper":
         x, y, z = np.moveaxis(points @ rotation(angles).T + [place[2], *place[:2]], -1, 0)
         return np.stack([FOCAL * y / x, 810 * z / x], axis=-1)
+    if camera == "opengl":
+        p = points @ rotation(angles).T + [*place[:2], -place[2]]
+        return -p[..., :2] / p[..., 2:] * [FOCAL, 810] + [320, 240]
     x, y, z = np.moveaxis(points @ rotation(angles).T + place, -1, 0)
     if camera == "orthographic":
         return np.stack([FOCAL / 2 * x + 320, FOCAL / 2 * y + 240], axis=-1)

@@ -57,6 +57,12 @@ def test_convex_bodies(shape, camera):
     agrees(measured(shape, camera), region, 1e-7, upward=camera == "paper")
 
 
+@pytest.mark.parametrize("shape", ["box", "frustum"])
+def test_a_camera_that_looks_along_minus_z(shape):
+    region = shapely.MultiPoint(seen(HULLS[shape], "opengl")).convex_hull
+    agrees(measured(shape, "opengl"), region, 1e-7, upward=True)
+
+
 @pytest.mark.parametrize("place", [(0.1, 0.25, 0.33), (0.1, 0.3, 0.6)])
 @pytest.mark.parametrize("shape", ["cylinder", "frustum"])
 def test_bodies_that_run_away(shape, place):

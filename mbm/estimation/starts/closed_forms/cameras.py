@@ -4,16 +4,38 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.equations.at_rows import looks_back, pinholes
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose
 from mbm.estimation.starts.closed_forms.numerics.planes import Knowledge, camera_from_planes, likeliest_camera
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, Support
+from mbm.expression.evaluate import evaluate
+from mbm.expression.nodes import Component, Leaf, Number, Parameter, leaves
+from mbm.expression.projection import by_axes
 from mbm.values import dataclass
 
 ONE_FOCAL, DISTORTION = 2, 5
 """Kinds of a camera's numbers: 0 and 1 are focal lengths of the axes, this is one for both; 3 and 4 the centre."""
+
+
+def outlook(rows: Rows) -> Floats | None:
+    """The way (3,) in which the pinhole cameras of rows look, in their frames; None where that is not known.
+
+    Unknown focal lengths are taken to be positive where they stand.
+    """
+    axes = tuple(Parameter(name) for name in "xyz")
+    frame: dict[Leaf, Floats] = dict(zip(axes, np.eye(3), strict=True))
+    ways = set()
+    for camera in dict.fromkeys(each for piece in rows.pieces for each in pinholes(piece.group)):
+        if not all(isinstance(leaf, Component | Number) for leaf in leaves(camera.focal)):
+            return None
+        ahead = -1.0 if bool(looks_back(*evaluate(camera.focal, lambda _: 1.0))) else 1.0
+        depth = evaluate(by_axes(axes, camera.axes)[2:], frame.__getitem__)[0]
+        ways.add(tuple((ahead * np.asarray(depth)).tolist()))
+    return np.array(ways.pop()) if len(ways) == 1 else None
+
 
 LEAST_POINTS = 4
 """Points of a plane that tell its homography."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.starts.closed_forms.cameras import Camera, camera_numbers, cameras_of
+from mbm.estimation.starts.closed_forms.cameras import Camera, camera_numbers, cameras_of, outlook
 from mbm.estimation.starts.closed_forms.chains import (
     FRAME,
     Chain,
@@ -38,9 +38,9 @@ from mbm.values import dataclass
 AXES = ((0, 1, 2), (1, 2, 0))
 """Right, down, forward among x, y, z: OpenCV's cameras, and the paper's."""
 
+
 PLANAR = 1e-9
 """Extent of the points across their plane beside the largest."""
-
 
 PROBE = np.array([0.4, 0.7, 1.3])
 """A place to look at: before the camera, with either axes."""
@@ -52,7 +52,7 @@ class View:
 
     ``basis`` (3, 3) and ``origin`` place the plane in space. ``places`` (7,) are those of the numbers of the one
     unknown pose through which it is seen, or none; ``inverse``: it is the inverse of that pose. ``eye`` is the camera's
-    known pose before it, if there is one.
+    known pose before it, if there is one. ``ahead`` is −1 where the camera looks along −z.
     """
 
     camera: int
@@ -64,6 +64,7 @@ class View:
     eye: Eye | None
     places: Indices
     inverse: bool
+    ahead: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,6 +156,8 @@ def _views(found: Chain, camera: int) -> Iterator[View]:
         seen = eye.image(PROBE) - found.moved.values(PROBE)
     else:
         return
+    way = outlook(found.moved.rows)
+    ahead = 1.0 if way is None else float(way.sum())
     order = np.argsort(found.product, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(found.product[order])) + 1):
         points = found.points[rows]
@@ -174,6 +177,7 @@ def _views(found: Chain, camera: int) -> Iterator[View]:
             eye=eye,
             places=np.empty(0, dtype=np.int64) if link is None else link.places(int(link.member[rows[0]])),
             inverse=link is not None and link.inverse,
+            ahead=ahead,
         )
 
 
@@ -224,7 +228,7 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
 def _pose(view: View, homography: Floats, focal: Floats, centre: Floats) -> Floats:
     """The pose (7,) with ``H ~ K [r₁ r₂ t]``, the plane before the camera."""
     M = np.diag([*(1.0 / focal), 1.0]) @ (homography - np.outer([*centre, 0.0], homography[2]))
-    M = M / (np.linalg.norm(M[:, :2], axis=0).mean() * np.sign(M[2, 2]))
+    M = M / (np.linalg.norm(M[:, :2], axis=0).mean() * np.sign(M[2, 2]) * view.ahead)
     order = np.argsort(view.axes)  # from right, down, forward to x, y, z
     R = nearest(np.stack([M[:, 0], M[:, 1], np.cross(M[:, 0], M[:, 1])], axis=1))[order] @ view.basis.T
     t = M[order, 2] - R @ view.origin

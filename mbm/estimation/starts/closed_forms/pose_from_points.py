@@ -6,6 +6,7 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.native.code import AnyCode
+from mbm.estimation.starts.closed_forms.cameras import outlook
 from mbm.estimation.starts.closed_forms.lines_of_sight import directions
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points
 from mbm.estimation.starts.closed_forms.numerics.bearings import (
@@ -15,7 +16,7 @@ from mbm.estimation.starts.closed_forms.numerics.bearings import (
     poses_of_most,
 )
 from mbm.estimation.starts.closed_forms.rows import finite
-from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
+from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.values import dataclass
 
@@ -115,11 +116,18 @@ def _turned_round(sights: Sights) -> bool:
 def _facing(sights: Sights) -> Sights:
     """The same, or with all bearings turned round where the camera looks along a negative axis (BAL's cameras do).
 
-    A pinhole does not tell front from back; points in general position do: only one side sees them unmirrored.
+    A pinhole does not tell front from back; points in general position do: only one side sees them unmirrored. Of a
+    plane both sides may be seen, but its focal lengths say where a camera looks.
     """
     first = sights.moved.rows.of_member(int(sights.moved.rows.member[0]))
     points, bearings = sights.moved.points[first], sights.bearings[first]
-    if points.shape[1] == 2 or len(points) < 4 or not _turned_round(sights):
+    if points.shape[1] == 2:
+        return sights
+    if np.linalg.matrix_rank(points - points[0], tol=AGREEMENT * np.ptp(points, axis=0).max()) < 3:
+        way = outlook(sights.moved.rows)
+        turned = 1.0 if way is None else np.where(sights.bearings @ way < 0, -1.0, 1.0)[:, None]
+        return Sights(moved=sights.moved, bearings=turned * sights.bearings)
+    if not _turned_round(sights):
         return sights
     misfits = []
     for sign in (1.0, -1.0):

@@ -1,0 +1,38 @@
+"""Boards before cameras that look along −z, as BAL's do: poses are found before them, not their mirror images."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import mbm
+
+FOCAL = 600.0
+BOARD = np.array([(0.05 * i, 0.05 * j, 0.0) for j in range(4) for i in range(5)])
+TURNS = ((0.3, -0.2, 0.1), (-0.4, 0.3, 0.5), (0.1, 0.5, -0.3), (-0.2, -0.4, 0.2))
+PLACES = ((0.02, -0.1, -0.7), (-0.1, 0.05, -0.8), (0.0, 0.0, -0.9), (0.05, -0.05, -0.75))
+
+
+def images() -> dict[str, np.ndarray]:
+    """By the formula of BAL's page, −f x/z."""
+    found: dict[str, list] = {name: [] for name in ("photo", "x", "y", "u", "v")}
+    for number, (turn, place) in enumerate(zip(TURNS, PLACES, strict=True)):
+        moved = BOARD @ Rotation.from_rotvec(turn).as_matrix().T + place
+        seen = -FOCAL * moved[:, :2] / moved[:, 2:]
+        for name, values in zip(found, (np.full(len(BOARD), number), *BOARD[:, :2].T, *seen.T), strict=True):
+            found[name].extend(values.tolist())
+    return {name: np.array(values) for name, values in found.items()}
+
+
+@pytest.mark.parametrize("focal", ["600", "f"])
+@pytest.mark.parametrize("camera", [":axes opengl :focal (F F)", ":focal ((- F) (- F))"])
+def test_a_board_before_a_camera_that_looks_along_minus_z(camera, focal):
+    """Known and unknown focal lengths: pose from points, and Zhang's calibration."""
+    solved = mbm.loads(f"""(problem p (data d external) (camera cam {camera.replace("F", focal)})
+      (unknowns {"(f)" if focal == "f" else ""} (T (pose 3) :per d.photo))
+      (observe d (= [u v] (project cam (transform (T photo) [x y 0]))) :sigma 0.1)
+      (derive (ends (transform (T 1) [0.2 0.15 0]))))""").solve(data={"d": images()})
+    assert solved.status == "ok"
+    expected = Rotation.from_rotvec(TURNS[1]).apply([0.2, 0.15, 0.0]) + PLACES[1]
+    np.testing.assert_allclose(solved["ends"].value, expected, atol=1e-7)  # without noise
