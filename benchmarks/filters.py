@@ -46,28 +46,29 @@ TIMING = """
 
 static track_filter filter;
 static struct track_tables tables;
+static struct track_steps steps;
 
 int main(void)
 {
     char *const paths[] = {(char *)"data/fixes.csv"};
     double best = 1e9;
     track_result result;
-    long run, steps;
+    long run, count;
 
     if (!track_read_tables(&tables, paths))
         return 1;
     for (run = 0; run < RUNS; run++) {
         struct timespec first, last;
-        memset(tables.done, 0, sizeof tables.done);
+        memset(&steps, 0, sizeof steps);
         track_begin(&filter);
         clock_gettime(CLOCK_MONOTONIC, &first);
-        for (steps = 0; track_next_step(&tables); steps++)
-            if (track_step(&filter, &tables.here, &result) != TRACK_ESTIMATED)
+        for (count = 0; track_next_step(&tables.data, &steps); count++)
+            if (track_step(&filter, &steps.here, &result) != TRACK_ESTIMATED)
                 return 2;
         clock_gettime(CLOCK_MONOTONIC, &last);
         {
             const double seconds = (double)(last.tv_sec - first.tv_sec) + 1e-9 * (double)(last.tv_nsec - first.tv_nsec);
-            best = seconds / (double)steps < best ? seconds / (double)steps : best;
+            best = seconds / (double)count < best ? seconds / (double)count : best;
         }
     }
     printf("%.17g %.17g %.17g %.17g\\n", best, result.x[0], result.x[1], result.x[2]);

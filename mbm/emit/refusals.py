@@ -13,11 +13,14 @@ from mbm.expression.nodes import Column, Expression, externals, leaves
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import Gauge
 from mbm.problem.likely import called, likelihood_of
+from mbm.problem.naming import PRIOR
+from mbm.problem.requests import divided_by
+from mbm.problem.sequence.types import Sequence as SequenceOfSteps
 from mbm.problem.sequence.types import SequenceMethod
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.types import BlockRole, Method, Problem, TablePlan, Unknown
 from mbm.solver.decisions import MOST_DENSE
-from mbm.text.types import Diagnostic, MbmError
+from mbm.text.types import Diagnostic, MbmError, Place
 
 INTERPOLATE = "interpolate before, into a column of the table that the equations are about"
 
@@ -31,6 +34,7 @@ def refuse(found: Elaborated, target: Target) -> None:
     """
     problem = found.problem
     faults_found = [*_sequence(problem, target), *_data(problem), *_blocks(problem)]
+    faults_found += [] if problem.sequence is None else _sequences(found, problem.sequence)
     faults_found += _derived(problem, target)
     for constant in (each for each in problem.constants if each.sigmas and target.solves):
         what, why = f"the uncertainty of the constant `{constant.name}`", "generated solvers solve once, for its value"
@@ -130,10 +134,46 @@ def _sequence(problem: Problem, target: Target) -> Iterator[Diagnostic]:
         why = "it takes the rows of all steps at once, and a generated filter those of one step after the other"
         todo = "say `(solve :method ekf)`, another filter, or `(smoother :lag n)`"
         yield faults.not_emitted(estimator.span or sequence.span, what, why, todo)
-    if problem.request.for_each or problem.request.window is not None:
-        why = "a generated filter follows one sequence"
-        todo = "leave `for-each` and `window` out, and let there be a filter for each"
-        yield faults.not_emitted(sequence.span, "`for-each` or `window` with `states`", why, todo)
+
+
+def _sequences(found: Elaborated, sequence: SequenceOfSteps) -> Iterator[Diagnostic]:
+    """Sequences that would begin otherwise, or that files do not tell apart."""
+    problem = found.problem
+    columns = divided_by(problem.request.for_each, problem.request.window)
+    divided = {plan.name for plan in problem.plans if any(c in found.raw[plan.name].columns for c in columns)}
+    stepped = {table for table, _ in sequence.sources}
+    yield from _keys(found)
+    known = {state.prior for state in sequence.states}
+    for unknown in problem.unknowns:
+        values = (unknown.start, unknown.start_lower, unknown.start_upper, unknown.lower, unknown.upper, unknown.fixed)
+        nodes = [node for each in values if each is not None for case in each.cases for node in case.values]
+        if _reads(nodes, divided | stepped):
+            yield _begins(unknown.span, unknown.name)
+        if unknown.family is not None and not unknown.is_state and unknown.family.table in divided:
+            why = "its members would be others in each sequence, and a generated filter has the same ones"
+            todo = "make a table of the members without the columns that tell the sequences apart"
+            yield faults.not_emitted(unknown.span, f"the family `{unknown.name}`", why, todo)
+    for block in problem.blocks:
+        nodes = [n for case in block.cases for e in case.equations for n in (*e.components, *e.noise)]
+        if block.name in known and _reads(nodes, divided | stepped):
+            yield _begins(block.span, block.name.removeprefix(PRIOR))
+    window = problem.request.window
+    kept = any(plan.where is not None for plan in problem.plans) or any(b.when is not None for b in problem.blocks)
+    if window is not None and kept:
+        why = "the program would have to know which rows count before it goes through the windows"
+        todo = "leave the rows out before, and `:where` and `:when` out of the problem"
+        yield faults.not_emitted(window.span, "`window` with `:where` or `:when`", why, todo)
+
+
+def _begins(place: Place | None, name: str) -> Diagnostic:
+    why = "a generated filter begins before it sees any, and alike for every key and window"
+    todo = "state its `:init`, `:sigma` and `:in` without tables that have steps, keys or windows"
+    return faults.not_emitted(place, f"`{name}`, which begins by rows of its sequence,", why, todo)
+
+
+def _reads(nodes: Sequence[Expression], tables: set[str]) -> bool:
+    """Whether a cell of some tables is read."""
+    return any(isinstance(leaf, Column) and leaf.table in tables for leaf in leaves(tuple(nodes)))
 
 
 def _data(problem: Problem) -> Iterator[Diagnostic]:

@@ -47,7 +47,7 @@ problem could become, members of its structs; files, programs and targets of `ma
 do not have some of the files."""
 
 _IN_FILTERS = (
-    ("function", "answer_at begin_all close_frame find_rows keep_derived open_frame put_fixed"),
+    ("function", "answer_at begin_all close_frame find_rows give keep_derived open_frame put_fixed"),
     ("function", "take_rows take_step take_transition"),
     ("frame", "chain count data dt given keys memory moves moves_count previous rows spread walk"),
     ("result", "at hypotheses innovation residuals"),
@@ -80,9 +80,10 @@ CASE_FORMS = (
     "function.{name}_noise", "function.{name}_assemble",
 )  # fmt: skip
 DERIVED_CASE_FORMS = ("kernel.{lower}", "function.{name}_derived", "function.{name}_assemble")
+_STEPS = "filter rows given step finish steps in_order next_step windows window"
 FILTER_FORMS = (
     *PROBLEM_FORMS,
-    *(f"function.{{name}}_{word}" for word in ["filter", "rows", "step", "finish", "next_step"]),
+    *(f"function.{{name}}_{word}" for word in _STEPS.split()),
 )
 FILTER_DERIVED_FORMS = (*DERIVED_FORMS, "result.{name}_covariance", "function.keep_{name}")
 FILTER_CASE_FORMS = (*CASE_FORMS, "function.{name}_begin", "function.{name}_take")

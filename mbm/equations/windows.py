@@ -9,15 +9,12 @@ import numpy as np
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem import faults as problem_faults
 from mbm.problem.checks import used_rows
-from mbm.problem.requests import Window
+from mbm.problem.requests import ROUNDING, Window
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.text.types import MbmError
 from mbm.values import dataclass
-
-ROUNDING = 1e-9
-"""Part of a step by which times may miss the end of a window: steps such as 0.1 are not exact in binary."""
 
 BEYOND = 1e18
 """More windows than anybody can mean; their number has to be finite to be reported."""

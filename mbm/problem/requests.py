@@ -53,6 +53,10 @@ class GivenStarts:
     starts: tuple[Mapping[str, tuple[float, ...]], ...]
 
 
+ROUNDING = 1e-9
+"""Part of a step by which times may miss the end of a window: steps such as 0.1 are not exact in binary."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Window:
     """``(window COLUMN :length L :step S :min-rows n)``, in SI: rows with ``end − length < column ≤ end``."""
@@ -62,3 +66,8 @@ class Window:
     step: float
     min_rows: int = 1
     span: Span
+
+
+def divided_by(for_each: tuple[str, ...], window: Window | None) -> tuple[str, ...]:
+    """The columns that make several data sets of the rows."""
+    return for_each if window is None else (*for_each, window.column)

@@ -56,6 +56,20 @@ DRIVE = """
   {rest}
   (solve :method {method}))"""
 
+RUNS = """
+(problem runs
+  (data z external) (data setups (table (run h s) ("one" 0.1 0.1) ("two" 0.5 0.2) ("three" -0.2 0.1)) :key run)
+  (data frames external)
+  (unknowns (b :init 0.1 :sigma 0.5))
+  (states :over k (x :init 0 :sigma 1))
+  (dynamics (= (next x) (+ x (* 0.1 (first setups h))) :sigma 0.3))
+  (observe z (= y (+ x b (first setups h))) :sigma (first setups s))
+  (observe setups (= h b) :sigma 0.4)
+  (derive (res (- y x) :over z) (off (+ x (first setups h))) (scaled (* b h) :over setups))
+  (for-each run) {rest}
+  (solve :method {method}))"""
+"""A sequence for each run, with numbers of its own, of which one table has steps."""
+
 ARM = """
 (problem arm
   (data frames external) (data seen external)
@@ -96,6 +110,15 @@ def drive(method, rest=""):
         d=lambda k, g: 5.0 + 0.1 * g.standard_normal(len(k)),
     )
     return DRIVE.format(method=method, rest=rest), {"wheels": wheels, "ranges": ranges}
+
+
+def runs(method, rest=""):
+    """The runs with their data, one among the other."""
+    generator = np.random.default_rng(3)
+    rows = [(k, run) for k in range(8) for run in ("two", "one", "three") for _ in range(1 + (k % 3 == 0))]
+    k, run = zip(*(rows[j] for j in range(len(rows)) if j % 5 != 3), strict=True)
+    z = {"k": np.array(k, dtype=float), "run": list(run), "y": noisy(np.array(k), generator)}
+    return RUNS.format(method=method, rest=rest), {"z": z, "frames": FRAMES}
 
 
 def arm():

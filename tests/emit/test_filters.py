@@ -98,6 +98,16 @@ LATER = (
 )
 """One that says the same in each row of a table, and holds from the first on."""
 
+LATE = (
+    sequences.CART.format(
+        method="ekf",
+        sigma="0.1",
+        rest="(data still (table (h) (0.3))) (observe still (= h b) :sigma 0.1) (constraints (= b 0.2))",
+    ),
+    {"frames": sequences.FRAMES, "z": {"k": [3.0, 4.0], "y": [0.5, 0.7]}},
+)
+"""What holds from the first rows on does so at the first step, of which a table without steps has some."""
+
 KINDS = """
 (derive (high (+ x (lift at)) :over z) (kinds (if (= kind "near") (* w x) (+ x 1)) :over z)
   (lifts (* (lift name) h) :over anchors) (one (lift "a")) (both [(* x s) (lift "b")]))"""
@@ -112,6 +122,8 @@ SHAPES = {
     "iterated, members, kinds": sequences.stations("iterated-ekf", KINDS),
     "cuts": sequences.cart("truncated-ekf", "s", "(constraints (<= x 0.5) (= b 0.2))"),
     "poses": sequences.drive("ekf"),
+    "keys": sequences.runs("truncated-ekf", "(constraints (<= b (+ 0.4 (first setups h))))"),
+    "windows": sequences.cart("ekf", "s", "(window k :length 4 :step 1.3)"),
     "hypotheses": sequences.arm(),
     "fixed lag": sequences.drive("(smoother :lag 3)", PLACES),
     "hostile": hostile(),
@@ -120,6 +132,10 @@ SHAPES = {
 
 MORE = {
     "iterated": sequences.cart("iterated-ekf"),
+    "keys and windows": sequences.runs("iterated-ekf", "(window k :length 4 :step 1.5 :min-rows 2)"),
+    "keys, lag": sequences.runs("(smoother :lag 2)"),
+    "windows, lag": sequences.drive("(smoother :lag 3)", "(window k :length 4 :step 2)"),
+    "nothing seen at first": LATE,
     "lag 1": sequences.cart("(smoother :lag 1)", "s"),
     "lag 20": sequences.cart("(smoother :lag 20)"),
     "lag, members": sequences.stations("(smoother :lag 2)", KINDS),
@@ -287,13 +303,42 @@ def test_a_filter_allocates_nothing_and_c_plus_plus_may_include_its_header(tmp_p
     assert checked.returncode == 0, checked.stderr
 
 
+def test_keys_and_windows_are_sequences_of_their_own(tmp_path):
+    """The program tells each step of each window of each key, as the solver does, to 1e-10."""
+    text, data = sequences.runs("ekf", "(window k :length 4 :step 1.5 :min-rows 2)")
+    folder = written(files(text, data), tmp_path)
+    assert make(folder).returncode == 0
+    shown = run("./runs", *(f"data/{table}.csv" for table in ("z", "setups", "frames")), folder=folder)
+    lines = list(csv.DictReader(io.StringIO(shown.stdout)))
+    told = [
+        (each["run"], float(each["k end"]), *(float(each[name]) for name in ("k", "x", "x sigma"))) for each in lines
+    ]
+    expected = []
+    for solve in mbm.loads(text).solve(data=data).solves:
+        if solve.status.value != "skipped":
+            steps = zip(solve["x"].keys, solve["x"].value, solve["x"].sigma, strict=True)
+            expected += [(solve.key["run"], solve.key["k"], *each) for each in steps]
+    assert [each[0] for each in told] == [each[0] for each in expected]
+    np.testing.assert_allclose([each[1:] for each in told], [each[1:] for each in expected], rtol=1e-10)
+
+
 REFUSED = {
     "batch": ("(solve :method batch)", "rows of all steps at once"),
     "smoother": ("(solve :method (smoother))", "`:method \\(smoother\\)`"),
     "derive a step": ("(derive (d (- x (first z x)))) (solve :method ekf)", "`d` names the step of a state"),
     "derive a row": ("(derive (d (- x (first z y)))) (solve :method ekf)", "`d` looks at rows of other steps"),
     "derive a motion": ("(derive (d (rot-x x))) (solve :method ekf)", "no rotations"),
-    "for-each": ("(for-each run) (solve :method ekf)", "`for-each`"),
+    "a start of rows": ("(unknowns (v :init (first z y) :sigma 1)) (solve :method ekf)", "begins by rows"),
+    "a start of each": ("(unknowns (v :init (first z y) :sigma 1)) (for-each run) (solve :method ekf)", "`v`"),
+    "members of each": ("(unknowns (g :per z.run :init 0)) (for-each run) (solve :method ekf)", "the family `g`"),
+    "for-each of kept rows": (
+        "(data d (table (k run) (0 1)) :where (> k 0)) (for-each run) (solve :method ekf)",
+        "`for-each` with",
+    ),
+    "windows of used rows": (
+        "(observe z (= y x) :sigma 2 :when (> y 1)) (window k :length 2 :step 1) (solve :method ekf)",
+        "`window` with",
+    ),
     "loss": ("(observe z (= y x) :sigma 1 :loss huber) (solve :method ekf)", "a loss needs iteration"),
     "first": ("(observe z (= y (* x (first z y))) :sigma 1) (solve :method ekf)", "rows of other steps"),
 }

@@ -12,9 +12,11 @@ from mbm.emit.answers import Floats
 from mbm.emit.c.csv import CSV
 from mbm.emit.c.files import cmake, kernels_file, makefile, solver_file
 from mbm.emit.c.filter_header import filter_header
-from mbm.emit.c.filter_main import main_file, tables_file, test_file
+from mbm.emit.c.filter_main import main_file
 from mbm.emit.c.filter_memory import DerivedRoom, derived_rooms, places
 from mbm.emit.c.filter_source import filter_source
+from mbm.emit.c.filter_tables import tables_file
+from mbm.emit.c.filter_test import test_file
 from mbm.emit.data_files import table_text
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.markdown import code, prose
@@ -44,9 +46,8 @@ def filter_files(made: FilterBlueprint) -> tuple[OutputFile, ...]:
         "reference.csv": _references(made),
     }
     given = {table.name: table for table in blueprint.given}
-    for table in blueprint.tables:
-        if table.name in made.given:
-            texts[f"data/{table.identifier}.csv"] = table_text(table, given[table.name])
+    for table in made.files.tables:
+        texts[f"data/{table.identifier}.csv"] = table_text(table, given[table.name])
     files = (OutputFile(path=path, content=text.encode()) for path, text in texts.items())
     return tuple(sorted(files, key=lambda file: file.path))
 
@@ -107,7 +108,7 @@ def _readme(made: FilterBlueprint) -> str:
 def _building(made: FilterBlueprint) -> Iterator[str]:
     blueprint = made.blueprint
     name = blueprint.identifier
-    usage = " ".join(f"{t.identifier}.csv" for t in blueprint.tables if t.name in made.given)
+    usage = " ".join(f"{t.identifier}.csv" for t in made.files.tables)
     yield f"# {prose(blueprint.name)}"
     yield ""
     yield from (prose(blueprint.doc), "") if blueprint.doc else ()
@@ -131,6 +132,7 @@ def _calling(made: FilterBlueprint) -> Iterator[str]:
     reals, integers = (sum(sizes.values()) for sizes in places(made))
     first = made.blueprint.unknowns[0].identifier
     tables = [table for table in made.blueprint.tables if table.name in made.given]
+    beside = [table for table in made.blueprint.tables if table.name in made.beside]
     yield "## Call"
     yield ""
     yield f"`{name}.c` with `{name}.h`, `{name}_kernels.h` and `{name}_solver.h` is the filter. All numbers are in SI."
@@ -140,10 +142,13 @@ def _calling(made: FilterBlueprint) -> Iterator[str]:
     yield ""
     yield "```c"
     yield f"static {name}_filter filter;"
+    yield from (f"{name}_given given = {{0}};    /* set the rows and columns of its tables; they stay */",) * bool(
+        beside
+    )
     yield f"{name}_rows rows = {{0}};"
     yield f"{name}_result result;"
     yield ""
-    yield f"{name}_begin(&filter);"
+    yield f"{name}_begin(&filter{', &given' if beside else ''});"
     yield "for (;;) {"
     yield "    rows.at = ...;    /* where the step is */"
     yield from (f"    rows.{t.identifier}_rows = ...;    /* 0: the step has none; and its columns */" for t in tables)
@@ -152,11 +157,16 @@ def _calling(made: FilterBlueprint) -> Iterator[str]:
     yield "}"
     yield "```"
     yield ""
-    for table in tables:
+    for table in (*tables, *beside):
         columns = ", ".join(code(c.source) + (f" ({prose(c.unit)})" if c.unit else "") for c in table.columns)
         most = f"{name.upper()}_MOST_{table.identifier.upper()}"
-        yield f"* table {code(table.name)}: {columns}; at most {plan.rows[table.name]} rows at a step (`{most}`)"
+        when = " at a step" if table in tables else ", given at first"
+        yield f"* table {code(table.name)}: {columns}; at most {plan.rows[table.name]} rows{when} (`{most}`)"
     yield ""
+    if made.files.for_each or made.window is not None:
+        yield "Each key and window of the data is a sequence of its own, with a filter that begins anew. The program"
+        yield "goes through those of its files."
+        yield ""
     yield "`innovation` is v'S^-1 v of the innovations v with their covariance S: of a consistent filter chi-square"
     yield "distributed with `residuals` degrees of freedom, so that steps much above that doubt it."
     if plan.smooth:

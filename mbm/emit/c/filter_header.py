@@ -36,8 +36,8 @@ def filter_header(made: FilterBlueprint) -> str:
     reals, integers = (sum(sizes.values()) for sizes in places(made))
     lines = [*opened(name, _doc(made), STATUSES), "/* Sizes. */", "enum {"]
     for table in blueprint.tables:
-        if table.name in made.given:
-            most = remark("most rows of `", table.name, "` at a step")
+        if table.name in (*made.given, *made.beside):
+            most = remark("most rows of `", table.name, "`", " at a step" if table.name in made.given else "")
             lines.append(f"    {name.upper()}_MOST_{table.identifier.upper()} = {capacity(made, table)},    {most}")
     plan = made.plan
     lines += [
@@ -48,11 +48,16 @@ def filter_header(made: FilterBlueprint) -> str:
         "};",
         "",
     ]
+    if made.beside:
+        lines += ["/* What is given before the first step, and stays: columns, one element per row, in SI. */"]
+        lines += ["typedef struct {", *(line for t in map(blueprint.table, made.beside) for line in table_fields(t))]
+        lines += [f"}} {name}_given;", ""]
     lines += [
         "/* A filter: all memory that it takes, but for some kB of the stack in calls. */",
         "typedef struct {",
     ]
     lines += [f"    double reals[{name.upper()}_REALS];", f"    long integers[{name.upper()}_INTEGERS];"]
+    lines += [f"    {name}_given given;"] if made.beside else []
     lines += [f"}} {name}_filter;", "", "/* What is given at a step: columns, one element per row, in SI. */"]
     lines += ["typedef struct {", f"    double at;    {remark('where the step is: `', plan.key, '`')}"]
     for table in blueprint.tables:
@@ -98,8 +103,9 @@ def _estimate(made: FilterBlueprint, unknown: UnknownShape) -> Iterator[str]:
 
 def _calls(made: FilterBlueprint) -> Iterator[str]:
     name, plan = made.blueprint.identifier, made.plan
-    yield "/* Lets a filter be before its first step. */"
-    yield f"void {name}_begin({name}_filter *filter);"
+    wrong = " What is wrong with the tables is answered by the first step." if made.beside else ""
+    yield f"/* Lets a filter be before its first step.{wrong} */"
+    yield f"void {name}_begin({name}_filter *filter{f', const {name}_given *given' if made.beside else ''});"
     yield ""
     what = "the step a lag before, while there is one" if plan.smooth else "it"
     yield f"/* Takes the rows of the next step, and answers {what}. What is wrong with the rows"

@@ -125,7 +125,7 @@ def places(made: FilterBlueprint) -> tuple[dict[str, int], dict[str, int]]:
 def capacity(made: FilterBlueprint, table: TableShape) -> int:
     """The most rows that a table has."""
     plan = made.plan
-    if table.name in made.given:
+    if table.name in plan.rows:
         return plan.rows[table.name]
     given = next(each for each in made.blueprint.given if each.name == table.name)
     return 1 if table.name in (plan.steps, plan.reached) else max(len(next(iter(given.columns.values()))), 1)

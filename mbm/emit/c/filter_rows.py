@@ -15,9 +15,6 @@ from mbm.machine.c import number
 from mbm.problem.sequence.types import INTERVAL, PREVIOUS
 from mbm.problem.types import BlockRole
 
-_BY_TABLE = (Moment.ALWAYS, Moment.ONCE)
-"""When rows come with those of a table."""
-
 
 def row_functions(made: FilterBlueprint) -> str:
     """``take_rows``, ``take_step``, ``take_transition``, and ``begin_all``, which puts what no row changes."""
@@ -27,11 +24,11 @@ def row_functions(made: FilterBlueprint) -> str:
     parts = [
         "\n".join(chosen_rows(blueprint, cells, block))
         for block in blueprint.blocks
-        if any(_always(made, case) for case in block.cases)
+        if any(_moment(made, case) is not None for case in block.cases)
     ]
     for cases, groups, moves in _systems(made):
         for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
-            if group.moment in _BY_TABLE:
+            if group.fixed is None:
                 parts.append("\n".join(begin_function(made, cells, case, group, moves)))
                 parts.append("\n".join(take_function(made, cells, block_of[id(case)], case, k, group, moves)))
     if any(group.fixed is not None for group in made.plan.seen.groups):
@@ -54,10 +51,11 @@ def _systems(
     return (made.seen, made.plan.seen.groups, False), (made.moving, made.plan.moving.groups, True)
 
 
-def _always(made: FilterBlueprint, case: BlockCase) -> bool:
+def _moment(made: FilterBlueprint, case: BlockCase) -> Moment | None:
+    """When rows are taken from tables; None: they are the filter's own."""
     groups = (*made.plan.seen.groups, *made.plan.moving.groups)
     found = next(g for c, g in zip((*made.seen, *made.moving), groups, strict=True) if c is case)
-    return found.moment in _BY_TABLE
+    return found.moment if found.fixed is None else None
 
 
 def _fixed(made: FilterBlueprint) -> Iterator[str]:
@@ -120,7 +118,7 @@ def _begin_all(made: FilterBlueprint) -> Iterator[str]:
         yield f"    own = blocks_of_data_set(f->{record}.data);"
         yield "    (void)own;"
         for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
-            if group.moment in _BY_TABLE:
+            if group.fixed is None:
                 for used in ("weights", "index", "columns"):
                     yield f"    f->{used}_used = own[{k}].{used};"
                 yield f"    if ({case.identifier}_begin(f) != 0)"
@@ -138,7 +136,7 @@ def _take_rows(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     yield "{"
     yield "    long i;"
     yield ""
-    yield "    f->given = GIVEN;"
+    yield "    give(f);"
     most = max((capacity(made, t) for t in blueprint.tables), default=1)
     yield f"    for (i = 0; i < {most}; i++)"
     yield "        f->keys[i] = rows->at;"
@@ -187,6 +185,29 @@ def _round(made: FilterBlueprint, k: str) -> str:
     return f"({k} + {held}) % {held}"
 
 
+def _taken_when(
+    made: FilterBlueprint, cells: Cells, block_of: dict[int, BlockShape], moments: set[Moment]
+) -> Iterator[str]:
+    """Statements that take the rows of the clauses that have theirs at some moments."""
+    only = {Moment.FIRST: "k > 0", Moment.BEGINNING: "f->chain.begin != k"}
+    done: set[str] = set()
+    for case in made.seen:
+        block, moment = block_of[id(case)], _moment(made, case)
+        if block.identifier in done or moment not in moments:
+            continue
+        done.add(block.identifier)
+        yield from count_of_rows(block)
+        if moment in only:
+            yield f"    if ({only[moment]})"
+            yield "        count = 0;"
+        for each in block.cases:
+            yield from _taken(cells, each, "BAD_NOISE")
+        yield "    if (all != count)"
+        yield f"        return {cells.status('UNKNOWN_CASE')};"
+        if block.role is BlockRole.OBSERVATION:
+            yield "    observed += all;"
+
+
 def _taken(cells: Cells, case: BlockCase, wrong: str) -> Iterator[str]:
     yield f"    rows = {case.identifier}_take(f, set, count);"
     yield "    if (rows < 0)"
@@ -230,32 +251,25 @@ def _take_step(made: FilterBlueprint, cells: Cells, block_of: dict[int, BlockSha
     for k, group in enumerate(plan.seen.groups):
         if group.fixed is not None:
             yield f"    own[{k}].rows = 0;"
-    done: set[str] = set()
-    for case in made.seen:
-        block = block_of[id(case)]
-        if block.identifier in done or not _always(made, case):
-            continue
-        done.add(block.identifier)
-        yield from count_of_rows(block)
-        for each in block.cases:
-            yield from _taken(cells, each, "BAD_NOISE")
-        yield "    if (all != count)"
-        yield f"        return {cells.status('UNKNOWN_CASE')};"
-        if block.role is BlockRole.OBSERVATION:
-            yield "    observed += all;"
+    yield from _taken_when(made, cells, block_of, {Moment.ALWAYS, Moment.ONCE, Moment.FIRST})
     for k in once(made):
         yield f"    if (own[{k}].rows > 0)"
         yield f"        own[{k}].rows = f->memory->integers[AT_TOLD + {k}] == 0 ? 1 : 0;"
-    moments = {group.moment for group in plan.seen.groups if group.fixed is not None}
+    fixed = [(g, block_of[id(c)].role) for g, c in zip(plan.seen.groups, made.seen, strict=True) if g.fixed is not None]
+    moments = {group.moment for group, _ in fixed}
     if Moment.FIRST in moments:
         yield "    if (k == 0)"
         yield "        put_fixed(f, set, 0);"
+    rows = sum(g.fixed.count for g, role in fixed if g.fixed is not None and role is BlockRole.OBSERVATION)
+    if rows:
+        yield f"    observed += k == 0 ? {rows} : 0;"
     yield "    f->chain.begin = -1;"
     yield "    if (observed > 0 && f->memory->integers[AT_OBSERVED] == 0) {"
     yield "        f->chain.begin = k;"
     if Moment.BEGINNING in moments:
         yield "        put_fixed(f, set, 1);"
     yield "    }"
+    yield from _taken_when(made, cells, block_of, {Moment.BEGINNING})
     yield "    set->count = 0;"
     yield "    for (b = 0; b < seen->residual_blocks; b++)"
     yield "        set->count += own[b].rows * blocks_of_problem(f->walk.seen)[b].outputs;"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.filter_derived import derived_answers, derived_functions
 from mbm.emit.c.filter_header import STATUSES
-from mbm.emit.c.filter_memory import data_text, memory_text
+from mbm.emit.c.filter_memory import capacity, data_text, memory_text
 from mbm.emit.c.filter_rows import once, row_functions
 from mbm.emit.c.tables import table_functions
 from mbm.emit.c.text import doubles, literal, longs, opening, status_text
@@ -39,6 +39,7 @@ def filter_source(made: FilterBlueprint) -> str:
         data_text(made),
         *_given(made),
         memory_text(made),
+        *_give(made),
         table_functions(blueprint, frozenset(plan.joined)),
         rows,
         derived_functions(made),
@@ -54,7 +55,7 @@ def _given(made: FilterBlueprint) -> Iterator[str]:
     rows = {table.name: table for table in blueprint.given}
     fields = []
     for table in blueprint.tables:
-        if table.name in made.given or table.name in (plan.steps, plan.reached):
+        if table.name in (*made.given, *made.beside, plan.steps, plan.reached):
             continue
         columns = rows[table.name].columns
         fields.append(f".{table.identifier}_rows = {len(next(iter(columns.values())))}")
@@ -70,10 +71,24 @@ def _given(made: FilterBlueprint) -> Iterator[str]:
     yield f"static const {blueprint.identifier}_data GIVEN = {{{', '.join(fields) or '0'}}};\n"
 
 
+def _give(made: FilterBlueprint) -> Iterator[str]:
+    """``give``: the tables that are the same at all steps, those of the caller among them."""
+    yield "/* The tables that are the same at all steps. */"
+    yield "static void give(struct frame *f)"
+    yield "{"
+    yield "    f->given = GIVEN;"
+    for name in made.beside:
+        table = made.blueprint.table(name)
+        for field in ("rows", *(column.identifier for column in table.columns)):
+            yield f"    f->given.{table.identifier}_{field} = f->memory->given.{table.identifier}_{field};"
+    yield "}"
+    yield ""
+
+
 def _public(made: FilterBlueprint) -> Iterator[str]:
     cells = Cells(made.blueprint)
     yield from _answer(made)
-    yield from _begin(made)
+    yield from _begin(made, cells)
     yield from _step(made, cells)
     if made.plan.smooth:
         yield from _finish(made, cells)
@@ -116,10 +131,11 @@ def _answer(made: FilterBlueprint) -> Iterator[str]:
     yield ""
 
 
-def _begin(made: FilterBlueprint) -> Iterator[str]:
+def _begin(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     plan, name = made.plan, made.blueprint.identifier
     n = plan.chain["n"]
-    yield f"void {name}_begin({name}_filter *filter)"
+    given = f", const {name}_given *given" if made.beside else ""
+    yield f"void {name}_begin({name}_filter *filter{given})"
     yield "{"
     yield "    struct frame frame, *f = &frame;"
     yield "    long c;"
@@ -139,9 +155,17 @@ def _begin(made: FilterBlueprint) -> Iterator[str]:
     yield f"    for (c = 0; c < {plan.open.size}; c++)" if plan.open.size else "    (void)OPEN;"
     yield from ("        f->walk.open[c] = OPEN[c];",) if plan.open.size else ()
     yield f"    f->walk.open_count = {len(plan.open)};"
-    yield "    f->given = GIVEN;"
-    yield "    if (find_rows(f) != 0 || begin_all(f) != 0)"
-    yield "        filter->integers[AT_STOPPED] = 1;"
+    yield from ("    filter->given = *given;",) if made.beside else ()
+    yield "    give(f);"
+    for table in map(made.blueprint.table, made.beside):
+        rows = f"given->{table.identifier}_rows"
+        yield f"    if ({rows} < 0 || {rows} > {capacity(made, table)}) {{"
+        yield f"        filter->integers[AT_STOPPED] = {cells.status('TOO_MANY_ROWS')};"
+        yield "        return;"
+        yield "    }"
+    yield "    filter->integers[AT_STOPPED] = find_rows(f);"
+    yield "    if (filter->integers[AT_STOPPED] == 0 && begin_all(f) != 0)"
+    yield f"        filter->integers[AT_STOPPED] = {cells.status('BAD_NOISE')};"
     yield "    close_frame(f);"
     yield "}"
     yield ""
@@ -156,8 +180,8 @@ def _step(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     yield "    struct frame frame, *f = &frame;"
     yield "    long k = filter->integers[AT_STEP];"
     yield ""
-    yield f"    result->status = {cells.status('STOPPED')};"
-    yield "    if (filter->integers[AT_STOPPED] != 0)"
+    yield "    result->status = (int)filter->integers[AT_STOPPED];"
+    yield "    if (result->status != 0)"
     yield "        return result->status;"
     yield "    open_frame(f, filter);"
     yield "    result->status = take_rows(f, rows, k);"
@@ -178,7 +202,7 @@ def _step(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
         yield "    remember(f, k);"
     yield f"    filter->reals[AT_KEYS + k % {held}] = rows->at;"
     yield f"    if ({routine}(&f->walk, k, k + 1) != 1) {{"
-    yield "        filter->integers[AT_STOPPED] = 1;"
+    yield f"        filter->integers[AT_STOPPED] = {cells.status('STOPPED')};"
     yield f"        result->status = {cells.status('STOPPED')};"
     yield "        return result->status;"
     yield "    }"
@@ -215,7 +239,7 @@ def _finish(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     yield "    if (filter->integers[AT_LEFT] < 0) {"
     yield "        if (filter->integers[AT_STOPPED] != 0)"
     yield "            return result->status;"
-    yield "        filter->integers[AT_STOPPED] = 1;"
+    yield f"        filter->integers[AT_STOPPED] = {cells.status('STOPPED')};"
     yield f"        filter->integers[AT_LEFT] = k > {lag} ? k - {lag} : 0;"
     yield "        if (k > 0 && lag_end(&f->walk, k - 1) == 0) {"
     yield "            filter->integers[AT_LEFT] = k;"

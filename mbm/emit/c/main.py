@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.header import ANSWERS
-from mbm.emit.c.reading import DIFFERS, arguments_read, key_cell, key_tables, program_head
+from mbm.emit.c.reading import DIFFERS, arguments_read, each_data_set, key_text, program_head
 from mbm.emit.c.text import bare, in_unit, literal, remark
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, DerivedShape, UnknownShape
@@ -48,23 +48,6 @@ def _heads(blueprint: Blueprint, doc: str) -> Iterator[str]:
     yield _RESERVE.format(name=blueprint.identifier)
 
 
-def _each(blueprint: Blueprint, call: str) -> Iterator[str]:
-    """The body that goes through the data sets; ``call`` is done with each."""
-    name = blueprint.identifier
-    if not blueprint.for_each:
-        yield f"    {call.format(data='&tables.data')}"
-        return
-    yield f"    for (row = {name}_next_key(&tables.data, -1); row >= 0; row = {name}_next_key(&tables.data, row)) {{"
-    yield f"        {name}_data chosen;"
-    yield f"        if (!{name}_select(&tables.data, row, &chosen)) {{"
-    yield '            fprintf(stderr, "error: the rows of a solve do not fit into the memory\\n");'
-    yield "            return 2;"
-    yield "        }"
-    yield f"        {call.format(data='&chosen')}"
-    yield f"        {name}_free_columns(&chosen);"
-    yield "    }"
-
-
 def main_file(blueprint: Blueprint) -> str:
     """``main.c``."""
     name = blueprint.identifier
@@ -89,7 +72,7 @@ def main_file(blueprint: Blueprint) -> str:
     for column in blueprint.for_each:
         lines += [f"    csv_put_text(stdout, {literal(column)});", "    putchar(',');"]
     lines += ['    puts("name,value,sigma,unit");']
-    lines += _each(blueprint, "worst = solve_one({data}, worst);")
+    lines += each_data_set(blueprint, "worst = solve_one({data}, worst);")
     lines += [f"    {name}_free_tables(&tables);", "    return worst;", "}", ""]
     return "\n".join(lines)
 
@@ -123,19 +106,6 @@ def _solve_one(blueprint: Blueprint) -> Iterator[str]:
     yield ""
 
 
-def _key_text(blueprint: Blueprint, pad: str) -> Iterator[str]:
-    tables = key_tables(blueprint)
-    for column in blueprint.for_each:
-        held = tables[0].column(column)
-        # the first row of a selection has its keys
-        cell = key_cell(tables, column, "0")
-        if held.is_text:
-            yield f"{pad}csv_put_text(stdout, {cell});"
-            yield f"{pad}putchar(',');"
-        else:
-            yield f'{pad}printf("%.15g,", {in_unit(cell, held.scale)});'
-
-
 def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
     many = unknown.size > 1 or unknown.freedom > 1
     family = unknown.family is not None
@@ -147,7 +117,7 @@ def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
         yield f"{pad}for (c = 0; c < {unknown.size}; c++) {{"
         pad += "    "
     if blueprint.for_each:
-        yield from _key_text(blueprint, pad)
+        yield from key_text(blueprint, pad)
     key = "NULL"
     if family:
         key, lines = _member_key(blueprint, unknown)
@@ -180,7 +150,7 @@ def _printed_derived(blueprint: Blueprint, derived: DerivedShape) -> Iterator[st
         yield f"{pad}for (c = 0; c < {derived.size}; c++) {{"
         pad += "    "
     if blueprint.for_each:
-        yield from _key_text(blueprint, pad)
+        yield from key_text(blueprint, pad)
     key = "NULL"
     if over:
         key = "key"
@@ -231,7 +201,7 @@ def test_file(blueprint: Blueprint) -> str:
     lines += ["    long row;", ""] if blueprint.for_each else [""]
     lines += ['    if (!csv_read(&reference, "reference.csv"))', "        return 2;"]
     lines += [f"    if (!{name}_read_tables(&tables, paths))", "        return 2;"]
-    lines += _each(blueprint, "wrong += compare({data}, solve++, &reference, &compared);")
+    lines += each_data_set(blueprint, "wrong += compare({data}, solve++, &reference, &compared);")
     lines += [f"    {name}_free_tables(&tables);", "    csv_free(&reference);"]
     lines += ['    printf("%ld of %ld numbers differ\\n", wrong, compared);']
     lines += ["    return wrong == 0 && compared > 0 ? 0 : 1;", "}", ""]

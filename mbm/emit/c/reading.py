@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
-from mbm.emit.c.text import literal, remark
+from mbm.emit.c.text import in_unit, literal, remark
 from mbm.emit.foreign import Foreign, listed, told
 from mbm.emit.types import Blueprint, TableShape
 from mbm.machine.c import number
@@ -12,13 +12,23 @@ from mbm.machine.c import number
 
 def tables_file(blueprint: Blueprint) -> str:
     """``<problem>_tables.h``: the problem's tables from files, and the rows of one solve from them."""
-    return "\n".join([*_head(blueprint), *_read(blueprint), *_free(blueprint), *_keys(blueprint)])
+    return "\n".join([*_head(blueprint), *read_functions(blueprint), "#endif", ""])
+
+
+def read_functions(blueprint: Blueprint) -> Iterator[str]:
+    """What reads and frees the columns of all tables, and the rows of one key from them."""
+    yield from (*_read(blueprint), *_free(blueprint), *_keys(blueprint))
 
 
 def _head(blueprint: Blueprint) -> Iterator[str]:
+    yield from tables_head(blueprint, ": its tables from CSV files.", len(blueprint.tables))
+    yield from tables_struct(blueprint)
+
+
+def tables_struct(blueprint: Blueprint) -> Iterator[str]:
+    """The struct of all tables."""
     name = blueprint.identifier
     count = max(len(blueprint.tables), 1)
-    yield from tables_head(blueprint, ": its tables from CSV files.", len(blueprint.tables))
     yield "/* The files, and the columns that were made of them. */"
     yield f"struct {name}_tables {{"
     yield f"    struct csv files[{count}];"
@@ -68,8 +78,6 @@ def _keys(blueprint: Blueprint) -> Iterator[str]:
     """The rows of one data set: those that agree with a row of the table that has all keys."""
     name = blueprint.identifier
     if not blueprint.for_each:
-        yield "#endif"
-        yield ""
         return
     tables = key_tables(blueprint)
     rows = " + ".join(f"data->{table.identifier}_rows" for table in tables)
@@ -109,8 +117,21 @@ def _keys(blueprint: Blueprint) -> Iterator[str]:
     yield "    long row, count;"
     yield ""
     yield "    *chosen = *data;"
-    for each in blueprint.tables:
+
+    def kept(each: TableShape) -> str:
         own = tuple(c for c in blueprint.for_each if any(c == column.name for column in each.columns))
+        return same(each, own, "row", "key") if own else ""
+
+    yield from rows_chosen(blueprint, kept)
+    yield "    return 1;"
+    yield "}"
+    yield ""
+
+
+def rows_chosen(blueprint: Blueprint, kept: Callable[[TableShape], str]) -> Iterator[str]:
+    """Statements that put the rows of `data` for which a condition holds ("": all) into `chosen`."""
+    for each in blueprint.tables:
+        condition = kept(each)
         rows_here = f"data->{each.identifier}_rows"
         for column in each.columns:
             field = f"{each.identifier}_{column.identifier}"
@@ -121,16 +142,11 @@ def _keys(blueprint: Blueprint) -> Iterator[str]:
             yield "        if (values == NULL)"
             yield "            return 0;"
             yield f"        for (row = count = 0; row < {rows_here}; row++)"
-            if own:
-                yield f"            if ({same(each, own, 'row', 'key')})"
+            if condition:
+                yield f"            if ({condition})"
             yield f"                values[count++] = data->{field}[row];"
             yield f"        chosen->{each.identifier}_rows = count;"
             yield "    }"
-    yield "    return 1;"
-    yield "}"
-    yield ""
-    yield "#endif"
-    yield ""
 
 
 def tables_head(blueprint: Blueprint, doc: str, count: int) -> Iterator[str]:
@@ -219,3 +235,34 @@ def table_read(table: TableShape, position: int, into: str) -> Iterator[str]:
             yield f"    {held} = csv_numbers(&tables->files[{position}], {source}, {scale});"
         yield f"    if ({held} == NULL)"
         yield "        return 0;"
+
+
+def each_data_set(blueprint: Blueprint, call: str) -> Iterator[str]:
+    """Statements of ``main`` that go through the data sets; ``call`` is done with each."""
+    name = blueprint.identifier
+    if not blueprint.for_each:
+        yield f"    {call.format(data='&tables.data')}"
+        return
+    yield f"    for (row = {name}_next_key(&tables.data, -1); row >= 0; row = {name}_next_key(&tables.data, row)) {{"
+    yield f"        {name}_data chosen;"
+    yield f"        if (!{name}_select(&tables.data, row, &chosen)) {{"
+    yield '            fprintf(stderr, "error: the rows of a solve do not fit into the memory\\n");'
+    yield "            return 2;"
+    yield "        }"
+    yield f"        {call.format(data='&chosen')}"
+    yield f"        {name}_free_columns(&chosen);"
+    yield "    }"
+
+
+def key_text(blueprint: Blueprint, pad: str) -> Iterator[str]:
+    """Statements that print the keys of the rows in `data`."""
+    tables = key_tables(blueprint)
+    for column in blueprint.for_each:
+        held = tables[0].column(column)
+        # the first row of a selection has its keys
+        cell = key_cell(tables, column, "0")
+        if held.is_text:
+            yield f"{pad}csv_put_text(stdout, {cell});"
+            yield f"{pad}putchar(',');"
+        else:
+            yield f'{pad}printf("%.15g,", {in_unit(cell, held.scale)});'

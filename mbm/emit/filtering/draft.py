@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from mbm.emit.answers import Answers, Whole
 from mbm.emit.blueprint import Drafting, LossScale
-from mbm.emit.filtering.types import FilterBlueprint, FilterGroup, FilterPlan
+from mbm.emit.filtering.types import FilterBlueprint, FilterGroup, FilterPlan, WindowShape
 from mbm.emit.foreign import Foreign
 from mbm.emit.identifiers import Identifiers
 from mbm.emit.places import Places
+from mbm.emit.reading import counted_tables, used_columns
 from mbm.emit.reserved import FILTER_CASE_FORMS, FILTER_DERIVED_FORMS, FILTER_FORMS, TAKEN_IN_FILTERS
 from mbm.emit.routines.modules import known
-from mbm.emit.types import BlockCase, BlockShape, Choice, ColumnValue, ConstantValue, FamilyShape, SlotPlace
+from mbm.emit.types import (
+    BlockCase,
+    BlockShape,
+    Blueprint,
+    Choice,
+    ColumnValue,
+    ConstantValue,
+    DerivedShape,
+    FamilyShape,
+    SlotPlace,
+    TableShape,
+)
 from mbm.expression.nodes import ColumnMember
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
+from mbm.problem.requests import Window, divided_by
 from mbm.problem.sequence.types import Sequence
-from mbm.problem.tables import Column, Table, TableDeclaration
-from mbm.problem.types import Block, Family, TablePlan, Unknown
+from mbm.problem.tables import Column, TableDeclaration
+from mbm.problem.types import Block, BlockRole, Family, Problem, TablePlan, Unknown
 from mbm.symbolic.types import Slot, SymbolicModel
 
 KEY = "key"
@@ -40,6 +54,8 @@ def filter_blueprint(
     drafted = drafting.whole(version)
     links = tuple(replace(link, family=None) for link in drafted.links)
     given = {table.name: table for table in drafted.given}
+    tables = tuple(_read_columns(drafted, plan))
+    request = found.problem.request
     families = tuple(given[family.table].columns[Foreign(KEY)] for family in drafted.families)
     cases = {id(case.kernel): case for block in drafted.blocks for case in block.cases}
 
@@ -47,12 +63,42 @@ def filter_blueprint(
         return tuple(cases[id(group.kernel)] for group in groups)
 
     return FilterBlueprint(
-        blueprint=replace(drafted, links=links, families=(), for_each=()),
+        blueprint=replace(drafted, tables=tables, links=links, families=(), for_each=()),
         plan=plan,
         seen=picked(plan.seen.groups),
         moving=picked(plan.moving.groups),
-        given=tuple(table.name for table in drafted.tables if table.name in plan.rows),
+        given=tuple(t.name for t in tables if t.name in plan.rows and t.name not in plan.beside),
+        beside=tuple(t.name for t in tables if t.name in plan.beside),
+        files=replace(
+            drafted,
+            tables=tuple(t for t in drafted.tables if t.name in plan.rows),
+            for_each=tuple(map(Foreign, request.for_each)),
+        ),
+        window=None if request.window is None else _window(found.problem, request.window),
         family_sizes=tuple(map(len, families)),
+    )
+
+
+def _read_columns(drafted: Blueprint, plan: FilterPlan) -> Iterator[TableShape]:
+    """The tables with the columns that the filter itself reads, and those of steps."""
+    clauses: list[BlockShape | DerivedShape] = [*drafted.blocks, *drafted.derived]
+    wheres = [table.where for table in drafted.tables]
+    used = used_columns(clauses, drafted.unknowns, wheres, drafted.links, drafted.families)
+    counted = counted_tables(clauses, drafted.unknowns, drafted.links, drafted.families)
+    for table in drafted.tables:
+        columns = tuple(c for c in table.columns if (table.name, c.name) in used or c.name == plan.key)
+        if columns or table.name in counted:
+            yield replace(table, columns=columns or table.columns[:1])
+
+
+def _window(problem: Problem, window: Window) -> WindowShape:
+    observed = (b.table for b in problem.blocks if b.role is BlockRole.OBSERVATION and b.table is not None)
+    return WindowShape(
+        column=Foreign(window.column),
+        length=window.length,
+        step=window.step,
+        least=window.min_rows,
+        observed=tuple(map(Foreign, dict.fromkeys(observed))),
     )
 
 
@@ -81,8 +127,6 @@ def _with_tables(found: Elaborated, plan: FilterPlan) -> Elaborated:
         for name in made
     )
     raw = {**found.raw, **made}
-    for table, column in sequence.sources:
-        raw[table] = _first_steps(raw[table], column, plan.references.keys)
     unknowns = tuple(_plain(unknown) for unknown in problem.unknowns)
     return replace(
         found,
@@ -90,7 +134,11 @@ def _with_tables(found: Elaborated, plan: FilterPlan) -> Elaborated:
             problem,
             plans=(*problem.plans, *plans),
             unknowns=unknowns,
-            request=replace(problem.request, for_each=(sequence.column,)),  # its columns are given, whatever reads them
+            # their columns are in files, whatever reads them
+            request=replace(
+                problem.request,
+                for_each=(sequence.column, *divided_by(problem.request.for_each, problem.request.window)),
+            ),
         ),
         raw=raw,
     )
@@ -114,13 +162,6 @@ def _plain(unknown: Unknown) -> Unknown:
 
 def _members(family: Family) -> str:
     return f"members of {family.rows}"
-
-
-def _first_steps(table: Table, column: str, keys: np.ndarray) -> Table:
-    """The rows of the first steps, in their order."""
-    own = table.numbers(column)
-    order = np.argsort(own, kind="stable")
-    return table.take(order[own[order] <= keys[-1]] if len(keys) else order[:0])
 
 
 class _FilterPlaces(Places):

@@ -95,8 +95,9 @@ class FilterPlan:
     ``point`` (N,) with the factor (n, n), ``open`` (m, n) has no prior. ``column`` (M,) gives each coordinate its place
     among those that vary, -1: it stays; ``pair_column`` likewise for those of a transition, in which what is of the
     step reached stands ``ahead`` numbers and coordinates behind. ``angles`` are the numbers that are one.
-    ``rows`` the most rows of a table at a step. ``key`` is the steps' column, ``steps`` and ``reached`` the tables made
-    of steps and of transitions, ``joined`` the tables of which transitions take columns.
+    ``rows`` the most rows of a table at a step, and in a sequence of those ``beside``: without steps, they have other
+    rows in each. ``key`` is the steps' column, ``steps`` and ``reached`` the tables made of steps and of transitions,
+    ``joined`` the tables of which transitions take columns.
     """
 
     method: str
@@ -119,6 +120,7 @@ class FilterPlan:
     angles: tuple[int, ...]
     names: tuple[Foreign, ...]
     rows: Mapping[Foreign, int]
+    beside: tuple[Foreign, ...]
     key: Foreign
     steps: Foreign
     reached: Foreign
@@ -126,12 +128,27 @@ class FilterPlan:
     references: StepReferences
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WindowShape:
+    """Windows of a file's rows, in SI, each a sequence: ``end − length < column ≤ end``.
+
+    Ends are those of the rows of the ``observed`` tables; of these a window has at least ``least`` rows.
+    """
+
+    column: Foreign
+    length: float
+    step: float
+    least: int
+    observed: tuple[Foreign, ...]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilterBlueprint:
     """``blueprint`` has tables, links and clauses; ``cases`` are the kernels of ``plan``: of a step, of a transition.
 
-    ``given`` are the tables that the caller gives the rows of a step of, by their names in the problem;
-    ``family_sizes`` the members of each family.
+    ``given`` are the tables that the caller gives the rows of a step of, by their names in the problem, ``beside``
+    those that he gives before the first step; ``family_sizes`` the members of each family. ``files`` has the tables of
+    files, with what tells one sequence from the other there: `Blueprint.for_each`, and the ``window``.
     """
 
     blueprint: Blueprint
@@ -139,4 +156,7 @@ class FilterBlueprint:
     seen: tuple[BlockCase, ...]
     moving: tuple[BlockCase, ...]
     given: tuple[Foreign, ...]
+    beside: tuple[Foreign, ...]
+    files: Blueprint
+    window: WindowShape | None
     family_sizes: tuple[int, ...]

@@ -14,10 +14,12 @@ from mbm.estimation.sequences.room import GroupRows, Room, room
 from mbm.estimation.sequences.run import Begun
 from mbm.estimation.sequences.step_rows import BY_TABLE, StepRows
 from mbm.estimation.sequences.walk import chain_of
+from mbm.expression.nodes import Column, ColumnMember, leaves
 from mbm.kernels.types import KernelSet
 from mbm.problem.sequence.types import TransitionKind
-from mbm.problem.types import BlockRole
+from mbm.problem.types import BlockRole, Problem
 from mbm.solver import description as of
+from mbm.symbolic.types import ColumnInput
 from mbm.values import dataclass
 
 
@@ -44,12 +46,20 @@ class Embedded:
         return self.seen.held
 
 
-def embedded(begun: Begun, kernels: KernelSet, cache: EvaluationCache, most: Mapping[str, int]) -> Embedded:
-    """A filter that holds the rows of as many steps as it needs, of a table with steps so many ``most`` rows each."""
+def embedded(
+    begun: Begun, kernels: KernelSet, cache: EvaluationCache, most: Mapping[str, int], beside: frozenset[str]
+) -> Embedded:
+    """A filter that holds the rows of as many steps as it needs, of some tables so many ``most`` rows each.
+
+    Rows that belong to no step are fixed, but for those that depend on tables ``beside``.
+    """
     rows = StepRows(begun, kernels, cache)
     rules = replace(begun.rules, endless=True)
     held = (rules.lag or 0) + 2 if rules.smooth else 1
-    fixed = tuple(None if when in BY_TABLE else rows.fixed(k) for k, when in enumerate(rows.when))
+    fixed = tuple(
+        None if when in BY_TABLE or not beside.isdisjoint(tables_of(rows.seen[k], begun.problem)) else rows.fixed(k)
+        for k, when in enumerate(rows.when)
+    )
     capacity = [
         max(most.get(table, 1), 1) if own is None else len(own) for own, table in zip(fixed, rows.tables, strict=True)
     ]
@@ -68,6 +78,19 @@ def embedded(begun: Begun, kernels: KernelSet, cache: EvaluationCache, most: Map
     return Embedded(
         begun=begun, seen=seen, moving=moving, whens=rows.when, fixed=fixed, noises=tuple(noises), chain=chain
     )
+
+
+def tables_of(group: Group, problem: Problem) -> set[str]:
+    """The tables that rows, their noise and what they pick depend on."""
+    block = problem.blocks[group.kernel.owner]
+    inputs = [each for each in group.kernel.parameters if isinstance(each, ColumnInput)]
+    noises = leaves(tuple(node for e in block.cases[group.kernel.case].equations for node in e.noise))
+    columns: list[ColumnInput | Column] = [*inputs, *(leaf for leaf in noises if isinstance(leaf, Column))]
+    members = [*(each.member for each in columns), *(each.member for each in group.kernel.variables)]
+    found = {each.table for each in columns} | {each.table for each in members if isinstance(each, ColumnMember)}
+    found |= set() if block.table is None else {block.table}
+    joined = (join.table for plan in problem.plans if plan.name in found for join in plan.joins)
+    return found.union(joined)
 
 
 def _noises(begun: Begun, group: Group) -> int:
