@@ -61,6 +61,13 @@ def with_true_values(found: Elaborated) -> Elaborated:
     _refuse(found)
     alone = _held_alone(problem.blocks)
     blocks = tuple(_parted(found, block, alone) for block in problem.blocks)
+    demanded = next((b for b, made in zip(problem.blocks, blocks, strict=True) if made.role is not b.role), None)
+    lossy = next((block.name for block in blocks if block.loss is not None), None)
+    if demanded is not None and lossy is not None:
+        what = f"`:errors` of `{demanded.name}`, which has no measured side, beside the loss of `{lossy}`"
+        raise MbmError(
+            faults.not_emitted(demanded.span, what, "generated solvers have no covariance for both together")
+        )
     sigmas = {_own(error): _sigma(found, block, error) for block in blocks for error in block.errors}
     unknowns = [_unknown(found, place, sigma.span) for place, sigma in sorted(sigmas.items())]
     measured = [_measured(found, place, sigma) for place, sigma in sorted(sigmas.items())]
@@ -72,10 +79,10 @@ def with_true_values(found: Elaborated) -> Elaborated:
 def _refuse(found: Elaborated) -> None:
     problem = found.problem
     place = next(block.span for block in problem.blocks if block.errors)
-    lossy = any(block.loss is not None for block in problem.blocks)
-    if problem.request.robust is not None or lossy:
+    taken = next((block.span for block in problem.blocks if block.errors and block.loss is not None), None)
+    if problem.request.robust is not None or taken is not None:
         why = "consensus and losses act on the whole misfit of a row, which generated solvers take apart"
-        raise MbmError(faults.not_emitted(place, "`:errors` beside consensus or a loss", why))
+        raise MbmError(faults.not_emitted(taken or place, "`:errors` beside consensus or a loss", why))
     stated = (u for u in problem.unknowns if u.name not in found.starts)
     loose = [u for u in stated if u.start is None and u.start_lower is None and u.lower is None]
     if loose:

@@ -129,6 +129,12 @@ SHAPES = {
       (data d (table (x y s) (0 5.9 1) (0.9 5.4 0.75) (1.8 4.4 0.5) (2.6 4.6 0.35) (3.3 3.5 0.2) (4.4 3.7 0.2)))
       (unknowns (a :init 5) (b :init 0))
       (observe d (= y (+ a (* b x))) :errors ((x 0.1) (y s))))""",
+    "errors-beside-loss": """(problem errors-beside-loss "Errors in both coordinates; a loss of other rows."
+      (data d (table (x y s) (0 5.9 1) (0.9 5.4 0.75) (1.8 4.4 0.5) (2.6 4.6 0.35) (3.3 3.5 0.2) (4.4 3.7 0.2)))
+      (data e (table (t z) (0 5.6) (1 5.2) (2 4.7) (3 9.1) (4 3.7) (5 3.1)))
+      (unknowns (a :init 5) (b :init 0) (c :init 0))
+      (observe d (= y (+ a (* b x))) :errors ((x 0.1) (y s)))
+      (observe e (= z (+ a (* b t) c)) :sigma 0.2 :loss (huber 1.5)))""",
     "rim": """(problem rim "A circle through points with errors in both coordinates: equations without a measured side."
       (data d (table (x y) (1.02 0.01) (0.7 0.72) (0.01 0.98) (-0.7 0.69) (-0.99 0.02) (-0.72 -0.7)))
       (unknowns (c (vector 2) :init [0.1 0.1]) (r :init 1.1))
@@ -142,5 +148,5 @@ SHAPES = {
 }
 """By name; inline tables, so that what is generated depends on nothing but the text."""
 
-CORRECTED = ("errors", "rim", "moved-masts")
+CORRECTED = ("errors", "errors-beside-loss", "rim", "moved-masts")
 """Shapes whose solvers have more unknowns than the problem: the true values of measured columns, behind the others."""

@@ -11,6 +11,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 import mbm
 from mbm.emit.corrections import with_true_values
@@ -177,6 +178,25 @@ def test_keys_that_no_table_has_together_are_refused():
     assert [d.code.name for d in caught.value.diagnostics] == ["not-emitted"]
 
 
+def test_a_loss_goes_with_errors_of_other_rows(tmp_path, monkeypatch):
+    """SciPy minimises over the line and the offset alone: the best true values of a row are known in closed form."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    module, tables = module_of("errors-beside-loss", tmp_path)
+    x, y, s, t, z = (np.asarray(tables[place[0]][place[1]]) for place in ("dx", "dy", "ds", "et", "ez"))
+
+    def objective(p):
+        line = (y - p[0] - p[1] * x) ** 2 / (s**2 + (0.1 * p[1]) ** 2)
+        far = np.abs(p[0] + p[1] * t + p[2] - z) / 0.2
+        return line.sum() + np.where(far > 1.5, 3.0 * far - 2.25, far**2).sum()
+
+    found = module.solve(tables)
+    expected = minimize(objective, (5.0, -0.5, 0.1), method="Nelder-Mead", options=EXACTLY)
+    for name, value in zip("abc", expected.x, strict=True):
+        own = found["estimates"][name]
+        assert abs(own["value"] - value) < 1e-5 * own["sigma"]  # a minimum is known to the root of the precision
+
+
+EXACTLY = {"xatol": 1e-10, "fatol": 1e-14, "maxiter": 10_000, "maxfev": 10_000}
 REFUSED = {
     "(observe d (= y (m t)) :sigma 1) (solve :robust lmeds)": ("(m :per d.t :init 0)", "consensus of several parts"),
     "(observe d (= y (m 1)) :sigma 1 :loss cauchy) (observe e d (= t b) :sigma 1)": (
@@ -185,6 +205,10 @@ REFUSED = {
     ),
     "(observe d (= y m) :sigma 1 :errors ((y 1)) :loss huber)": ("(m :init 0)", "`:errors` beside consensus or a loss"),
     "(observe d (= y m) :errors ((y 1)))": ("(m)", "`:errors` without starts"),
+    "(observe d (= (hypot y m) 1) :errors ((y 1))) (observe d (= t m) :sigma 1 :loss huber)": (
+        "(m :init 0)",
+        "`:errors` of `d`, which has no measured side, beside the loss of `d",
+    ),
     "(observe d (= y m)) (solve :starts (random 3))": ("(m :init 0)", "`:starts`"),
     "(observe d (= y m)) (solve :robust (gnc :quantile 99%))": ("(m :init 0)", "`gnc` with `:quantile` or `:trust`"),
     "(observe d (= y m)) (window t :length 1 :step 1)": ("(m :init 0)", "`window`"),
