@@ -47,8 +47,8 @@ class Limited:
 class Followed(Protocol):
     """What finds intervals whose linear ends are wrong.
 
-    Both methods answer how far the ends of intervals of a level lie below and above the estimate; NaN where the linear
-    interval is right, infinite where there is no end.
+    The first two methods answer how far the ends of intervals of a level lie below and above the estimate; NaN where
+    the linear interval is right, infinite where there is no end.
     """
 
     def of_coordinates(self, level: float) -> tuple[Floats, Floats]:
@@ -57,6 +57,10 @@ class Followed(Protocol):
 
     def of_derived(self, owner: int, level: float) -> tuple[Floats, Floats]:
         """Those of all numbers of a derived quantity."""
+        ...
+
+    def widened(self, added: Floats) -> Followed:
+        """The same where the free coordinates would scatter by variances ``added`` (n,) more if no limit held them."""
         ...
 
 

@@ -56,14 +56,17 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
         return _without_sigmas(solve, reason) if solve.status.trusted else solve
     estimates, derived = _all_moves(solve, moved)
     dof = np.array([constant.dof for constant, _ in moved])
+    added = _let_go(solve, moved)
     return replace(
         solve,
         estimates=tuple(
-            replace(item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof), reason=_reason(item, moves))
+            replace(
+                item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof, added), reason=_reason(item, moves)
+            )
             for item, moves in zip(solve.estimates, estimates, strict=True)
         ),
         derived=tuple(
-            replace(item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof))
+            replace(item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof, added))
             for item, moves in zip(solve.derived, derived, strict=True)
         ),
         covariance=_covariance(solve.covariance, solve.estimates, estimates),
@@ -136,11 +139,15 @@ def _reason(item: Estimate | DerivedValue, moves: Floats) -> str | None:
 
 
 @np.errstate(all="ignore")
-def _spread(item: Estimate | DerivedValue, moves: Floats, dof: Floats) -> Spread | None:
-    """Effective degrees of freedom after Welch and Satterthwaite, from those ``dof`` (constants,) of the constants."""
+def _spread(item: Estimate | DerivedValue, moves: Floats, dof: Floats, let_go: Floats | None) -> Spread | None:
+    """Effective degrees of freedom after Welch and Satterthwaite, from those ``dof`` (constants,) of the constants.
+
+    ``let_go`` is what `_let_go` tells.
+    """
     spread = item.spread
     if spread is None or item.sigma is None:
         return spread
+    cut = None if let_go is None or spread.released is None else spread.released.ends(let_go)
     own, each = np.square(item.sigma * spread.inflation), np.square(moves)
     added = each.sum(axis=0)
     whole = np.square(item.sigma) + added
@@ -150,17 +157,44 @@ def _spread(item: Estimate | DerivedValue, moves: Floats, dof: Floats) -> Spread
         spread,
         dof=np.where(lost > 0.0, np.square(own + added) / lost, np.where(some, inf, spread.dof)),
         inflation=np.where(some, np.sqrt((own + added) / whole), spread.inflation),
-        ends=None if spread.ends is None else _wider(spread.ends, added),
+        ends=None if spread.ends is None else _wider(spread.ends, added, cut),
     )
 
 
-def _wider(ends: Ends, added: Floats) -> Ends:
-    """The ends of profiles with an independent part of the variance ``added``."""
+def _let_go(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> Floats | None:
+    """The variances (M,) that constants add to coordinates as they are without the limits that hold them; None: no
+    limits are near.
+    """
+    pairs, shares = [pair for _, pair in moved], shares_of([constant for constant, _ in moved])
+    found = _without_limits(solve)
+    added = None if found is None else np.zeros(found.shape)
+    for pair, share in zip(pairs, shares.tolist(), strict=True):
+        below, above = (_without_limits(each) for each in pair)
+        if added is None or below is None or above is None:
+            return None
+        added = added + np.square(np.nan_to_num((above - below) / (2 * share)))
+    return added
+
+
+def _without_limits(solve: SolveReport) -> Floats | None:
+    """What the coordinates (M,) of a solve would be without limits."""
+    released = [None if each.spread is None else each.spread.released for each in solve.estimates]
+    known = [each.values.ravel() for each in released if each is not None]
+    return np.concatenate(known) if known and len(known) == len(released) else None
+
+
+def _wider(ends: Ends, added: Floats, cut: Ends | None) -> Ends:
+    """The ends of profiles with an independent part of the variance ``added``; where limits decide, those of ``cut``,
+    in which it is (None: there are none).
+    """
 
     def wider(level: float) -> tuple[Floats, Floats]:
         reach = coverage_factor(level, inf) * np.sqrt(added)
-        below, above = ends(level)
-        return np.hypot(below, reach), np.hypot(above, reach)
+        own = np.stack(ends(level))
+        others = own if cut is None else np.stack(cut(level))
+        decided = ~np.isnan(others).any(axis=0) & (others != own).any(axis=0)
+        below, above = np.where(decided, others, np.hypot(own, reach))
+        return below, above
 
     return wider
 

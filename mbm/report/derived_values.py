@@ -15,7 +15,7 @@ from mbm.equations.types import NoiseState, Reason
 from mbm.estimation.search.solution import DerivedSolution, Solution, no_profiles
 from mbm.problem.types import Problem, UnknownKind
 from mbm.report.quantities import keys_over
-from mbm.report.spreads import Ends, Spread, changed_ends
+from mbm.report.spreads import Ends, Released, Spread
 from mbm.report.types import DerivedValue, Floats, Mask, Quantity
 from mbm.values import replace
 
@@ -108,16 +108,24 @@ def coordinate_spread(solution: Solution) -> Spread:
         whole[solution.free] = values
         return whole
 
-    ends = _ends(solution, len(solution.free), lambda found, level: found.of_coordinates(level))
+    def told(found: Followed, level: float) -> tuple[Floats, Floats]:
+        below, above = found.of_coordinates(level)
+        return every(below, np.nan), every(above, np.nan)
+
+    count = len(solution.layout.number)
     found = Spread(
         dof=every(solution.freedom.dof, np.inf),
         inflation=every(solution.freedom.inflation, 1.0),
-        ends=None if ends is None else changed_ends(ends, lambda values: every(values, np.nan)),
+        ends=_ends(solution, count, told),
     )
     if limits is None:
         return found
+    places = solution.layout.number[solution.free]
+    values = np.where(places >= 0, solution.numbers[places], np.nan)
+    step = np.where(np.isnan(limits.step), 0.0, np.where(np.isfinite(limits.step), limits.step, np.nan))
     return replace(
         found,
+        released=_released(solution, every(values + step, np.nan), told),
         lower=every(limits.lower, -np.inf),
         upper=every(limits.upper, np.inf),
     )
@@ -135,8 +143,29 @@ def entry_spread(solution: Solution, every: Spread, entry: Entry, shape: tuple[i
 
 def derived_spread(solution: Solution, one: DerivedSolution, shape: tuple[int, ...]) -> Spread:
     """That of a derived quantity, of the ``shape`` of its sigmas."""
-    ends = _ends(solution, one.freedom.dof.size, lambda found, level: found.of_derived(one.owner, level))
-    return Spread(dof=one.freedom.dof, inflation=one.freedom.inflation, ends=ends).shaped(shape)
+
+    def told(found: Followed, level: float) -> tuple[Floats, Floats]:
+        return found.of_derived(one.owner, level)
+
+    return Spread(
+        dof=one.freedom.dof,
+        inflation=one.freedom.inflation,
+        ends=_ends(solution, one.freedom.dof.size, told),
+        released=None
+        if solution.limited is None
+        else _released(solution, np.full(one.freedom.dof.shape, np.nan), told),
+    ).shaped(shape)
+
+
+def _released(solution: Solution, values: Floats, ask: Callable[[Followed, float], tuple[Floats, Floats]]) -> Released:
+    def wider(added: Floats) -> Ends:
+        own = added[solution.free]
+        return _ends(solution, values.size, lambda found, level: ask(found.widened(own), level)) or no_ends
+
+    def no_ends(_: float) -> tuple[Floats, Floats]:
+        return np.full(values.size, np.nan), np.full(values.size, np.nan)
+
+    return Released(values, wider)
 
 
 def _ends(solution: Solution, count: int, ask: Callable[[Followed, float], tuple[Floats, Floats]]) -> Ends | None:

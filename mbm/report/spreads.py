@@ -17,13 +17,29 @@ Ends: TypeAlias = Callable[[float], tuple[Floats, Floats]]
 """From a level to how far intervals of it reach below and above the values, NaN where the linear interval is right."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Released:
+    """Values without the limits that hold them, the values themselves where none does (NaN: not known); and the ends
+    of intervals where the variances (M,) of all coordinates of the unknowns would be larger by so much without limits.
+    """
+
+    values: Floats
+    ends: Callable[[Floats], Ends]
+
+    def each(self, change: Callable[[Floats], Floats]) -> Released:
+        """The same with all arrays changed alike."""
+        own = self.ends
+        return Released(change(self.values), lambda added: changed_ends(own(added), change))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spread:
     """Beside the standard deviations of an estimate or derived quantity, arrays of the same shape as these.
 
     ``dof`` are the effective degrees of freedom (infinite where the noise is stated), ``inflation`` by how much an
     interval is wider than these say; ``lower`` and ``upper`` are hard limits of the value (None: there are none);
-    ``ends`` finds intervals where the curvature of the model misplaces the linear ones (None: nobody looks).
+    ``ends`` finds intervals where the curvature of the model misplaces the linear ones (None: nobody looks). Where a
+    limit may hold something, ``released`` is what `considered` needs of it (None: nothing is held).
     """
 
     dof: Floats
@@ -31,6 +47,7 @@ class Spread:
     lower: Floats | None = None
     upper: Floats | None = None
     ends: Ends | None = None
+    released: Released | None = None
 
     def at(self, place: int | slice) -> Spread:
         """A part along the leading axis: one of many solves, or some coordinates."""
@@ -53,6 +70,7 @@ class Spread:
             lower=other(self.lower),
             upper=other(self.upper),
             ends=None if self.ends is None else changed_ends(self.ends, change),
+            released=None if self.released is None else self.released.each(change),
         )
 
 

@@ -14,6 +14,7 @@ grown by 3.84 at 1.92, where nothing is counted in 15 % of all cases.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -81,7 +82,7 @@ class Likelihood:
     ``alone`` (n,) are standard deviations of coordinates if all others are known; ``derived`` gives the quantities that
     are looked at, by their numbers. ``edges`` are limits of several coordinates, ``linear`` has the profiles where all
     is linear (None: it is not). Profiles are ``followed`` unless that would take too long, and not of coordinates (n,)
-    that are free in combination with others, ``combined``.
+    that are free in combination with others, ``combined``. Variances ``added`` (n,) are those of `widened`.
     """
 
     equations: Assembled
@@ -99,11 +100,17 @@ class Likelihood:
     derived: Callable[[int], Quantities | None]
     linear: Parabolas | None
     edges: Edges
+    added: Floats
 
     @property
     def decisive(self) -> bool:
         """Whether the likelihood has a say in all intervals, not of what is derived near a limit alone."""
         return self.followed and (self.held or self.equations.likely)
+
+    def widened(self, added: Floats) -> Likelihood:
+        """The same with variances ``added`` (n,) to those of coordinates without the limits that hold them."""
+        limits = replace(self.limits, sigma=np.hypot(self.limits.sigma, np.sqrt(added)))
+        return replace(self, limits=limits, added=added)
 
     def put_in(self, own: Own) -> None:
         """Put in the ends of coordinates that a limit cuts or without a sigma, and of those that reach farther where a
@@ -182,17 +189,19 @@ class Likelihood:
     def _certain(self, coordinates: Indices) -> float:
         return np.nan if self.certain is None else self.certain.of(coordinates)
 
+    @np.errstate(all="ignore")
     def _cut(self, own: Own) -> Mask:
         """Coordinates (n,) that limits hold or are near to, and those without a sigma."""
         places = self.equations.coordinates(self.minimum.point)
-        below, above = (np.where(np.isnan(each), own.linear, each) for each in own.ends)
+        linear = own.linear * np.sqrt(1.0 + np.nan_to_num(self.added / np.square(own.sigma)))
+        below, above = (np.where(np.isnan(each), linear, each) for each in own.ends)
         near = (places - below < self.limits.lower) | (places + above > self.limits.upper)
         return np.asarray(self.pinned | near | (np.isnan(own.sigma) & ~self.combined))
 
     def _whole(self, own: Own, which: int) -> tuple[float, float]:
         """How far the interval of a coordinate reaches, as it is stated."""
         if np.isnan(own.ends[0][which]):
-            return self._shortest(own, which, 0.0, float(own.sigma[which]))
+            return self._shortest(own, which, 0.0, float(np.hypot(own.sigma[which], np.sqrt(self.added[which]))))
         return float(own.ends[0][which]), float(own.ends[1][which])
 
     def _shortest(self, own: Own, which: int, step: float, sigma: float) -> tuple[float, float]:
@@ -256,6 +265,7 @@ def likelihood(
         derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
         linear=parabolas(equations, minimum, outcome.covariance.variance) if followed else None,
         edges=_edges(equations, minimum, outcome.covariance.factor),
+        added=np.zeros(count),
     )
 
 

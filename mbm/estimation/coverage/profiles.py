@@ -54,6 +54,11 @@ class Profiles:
         """Those of all numbers of a derived quantity."""
         return self._once(owner, level, lambda: self._numbers(owner, level))
 
+    def widened(self, added: Floats) -> Profiles:
+        """The same where coordinates would scatter by variances ``added`` (n,) more if no limit held them."""
+        wider = None if self.likelihood is None else self.likelihood.widened(added)
+        return replace(self, likelihood=wider, _found={})
+
     def _once(
         self, owner: int | None, level: float, find: Callable[[], tuple[Floats, Floats]]
     ) -> tuple[Floats, Floats]:
