@@ -17,6 +17,7 @@ from mbm.estimation.batches.factor import Factors, Spread, factors, rooted_slope
 from mbm.estimation.batches.portion import DerivedColumns, Portion, stated
 from mbm.estimation.batches.types import Ends
 from mbm.estimation.trust.curvature import MOST_DERIVED, UNMOVED, directions
+from mbm.estimation.trust.hidden import LEAST_REDUNDANCY, narrow, stated_noise, tail
 from mbm.estimation.trust.leverage import drawn
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
@@ -52,12 +53,13 @@ def doubtful(
     residuals: Floats,
     along: Tangents | None,
 ) -> Mask:
-    """Solves (K,) whose intervals may miss their ends, or whose priors may be strained.
+    """Solves (K,) whose intervals may miss their ends, whose priors may be strained, or that may hide outliers.
 
     ``residuals`` (K, m) are plain; ``along`` are the directions that constraints leave (None: there are none).
     """
     wrong = _strained(problem, portion, spread.basis, residuals)
     if not portion.equations.lossy:
+        wrong |= _hiding(problem, portion, residuals, spread.basis)
         around = _Intervals(portion, ends, found, spread.deviation, None)
         return wrong | spread.looked_at & _bent(problem, around, derived)
     weights, slopes = _weights(portion, residuals), portion.linearised(ends.points)[1]
@@ -191,6 +193,29 @@ def _strained(problem: Problem, portion: Portion, basis: Floats, residuals: Floa
             leverage = np.square(basis[solve, slot]).sum(axis=1)
             innovation = innovations(residuals[solve, slot], leverage, CHECKED / 10)
             np.logical_or.at(wrong, solve, ~(np.abs(innovation) <= STRAINED * (1 - MARGIN)))
+    return wrong
+
+
+def _hiding(problem: Problem, portion: Portion, residuals: Floats, basis: Floats) -> Mask:
+    """Solves (K,) in whose stated noise outliers may hide."""
+    wrong = np.zeros(portion.count, dtype=bool)
+    if portion.most < LEAST_REDUNDANCY or portion.equations.likely:
+        return wrong
+    kept, components = portion.kept(), []
+    for owner in (owner for owner, block in enumerate(problem.blocks) if stated_noise(block)):
+        groups = [(solve, slots) for each, solve, slots in portion.groups() if each == owner]
+        for component in range(max((slots.shape[1] for _, slots in groups), default=0)):
+            there = np.zeros(kept.shape, dtype=bool)
+            for solve, slots in groups:
+                if component < slots.shape[1]:
+                    there[solve, slots[:, component]] = True
+            components.append(there & kept)
+    enough = [each.sum(axis=1) >= LEAST_REDUNDANCY for each in components]
+    for there, many in zip(components, enough, strict=True):
+        for place in np.flatnonzero(many & narrow(residuals, there)).tolist():
+            own, tested = there[place], sum(bool(each[place]) for each in enough)
+            redundancy = 1.0 - np.square(basis[place, own]).sum(axis=1)
+            wrong[place] |= tail(residuals[place, own], redundancy, tested, MARGIN) is not None
     return wrong
 
 

@@ -45,6 +45,15 @@ UNEVEN_NOISE = Code(
     "Plot the residuals by the model's value. State how the errors grow, "
     "`:sigma (unknown model)`, `(sqrt (+ (^ s0 2) (^ (* r model) 2)))` with unknown `s0` and `r`, or `:sigma` by row.",
 )
+HIDDEN_OUTLIERS = Code(
+    "hidden-outliers",
+    "Most errors of a clause are far smaller than stated (0.6 times as large, or less), and some lie far beyond these: "
+    "the kurtosis of the residuals is one that normal errors, of whatever size, have in one of a hundred solves. "
+    "Outliers, such as false loop closures of a pose graph, hide within the stated noise: chi² does not show them, "
+    "consensus keeps them, and the estimates follow them (a warning).",
+    "Check the rows that are named. State the noise that most rows have with `:sigma`, and reject outliers "
+    "by `:robust`; or let the residuals tell it, with a loss (`:sigma (unknown FORM) :loss cauchy`).",
+)
 SMALL_SAMPLE = Code(
     "small-sample",
     "The noise is estimated from so few rows that even intervals with Student's t and the corrections for small "
@@ -215,6 +224,24 @@ def vanishing_scale(span: Span, name: str, scales: Sequence[str], *, exact: bool
         message=why,
         place=span,
         hint=VANISHING_SCALE.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def hidden_outliers(span: Span, name: str, core: float, rows: Sequence[tuple[int, float]]) -> Diagnostic:
+    """Most errors of the clause ``name`` are ``core`` times the stated ones.
+
+    Of each of the ``rows``, the worst first, how far out it is beside those.
+    """
+    more = f" and {len(rows) - MOST_LISTED:,} more" if len(rows) > MOST_LISTED else ""
+    listed = ", ".join(f"{row} ({far:.3g})" for row, far in rows[:MOST_LISTED])
+    return Diagnostic(
+        code=HIDDEN_OUTLIERS,
+        message=f"most errors of `{name}` are {core:.2g} times as large as stated, and some far larger than those: "
+        f"row{'s' if len(rows) > 1 else ''} {listed}{more} (in brackets how many of their standard deviations); "
+        "outliers hide within the stated noise",
+        place=span,
+        hint=HIDDEN_OUTLIERS.mend,
         severity=Severity.WARNING,
     )
 

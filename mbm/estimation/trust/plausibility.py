@@ -21,6 +21,7 @@ from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust import faults as trust_faults
 from mbm.estimation.trust.coarse import coarse_readings
 from mbm.estimation.trust.curvature import Curvature, DerivedEnds
+from mbm.estimation.trust.hidden import hidden_outliers
 from mbm.estimation.trust.lags import autocorrelation, directions
 from mbm.estimation.trust.nonlinearity import IntervalEnds
 from mbm.estimation.trust.uneven import uneven_noise
@@ -69,6 +70,7 @@ def doubts(
         found += _nonlinear(equations, bent.ends)
         found += _nonlinear_derived(propagation, bent.derived)
     found += _noise(problem, equations, outcome)
+    found += hidden_outliers(problem, propagation.binder.tables, equations, minimum, outcome.observed)
     found += _correlated(propagation, minimum)
     found += coarse_readings(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if equations.likely:  # loaded by problems with likelihoods only

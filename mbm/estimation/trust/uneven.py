@@ -36,7 +36,7 @@ NO_DIFFERENCE = 1e-9
 """Size of residuals, and differences of model values, beside the latter, that rounding in computation makes."""
 
 BY_CHANCE = 0.01
-"""Share of all solves in which errors that are as stated are said to be uneven."""
+"""Share of all solves of which it is said by chance that errors are uneven, or that outliers hide among them."""
 
 USUAL = 2.575
 """Standard deviations of a correlation that chance exceeds in more than `BY_CHANCE` of all solves (normal, 2.5758)."""
