@@ -14,7 +14,7 @@ from mbm.equations.metric import first_bad
 from mbm.equations.types import Correctable, Equations, Floats, Minimum, Reason
 from mbm.estimation.minimise.native.iteration import one_step_suits
 from mbm.estimation.minimise.native.minimum import native_minima, native_minimum
-from mbm.estimation.minimise.sparsity import sparse_suits
+from mbm.estimation.minimise.sparsity import sparse_suits, touch_few
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.nudging import SINGULAR, beside
 from mbm.problem.types import Method
@@ -30,6 +30,9 @@ DENSE_LIMIT = 200_000_000
 ROUGH = 20
 ROUGHLY = 0.05
 """Iterations and relative offset of a fit whose end is only a start."""
+
+MANY = 120
+"""Unknowns from which on the sparse solver comes to the minimum faster, of equations that touch few of them."""
 
 LINEAR, EVALUATION = "linear", "evaluation"
 """The names of methods that nobody asks for by name; the second is for problems without unknowns."""
@@ -168,7 +171,12 @@ def _from(equations: Equations, bound: ConstrainedEquations | None, start: Float
 
         found = sparse_minimum(equations, start, settings)
     else:
-        found = native_minimum(equations, start, settings, stopped(settings))
+        begun = _begun_sparsely(equations, start, settings)
+        point = start if begun is None else begun.point
+        found = native_minimum(equations, point, settings, stopped(settings))
+        if begun is not None:
+            iterations, evaluations = found.iterations + begun.iterations, found.evaluations + begun.evaluations
+            found = replace(found, iterations=iterations, evaluations=evaluations)
     if settings.method is Method.CLOSED_FORM and found.bad_row is None:
         found = replace(found, reason=Reason.CLOSED_FORM)
     if bound is None:
@@ -176,6 +184,16 @@ def _from(equations: Equations, bound: ConstrainedEquations | None, start: Float
     from mbm.estimation.minimise.constrained.solve import with_constraints
 
     return with_constraints(bound, found)
+
+
+def _begun_sparsely(equations: Equations, start: Floats, settings: Settings) -> Minimum | None:
+    """The minimum that the sparse solver finds, for the dense one to confirm; None: that is to find it."""
+    if settings.method is not Method.AUTO or not touch_few(equations, MANY) or one_step_suits(equations):
+        return None
+    from mbm.estimation.minimise.sparse import sparse_minimum
+
+    found = sparse_minimum(equations, start, settings)
+    return found if found.reason.converged else None
 
 
 def stopped(settings: Settings) -> Callable[[], bool] | None:

@@ -16,7 +16,12 @@ MOST_SLOPES = 50_000_000
 
 def sparse_suits(equations: Equations) -> bool:
     """Whether there are many unknowns of which each equation touches few, few constraints."""
-    if not isinstance(equations, Assembled) or equations.dimension <= MOST_DENSE or equations.structure is not None:
+    return touch_few(equations, MOST_DENSE)
+
+
+def touch_few(equations: Equations, many: int) -> bool:
+    """The same of more than so ``many`` unknowns."""
+    if not isinstance(equations, Assembled) or equations.dimension <= many or equations.structure is not None:
         return False
     if len(equations.equality) * equations.dimension > MOST_SLOPES:
         return False
