@@ -118,14 +118,12 @@ def _grown(equations: Assembled, binder: Binder, kernels: KernelSet, settings: S
     if walk is None:
         return None
     rough = _rough(settings)
-    point, done = equations.layout.start, 1
+    point, done = equations.layout.start.copy(), 1
     while True:
         last = min(max(done + 1, int(GROWTH * done)), walk.count)
         for step in range(done, last):
-            ahead = walk.next(point, step)
-            if ahead is None:
+            if not walk.next(point, step):
                 return None
-            point = ahead
         done = last
         if done == walk.count or settings.stopped():
             return point

@@ -9,6 +9,7 @@ import numpy as np
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.layout import Entry, Layout
+from mbm.equations.manifolds import Curved, moved
 from mbm.equations.types import Floats, Indices
 from mbm.kernels.types import KernelSet
 from mbm.problem.rows import rows_of
@@ -61,10 +62,8 @@ def carried(
         return start, None
     point = start.copy()
     for step in range(1, walk.count):
-        ahead = walk.next(point, step)
-        if ahead is None:
+        if not walk.next(point, step):
             return point, step
-        point = ahead
     return point, None
 
 
@@ -107,28 +106,54 @@ class Walk:
         for group, left in groups:
             for row, position in enumerate(np.asarray(group.positions).tolist()):
                 self._rows[position].append((group, row, left[row]))
+        self._change = np.zeros(len(layout.number))
+        self._pieces: list[tuple[Curved, Indices]] = []
+        for curved in layout.curved:
+            piece = np.full(len(layout.number), -1, dtype=np.int64)
+            piece[curved.coordinates[:, 0]] = np.arange(len(curved.coordinates))
+            self._pieces.append((curved, piece))
 
-    def next(self, point: Floats, step: int) -> Floats | None:
-        """The point (N,) with the values at a step (from 1) that follow from those at the step before."""
-        result = point.copy()
+    def next(self, point: Floats, step: int) -> bool:
+        """Let a point (N,) have the values at a step (from 1) that follow from those at the step before, if any do.
+
+        In place: what a step takes does not grow with the number of steps.
+        """
+        numbers = self._numbers(step)
+        before = point[numbers]
+        if self._reached(point, step):
+            return True
+        point[numbers] = before
+        return False
+
+    def _reached(self, point: Floats, step: int) -> bool:
         for entry in self._entries:
             here = entry.offset + step * entry.unknown.size
-            result[here : here + entry.unknown.size] = point[here - entry.unknown.size : here]
+            point[here : here + entry.unknown.size] = point[here - entry.unknown.size : here]
         coordinates = np.concatenate([e.first + step * e.unknown.freedom + _range(e) for e in self._entries])
         for _ in range(NEWTON_STEPS):
-            residuals, slopes = self._linearised(result, step, coordinates)
+            residuals, slopes = self._linearised(point, step, coordinates)
             if slopes.shape[0] != slopes.shape[1] or not np.isfinite(slopes).all() or not np.isfinite(residuals).all():
-                return None
+                return False
             try:
-                change = np.linalg.solve(slopes, -residuals)
+                change: Floats = np.asarray(np.linalg.solve(slopes, -residuals), dtype=np.float64)
             except np.linalg.LinAlgError:
-                return None
-            whole = np.zeros(len(self._layout.number))
-            whole[coordinates] = change
-            result = self._layout.retract(result, whole)
-            if np.linalg.norm(change) <= NO_FURTHER * (1.0 + np.linalg.norm(result[self._numbers(step)])):
+                return False
+            self._move(point, coordinates, change)
+            if np.linalg.norm(change) <= NO_FURTHER * (1.0 + np.linalg.norm(point[self._numbers(step)])):
                 break
-        return self._inside(result, coordinates)
+        self._keep_inside(point, coordinates)
+        return True
+
+    def _move(self, point: Floats, coordinates: Indices, change: Floats) -> None:
+        """As `Layout.retract` of some coordinates alone, in place."""
+        places = self._layout.number[coordinates]
+        point[places[places >= 0]] += change[places >= 0]
+        self._change[coordinates] = change
+        for curved, piece in self._pieces:
+            which = piece[coordinates]
+            which = which[which >= 0]
+            own = curved.numbers[which]
+            point[own] = moved(curved.piece, point[own], self._change[curved.coordinates[which]])
 
     def _linearised(self, point: Floats, step: int, coordinates: Indices) -> tuple[Floats, Floats]:
         """What the transitions to a step leave too much (m,), and its derivative by the coordinates there (m, n)."""
@@ -154,13 +179,12 @@ class Walk:
         sizes = [(e.offset + step * e.unknown.size, e.unknown.size) for e in self._entries]
         return np.concatenate([np.arange(first, first + size) for first, size in sizes])
 
-    def _inside(self, point: Floats, coordinates: Indices) -> Floats:
-        """The point within the bounds of the coordinates at hand."""
+    def _keep_inside(self, point: Floats, coordinates: Indices) -> None:
+        """Keep a point within the bounds of the coordinates at hand, in place."""
         layout = self._layout
         plain = coordinates[layout.number[coordinates] >= 0]
         numbers = layout.number[plain]
         point[numbers] = np.clip(point[numbers], layout.lower[plain], layout.upper[plain])
-        return point
 
 
 def _range(entry: Entry) -> Indices:
