@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
@@ -76,7 +77,7 @@ def _compared(folder: Path) -> list[Figure]:
     # As an installed program: with its modules compiled, and the problem met before.
     variables = {k: v for k, v in one_thread().items() if k != "PYTHONDONTWRITEBYTECODE"}
     variables |= {"PYTHONPYCACHEPREFIX": str(folder / "modules"), "MBM_CACHE": str(folder / "cache")}
-    process = best(lambda: subprocess.run(command, check=True, env=variables, capture_output=True), RUNS)
+    process = best(lambda: subprocess.run(command, check=True, env=variables, capture_output=True), RUNS, perf_counter)
     pairs = len(both)
     work = f"similarity of {pairs:,} pairs, with covariance"
     files = [str(folder / f"{n}.txt") for n in ("truth", "track")]

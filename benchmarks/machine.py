@@ -6,7 +6,7 @@ import os
 import platform
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 
 def machine() -> str:
@@ -31,13 +31,13 @@ def machine() -> str:
     return f"{model}, {os.cpu_count()} processors, Python {platform.python_version()}, {versions}"
 
 
-def best(call: Callable[[], object], runs: int = 5) -> float:
-    """Seconds of the fastest of several calls."""
+def best(call: Callable[[], object], runs: int = 5, clock: Callable[[], float] = process_time) -> float:
+    """Processor seconds of the fastest of several calls; by another ``clock``, what that says."""
     seconds = []
     for _ in range(runs):
-        start = perf_counter()
+        start = clock()
         call()
-        seconds.append(perf_counter() - start)
+        seconds.append(clock() - start)
     return min(seconds)
 
 

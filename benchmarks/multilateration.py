@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import argparse
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 
@@ -70,9 +70,9 @@ def solved(way: tuple[str, str], ranges: np.ndarray) -> tuple[np.ndarray, np.nda
     }
     compiled = mbm.loads(TEXT.format(options=way[0], solve=way[1])).compile(data=tables)
     compiled.solve()
-    began = perf_counter()
+    began = process_time()
     solves = compiled.solve(workers=1).solves
-    seconds = (perf_counter() - began) / count
+    seconds = (process_time() - began) / count
     places = np.array([s.estimates[0].value for s in solves])
     sigmas = np.array([s.estimates[0].sigma for s in solves])
     return places, sigmas, np.array([s.status.trusted for s in solves]), seconds

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 
@@ -55,14 +55,14 @@ def answer(arrays: dict[str, np.ndarray]) -> dict[str, dict[str, list[float] | f
         for name in fits:
             head, start = name.split("/")[0], arrays[name]
             data = MODELS[head], arrays[f"{head}/x"], arrays[f"{head}/y"], start
-            began = perf_counter()
+            began = process_time()
             try:
                 with warnings.catch_warnings(), np.errstate(all="ignore"):
                     warnings.simplefilter("ignore")
                     estimates[name] = [float(v) for v in fit(*data)]
             except (RuntimeError, ValueError, ArithmeticError):
                 estimates[name] = [float("nan")] * len(start)
-            seconds += perf_counter() - began
+            seconds += process_time() - began
         found[peer] = {"estimates": estimates, "seconds": seconds}
     return found
 
