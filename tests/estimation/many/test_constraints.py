@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 
 import numpy as np
 import pytest
@@ -61,8 +62,12 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
 
 @pytest.mark.parametrize("name", MADE_TOGETHER)
 def test_these_are_made_together(name):
-    """Most are answered in columns of those that no inequality holds: where one lets go is looked for one by one."""
-    solves = solved(name).result.solves
+    """Most are answered in columns of those that no inequality holds: where one lets go is looked for one by one.
+
+    Nothing is derived here: near a limit what is derived is looked at one by one, too.
+    """
+    text, data = PROBLEMS[name]
+    solves = mbm.loads(re.sub(r"\n *\(derive .*\)(?=\n)", "", text)).solve(data=data).result.solves
     clean = np.concatenate([block.block.columns.clean for block in solves.blocks])
     pushed = np.concatenate([block.block.columns.limits.pushed.any(axis=1) for block in solves.blocks])
     assert clean.sum() > (~pushed).sum() / 2
