@@ -14,7 +14,7 @@ from math import inf
 
 import numpy as np
 
-from mbm.estimation.coverage.student import coverage_factor
+from mbm.estimation.uncertainty.student import coverage_factor
 from mbm.report.elements import difference, element_names
 from mbm.report.spreads import ConsideredConstant, Ends, Floats, Spread
 from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Result, SolveReport

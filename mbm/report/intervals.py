@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbm.estimation.coverage.student import coverage_factors, shortest
+from mbm.estimation.uncertainty.student import coverage_factors, shortest
 from mbm.report.elements import factors, in_unit, shown_sigma, shown_values
 from mbm.report.encode import numbers, objects
 from mbm.report.types import DerivedValue, Estimate, Floats, Mask

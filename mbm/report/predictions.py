@@ -11,8 +11,8 @@ import numpy as np
 from mbm.data.given import table_from_given
 from mbm.equations.types import NoiseState
 from mbm.equations.whitening import stated_noise
-from mbm.estimation.coverage.student import coverage_factors
 from mbm.estimation.search.solution import Solution, no_profiles
+from mbm.estimation.uncertainty.student import coverage_factors
 from mbm.expression.nodes import Component, leaves
 from mbm.expression.units import scale_of
 from mbm.problem.modelled import Modelled, columns_of, observations_of

@@ -93,6 +93,18 @@ def test_noise_that_is_stated_wrongly_is_improbable(stated: str, least: float, m
     assert least <= share(found, "improbable-noise") + share(found, "noise-against-data") <= most
 
 
+@pytest.mark.parametrize(
+    ("loss", "said"), [("", True), (" :loss huber", False), (" :loss huber :when (> x 0.5)", True)]
+)
+def test_noise_that_is_stated_too_large_is_doubted_where_deviations_follow_it(loss: str, said: bool) -> None:
+    """Under a loss they follow the residuals, of rows without one beside it the statement."""
+    plain = "(observe e d (= y (+ a (* b x))) :sigma 0.3 :when (<= x 0.5))" if "when" in loss else ""
+    y = 2 - X + 0.1 * np.random.default_rng(5).normal(size=30)
+    text = f"(problem p (data d external) (unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma 0.3{loss}) {plain})"
+    found = mbm.loads(text).solve(data={"d": {"x": X, "y": y}}).document()["solves"][0]
+    assert ("improbable-noise" in codes(found)) is said
+
+
 def test_data_without_noise_say_nothing_about_it() -> None:
     assert codes(alone(":sigma 0.1", X, 2 - X)) == []
 

@@ -108,7 +108,10 @@ def test_many_solves_say_what_single_ones_say() -> None:
     many = mbm.loads(text(more="(for-each run)")).solve(data={"d": columns})
     for solve, (_, x, y) in zip(many.solves, data, strict=True):
         alone = mbm.loads(text()).solve(data={"d": {"x": x, "y": y}})
-        assert [d.message for d in solve.diagnostics] == [d.message for d in alone.diagnostics]
+        many_said, alone_said = (
+            [d.message for d in each.diagnostics if d.code.name == CODE] for each in (solve, alone)
+        )
+        assert many_said == alone_said
     assert sum(CODE in [d.code.name for d in solve.diagnostics] for solve in many.solves) >= 2
 
 

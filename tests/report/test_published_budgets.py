@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import mbm
-from mbm.estimation.coverage.student import coverage_factor
+from mbm.estimation.uncertainty.student import coverage_factor
 
 END_GAUGE = """(problem end-gauge (constants (ls 50.000623mm :sigma 25nm :dof 18)
     (d 215nm :sigma 5.8nm :dof 24) (random 0nm :sigma 3.9nm :dof 5) (systematic 0nm :sigma 6.7nm :dof 8)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.coarse import coarsely_read
+from mbm.estimation.batches.coarse import misread
 from mbm.estimation.batches.degrees import counted_of, degrees_columns, informing_slopes
 from mbm.estimation.batches.doubts import doubtful, stationary
 from mbm.estimation.batches.factor import (
@@ -29,7 +29,7 @@ from mbm.estimation.batches.remarks import remarks
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows, Which, places_of
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
-from mbm.estimation.trust.plausibility import IMPROBABLE
+from mbm.estimation.trust.plausibility import IMPROBABLE, follows_statement
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.types import Block, BlockRole, Problem
 from mbm.solver.decisions import usual_cost
@@ -71,7 +71,7 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
     tails = _tails(stack, cost if lossy else counts.tested(scattered), freedom, solved & ~counts.untested & known)
     chi2_p = np.full(len(which), np.nan) if lossy else tails
     undoubted = _undoubted(problem, portion, ends, found, spread, derived, residuals, surface)
-    undoubted &= ~(examined_alone | coarsely_read(problem, stack, which, portion, residuals, found.basis, noise))
+    undoubted &= ~(examined_alone | misread(problem, stack, which, portion, residuals, found.basis, noise))
     degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom, counts)
     limited = limited_columns(portion, None if surface is None else surface[0], ends.points)
     undoubted &= ~near_limits(problem, portion, ends, limited, spread, degrees)
@@ -289,8 +289,10 @@ def _outliers(
 
 
 def _tails(stack: Stack, cost: Floats, freedom: Indices, solved: Mask) -> Floats:
-    """P(χ² > cost) (K,); NaN without degrees of freedom, and where nothing is solved."""
+    """P(χ² > cost) (K,); NaN without degrees of freedom, where nothing is solved, or nothing follows stated noise."""
     result = np.full(len(cost), np.nan)
+    if stack.equations.lossy and not follows_statement(stack.equations):
+        return result
     asked = solved & (freedom > 0)
     result[asked] = chi_square_tails(solver_code(stack.equations), cost[asked], freedom[asked])
     return result

@@ -12,7 +12,7 @@ from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.surface import Held
 from mbm.estimation.batches.types import DegreesColumns, Ends
 from mbm.estimation.coverage.limits import Lines, box, narrow, single_limits
-from mbm.estimation.coverage.student import coverage_factors
+from mbm.estimation.uncertainty.student import coverage_factors
 from mbm.problem.types import Problem
 
 

@@ -16,6 +16,7 @@ from mbm.estimation.batches.types import Remarks, Which
 from mbm.estimation.minimise.native.tails import solver_code
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.lags import correlated, in_order, lag_scores
+from mbm.estimation.trust.outlying import has_noise, outlier, outlying_row, pool, suspects
 from mbm.estimation.trust.plausibility import improbable, improbable_noise, overstated
 from mbm.estimation.trust.uneven import TELLING_ROWS, Clauses, table_rows, told_apart, uneven_clause
 from mbm.problem.types import Problem
@@ -23,7 +24,13 @@ from mbm.text.types import Diagnostic
 
 REMARKED = frozenset(
     code.name
-    for code in (faults.AUTOCORRELATED_RESIDUALS, faults.IMPROBABLE_NOISE, faults.SMALL_SAMPLE, faults.UNEVEN_NOISE)
+    for code in (
+        faults.AUTOCORRELATED_RESIDUALS,
+        faults.IMPROBABLE_NOISE,
+        faults.OUTLYING_ROW,
+        faults.SMALL_SAMPLE,
+        faults.UNEVEN_NOISE,
+    )
 )
 """The codes of these warnings."""
 
@@ -68,6 +75,8 @@ def remarks(
     for place, make in _uneven(problem, stack, which, portion, residuals, basis):
         if place not in alike:
             add(place, make)
+    for place, make in _outlying(problem, stack, which, portion, residuals, basis):
+        add(place, make)
     for place in np.flatnonzero(poor).tolist():
         add(place, partial(faults.small_sample, problem.span))
     return found
@@ -106,6 +115,38 @@ def _uneven(
             )
             for place, grown, correlation in alike.uneven(len(owners)):
                 yield int(solves[place]), partial(uneven_clause, problem, owner, grown, correlation)
+
+
+def _outlying(
+    problem: Problem, stack: Stack, which: Which, portion: Portion, residuals: Floats, basis: Floats
+) -> Iterator[tuple[int, Callable[[], Diagnostic]]]:
+    """Solves in which one row makes unknown noise large, with what says so."""
+    blocks = () if portion.consensus else pool(problem, stack.equations)
+    if not blocks:
+        return
+    own = np.zeros(residuals.shape, dtype=bool)
+    for owner in blocks:
+        own[portion.block_slots(owner)] = True
+    suspected = np.flatnonzero(suspects(residuals, np.square(basis).sum(axis=2), own))
+    if not len(suspected):
+        return
+    sides: list[Floats | None] = []
+    rows: list[Indices | None] = []
+    owners: list[Indices | None] = []
+    for number, group in enumerate(stack.equations.groups):
+        lines = stack.lines(number, which)[1]
+        mine = group.kernel.owner in blocks
+        sides.append(measured_side(problem, group, stack.tables, lines) if mine else None)
+        rows.append(table_rows(problem, group, stack.tables, lines)[:, None] if mine else None)
+        owners.append(np.array([[group.kernel.owner]]))
+    measured, numbers, owned = (portion.by_slot(each) for each in (sides, rows, owners))
+    errors = residuals * portion.deviations()
+    for place in suspected.tolist():
+        at = np.flatnonzero(own[place])
+        found = outlier(residuals[place, at], basis[place, at])
+        if found is not None and has_noise(measured[place, at], errors[place, at]):
+            slot = place, at[found.place]
+            yield place, partial(outlying_row, problem, int(owned[slot]), int(numbers[slot]), found)
 
 
 def _following(problem: Problem, stack: Stack, which: Which, portion: Portion) -> Indices | None:

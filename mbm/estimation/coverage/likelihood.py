@@ -24,7 +24,6 @@ from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
 from mbm.estimation.coverage.certain import Certain, certain
 from mbm.estimation.coverage.parabolas import Parabolas, Pieces, parabolas
 from mbm.estimation.coverage.shares import Followed, share_between, sides
-from mbm.estimation.coverage.student import Law, coverage_factors, shortest
 from mbm.estimation.coverage.within_limits import BETWEEN, Profile, Quantities, QuantityProfile, quantities
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
@@ -32,6 +31,7 @@ from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED, OF_LIKELIHOODS
 from mbm.estimation.trust.unexamined import unfollowed
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.observability import limited, pinned, pinned_coordinates, released_directions
+from mbm.estimation.uncertainty.student import Law, coverage_factors, shortest
 from mbm.values import dataclass
 
 

@@ -16,7 +16,7 @@ from mbm.equations.surface import exact_constraints
 from mbm.equations.types import Floats, Minimum
 from mbm.estimation.coverage.limits import box
 from mbm.estimation.coverage.shares import MOST_LOOKED_AT, NOTHING_LEFT, Side
-from mbm.estimation.coverage.student import Law
+from mbm.estimation.uncertainty.student import Law
 from mbm.solver.decisions import decided_rank
 from mbm.values import dataclass
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from mbm.equations.spreads import Freedom
 from mbm.equations.types import Floats
-from mbm.estimation.coverage.student import coverage_factors
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.curvature import Curvature, flat_reach, followed_ends, most_followed
 from mbm.estimation.trust.nonlinearity import OF_LIKELIHOODS, TOLERATED
+from mbm.estimation.uncertainty.student import coverage_factors
 from mbm.values import dataclass
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from mbm.equations.types import Floats
-from mbm.estimation.coverage.student import Law, coverage_factors
+from mbm.estimation.uncertainty.student import Law, coverage_factors
 from mbm.values import dataclass
 
 NOTHING_LEFT, MOST_LOOKED_AT = 12.0, 30.0

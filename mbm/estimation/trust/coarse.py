@@ -39,10 +39,18 @@ WHOLE = 1e-6
 def rounded_column(problem: Problem, owner: int) -> str | None:
     """The column that holds the readings of a block of scalar equations whose unknown noise their residuals tell."""
     block = problem.blocks[owner]
-    plain = block.role is BlockRole.OBSERVATION and block.unknown_factor and block.table is not None
-    if not plain or len(block.cases) != 1 or len(block.cases[0].equations) != 1:
+    return read_column(problem, owner) if block.unknown_factor and len(block.cases) == 1 else None
+
+
+def read_column(problem: Problem, owner: int) -> str | None:
+    """The column that holds the readings of a block of scalar equations."""
+    block = problem.blocks[owner]
+    if block.role is not BlockRole.OBSERVATION or block.table is None:
         return None
-    measured = block.cases[0].equations[0].measured
+    sides = {each.measured for case in block.cases for each in case.equations}
+    if len(sides) != 1 or any(len(case.equations) != 1 for case in block.cases):
+        return None
+    (measured,) = sides
     if measured is None or len(measured) != 1 or not isinstance(measured[0], Column):
         return None
     column = measured[0]

@@ -67,6 +67,24 @@ COARSE_READINGS = Code(
     "to half a step, however many readings there are (a warning).",
     "State the step and the scatter before rounding, `:resolution STEP :sigma FORM`, or read more digits.",
 )
+OUTLYING_ROW = Code(
+    "outlying-row",
+    "One row is so far from what the others say that it alone makes the unknown noise large: without it the noise "
+    "would be estimated less than two thirds as large. The distance has Student's t distribution with the degrees of "
+    "freedom that are left, and is said of rows that chance puts as far in three of a hundred solves. Intervals are "
+    "then too wide, and the estimates drawn to that row (a warning).",
+    "Check the row; leave it out with `:when`, or give the noise long tails, "
+    "`:sigma (unknown FORM) :loss huber` or `:distribution (student 4)` with a stated `:sigma`.",
+)
+READINGS_AT_EDGE = Code(
+    "readings-at-edge",
+    "Several readings of a clause are the same value, the least or the largest of all, where the others differ; or one "
+    "is exactly 0. So look readings beyond a limit that are entered as the limit: a negative reading shown as 0, a "
+    "value below the limit of detection, the end of a scale. They draw the estimates to the inside, and scatter too "
+    "little (a warning).",
+    "Say which readings are limits, `:below FORM` or `:above FORM`, and state `:sigma`; or get the readings "
+    "themselves. A zero by definition is no reading: leave it out with `:when`.",
+)
 VANISHING_SCALE = Code(
     "vanishing-scale",
     "A standard deviation that is estimated by an unknown in `:sigma` is estimated as zero: the readings fit exactly, "
@@ -204,6 +222,32 @@ def coarse_readings(span: Span, name: str, scatter: float, *, counts: bool) -> D
         "model, too little to average the rounding errors out",
         place=span,
         hint=f"{COUNTED} {COARSE_READINGS.mend}" if counts else COARSE_READINGS.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def outlying_row(span: Span, name: str, row: int, distance: float, probability: float, widened: float) -> Diagnostic:
+    """The ``row`` of the clause ``name`` is so far off, in standard deviations; noise is so many times as large."""
+    return Diagnostic(
+        code=OUTLYING_ROW,
+        message=f"row {row} of `{name}` is {distance:.3g} standard deviations from what the other rows say "
+        f"(p = {probability:.1g} for the farthest row), and alone makes the unknown noise {widened:.2g} times as large",
+        place=span,
+        hint=OUTLYING_ROW.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def readings_at_edge(span: Span, name: str, counts: tuple[int, int], edge: float, *, lower: bool) -> Diagnostic:
+    """Of the readings of the clause ``name`` some are the ``edge``; ``counts`` are theirs and that of all."""
+    some, every = counts
+    which, option = ("least", ":below") if lower else ("largest", ":above")
+    return Diagnostic(
+        code=READINGS_AT_EDGE,
+        message=f"{some} of the {every} readings of `{name}` {'are' if some > 1 else 'is'} exactly {edge:.6g}, the "
+        f"{which} of all, and others are not so coarse: values beyond a limit seem to be entered as it (`{option}`)",
+        place=span,
+        hint=READINGS_AT_EDGE.mend,
         severity=Severity.WARNING,
     )
 

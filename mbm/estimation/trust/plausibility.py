@@ -21,9 +21,11 @@ from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust import faults as trust_faults
 from mbm.estimation.trust.coarse import coarse_readings
 from mbm.estimation.trust.curvature import Curvature, DerivedEnds
+from mbm.estimation.trust.edges import readings_at_edges
 from mbm.estimation.trust.hidden import hidden_outliers
 from mbm.estimation.trust.lags import autocorrelation, directions
 from mbm.estimation.trust.nonlinearity import IntervalEnds
+from mbm.estimation.trust.outlying import outlying_rows
 from mbm.estimation.trust.uneven import uneven_noise
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.statistics import Statistics
@@ -105,8 +107,11 @@ def _correlated(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic,
     if minimum.blocks is not None or len(minimum.residuals) != equations.count or minimum.cost == 0.0:
         return ()
     basis = directions(equations, minimum, outcome.covariance)
+    tables, variance = propagation.binder.tables, outcome.covariance.variance
     found = autocorrelation(problem, equations, minimum, basis, tested, overstated=over)
-    return found or tuple(uneven_noise(problem, propagation.binder.tables, equations, minimum, basis))
+    found = found or tuple(uneven_noise(problem, tables, equations, minimum, basis))
+    found = (*found, *outlying_rows(problem, tables, equations, minimum, basis))
+    return (*found, *readings_at_edges(problem, tables, equations, minimum, basis, variance))
 
 
 def _noise(problem: Problem, equations: Assembled, outcome: Statistics) -> Iterator[Diagnostic]:
@@ -120,9 +125,16 @@ def _noise(problem: Problem, equations: Assembled, outcome: Statistics) -> Itera
         yield improbable_noise(problem.span, fit.sigma0, tail)
 
 
+def follows_statement(equations: Assembled) -> bool:
+    """Whether some noise is stated that standard deviations follow: under losses they follow the residuals."""
+    return any(group.role is BlockRole.OBSERVATION and not group.losses for group in equations.groups)
+
+
 def _tail(problem: Problem, equations: Assembled, outcome: Statistics) -> float | None:
-    """P of a χ² as large; under losses, which make it smaller, too."""
+    """P of a χ² as large; under losses, which make it smaller, too; None where nothing follows the stated noise."""
     fit = outcome.fit
+    if equations.lossy and not follows_statement(equations):
+        return None
     tested = not equations.lossy or equations.rows is not None or equations.likely or problem.estimates_noise
     return fit.chi2_p if tested or fit.sigma0 is None else chi_square_tail(fit.cost, fit.dof)
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from mbm.equations.spreads import Influence
 from mbm.equations.types import NoiseState
-from mbm.estimation.coverage.student import coverage_factor
 from mbm.estimation.search.solution import Solution
+from mbm.estimation.uncertainty.student import coverage_factor
 from mbm.problem.types import Problem
 from mbm.report.budgets import faults
 from mbm.report.budgets.inputs import Errors, Source, sources

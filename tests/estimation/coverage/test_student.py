@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm, t
 
-from mbm.estimation.coverage.student import beyond, coverage_factor, coverage_factors, shortest
+from mbm.estimation.uncertainty.student import beyond, coverage_factor, coverage_factors, shortest
 
 DEGREES = (1.0, 1.3, 2.0, 3.0, 9.5, 40.0, 999.0, 1000.0, 5e4)
 
