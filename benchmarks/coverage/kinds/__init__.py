@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from benchmarks.coverage.judging import Kind
-from benchmarks.coverage.kinds import assays, constrained, curved, geometric, laboratory, linear, noises, robust
+from benchmarks.coverage.kinds import (
+    assays,
+    chemistry,
+    constrained,
+    curved,
+    field,
+    geometric,
+    laboratory,
+    linear,
+    noises,
+    robust,
+)
 
 KINDS: Mapping[str, Kind] = {
     **linear.KINDS,
@@ -16,4 +27,6 @@ KINDS: Mapping[str, Kind] = {
     **robust.KINDS,
     **laboratory.KINDS,
     **assays.KINDS,
+    **chemistry.KINDS,
+    **field.KINDS,
 }
