@@ -4,10 +4,9 @@ What may be used: ``for i in range(…)``, ``while``, ``if``, ``break``, ``conti
 and to elements (also ``+= -= *= /=``), ``a[k:]`` for the array from an element on, arithmetic, comparisons, the
 intrinsic functions, ``a if c else b``, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, `call_kernel`,
 `call_fused`, `call_normal`, and other functions of this kind: they are found by their names and read too. Neither the
-variable of a loop nor a name in its ``range`` is assigned within it: Python takes them once, C each time. Behind the
-loop its variable is not read: it is the last number in Python, the one after that in C. Parameters and results are
-annotated with `Real`, `Integer`, `Reals`, `Integers`, `ConstantReals`, `ConstantIntegers`. A variable has the type of
-what is first assigned to it.
+variable of a loop nor a name in its ``range`` is assigned within it: Python takes them once, C each time. Parameters
+and results are annotated with `Real`, `Integer`, `Reals`, `Integers`, `ConstantReals`, `ConstantIntegers`. A variable
+has the type of what is first assigned to it.
 
 Names of numbers at module level are constants, and may be given other values when the text is read. What they decide
 is decided then: arithmetic and comparisons of constant integers, branches on them, and loops that run once.
@@ -141,7 +140,6 @@ class _Reader:
         self._names: dict[str, Name] = {}
         self._fixed: dict[str, Literal] = {}
         self._locals: list[Name] = []
-        self._left: set[str] = set()  # variables of loops that ended
 
     def function(self) -> Function:
         tree = self._tree
@@ -212,9 +210,7 @@ class _Reader:
                 if kept & assigned(node.body):
                     raise self._refuse(node.iter)
                 variable = self._local(name, Type.INTEGER, node)
-                body = self._block(node.body)
-                self._left.add(name)
-                return For(variable, start, bounds[-1], body)
+                return For(variable, start, bounds[-1], self._block(node.body))
             case ast.While():
                 return While(self._condition(node.test), self._block(node.body))
             case ast.If():
@@ -247,7 +243,6 @@ class _Reader:
 
     def _local(self, name: str, kind: Kind, node: ast.AST) -> Name:
         known = self._names.get(name)
-        self._left.discard(name)
         if known is None:
             known = self._names[name] = Name(name, kind)
             self._locals.append(known)
@@ -309,8 +304,6 @@ class _Reader:
         raise self._refuse(node)
 
     def _name(self, node: ast.Name) -> Expression:
-        if node.id in self._left:
-            raise self._refuse(node)
         if node.id in self._fixed:
             return self._fixed[node.id]
         if node.id in self._names:
