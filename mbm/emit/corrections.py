@@ -68,6 +68,10 @@ def with_true_values(found: Elaborated) -> Elaborated:
         raise MbmError(
             faults.not_emitted(demanded.span, what, "generated solvers have no covariance for both together")
         )
+    estimated = next((block for block in blocks if block.unknown_factor), None)
+    if estimated is not None and lossy is not None:
+        what = f"the unknown noise of `{estimated.name}` beside the loss of `{lossy}` and `:errors`"
+        raise MbmError(faults.not_emitted(estimated.span, what, "true values count as unknowns of the factor there"))
     sigmas = {_own(error): _sigma(found, block, error) for block in blocks for error in block.errors}
     unknowns = [_unknown(found, place, sigma.span) for place, sigma in sorted(sigmas.items())]
     measured = [_measured(found, place, sigma) for place, sigma in sorted(sigmas.items())]

@@ -73,8 +73,8 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
     undoubted = _undoubted(problem, portion, ends, found, spread, derived, residuals, surface)
     undoubted &= ~(examined_alone | misread(problem, stack, which, portion, residuals, found.basis, noise))
     degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom, counts)
-    limited = limited_columns(portion, None if surface is None else surface[0], ends.points)
-    undoubted &= ~near_limits(problem, portion, ends, limited, spread, degrees)
+    limited = limited_columns(portion, surface and surface[0], ends.points)
+    undoubted &= ~near_limits(problem, portion, ends, (surface and surface[0], limited), spread, degrees)
     counting = counted(portion, residuals)
     return Columns(
         points=ends.points,

@@ -48,17 +48,30 @@ def held_back(found: Held) -> Mask:
 
 @np.errstate(all="ignore")
 def near_limits(
-    problem: Problem, portion: Portion, ends: Ends, limits: Limited | None, spread: Spread, degrees: DegreesColumns
+    problem: Problem,
+    portion: Portion,
+    ends: Ends,
+    limits: tuple[Held | None, Limited | None],
+    spread: Spread,
+    degrees: DegreesColumns,
 ) -> Mask:
     """Solves (K,) of likelihoods, and with derived quantities, with an estimate that a limit holds, or is within twice
-    the linear interval of.
+    the linear interval of; so, too, of inequalities of several.
 
     Such intervals are looked for one by one.
     """
-    if limits is None or not (portion.equations.likely or problem.derived):
-        return np.zeros(portion.count, dtype=bool)
+    found, limited = limits
+    near = np.zeros(portion.count, dtype=bool)
+    if not (portion.equations.likely or problem.derived):
+        return near
     freedom, places = degrees.estimates, portion.equations.layout.number[portion.equations.free]
-    reach = 2.0 * coverage_factors(problem.request.coverage, freedom.dof) * freedom.inflation * spread.sigma
-    place = ends.points[:, places]
-    near = ~np.isnan(limits.step) | (place - reach < limits.lower) | (place + reach > limits.upper)
-    return np.asarray((near & (places >= 0)).any(axis=1))
+    factors = 2.0 * coverage_factors(problem.request.coverage, freedom.dof) * freedom.inflation
+    if limited is not None:
+        reach, place = factors * spread.sigma, ends.points[:, places]
+        close = ~np.isnan(limited.step) | (place - reach < limited.lower) | (place + reach > limited.upper)
+        near |= (close & (places >= 0)).any(axis=1)
+    if found is not None:
+        sigma = np.sqrt(np.square(np.matmul(found.slopes, spread.factor)).sum(axis=2))
+        close = -found.values < sigma * factors.max(axis=1, keepdims=True)
+        near |= (close & found.there & ~found.equality).any(axis=1)
+    return near

@@ -74,7 +74,9 @@ def agreeing(
     units = units_of(equations, problem, point, observed)
     asked = replace(asked, held=held_by(equations, point, equations.equality))
     left = asked.left(equations)
-    if found is None and (units.scalars <= left or not left):
+    if not left:  # constraints tell all: rows are counted as without them
+        asked, left = replace(asked, held=None), equations.dimension
+    if found is None and units.scalars <= left:
         if problem.sequence is not None and equations.dimension:
             raise MbmError(faults.no_subset(problem.sequence.span, consensus.kind.value))
         return Prepared(equations=equations, starts=beginnings)

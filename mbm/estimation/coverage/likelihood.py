@@ -20,17 +20,17 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.spreads import Freedom, Limited
-from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
+from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.estimation.coverage.certain import Certain, certain
 from mbm.estimation.coverage.parabolas import Parabolas, Pieces, parabolas
 from mbm.estimation.coverage.shares import Followed, share_between, sides
-from mbm.estimation.coverage.within_limits import BETWEEN, Profile, Quantities, QuantityProfile, quantities
+from mbm.estimation.coverage.within_limits import Profile, Quantities, QuantityProfile, quantities
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
 from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED, OF_LIKELIHOODS
 from mbm.estimation.trust.unexamined import unfollowed
 from mbm.estimation.uncertainty.derived import Propagation
-from mbm.estimation.uncertainty.observability import limited, pinned, pinned_coordinates, released_directions
+from mbm.estimation.uncertainty.observability import limited, pinned_coordinates
 from mbm.estimation.uncertainty.student import Law, coverage_factors, shortest
 from mbm.values import dataclass
 
@@ -83,7 +83,6 @@ class Likelihood:
     are looked at, by their numbers. ``edges`` are limits of several coordinates, ``linear`` has the profiles where all
     is linear (None: it is not). Profiles are ``followed`` unless that would take too long, and not of coordinates (n,)
     that are free in combination with others, ``combined``. Variances ``added`` (n,) are those of `widened`.
-    ``observed`` is the rank decision.
     """
 
     equations: Assembled
@@ -102,7 +101,6 @@ class Likelihood:
     linear: Parabolas | None
     edges: Edges
     added: Floats
-    observed: Observability
 
     @property
     def decisive(self) -> bool:
@@ -150,14 +148,11 @@ class Likelihood:
         found = self.derived(owner) if self.held or cut.any() else None
         if found is None:
             return
-        level = pinned(self.observed, found.gradient)[1] & np.isnan(numbers.sigma)
-        if bool(level.any()):
-            self._put_in_level(found, np.flatnonzero(level), numbers, own)
         reached: dict[int, tuple[Floats, Floats]] = {}
         followed = 0
         for place in np.flatnonzero(np.isfinite(found.values)).tolist():
             touched = found.touched(place)
-            if not len(touched) or level[place] or not (self.held or bool(cut[touched].any())):
+            if not len(touched) or not (self.held or (bool(cut[touched].any()) and self._cuts(found, touched))):
                 continue
             if np.isnan(numbers.sigma[place]) and bool(self.combined[touched].any()):
                 continue
@@ -187,17 +182,11 @@ class Likelihood:
                 ends = share_between(*two, law, own.level, self._certain(touched))
                 numbers.ends[0][place], numbers.ends[1][place] = ends
 
-    def _put_in_level(self, found: Quantities, places: Indices, numbers: Own, own: Own) -> None:
-        """Ends of what varies to second order alone as the one estimate that a limit holds leaves it."""
-        way = released_directions(self.observed)
-        held = np.flatnonzero(self.pinned & np.isfinite(own.ends[0]) & np.isfinite(own.ends[1]))
-        if len(way) != 1 or not len(held):
-            return
-        which = int(held[np.abs(way[0, held]).argmax()])
-        steps = np.linspace(-own.ends[0][which], own.ends[1][which], BETWEEN) / way[0, which]
-        points = self.equations.retract(np.tile(self.minimum.point, (BETWEEN, 1)), steps[:, None] * way)
-        moved = found.changes(points)[:, places]
-        numbers.ends[0][places], numbers.ends[1][places] = -moved.min(axis=0), moved.max(axis=0)
+    def _cuts(self, found: Quantities, touched: Indices) -> bool:
+        """Whether a limit that nothing is held by cuts what is made of coordinates: where the profile is known, and no
+        uncertain constant has a part in it.
+        """
+        return not self.added.any() and (found.straight or len(touched) == 1)
 
     def _pieces(self, gradient: Floats, value: float, law: Law) -> Pieces | None:
         """The profile of what has a gradient (n,) everywhere, in closed form; None: it has none."""
@@ -283,7 +272,6 @@ def likelihood(
         linear=parabolas(equations, minimum, outcome.covariance.variance) if followed else None,
         edges=_edges(equations, minimum, outcome.covariance.factor),
         added=np.zeros(count),
-        observed=observed,
     )
 
 

@@ -15,7 +15,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.uncertainty.covariance import propagate
 from mbm.estimation.uncertainty.degrees import common
-from mbm.estimation.uncertainty.observability import STILL, limited, pinned, pinned_coordinates, released_directions
+from mbm.estimation.uncertainty.observability import limited, pinned, pinned_coordinates
 from mbm.estimation.uncertainty.statistics import Statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of
@@ -110,9 +110,6 @@ class Propagation:
                 still |= held_too[lines] & ~part.any(axis=-1)
                 reason = PINNED if bool(still.any()) else reason
                 if derived.kind is None:
-                    if bool((certain & held_too[lines]).any()):
-                        bent = certain & held_too[lines] & self._bends(group)[lines]
-                        still, certain, reason = still | bent, certain & ~bent, PINNED if bool(bent.any()) else reason
                     held = cannot_vary(stated[lines], spread) | certain
                     part, spread = np.where(held[..., None], 0.0, part), np.where(held, 0.0, spread)
                 sigma[chosen] = np.where(unknown[lines] | still, np.nan, spread)
@@ -161,15 +158,6 @@ class Propagation:
             return np.full(shape, bool(held[group.reached[group.reached < len(held)]].any()))
         of_output = kernel.jacobian_rows[:, None] == np.arange(kernel.outputs)
         return np.broadcast_to(held[group.touched[:, kernel.jacobian_columns]] @ of_output, shape)
-
-    def _bends(self, group: Group) -> Mask:
-        """Which outputs (rows, outputs) vary as estimates leave the limits that hold them, by a standard deviation."""
-        directions = released_directions(self.outcome.observed) * np.sqrt(self.outcome.covariance.variance)
-        points = self.equations.retract(
-            np.tile(self.numbers, (len(directions) + 1, 1)), np.vstack([0 * directions[:1], directions])
-        )
-        values = group.values_at(points)
-        return np.asarray((np.abs(values[1:] - values[:1]) > STILL * np.abs(values[:1])).any(axis=0))
 
     def _columns(self, positions: Indices) -> Indices:
         columns = np.full(len(self.equations.layout.number), -1, dtype=np.int64)

@@ -141,14 +141,6 @@ def limited(observed: Observability) -> bool:
     return observed.limited_space is not None or bool(observed.fixed.any())
 
 
-def released_directions(observed: Observability) -> Floats:
-    """Steps (k, n) in which estimates leave the limits that hold them, and equations go along; a standard deviation of
-    unit variance long, or so.
-    """
-    along = np.eye(len(observed.fixed))[observed.fixed] if observed.limited_space is None else observed.limited_space.T
-    return np.asarray(along / observed.scale)
-
-
 def pinned(observed: Observability, gradient: Floats) -> tuple[Mask, Mask]:
     """Which quantities with the gradient (k, n) change only as estimates leave the limits that hold them, and which
     not even then: of what limits hold and equations tie together.

@@ -256,19 +256,3 @@ def test_under_a_loss_what_is_derived_of_one_estimate_is_cut_too() -> None:
     low, high = found["a"].interval()
     assert low == 0.0 and found["a"].interval_kind == "limited"
     assert found["twice"].interval() == pytest.approx([0.0, 2 * high], rel=1e-9, abs=1e-9)
-
-
-@pytest.mark.parametrize(("unknown", "limit"), [("(a :in (0 10))", ""), ("(a)", "(>= a 0)"), ("(a)", "(>= (* 2 a) 0)")])
-def test_what_varies_to_second_order_beside_a_limit_is_not_certain(unknown: str, limit: str) -> None:
-    """With a + b = 1 the quantity is 1 + a², whose slope at a = 0 is zero; (a + b)² stays 1."""
-    text = f"""(problem p (data d (table (y) (-0.3) (-0.1) (0.02))) (unknowns {unknown} (b))
-        (constraints (= (+ a b) 1) {limit}) (observe d (= y a) :sigma 0.2)
-        (derive (bent (+ a b (^ a 2))) (whole (^ (+ a b) 2)) (line (+ a b))))"""
-    found = mbm.loads(text).solve()
-    far = found["a"].interval()[1]
-    assert far == pytest.approx(ends(READINGS), rel=NEAR)
-    assert found["bent"].interval() == pytest.approx([1.0, 1 + far**2], rel=1e-9)
-    assert np.isnan(found["bent"].sigma) and "leaves the limit" in found["bent"].reason
-    for name in ("whole", "line"):
-        assert found[name].sigma == pytest.approx(0.0, abs=1e-12)
-        assert found[name].interval() == pytest.approx([1.0, 1.0], abs=1e-12)

@@ -16,7 +16,7 @@ from mbm.expression.nodes import Component, Leaf, Number, Parameter, leaves
 from mbm.expression.projection import by_axes
 from mbm.values import dataclass
 
-ONE_FOCAL, DISTORTION = 2, 5
+ONE_FOCAL, CENTRE, DISTORTION = 2, (3, 4), 5
 """Kinds of a camera's numbers: 0 and 1 are focal lengths of the axes, this is one for both; 3 and 4 the centre."""
 
 

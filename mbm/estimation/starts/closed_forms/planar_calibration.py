@@ -16,7 +16,7 @@ import numpy as np
 
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.starts.closed_forms.cameras import Camera, camera_numbers, cameras_of, outlook
+from mbm.estimation.starts.closed_forms.cameras import CENTRE, Camera, camera_numbers, cameras_of, outlook
 from mbm.estimation.starts.closed_forms.chains import (
     FRAME,
     Chain,
@@ -217,6 +217,8 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
         H = np.stack(list(compress(homographies, known)))
         images = np.concatenate([view.image for view in compress(views, known)])
         numbers, focal, centre = camera_numbers(camera.kinds, H, images)
+        if next(compress(views, known)).ahead < 0.0:  # images are turned about the centre
+            numbers = np.where(np.isin(camera.kinds, CENTRE), -numbers, numbers)
         mine = np.flatnonzero((places[:, data.columns] == camera.places).all(axis=1))
         result[np.ix_(mine, data.columns)] = numbers
         for view, each in zip(compress(views, known), H, strict=True):
