@@ -115,6 +115,7 @@ def _items(items: Iterable[Item], coverage: float) -> Iterable[Item]:
 
 
 def _spread(spread: Spread, coverage: float) -> Spread:
+    spread = replace(spread, released=None)  # what only the making of a report wants
     if spread.ends is None or isinstance(spread.ends, KeptEnds):
         return spread
     kept = {level: spread.ends(level) for level in sorted({*LEVELS, coverage})}

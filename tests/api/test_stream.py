@@ -60,7 +60,7 @@ def test_rows_of_any_kind(method):
     rows |= {"at": ["ab"[i % 2] for i in range(count)], "kind": ["near" if i % 3 else "far" for i in range(count)]}
     rows["y"][4] = -9.0
     tables = {"frames": FRAMES | {"go": np.cos(FRAMES["k"])}, "z": rows}
-    compiled = mbm.loads(STATIONS.format(method=method)).compile(data=tables)
+    compiled = mbm.loads(STATIONS.format(method=method, rest="")).compile(data=tables)
     answers = fed(compiled, tables)
     same(compiled.solve(), answers, ["x", "s"], ["lift"])
     assert answers[0].names == ('lift["a"]', 'lift["b"]', "s", "x")
@@ -78,7 +78,7 @@ def test_poses_and_columns_of_transitions(method):
         "d": 4 + 0.1 * k + 0.1 * generator.standard_normal(STEPS),
     }
     tables = {"wheels": wheels, "ranges": ranges}
-    compiled = mbm.loads(DRIVE.format(method=method)).compile(data=tables)
+    compiled = mbm.loads(DRIVE.format(method=method, rest="")).compile(data=tables)
     answers = fed(compiled, tables)
     result = compiled.solve()
     same(result, answers, ["at"])
