@@ -205,6 +205,10 @@ REFUSED = {
     ),
     "(observe d (= y m) :sigma 1 :errors ((y 1)) :loss huber)": ("(m :init 0)", "`:errors` beside consensus or a loss"),
     "(observe d (= y m) :errors ((y 1)))": ("(m)", "`:errors` without starts"),
+    "(observe d (= y m) :sigma 1 :errors ((y 1))) (observe d (= t m) :sigma unknown :loss huber)": (
+        "(m :init 0)",
+        "the unknown noise of `d-2` beside the loss of `d-2` and `:errors`",
+    ),
     "(observe d (= (hypot y m) 1) :errors ((y 1))) (observe d (= t m) :sigma 1 :loss huber)": (
         "(m :init 0)",
         "`:errors` of `d`, which has no measured side, beside the loss of `d",

@@ -88,3 +88,14 @@ def test_parts_have_constraints_of_their_own():
     for k, name in (("1", "first"), ("2", "second")):
         alone = solved(*PUT_IN["linear"], "", "huber", {"x": both[f"x{k}"], "y": both[f"y{k}"]})
         assert found["noise"][name] == pytest.approx(alone["noise"]["d"], rel=1e-8)
+
+
+@pytest.mark.parametrize("robust", ["(ransac :threshold 3)", "gnc", "lmeds"])
+def test_where_constraints_tell_all_rows_are_rejected_all_the_same(robust):
+    """The two rows that are twenty standard deviations off a value that is known."""
+    z = 3 + 0.1 * np.random.default_rng(4).uniform(-1, 1, 14)
+    z[[2, 9]] += 2
+    text = f"""(problem known (data d external) (unknowns (c)) (observe d (= z c) :sigma 0.1)
+        (constraints (= c 3)) (solve :robust {robust}))"""
+    (found,) = json.loads(mbm.loads(text).solve(data={"d": {"z": z}}).to_json())["solves"]
+    assert found["residuals"]["d"]["outliers"] == [3, 10]

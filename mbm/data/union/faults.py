@@ -109,7 +109,8 @@ def same_source(place: Place, first: str, second: str, name: str) -> Diagnostic:
 def told_alike(place: Place, first: str, second: str, name: str) -> Diagnostic:
     """Rows of two tables that go into a union have the same ``name`` in the column ``source``."""
     message = f"rows of `{short_text(first)}` and of `{short_text(second)}` would both be told by the name `{name}`"
-    return Diagnostic(code=BAD_PATTERN, message=message, place=place, hint="give the files or tables different names")
+    hint = "name each table once, and give the files different names"
+    return Diagnostic(code=BAD_PATTERN, message=message, place=place, hint=hint)
 
 
 def too_many_matches(place: Place, pattern: str, most: int) -> Diagnostic:
