@@ -303,6 +303,15 @@ def test_a_filter_allocates_nothing_and_c_plus_plus_may_include_its_header(tmp_p
     assert checked.returncode == 0, checked.stderr
 
 
+def test_a_test_with_a_broken_table_says_so_and_frees_what_it_read(tmp_path):
+    folder = written(files(*sequences.cart("ekf", "s", "")), tmp_path)
+    assert make(folder).returncode == 0
+    (folder / "data" / "z.csv").write_text("k,y,s\n1\n")
+    found = run("./cart_test", folder=folder)
+    assert (found.returncode, "another number of fields" in found.stderr) == (2, True), found.stderr
+    assert "LeakSanitizer" not in found.stderr
+
+
 def test_keys_and_windows_are_sequences_of_their_own(tmp_path):
     """The program tells each step of each window of each key, as the solver does, to 1e-10."""
     text, data = sequences.runs("ekf", "(window k :length 4 :step 1.5 :min-rows 2)")

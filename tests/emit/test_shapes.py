@@ -45,6 +45,19 @@ def test_c_compiles_without_a_warning_and_gives_the_reference_numbers(name, tmp_
     assert "0 of" in made.stdout
 
 
+@needs_compiler
+@pytest.mark.parametrize("broken", ["reference.csv", "data"])
+def test_a_test_with_a_broken_file_says_so_and_frees_what_it_read(broken, tmp_path):
+    folder = written(of_text(SHAPES["derived"], "c"), tmp_path)
+    assert make(folder, "derived_test").returncode == 0
+    place = folder / broken if broken.endswith(".csv") else min((folder / broken).iterdir())
+    place.write_text(place.read_text() + "1,2,3,4,5,6,7,8,9\n")
+    found = run("./derived_test", folder=folder)
+    assert found.returncode == 2, found.stderr
+    assert "another number of fields" in found.stderr
+    assert "LeakSanitizer" not in found.stderr
+
+
 NEAR = 3e-7
 """Standard deviations from SciPy's minimum: as `tests.oracles.outside.FAR` says. Deviations differ to first order."""
 

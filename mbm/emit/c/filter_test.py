@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from mbm.emit.c.filter_memory import derived_rooms
 from mbm.emit.c.filter_tables import begun, each_window, heads
-from mbm.emit.c.reading import DIFFERS, each_data_set
+from mbm.emit.c.reading import DIFFERS, each_data_set, reference_freed, reference_read
 from mbm.emit.filtering.types import FilterBlueprint
 
 _GIVEN = "const struct csv *reference, long *at, long *compared"
@@ -100,11 +100,10 @@ def test_file(made: FilterBlueprint) -> str:
         *(["    long row;"] if made.files.for_each else []),
         "",
     ]
-    lines += ['    if (!csv_read(&reference, "reference.csv"))', "        return 2;"]
-    lines += [f"    if (!{name}_read_tables(&tables, paths))", "        return 2;"]
+    lines += reference_read(made.files)
     what = "sequence" if made.window is None else "windows"
     lines += each_data_set(made.files, f"wrong += compare_{what}({{data}}, &reference, &at, &compared);")
-    lines += [f"    {name}_free_tables(&tables);", "    wrong += at < reference.rows;", "    csv_free(&reference);"]
+    lines += ["    wrong += at < reference.rows;", *reference_freed(made.files)]
     lines += ['    printf("%ld of %ld numbers differ\\n", wrong, compared);']
     lines += ["    return wrong == 0 && compared > 0 ? 0 : 1;", "}", ""]
     return "\n".join(lines)

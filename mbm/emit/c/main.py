@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.header import ANSWERS
-from mbm.emit.c.reading import DIFFERS, arguments_read, each_data_set, key_text, program_head
+from mbm.emit.c.reading import (
+    DIFFERS,
+    arguments_read,
+    each_data_set,
+    key_text,
+    program_head,
+    reference_freed,
+    reference_read,
+)
 from mbm.emit.c.text import bare, in_unit, literal, remark
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, DerivedShape, UnknownShape
@@ -199,10 +207,9 @@ def test_file(blueprint: Blueprint) -> str:
     lines += [f"    char *const paths[] = {{{written}}};", f"    struct {name}_tables tables;"]
     lines += ["    struct csv reference;", "    long solve = 0, wrong = 0, compared = 0;"]
     lines += ["    long row;", ""] if blueprint.for_each else [""]
-    lines += ['    if (!csv_read(&reference, "reference.csv"))', "        return 2;"]
-    lines += [f"    if (!{name}_read_tables(&tables, paths))", "        return 2;"]
+    lines += reference_read(blueprint)
     lines += each_data_set(blueprint, "wrong += compare({data}, solve++, &reference, &compared);")
-    lines += [f"    {name}_free_tables(&tables);", "    csv_free(&reference);"]
+    lines += reference_freed(blueprint)
     lines += ['    printf("%ld of %ld numbers differ\\n", wrong, compared);']
     lines += ["    return wrong == 0 && compared > 0 ? 0 : 1;", "}", ""]
     return "\n".join(lines)

@@ -204,6 +204,22 @@ static int differs(double value, double reference, double sigma)
 """What tests of generated C compare with."""
 
 
+def reference_read(blueprint: Blueprint) -> Iterator[str]:
+    """Statements of ``main`` of a test that read ``reference.csv`` and the tables from ``paths``."""
+    name = blueprint.identifier
+    yield "    memset(&tables, 0, sizeof tables);"
+    yield f'    if (!csv_read(&reference, "reference.csv") || !{name}_read_tables(&tables, paths)) {{'
+    yield from reference_freed(blueprint, "        ")
+    yield "        return 2;"
+    yield "    }"
+
+
+def reference_freed(blueprint: Blueprint, pad: str = "    ") -> Iterator[str]:
+    """Statements that free what `reference_read` read."""
+    yield f"{pad}{blueprint.identifier}_free_tables(&tables);"
+    yield f"{pad}csv_free(&reference);"
+
+
 def key_tables(blueprint: Blueprint) -> tuple[TableShape, ...]:
     """The tables that have all columns of ``for-each``: their keys, one table after the other, tell the solves."""
     names = [{c.name for c in t.columns} for t in blueprint.tables]
