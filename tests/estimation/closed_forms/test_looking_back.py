@@ -25,12 +25,21 @@ def images() -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in found.items()}
 
 
-@pytest.mark.parametrize("focal", ["600", "f"])
-@pytest.mark.parametrize("camera", [":axes opengl :focal (F F)", ":focal ((- F) (- F))"])
-def test_a_board_before_a_camera_that_looks_along_minus_z(camera, focal):
+@pytest.mark.parametrize(
+    ("camera", "unknown"),
+    [
+        (":axes opengl :focal (600 600)", ""),
+        (":axes opengl :focal (f f)", "(f)"),
+        (":focal (-600 -600)", ""),
+        (":focal ((- f) (- f))", "(f)"),
+        (":focal (f f)", "(f :in (-3000 -100))"),
+        (":focal (f f)", "(f :init -500)"),
+    ],
+)
+def test_a_board_before_a_camera_that_looks_along_minus_z(camera, unknown):
     """Known and unknown focal lengths: pose from points, and Zhang's calibration."""
-    solved = mbm.loads(f"""(problem p (data d external) (camera cam {camera.replace("F", focal)})
-      (unknowns {"(f)" if focal == "f" else ""} (T (pose 3) :per d.photo))
+    solved = mbm.loads(f"""(problem p (data d external) (camera cam {camera})
+      (unknowns {unknown} (T (pose 3) :per d.photo))
       (observe d (= [u v] (project cam (transform (T photo) [x y 0]))) :sigma 0.1)
       (derive (ends (transform (T 1) [0.2 0.15 0]))))""").solve(data={"d": images()})
     assert solved.status == "ok"
@@ -53,14 +62,24 @@ def turned_boards(seed: int, centre: np.ndarray) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in found.items()}
 
 
-@pytest.mark.parametrize("camera", [":axes opengl :focal (fx fy)", ":focal ((- fx) (- fy))"])
+@pytest.mark.parametrize(
+    ("camera", "limits", "focal"),
+    [
+        (":axes opengl :focal (fx fy)", "", FOCAL),
+        (":focal ((- fx) (- fy))", "", FOCAL),
+        (":focal (fx fy)", ":in (-3000 -100)", -FOCAL),
+        (":axes opengl :focal ((- fx) (- fy))", ":in (-3000 -100)", -FOCAL),
+    ],
+)
 @pytest.mark.parametrize("seed", range(4))
-def test_the_centre_of_such_a_camera_is_found(camera, seed):
+def test_the_centre_of_such_a_camera_is_found(camera, limits, focal, seed):
     """Begun at the centre's negative, some of such calibrations ended at another minimum, a thousand times as high."""
     solved = mbm.loads(f"""(problem p (data d external) (camera cam {camera} :center (cx cy))
-      (unknowns (fx) (fy) (cx) (cy) (T (pose 3) :per d.photo))
+      (unknowns (fx {limits}) (fy {limits}) (cx) (cy) (T (pose 3) :per d.photo))
       (observe d (= [u v] (project cam (transform (T photo) [x y 0]))) :sigma 0.1)
+      (derive (depth (- (dot [0 0 1] (transform (T 0) [0 0 0])))))
       )""").solve(data={"d": turned_boards(seed, np.array([320.0, -240.0]))})
     assert solved.solves[0].cost < 300 - 34 + 5 * np.sqrt(2 * 266)  # χ² of as many degrees of freedom
-    for name, value in (("fx", FOCAL), ("fy", FOCAL), ("cx", 320.0), ("cy", -240.0)):
+    assert float(solved["depth"].value) > 0.3  # of 0.6 ± the board's half
+    for name, value in (("fx", focal), ("fy", focal), ("cx", 320.0), ("cy", -240.0)):
         assert abs(float(solved[name].value) - value) < 5 * float(solved[name].sigma)

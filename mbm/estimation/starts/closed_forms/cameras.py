@@ -20,18 +20,36 @@ ONE_FOCAL, CENTRE, DISTORTION = 2, (3, 4), 5
 """Kinds of a camera's numbers: 0 and 1 are focal lengths of the axes, this is one for both; 3 and 4 the centre."""
 
 
-def outlook(rows: Rows) -> Floats | None:
+def negative(situation: Situation, places: Indices, coordinates: Indices) -> bool:
+    """Whether numbers at ``places`` (k,) are below zero: as they are known, as they are stated, or by their limits."""
+    layout = situation.layout
+    stated = np.where(layout.guessed[places], np.nan, layout.start[places])
+    numbers = np.where(np.isnan(situation.numbers[places]), stated, situation.numbers[places])
+    return bool(((numbers < 0) | (layout.upper[coordinates] <= 0)).all())
+
+
+def outlook(situation: Situation, rows: Rows) -> Floats | None:
     """The way (3,) in which the pinhole cameras of rows look, in their frames; None where that is not known.
 
-    Unknown focal lengths are taken to be positive where they stand.
+    Unknown focal lengths are taken to be positive where nothing says that they are negative.
     """
+
+    def sign(leaf: Leaf) -> float:
+        if not isinstance(leaf, Component):
+            return 1.0
+        entry = situation.layout.entry(leaf.unknown)
+        if entry.unknown.freedom != entry.unknown.size:
+            return 1.0
+        own = np.arange(entry.members) * entry.unknown.size + entry.unknown.indices().index(leaf.index)
+        return -1.0 if negative(situation, entry.offset + own, entry.first + own) else 1.0
+
     axes = tuple(Parameter(name) for name in "xyz")
     frame: dict[Leaf, Floats] = dict(zip(axes, np.eye(3), strict=True))
     ways = set()
     for camera in dict.fromkeys(each for piece in rows.pieces for each in pinholes(piece.group)):
         if not all(isinstance(leaf, Component | Number) for leaf in leaves(camera.focal)):
             return None
-        ahead = -1.0 if bool(looks_back(*evaluate(camera.focal, lambda _: 1.0))) else 1.0
+        ahead = -1.0 if bool(looks_back(*evaluate(camera.focal, sign))) else 1.0
         depth = evaluate(by_axes(axes, camera.axes)[2:], frame.__getitem__)[0]
         ways.add(tuple((ahead * np.asarray(depth)).tolist()))
     return np.array(ways.pop()) if len(ways) == 1 else None
@@ -55,6 +73,11 @@ class Camera:
     places: Indices
     coordinates: Indices
     kinds: tuple[int, ...] = ()
+
+    def sense(self, situation: Situation) -> float:
+        """−1 where all its focal lengths are known to be negative, else 1."""
+        focal = np.array(self.kinds) <= ONE_FOCAL
+        return -1.0 if negative(situation, self.places[focal], self.coordinates[focal]) else 1.0
 
     def probed(self, situation: Situation) -> Situation:
         """With focal lengths of 1, the centre at 0, and no distortion."""
@@ -150,7 +173,7 @@ def _within(number: int, span: slice) -> bool:
 
 
 def camera_numbers(kinds: tuple[int, ...], homographies: Floats, images: Floats) -> tuple[Floats, Floats, Floats]:
-    """A camera's numbers (s,), its focal lengths (2,) and centre (2,) from homographies (K, 3, 3).
+    """A camera's numbers (s,), its focal lengths (2,) and centre (2,) from homographies (K, 3, 3), lengths positive.
 
     Where few or noisy views give no camera that could see the ``images`` (n, 2), it is the best of a table of cameras.
     """

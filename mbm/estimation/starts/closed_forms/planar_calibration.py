@@ -52,7 +52,8 @@ class View:
 
     ``basis`` (3, 3) and ``origin`` place the plane in space. ``places`` (7,) are those of the numbers of the one
     unknown pose through which it is seen, or none; ``inverse``: it is the inverse of that pose. ``eye`` is the camera's
-    known pose before it, if there is one. ``ahead`` is −1 where the camera looks along −z.
+    known pose before it, if there is one. ``ahead`` is −1 where the camera looks along −z, ``sense`` where its focal
+    lengths are negative.
     """
 
     camera: int
@@ -65,6 +66,7 @@ class View:
     places: Indices
     inverse: bool
     ahead: float
+    sense: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -127,7 +129,7 @@ def _seen(situation: Situation, camera: Camera, number: int) -> tuple[Camera, li
         camera = replace(camera, kinds=kinds)
         found = chain(camera.probed(free), lines, poses, 2)
         if found is not None:
-            views += _views(found, number)
+            views += _views(situation, camera, found, number)
     return (camera, views) if views else None
 
 
@@ -143,7 +145,7 @@ def _lines(situation: Situation, camera: Camera) -> dict[tuple[int, ...], Lines]
     return {poses: tuple(lines) for poses, lines in found.items()}
 
 
-def _views(found: Chain, camera: int) -> Iterator[View]:
+def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> Iterator[View]:
     """Of each product of poses the points, if they lie in a plane, and where they are seen.
 
     A camera that stands at a known pose before the unknown ones sees the products from there.
@@ -156,7 +158,7 @@ def _views(found: Chain, camera: int) -> Iterator[View]:
         seen = eye.image(PROBE) - found.moved.values(PROBE)
     else:
         return
-    way = outlook(found.moved.rows)
+    way = outlook(situation, found.moved.rows)
     ahead = 1.0 if way is None else float(way.sum())
     order = np.argsort(found.product, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(found.product[order])) + 1):
@@ -168,7 +170,7 @@ def _views(found: Chain, camera: int) -> Iterator[View]:
         basis[2] = np.cross(basis[0], basis[1])
         link = found.links[0] if len(found.links) == 1 else None
         yield View(
-            camera=camera,
+            camera=number,
             plane=(points - origin) @ basis[:2].T,
             image=seen[rows],
             basis=basis.T,
@@ -178,6 +180,7 @@ def _views(found: Chain, camera: int) -> Iterator[View]:
             places=np.empty(0, dtype=np.int64) if link is None else link.places(int(link.member[rows[0]])),
             inverse=link is not None and link.inverse,
             ahead=ahead,
+            sense=camera.sense(situation),
         )
 
 
@@ -217,8 +220,10 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
         H = np.stack(list(compress(homographies, known)))
         images = np.concatenate([view.image for view in compress(views, known)])
         numbers, focal, centre = camera_numbers(camera.kinds, H, images)
-        if next(compress(views, known)).ahead < 0.0:  # images are turned about the centre
-            numbers = np.where(np.isin(camera.kinds, CENTRE), -numbers, numbers)
+        first = next(compress(views, known))
+        turned = first.ahead * first.sense  # −1: with positive numbers, images are turned about the centre
+        focal = first.sense * focal
+        numbers = numbers * np.where(np.isin(camera.kinds, CENTRE), turned, first.sense)
         mine = np.flatnonzero((places[:, data.columns] == camera.places).all(axis=1))
         result[np.ix_(mine, data.columns)] = numbers
         for view, each in zip(compress(views, known), H, strict=True):

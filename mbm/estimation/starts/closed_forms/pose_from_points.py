@@ -44,7 +44,6 @@ class PoseFromPoints:
 
     def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
         """Rows that depend on a moved point through its direction alone."""
-        del situation
         for dimension in (3, 2):
             moved = moved_points(candidate, candidate.rows(dimension - 1))
             if moved is None or moved.frame.dimension != dimension or moved.frame.scales or not is_central(moved):
@@ -54,7 +53,9 @@ class PoseFromPoints:
             if int(seen.sum()) < 3:
                 return None
             sights = Sights(moved=moved.picked(seen), bearings=bearings[seen])
-            return Plan(form=self, candidate=candidate, rows=sights.moved.rows, minimal=3, data=_facing(sights))
+            return Plan(
+                form=self, candidate=candidate, rows=sights.moved.rows, minimal=3, data=_facing(situation, sights)
+            )
         return None
 
     def solve(self, plan: Plan, subsets: Indices) -> Floats:
@@ -113,7 +114,7 @@ def _turned_round(sights: Sights) -> bool:
     return bool((slopes[:, 0, 0] < 0).all() and (slopes[:, 1, 1] < 0).all())
 
 
-def _facing(sights: Sights) -> Sights:
+def _facing(situation: Situation, sights: Sights) -> Sights:
     """The same, or with all bearings turned round where the camera looks along a negative axis (BAL's cameras do).
 
     A pinhole does not tell front from back; points in general position do: only one side sees them unmirrored. Of a
@@ -124,7 +125,7 @@ def _facing(sights: Sights) -> Sights:
     if points.shape[1] == 2:
         return sights
     if np.linalg.matrix_rank(points - points[0], tol=AGREEMENT * np.ptp(points, axis=0).max()) < 3:
-        way = outlook(sights.moved.rows)
+        way = outlook(situation, sights.moved.rows)
         turned = 1.0 if way is None else np.where(sights.bearings @ way < 0, -1.0, 1.0)[:, None]
         return Sights(moved=sights.moved, bearings=turned * sights.bearings)
     if not _turned_round(sights):
