@@ -23,7 +23,7 @@ from mbm.equations.spreads import Freedom, Limited
 from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.estimation.coverage.certain import Certain, certain
 from mbm.estimation.coverage.parabolas import Parabolas, Pieces, parabolas
-from mbm.estimation.coverage.shares import Followed, share_between, sides
+from mbm.estimation.coverage.shares import Followed, grown_enough, share_between, sides
 from mbm.estimation.coverage.within_limits import Profile, Quantities, QuantityProfile, quantities
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
@@ -178,8 +178,11 @@ class Likelihood:
                 if told and _agrees(pieces or profile, law, numbers, place):
                     continue
                 first = numbers.sigma[place] if told else np.linalg.norm(found.gradient[place] * self.alone)
-                two = pieces.sides(law) if pieces else sides(profile, law, (np.inf, np.inf), float(first))
-                ends = share_between(*two, law, own.level, self._certain(touched))
+                if found.straight or self.equations.likely:
+                    two = pieces.sides(law) if pieces else sides(profile, law, (np.inf, np.inf), float(first))
+                    ends = share_between(*two, law, own.level, self._certain(touched))
+                else:
+                    ends = grown_enough(profile, law, own.level, float(first))
                 numbers.ends[0][place], numbers.ends[1][place] = ends
 
     def _cuts(self, found: Quantities, touched: Indices) -> bool:

@@ -91,7 +91,6 @@ def _piece(
     high = float(ends[rate[~still] > 0.0].min(initial=np.inf))
     if low > high:
         return None
-    low, high = low - JOINED * abs(low), high + JOINED * abs(high)
     return float(start @ start), 2.0 * float(start @ way), float(way @ way), low, high
 
 
@@ -111,7 +110,8 @@ class Pieces:
     def growths(self, steps: Floats) -> Floats:
         """The same of many steps (s,)."""
         value, slope, bend, low, high = self.pieces.T[:, :, None]
-        costs = np.where((low <= steps) & (steps <= high), value + steps * (slope + steps * bend), np.inf)
+        joined = (low - JOINED * np.abs(low) <= steps) & (steps <= high + JOINED * np.abs(high))
+        costs = np.where(joined, value + steps * (slope + steps * bend), np.inf)
         return np.asarray(np.maximum(costs.min(axis=0) - self.least, 0.0) / self.variance)
 
     def sides(self, law: Law) -> tuple[Side, Side]:

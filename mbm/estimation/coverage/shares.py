@@ -112,6 +112,40 @@ def share_between(below: Side, above: Side, law: Law, level: float, certain: flo
     return below.end(most), above.end(most)
 
 
+def grown_enough(profile: Followed, law: Law, level: float, first: float) -> tuple[float, float]:
+    """How far below and above the cost stays low enough for a level; infinite where it always does.
+
+    What bends has another share of its likelihood for every function of it, and the same growth of the cost for all.
+    The ``first`` step is such a distance, in whose proportion no distance is counted.
+    """
+    most = law.of_square(float(coverage_factors(level, np.array([law.dof]))[0]) ** 2)
+    below, above = (_reach(partial(_surprise, profile, law, sign), first, most) for sign in (-1.0, 1.0))
+    return below, above
+
+
+def _reach(surprise: Callable[[float], float], first: float, most: float) -> float:
+    """The distance at which ``surprise`` is so much."""
+    near, far, step = (0.0, 0.0), (np.inf, np.inf), first
+    for _ in range(STEPS):
+        found = surprise(step)
+        if abs(np.sqrt(found / most) - 1.0) <= AS_FAR:
+            return step
+        near, far = (near, (step, found)) if found > most else ((step, found), far)
+        if near[0] > WITHOUT_END:
+            return np.inf
+        if far[0] - near[0] <= AS_FAR * near[0] or far[0] < NO_SIDE * first:
+            break
+        if np.isinf(far[0]):
+            step = near[0] * min(LONGEST, max(2.0, np.sqrt(most / max(near[1], PLATEAU))))
+        elif far[1] < MOST_LOOKED_AT:
+            # the root of the growth is nearly a straight line
+            low, wanted, high = np.sqrt([near[1], most, far[1]])
+            step = float(near[0] + (wanted - low) / (high - low) * (far[0] - near[0]))
+        else:
+            step = 0.5 * (near[0] + far[0]) if near[0] > 0.0 else SHORTEST * far[0]
+    return near[0]
+
+
 def sides(profile: Followed, law: Law, limits: tuple[float, float], sigma: float) -> tuple[Side, Side]:
     """Below and above the estimate; the side on which the likelihood falls slowly tells how near the other one ends."""
     first = sigma if sigma > 0.0 else FIRST_STEP * (abs(profile.value) or 1.0)

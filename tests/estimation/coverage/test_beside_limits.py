@@ -258,6 +258,38 @@ def test_under_a_loss_what_is_derived_of_one_estimate_is_cut_too() -> None:
     assert found["twice"].interval() == pytest.approx([0.0, 2 * high], rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize("each", ["", "(for-each k)"])
+def test_a_ratio_beside_what_a_limit_holds_ends_where_its_least_cost_has_grown(each: str) -> None:
+    """By 1.96² over all a ≥ 0.2; it has no share: its likelihood does not fall to nothing on the way to b = 0."""
+    x, y = np.arange(1.0, 6.0), np.array([0.3, 1.1, 1.6, 2.2, 2.4])
+    text = f"""(problem p (data d external) (unknowns (a :in (0.2 10)) (b)) {each}
+        (observe d (= y (+ a (* b x))) :sigma 0.4) (derive (r (/ a b)) (inverse (/ b a))))"""
+
+    def growth(ratio: float) -> float:
+        slope = max(y @ (ratio + x) / np.square(ratio + x).sum(), 0.2 / ratio)
+        residuals = (y - slope * (ratio + x), y - 0.2 - x * (x @ (y - 0.2)) / (x @ x))
+        return float(np.square(residuals[0]).sum() - np.square(residuals[1]).sum()) / 0.16 - norm.ppf(0.975) ** 2
+
+    found = mbm.loads(text).solve(data={"d": {"x": x, "y": y, "k": np.zeros(5)}}).solves[0]
+    middle = float(found["r"].value)
+    low, high = brentq(growth, 0.05, middle), brentq(growth, middle, 20.0)
+    # ends are where the growth is right to 0.2 %
+    assert found["r"].interval() == pytest.approx([low, high], rel=NEAR)
+    assert found["inverse"].interval() == pytest.approx([1 / high, 1 / low], rel=NEAR)
+
+
+@pytest.mark.parametrize("limit", [-2.098, 0.429, 0.822, 2.342])
+def test_ends_at_a_limit_of_several_lie_within_it(limit: float) -> None:
+    y = limit + 0.2 + 0.2 * X + np.array([0.1, -0.2, 0.15, -0.05])
+    text = LINE.format(unknown="(a)", limit=f"(constraints (>= (+ a b) {limit}))", each="", more="(less (- (+ a b)))")
+    found = mbm.loads(text).solve(data={"d": {"x": X, "y": y}})
+    assert float(found["sum"].value) > limit
+    # the way there and back rounds twice
+    rounding = 4 * np.spacing(abs(limit) + abs(float(found["sum"].value)))
+    assert found["sum"].interval()[0] == pytest.approx(limit, abs=rounding, rel=0.0)
+    assert found["less"].interval()[1] == pytest.approx(-limit, abs=rounding, rel=0.0)
+
+
 def test_near_a_limit_a_ratio_is_as_without_it() -> None:
     """It is no sum, and nothing holds: its interval once began at the estimate and ended at 354022."""
     text = """(problem p (data d (table (x y) (1 1.3) (2 1.1) (3 1.6) (4 2.2) (5 2.4))) (unknowns (a {limit}) (b))
