@@ -1,8 +1,8 @@
 """A start against the closed forms for all unknowns: where one of these leads lower, its minimum is the answer.
 
-Where there is none, as for a fisheye whose focal lengths are unknown, and the fit is worse than stated noise lets
-expect, those for poses and rotations have a word, with all else as it was found: a board that is seen turned round
-drags the camera with it, and is seen rightly even by that camera.
+Where there is none, as for a camera of known distortion whose focal lengths are unknown, and the fit is worse than
+stated noise lets expect, those for poses and rotations have a word, with all else as it was found: a board that is seen
+turned round drags the camera with it, and is seen rightly even by that camera.
 """
 
 from __future__ import annotations

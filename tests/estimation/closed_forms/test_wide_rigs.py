@@ -57,3 +57,56 @@ def test_another_minimum_is_doubted_and_the_way_out_is_named():
     assert "`--starts 20` looks for a better minimum" in diagnostic.hint
     better = mbm.loads(WAVE).solve(data=wave(), starts=20, seed=1)
     assert abs(better["w"].value - 3.7) < 4 * better["w"].sigma
+
+
+BESIDE = """
+(problem beside
+  (data photos external :key photo) (data left external) (data right external)
+  (camera a :focal (fa ga) :center (ca da))
+  (camera b :model fisheye :focal (fb gb) :center (cb db) :distortion (k1 k2 k3 k4))
+  (unknowns (fa) (ga) (ca) (da) (fb) (gb) (cb) (db) (k1) (k2) (k3) (k4) (T (pose 3) :per photos) (B (pose 3)))
+  (observe l left (= [u v] (project a (transform (T photo) [x y z]))) :sigma 0.3)
+  (observe r right (= [u v] (project b (transform (compose B (T photo)) [x y z]))) :sigma 0.3))"""
+
+ALONE = """
+(problem alone
+  (data photos external :key photo) (data right external)
+  (camera b :model fisheye :focal {focal} :center {center})
+  (unknowns {numbers} (T (pose 3) :per photos))
+  (observe right (= [u v] (project b (transform (T photo) [x y z]))) :sigma 0.3))"""
+
+
+def stereo(seed, noise, focal=(250.0, 251.5)):
+    """A pinhole camera of 800 px and a fisheye of 250 px that see a board up to 60° off."""
+    generator = np.random.default_rng(seed)
+    rig = [(np.eye(3), np.zeros(3)), (turn([0.02, -0.1, 0.01]), np.array([-0.1, 0, 0.01]))]
+    cameras = [Camera(), Camera(focal=focal, centre=(330.0, 235.0), fisheye=True)]
+    boards = held(generator, PHOTOS, tilt=0.6, far=0.25)
+    left, right = photographed(cameras, rig, boards, [range(PHOTOS)] * 2, noise, generator)
+    return {"photos": {"photo": np.arange(float(PHOTOS))}, "left": left.columns(), "right": right.columns()}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_fisheye_beside_a_pinhole_wants_no_start(seed):
+    found = mbm.loads(BESIDE).solve(data=stereo(seed, 0.3))
+    for name, value in (("fa", 800.0), ("ga", 810.0), ("fb", 250.0), ("gb", 251.5), ("cb", 330.0), ("db", 235.0)):
+        assert abs(found[name].value - value) < 4 * found[name].sigma
+    assert found.first.chi2_p > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("focal", "center", "numbers"),
+    [
+        ("(fb gb)", "(cb db)", "(fb) (gb) (cb) (db)"),
+        ("(fb fb)", "(330 235)", "(fb)"),
+        ("(fb gb)", "(cb db)", "(fb :in (-2000 -50)) (gb :in (-2000 -50)) (cb) (db)"),
+    ],
+)
+def test_a_fisheye_alone_is_calibrated(focal, center, numbers):
+    """Without noise the truth comes back, but for what the stopping rule leaves."""
+    data = stereo(3, 0.0, (250.0, 250.0) if focal == "(fb fb)" else (250.0, 251.5))
+    del data["left"]
+    found = mbm.loads(ALONE.format(focal=focal, center=center, numbers=numbers)).solve(data=data)
+    sign = -1.0 if ":in" in numbers else 1.0  # seen through it all is turned about the axis
+    assert abs(found["fb"].value - sign * 250.0) < 1e-4
+    assert found.first.cost < 1e-6

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from enum import Enum
+
 import numpy as np
 
 from mbm.equations.at_rows import looks_back, pinholes
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose
-from mbm.estimation.starts.closed_forms.numerics.planes import Knowledge, camera_from_planes, likeliest_camera
+from mbm.estimation.starts.closed_forms.numerics.planes import (
+    Knowledge,
+    camera_from_planes,
+    homography,
+    likeliest_camera,
+)
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, Support
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Component, Leaf, Number, Parameter, leaves
 from mbm.expression.projection import by_axes
+from mbm.rotations import nearest
 from mbm.values import dataclass
 
 ONE_FOCAL, CENTRE, DISTORTION = 2, (3, 4), 5
@@ -60,6 +69,28 @@ LEAST_POINTS = 4
 
 WIDEST, NARROWEST = 0.05, 100.0
 """Focal lengths beside the extent of what is seen, beyond which they are noise."""
+
+
+FISHEYES = np.geomspace(0.15, 10.0, 31)
+"""Focal lengths of fisheyes that are tried, beside the extent of what is seen: from all around to 6°."""
+
+STEEPEST = 1.4
+"""Angle from the axis, rad, beyond which a pinhole's image is too far out to tell of a plane."""
+
+
+class Lens(Enum):
+    """How directions come into the image of a camera."""
+
+    PINHOLE = "pinhole"
+    FISHEYE = "fisheye"
+
+    def image(self, p: Floats) -> Floats:
+        """Where a camera of focal length 1 sees points (…, 3): right, down, forward."""
+        across, ahead = p[..., :2], p[..., 2:]
+        if self is Lens.PINHOLE:
+            return np.asarray(across / ahead)
+        radius = np.linalg.norm(across, axis=-1, keepdims=True)
+        return np.asarray(across * np.where(radius > 0.0, np.arctan2(radius, ahead) / np.maximum(radius, 1e-300), 1.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -172,20 +203,79 @@ def _within(number: int, span: slice) -> bool:
     return number in range(span.start, span.stop)
 
 
-def camera_numbers(kinds: tuple[int, ...], homographies: Floats, images: Floats) -> tuple[Floats, Floats, Floats]:
-    """A camera's numbers (s,), its focal lengths (2,) and centre (2,) from homographies (K, 3, 3), lengths positive.
+def camera_numbers(
+    kinds: tuple[int, ...], lens: Lens, views: Sequence[tuple[Floats, Floats]]
+) -> tuple[Floats, Floats] | None:
+    """A camera's numbers (s,), focal lengths positive, from ``views``: points (n, 2) of a plane, and their images.
 
-    Where few or noisy views give no camera that could see the ``images`` (n, 2), it is the best of a table of cameras.
+    And homographies (K, 3, 3) from the planes to the images of a pinhole camera with focal length 1 and centre 0, NaN
+    where a view tells of none; None where none does.
     """
+    images = np.concatenate([image for _, image in views])
     middle = (images.min(axis=0) + images.max(axis=0)) / 2 if 3 in kinds else np.zeros(2)
     extent = float(np.ptp(images, axis=0).max())
-    shifted = homographies.copy()
-    shifted[:, :2] -= middle[:, None] * homographies[:, 2:]
-    shifted[:, :2] /= extent
-    focal, centre = camera_from_planes(shifted, Knowledge(one_focal=ONE_FOCAL in kinds, centred=3 not in kinds))
+    scaled = [(plane, (image - middle) / extent) for plane, image in views]
+    found = _of_pinhole(kinds, scaled) if lens is Lens.PINHOLE else _of_fisheye(scaled)
+    if found is None:
+        return None
+    focal, centre = found[0] * extent, found[1] * extent + middle
+    values = np.array([focal[0], focal[1], focal.mean(), centre[0], centre[1], 0.0])
+    return values[list(kinds)], found[2]
+
+
+def _of_pinhole(kinds: tuple[int, ...], views: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats, Floats] | None:
+    """Focal lengths (2,), centre (2,) and homographies (K, 3, 3) of views whose images are of the size of one.
+
+    Where few or noisy views give no camera that could see the images, it is the best of a table of cameras.
+    """
+    every = np.stack([homography(plane, image) for plane, image in views])
+    known = every[np.isfinite(every).all(axis=(1, 2))]
+    if not len(known):
+        return None
+    focal, centre = camera_from_planes(known, Knowledge(one_focal=ONE_FOCAL in kinds, centred=3 not in kinds))
     sees = bool((focal > WIDEST).all() and (focal < NARROWEST).all() and (np.abs(centre) < 1.0).all())
     if not sees:
-        focal, centre = likeliest_camera(shifted, centred=3 not in kinds)
-    focal, centre = focal * extent, centre * extent + middle
-    values = np.array([focal[0], focal[1], focal.mean(), centre[0], centre[1], 0.0])
-    return values[list(kinds)], focal, centre
+        focal, centre = likeliest_camera(known, centred=3 not in kinds)
+    every[:, :2] = (every[:, :2] - centre[:, None] * every[:, 2:]) / focal[:, None]
+    return focal, centre, every
+
+
+def _of_fisheye(views: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats, Floats] | None:
+    """The same of a fisheye, with that focal length by which the planes suit their images best, and the centre at 0."""
+    lengths = FISHEYES
+    for finer in (True, False):
+        trials = [[_through_fisheye(plane, image / length) for plane, image in views] for length in lengths]
+        misfits = np.array(
+            [[length * misfit for _, misfit in each] for length, each in zip(lengths, trials, strict=True)]
+        )
+        misfits = misfits[:, np.isfinite(misfits).any(axis=0)]
+        if not misfits.size:
+            return None
+        best = int(np.argmin(misfits.sum(axis=1)))
+        if finer:
+            step = FISHEYES[1] / FISHEYES[0]
+            lengths = lengths[best] * np.geomspace(1 / step, step, 9)
+    return np.full(2, lengths[best]), np.zeros(2), np.stack([H for H, _ in trials[best]])
+
+
+def _through_fisheye(plane: Floats, image: Floats) -> tuple[Floats, float]:
+    """The homography (3, 3) of a pinhole in place of a fisheye with focal length 1, and how far it leads off.
+
+    That is the mean distance of the points in the image of the fisheye; infinite where too few of them tell.
+    """
+    angle = np.linalg.norm(image, axis=1)
+    seen = angle < STEEPEST
+    with np.errstate(all="ignore"):
+        straight = image * np.where(angle > 0.0, np.tan(angle) / angle, 1.0)[:, None]
+    H = homography(plane[seen], straight[seen])
+    if not bool(np.isfinite(H).all()):
+        return np.full((3, 3), np.nan), np.inf
+    R, t = pose_of_plane(H)
+    again = Lens.FISHEYE.image(plane @ R[:, :2].T + t)
+    return H, float(np.linalg.norm(again - image, axis=1).mean())
+
+
+def pose_of_plane(H: Floats, ahead: float = 1.0) -> tuple[Floats, Floats]:
+    """R (3, 3), t (3,) with ``H ~ [r₁ r₂ t]``, the plane before a camera that looks ``ahead`` (1: along z, −1)."""
+    M = H / (np.linalg.norm(H[:, :2], axis=0).mean() * np.sign(H[2, 2]) * ahead)
+    return nearest(np.stack([M[:, 0], M[:, 1], np.cross(M[:, 0], M[:, 1])], axis=1)), M[:, 2]

@@ -1,5 +1,7 @@
 """Photographs of a plane of known points: the camera, and the pose of each view (Zhang 2000).
 
+Of a fisheye, that focal length with which the planes suit best what was seen.
+
 A view is a product of poses (`chains`): the pose of the board alone, or that of the camera in its rig and of the board
 before the rig, or of a hand and an eye. The camera is found with the products free; a single pose is given, too.
 
@@ -10,13 +12,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import field, replace
-from itertools import compress
 
 import numpy as np
 
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.starts.closed_forms.cameras import CENTRE, Camera, camera_numbers, cameras_of, outlook
+from mbm.estimation.starts.closed_forms.cameras import (
+    CENTRE,
+    Camera,
+    Lens,
+    camera_numbers,
+    cameras_of,
+    outlook,
+    pose_of_plane,
+)
 from mbm.estimation.starts.closed_forms.chains import (
     FRAME,
     Chain,
@@ -28,11 +37,9 @@ from mbm.estimation.starts.closed_forms.chains import (
     without_poses,
 )
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints
-from mbm.estimation.starts.closed_forms.numerics.planes import homography
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
-from mbm.rotations import nearest
 from mbm.values import dataclass
 
 AXES = ((0, 1, 2), (1, 2, 0))
@@ -57,6 +64,7 @@ class View:
     """
 
     camera: int
+    lens: Lens
     plane: Floats
     image: Floats
     basis: Floats
@@ -150,10 +158,11 @@ def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> I
 
     A camera that stands at a known pose before the unknown ones sees the products from there.
     """
-    axes = next((a for a in AXES if _is_pinhole(found.moved, a)), None)
+    kinds = ((lens, axes) for lens in Lens for axes in AXES)
+    lens, axes = next((kind for kind in kinds if _is_camera(found.moved, *kind)), (Lens.PINHOLE, None))
     eye = standing(found.moved) if axes is None else None
     if axes is not None:
-        seen = _pinhole(PROBE, axes) - _sign(found.moved, axes) * found.moved.values(PROBE)
+        seen = lens.image(PROBE[list(axes)]) - _sign(found.moved, axes) * found.moved.values(PROBE)
     elif eye is not None:
         seen = eye.image(PROBE) - found.moved.values(PROBE)
     else:
@@ -171,6 +180,7 @@ def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> I
         link = found.links[0] if len(found.links) == 1 else None
         yield View(
             camera=number,
+            lens=lens,
             plane=(points - origin) @ basis[:2].T,
             image=seen[rows],
             basis=basis.T,
@@ -184,23 +194,18 @@ def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> I
         )
 
 
-def _pinhole(p: Floats, axes: tuple[int, int, int]) -> Floats:
-    return np.asarray(p[list(axes[:2])] / p[axes[2]])
-
-
 def _sign(moved: MovedPoints, axes: tuple[int, int, int]) -> float:
-    """Whether the residual is model − measured (1) or the other way round (-1)."""
-    aside = PROBE + np.eye(3)[axes[0]]
-    change = moved.values(aside)[0, 0] - moved.values(PROBE)[0, 0]
-    return 1.0 if change * (_pinhole(aside, axes)[0] - _pinhole(PROBE, axes)[0]) > 0 else -1.0
+    """Whether the residual is model − measured (1) or the other way round (-1): what is farther right is seen so."""
+    change = moved.values(PROBE + np.eye(3)[axes[0]])[0, 0] - moved.values(PROBE)[0, 0]
+    return 1.0 if change > 0 else -1.0
 
 
-def _is_pinhole(moved: MovedPoints, axes: tuple[int, int, int]) -> bool:
-    """Whether images move as those of an undistorted camera with focal length 1 and these axes."""
-    sign = _sign(moved, axes)
+def _is_camera(moved: MovedPoints, lens: Lens, axes: tuple[int, int, int]) -> bool:
+    """Whether images move as those of an undistorted camera with focal length 1, this lens and these axes."""
+    sign, order = _sign(moved, axes), list(axes)
     first = moved.values(PROBE)
     for other in (np.array([0.6, -0.3, 1.1]), np.array([1.7, 0.2, 0.9])):
-        expected = sign * (_pinhole(other, axes) - _pinhole(PROBE, axes))
+        expected = sign * (lens.image(other[order]) - lens.image(PROBE[order]))
         if not np.allclose(moved.values(other) - first, expected, rtol=AGREEMENT, atol=AGREEMENT):
             return False
     return True
@@ -213,32 +218,30 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
     chosen = [data.views[k] for k in subset]
     for number, camera in data.cameras.items():
         views = [view for view in chosen if view.camera == number]
-        homographies = [homography(view.plane, view.image) for view in views]
-        known = [bool(np.isfinite(H).all()) for H in homographies]
-        if not any(known):
+        if not views:
             continue
-        H = np.stack(list(compress(homographies, known)))
-        images = np.concatenate([view.image for view in compress(views, known)])
-        numbers, focal, centre = camera_numbers(camera.kinds, H, images)
-        first = next(compress(views, known))
-        turned = first.ahead * first.sense  # −1: with positive numbers, images are turned about the centre
-        focal = first.sense * focal
+        first = views[0]
+        found = camera_numbers(camera.kinds, first.lens, [(view.plane, view.image) for view in views])
+        if found is None:
+            continue
+        numbers, homographies = found
+        # Images that a pinhole turns about its centre with positive numbers are those of the opposite centre.
+        turned = first.ahead * first.sense if first.lens is Lens.PINHOLE else 1.0
         numbers = numbers * np.where(np.isin(camera.kinds, CENTRE), turned, first.sense)
         mine = np.flatnonzero((places[:, data.columns] == camera.places).all(axis=1))
         result[np.ix_(mine, data.columns)] = numbers
-        for view, each in zip(compress(views, known), H, strict=True):
-            if view.places.size:
-                put_pose(result, places, view.places, _pose(view, each, focal, centre))
+        for view, each in zip(views, homographies, strict=True):
+            if view.places.size and bool(np.isfinite(each).all()):
+                put_pose(result, places, view.places, _pose(view, each))
     return result.ravel()
 
 
-def _pose(view: View, homography: Floats, focal: Floats, centre: Floats) -> Floats:
-    """The pose (7,) with ``H ~ K [r₁ r₂ t]``, the plane before the camera."""
-    M = np.diag([*(1.0 / focal), 1.0]) @ (homography - np.outer([*centre, 0.0], homography[2]))
-    M = M / (np.linalg.norm(M[:, :2], axis=0).mean() * np.sign(M[2, 2]) * view.ahead)
+def _pose(view: View, homography: Floats) -> Floats:
+    """The pose (7,) from a homography to the image of focal length 1; the plane is before the camera."""
+    R, t = pose_of_plane(homography * np.array([[view.sense], [view.sense], [1.0]]), view.ahead)
     order = np.argsort(view.axes)  # from right, down, forward to x, y, z
-    R = nearest(np.stack([M[:, 0], M[:, 1], np.cross(M[:, 0], M[:, 1])], axis=1))[order] @ view.basis.T
-    t = M[order, 2] - R @ view.origin
+    R = R[order] @ view.basis.T
+    t = t[order] - R @ view.origin
     if view.eye is not None:
         R, t = view.eye.R.T @ R, view.eye.R.T @ (t - view.eye.t)
     return FRAME.numbers(np.ones(()), R.T, -R.T @ t) if view.inverse else FRAME.numbers(np.ones(()), R, t)
