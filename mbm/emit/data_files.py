@@ -77,8 +77,7 @@ def _reference(reference: Reference) -> Iterator[str]:
         if np.isfinite(value):
             spread = largest if own == 0.0 and abs(value) <= ROUNDED_BASIS * largest else own
             yield f"number,{i},0,{value!r},{spread!r}"
-    yield f"freedom,0,0,{reference.dof},0"
-    yield f"cost,0,0,{reference.cost!r},1"
+    yield from (f"freedom,0,0,{reference.dof},0", f"cost,0,0,{reference.cost!r},1")
     for number, (values, sigmas) in enumerate(reference.derived):
         for i, (value, own) in enumerate(zip(values.ravel().tolist(), sigmas.ravel().tolist(), strict=True)):
             if np.isfinite(value) and np.isfinite(own):

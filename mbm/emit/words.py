@@ -20,8 +20,7 @@ MOST_CASES = 3
 
 def described(blueprint: Blueprint) -> Iterator[str]:
     """Tables, unknowns, equations, and how it is solved."""
-    yield "## The problem"
-    yield ""
+    yield from ("## The problem", "")
     for table in blueprint.tables:
         columns = ", ".join(code(c.source) + (f" ({prose(c.unit)})" if c.unit else "") for c in table.columns)
         kept = "; some rows are left out by a condition" if table.where is not None else ""
@@ -37,18 +36,24 @@ def described(blueprint: Blueprint) -> Iterator[str]:
     if blueprint.agreement is not None:
         yield from _agreement(blueprint.agreement)
     if blueprint.ranges is not None:
-        yield "The start is compared with the places that the ranges give in closed form: where one of these leads to a"
-        yield "lower minimum, that is the answer."
-        yield ""
+        yield from (
+            "The start is compared with the places that the ranges give in closed form: where one of these leads to a",
+            "lower minimum, that is the answer.",
+            "",
+        )
     if any(reference.elsewhere is not None for reference in blueprint.references):
-        yield "The problem states no start for everything, or none that leads to the answer of `mbm solve`: the test"
-        yield "begins some standard deviations away from the answer (`start` in `reference.csv`). With other data, say"
-        yield "where to begin."
-        yield ""
+        yield from (
+            "The problem states no start for everything, or none that leads to the answer of `mbm solve`: the test",
+            "begins some standard deviations away from the answer (`start` in `reference.csv`). With other data, say",
+            "where to begin.",
+            "",
+        )
     asked = blueprint.settings.method
     method = METHODS.get(asked, "Marquardt's" if RULES.get(asked, MARQUARDT) == MARQUARDT else code(asked))
-    yield f"The iteration is {method} in a trust region, for at most {blueprint.settings.max_iterations} iterations."
-    yield ""
+    yield from (
+        f"The iteration is {method} in a trust region, for at most {blueprint.settings.max_iterations} iterations.",
+        "",
+    )
 
 
 def described_blocks(blueprint: Blueprint) -> Iterator[str]:
@@ -62,10 +67,12 @@ def described_derived(blueprint: Blueprint) -> Iterator[str]:
     for derived in blueprint.derived:
         over = f" for each row of {code(derived.table)}" if derived.table is not None else ""
         unit = f", shown in {prose(derived.unit)}" if derived.unit else ""
-        yield f"Derived {code(derived.name)}{over}{unit}:"
-        yield ""
-        yield from fenced(line for case in derived.cases[:MOST_CASES] for line in case.text)
-        yield ""
+        yield from (
+            f"Derived {code(derived.name)}{over}{unit}:",
+            "",
+            *fenced(line for case in derived.cases[:MOST_CASES] for line in case.text),
+            "",
+        )
 
 
 def _unknown(blueprint: Blueprint, unknown: UnknownShape) -> str:
@@ -105,10 +112,12 @@ def _agreement(agreement: Agreement) -> Iterator[str]:
 def _block(block: BlockShape) -> Iterator[str]:
     over = f" for each row of {code(block.table)}" if block.table is not None else ""
     only = " that a condition keeps" if block.when is not None else ""
-    yield f"{block.role.value.capitalize()} {code(block.name)}{over}{only}{_noise(block)}:"
-    yield ""
-    yield from fenced(_equations(block))
-    yield ""
+    yield from (
+        f"{block.role.value.capitalize()} {code(block.name)}{over}{only}{_noise(block)}:",
+        "",
+        *fenced(_equations(block)),
+        "",
+    )
 
 
 def _equations(block: BlockShape) -> Iterator[Word]:

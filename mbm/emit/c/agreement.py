@@ -24,23 +24,29 @@ def ruled(agreement: Agreement, number: int) -> bool:
 
 def agreement_constants(agreement: Agreement) -> str:
     """The arrays that do not depend on data."""
-    text = [longs("RULES", agreement.rules, f"What consensus ({agreement.kind}) is asked for, without room for rows.")]
-    text += [doubles("LEVELS", agreement.levels, "Of each kind of unit: median, limit and reach of its squared norm.")]
+    text = [
+        longs("RULES", agreement.rules, f"What consensus ({agreement.kind}) is asked for, without room for rows."),
+        doubles("LEVELS", agreement.levels, "Of each kind of unit: median, limit and reach of its squared norm."),
+    ]
     if agreement.rules[c.Rules.form]:
         doc = "Of each kind of unit: where its map begins, -1: it has none."
-        text += [longs("MAP_PLACES", agreement.map_places, doc)]
-        text += [doubles("MAPS", agreement.maps, "From the data of a row to what the closed form for subsets wants.")]
+        text += [
+            longs("MAP_PLACES", agreement.map_places, doc),
+            doubles("MAPS", agreement.maps, "From the data of a row to what the closed form for subsets wants."),
+        ]
     return "\n".join(text)
 
 
 def agreement_fields() -> Iterator[str]:
     """Arrays of the frame."""
-    yield "    struct rules *rules;    /* of consensus: what is asked for */"
-    yield "    struct consensus_work consensus;"
-    yield "    struct problem *wide;    /* the equations with all rows side by side */"
-    yield "    double *known;    /* what the closed form knows of the units */"
-    yield f"    long agreement[{c.ANSWERS}], units;"
-    yield "    int startless;"
+    yield from (
+        "    struct rules *rules;    /* of consensus: what is asked for */",
+        "    struct consensus_work consensus;",
+        "    struct problem *wide;    /* the equations with all rows side by side */",
+        "    double *known;    /* what the closed form knows of the units */",
+        f"    long agreement[{c.ANSWERS}], units;",
+        "    int startless;",
+    )
 
 
 def agreement_room(blueprint: Blueprint, agreement: Agreement, prefix: int) -> Iterator[str]:
@@ -48,32 +54,38 @@ def agreement_room(blueprint: Blueprint, agreement: Agreement, prefix: int) -> I
     cells = Cells(blueprint)
     cases = [(i, b, k) for i, (b, k) in enumerate(blueprint.cases)]
     constraints = sum(block.role is BlockRole.CONSTRAINT for block, _ in blueprint.cases)
-    yield "    {    /* consensus: all rows side by side */"
-    yield "        struct problem wide = header;"
-    yield "        struct rules room = *(const struct rules *)RULES;"
-    yield "        long units = 1, rows = 1;"
-    yield f"        wide.residual_blocks = {len(cases) - constraints};"
-    yield f"        wide.constraint_blocks = {constraints};"
-    yield "        if (wide.chunk < residuals)"
-    yield "            wide.chunk = (residuals + 3) / 4 * 4;"
+    yield from (
+        "    {    /* consensus: all rows side by side */",
+        "        struct problem wide = header;",
+        "        struct rules room = *(const struct rules *)RULES;",
+        "        long units = 1, rows = 1;",
+        f"        wide.residual_blocks = {len(cases) - constraints};",
+        f"        wide.constraint_blocks = {constraints};",
+        "        if (wide.chunk < residuals)",
+        "            wide.chunk = (residuals + 3) / 4 * 4;",
+    )
     for _, _, case in cases:
         lines = case.kernel.outputs
         needed = f"{lines + len(case.kernel.jacobian_rows)} * (wide.chunk / {lines} + 1)"
-        yield f"        if (wide.most_outputs < {needed})"
-        yield f"            wide.most_outputs = {needed};"
+        yield from (
+            f"        if (wide.most_outputs < {needed})",
+            f"            wide.most_outputs = {needed};",
+        )
     for block in blueprint.blocks:
         own = [(i, k) for i, b, k in cases if b is block]
         if block.role is not BlockRole.CONSTRAINT and own:
             yield from _rows(cells, block, own, agreement)
-    yield "        take_sizes(&wide, &room);"
-    yield "        room.most_units = units;"
-    yield "        room.most_rows = rows;"
-    yield f"        f->rules = (struct rules *)integers_of(a, {len(agreement.rules)});"
-    yield f"        f->wide = (struct problem *)integers_of(a, {prefix} + (2 + {at.PIECE}) * n);"
-    yield "        f->consensus.integers = integers_of(a, consensus_integers(&room));"
-    yield "        f->consensus.reals = reals_of(a, consensus_reals(&room));"
-    yield f"        f->known = reals_of(a, units * {max(agreement.rules[c.Rules.form_width], 1)});"
-    yield "    }"
+    yield from (
+        "        take_sizes(&wide, &room);",
+        "        room.most_units = units;",
+        "        room.most_rows = rows;",
+        f"        f->rules = (struct rules *)integers_of(a, {len(agreement.rules)});",
+        f"        f->wide = (struct problem *)integers_of(a, {prefix} + (2 + {at.PIECE}) * n);",
+        "        f->consensus.integers = integers_of(a, consensus_integers(&room));",
+        "        f->consensus.reals = reals_of(a, consensus_reals(&room));",
+        f"        f->known = reals_of(a, units * {max(agreement.rules[c.Rules.form_width], 1)});",
+        "    }",
+    )
 
 
 def _rows(cells: Cells, block: BlockShape, own: Sequence[tuple[int, BlockCase]], agreement: Agreement) -> Iterator[str]:
@@ -90,50 +102,61 @@ def agreement_beginning(blueprint: Blueprint, agreement: Agreement) -> Iterator[
     """Statements of ``prepare``: nothing is agreed on yet."""
     unknowns = (blueprint.unknowns[i] for i in sorted(agreement.startless))
     tests = " || ".join(f"data->start_{unknown.identifier} == NULL" for unknown in unknowns)
-    yield f"    for (b = 0; b < {len(agreement.rules)}; b++)"
-    yield "        ((long *)f->rules)[b] = RULES[b];"
-    yield "    f->consensus.units.inlier = f->consensus.integers;"
-    yield f"    for (b = 0; b < {c.ANSWERS}; b++)"
-    yield "        f->agreement[b] = 0;"
-    yield "    f->units = 0;"
-    yield f"    f->startless = {tests or '0'};"
+    yield from (
+        f"    for (b = 0; b < {len(agreement.rules)}; b++)",
+        "        ((long *)f->rules)[b] = RULES[b];",
+        "    f->consensus.units.inlier = f->consensus.integers;",
+        f"    for (b = 0; b < {c.ANSWERS}; b++)",
+        "        f->agreement[b] = 0;",
+        "    f->units = 0;",
+        f"    f->startless = {tests or '0'};",
+    )
 
 
 def agreement_function(blueprint: Blueprint, agreement: Agreement, prefix: int) -> str:
     """``agree_on``: the equations and the start as consensus leaves them, and a status."""
     cells = Cells(blueprint)
-    lines = ["/* Consensus: where the solve begins, and which rows count. */"]
-    lines += ["static int agree_on(struct frame *f, double *factors)", "{"]
-    lines += ["    long scalars;", ""]
-    lines += ["    if (!f->startless)", "        return 0;"] if agreement.begins else []
-    lines += ["    if (f->system->n > 1"]
-    lines += ["        && !connected(f->system, f->data_set, f->columns, f->consensus.integers))"]
-    lines += [f"        return {cells.status('NOT_CONNECTED')};"]
-    lines += [f"    side_by_side((long *)f->system, {prefix} + (2 + {at.PIECE}) * f->system->n, (long *)f->wide);"]
-    lines += ["    scalars = set_room(f->wide, f->data_set, f->rules);"]
-    lines += ["    f->rules->startless = f->startless;"]
+    lines = [
+        "/* Consensus: where the solve begins, and which rows count. */",
+        "static int agree_on(struct frame *f, double *factors)",
+        "{",
+        "    long scalars;",
+        "",
+        *(["    if (!f->startless)", "        return 0;"] if agreement.begins else []),
+        "    if (f->system->n > 1",
+        "        && !connected(f->system, f->data_set, f->columns, f->consensus.integers))",
+        f"        return {cells.status('NOT_CONNECTED')};",
+        f"    side_by_side((long *)f->system, {prefix} + (2 + {at.PIECE}) * f->system->n, (long *)f->wide);",
+        "    scalars = set_room(f->wide, f->data_set, f->rules);",
+        "    f->rules->startless = f->startless;",
+    ]
     if agreement.rules[c.Rules.form]:
-        lines += ["    known_units(f->system, &f->work.rows, f->rules, MAP_PLACES, MAPS,"]
-        lines += [f"        {number(agreement.sign)}, f->known);"]
+        lines += [
+            "    known_units(f->system, &f->work.rows, f->rules, MAP_PLACES, MAPS,",
+            f"        {number(agreement.sign)}, f->known);",
+        ]
     lines += [
         "    f->consensus.rules = f->rules;",
         "    f->consensus.levels = LEVELS;",
         "    f->consensus.forms = f->known;",
+        "    f->consensus.verdict = (struct verdict *)f->agreement;",
+        f"    f->units = begin_by_consensus({int(agreement.kept)}, scalars, f->wide, &f->work.rows, &f->consensus,",
+        "        f->start, f->kappa, factors);",
+        f"    if (f->startless && f->agreement[{c.Verdict.agreed}] == 0)",
+        f"        return {cells.status('NO_START')};",
+        "    return 0;",
+        "}",
+        "",
     ]
-    lines += ["    f->consensus.verdict = (struct verdict *)f->agreement;"]
-    lines += [
-        f"    f->units = begin_by_consensus({int(agreement.kept)}, scalars, f->wide, &f->work.rows, &f->consensus,"
-    ]
-    lines += ["        f->start, f->kappa, factors);"]
-    lines += [f"    if (f->startless && f->agreement[{c.Verdict.agreed}] == 0)"]
-    lines += [f"        return {cells.status('NO_START')};", "    return 0;", "}", ""]
     return "\n".join(lines)
 
 
 def agreement_answer(agreement: Agreement) -> Iterator[str]:
     """Statements of ``answer`` that tell the caller which units agree."""
     if agreement.kept:
-        yield "    result->units = f->units;"
-        yield f"    result->inliers = f->agreement[{c.Verdict.inliers}];"
-        yield f"    result->ambiguous = f->agreement[{c.Verdict.ambiguous}] != 0;"
-        yield "    result->inside = f->consensus.units.inlier;"
+        yield from (
+            "    result->units = f->units;",
+            f"    result->inliers = f->agreement[{c.Verdict.inliers}];",
+            f"    result->ambiguous = f->agreement[{c.Verdict.ambiguous}] != 0;",
+            "    result->inside = f->consensus.units.inlier;",
+        )

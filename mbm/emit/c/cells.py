@@ -113,12 +113,16 @@ class Cells:
                 tests = " && ".join(self.equals(v, key) for v, key in case.static) or "1"
                 yield f"{pad}{word} ({tests}) {{"
                 inner = pad + "    "
-            yield from self.arguments(case, inner)
-            yield f"{inner}{program_name(programs, position)}(inputs, {target});"
+            yield from (
+                *self.arguments(case, inner),
+                f"{inner}{program_name(programs, position)}(inputs, {target});",
+            )
         if many:
-            yield f"{pad}}} else {{"
-            yield f"{pad}    return {self.status('UNKNOWN_CASE')};"
-            yield f"{pad}}}"
+            yield from (
+                f"{pad}}} else {{",
+                f"{pad}    return {self.status('UNKNOWN_CASE')};",
+                f"{pad}}}",
+            )
 
     def arguments(self, case: CaseProgram, pad: str) -> Iterator[str]:
         """Statements that fill ``inputs``."""

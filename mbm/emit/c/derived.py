@@ -96,8 +96,10 @@ def patterns(derived: DerivedShape) -> Iterator[str]:
     wide = max((len(c.variables) + len(c.parameters) for c in derived.cases), default=0)
     outputs = max((derived.size + len(c.kernel.jacobian_rows) for c in derived.cases), default=0)
     tangents = max((len(c.tangents) for c in derived.cases), default=0)
-    yield f"    double inputs[{wide + 1}], outputs[{outputs + 1}];"
-    yield f"    long columns[{tangents + 1}], c;"
+    yield from (
+        f"    double inputs[{wide + 1}], outputs[{outputs + 1}];",
+        f"    long columns[{tangents + 1}], c;",
+    )
 
 
 def evaluated(
@@ -130,14 +132,16 @@ def tests(cells: Cells, case: BlockCase) -> str:
 def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
     over = "once" if derived.table is None else told("for each row of `", derived.table, "`")
     filtered = derived.table is not None and cells.blueprint.table(derived.table).where is not None
-    yield remark(derived.name, ", ", over, ".")
-    yield f"static int derive_{derived.identifier}(struct frame *f)"
-    yield "{"
-    yield f"    const {cells.blueprint.identifier}_data *data = f->data;"
-    yield from patterns(derived)
-    yield f"    long {'' if derived.table is None else 'i, ' if filtered else 'row, '}used = 0;"
-    yield ""
-    yield "    (void)data;"
+    yield from (
+        remark(derived.name, ", ", over, "."),
+        f"static int derive_{derived.identifier}(struct frame *f)",
+        "{",
+        f"    const {cells.blueprint.identifier}_data *data = f->data;",
+        *patterns(derived),
+        f"    long {'' if derived.table is None else 'i, ' if filtered else 'row, '}used = 0;",
+        "",
+        "    (void)data;",
+    )
     opened, closed = cells.loop(derived.table)
     yield from opened
     if filtered and not any(cells.reads(case) or varies(cells.blueprint, case) for case in derived.cases):
@@ -146,11 +150,13 @@ def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
         yield from (f"        {line}" for line in _case(cells, derived, case, place))
     if any(case.static for case in derived.cases):
         yield "        return 0;"
-    yield from closed
-    yield f"    f->derived_{derived.identifier}_count = used;"
-    yield "    return 1;"
-    yield "}"
-    yield ""
+    yield from (
+        *closed,
+        f"    f->derived_{derived.identifier}_count = used;",
+        "    return 1;",
+        "}",
+        "",
+    )
 
 
 def _case(cells: Cells, derived: DerivedShape, case: BlockCase, place: int) -> Iterator[str]:
@@ -158,14 +164,16 @@ def _case(cells: Cells, derived: DerivedShape, case: BlockCase, place: int) -> I
     held = f"f->derived_{derived.identifier}"
     variables = (f"f->{estimates(cells.blueprint)}[{cells.slot(slot, 'offsets')}]" for slot in case.variables)
     columns = (f"column_of(f, {cells.slot(slot, 'firsts')})" for slot in case.tangents)
-    yield f"if ({test}) {{" if test else "{"
-    yield from (f"    {line}" for line in evaluated(case, variables, map(cells.input, case.parameters), columns))
-    yield f"    for (c = 0; c < {derived.size}; c++) {{"
-    yield f"        {held}[used * {derived.size} + c] = {found_number(derived)};"
-    yield f"        {held}_sigma[used * {derived.size} + c] = spread_of(f, c, {slopes(derived, place)}, f->spare);"
-    yield "    }"
-    yield "    used++;"
-    yield "    continue;" if test else "}"
+    yield from (
+        f"if ({test}) {{" if test else "{",
+        *(f"    {line}" for line in evaluated(case, variables, map(cells.input, case.parameters), columns)),
+        f"    for (c = 0; c < {derived.size}; c++) {{",
+        f"        {held}[used * {derived.size} + c] = {found_number(derived)};",
+        f"        {held}_sigma[used * {derived.size} + c] = spread_of(f, c, {slopes(derived, place)}, f->spare);",
+        "    }",
+        "    used++;",
+        "    continue;" if test else "}",
+    )
     if test:
         yield "}"
 
@@ -232,3 +240,28 @@ def helpers(text: str) -> str:
     """The definitions of the helpers that ``text`` calls."""
     code = bare(text)
     return "".join(f"static double {name}{body}\n" for name, body in HELPERS.items() if f"{name}(" in code)
+
+
+def call_kernel(cases: Sequence[BlockCase]) -> str:
+    """``call_kernel``: which function a number means."""
+    lines = [
+        "/* Kernel 2k gives the values of kernel k, 2k + 1 the values and the derivatives; `rows` of them. */",
+        "static void call_kernel(long kernel, const double *inputs, double *outputs, long rows)",
+        "{",
+        "    long row;",
+        "",
+        "    switch (kernel) {",
+    ]
+    for place, case in enumerate(cases):
+        wide = len(case.variables) + len(case.parameters)
+        for shift, word, count in (
+            (0, "values", case.kernel.outputs),
+            (1, "slopes", case.kernel.outputs + len(case.kernel.jacobian_rows)),
+        ):
+            lines += [
+                f"    case {2 * place + shift}:",
+                "        for (row = 0; row < rows; row++)",
+                f"            {case.identifier}_{word}(inputs + row * {wide}, outputs + row * {count});",
+                "        break;",
+            ]
+    return "\n".join([*lines, "    default:", "        break;", "    }", "}", ""])

@@ -9,13 +9,13 @@ from mbm.emit.c.agreement import agreement_constants
 from mbm.emit.c.cells import input_name, program_name
 from mbm.emit.c.clauses import clause_functions
 from mbm.emit.c.csv import CSV
-from mbm.emit.c.derived import derived_functions, derived_kernels, function, helpers, kernel_functions
+from mbm.emit.c.derived import call_kernel, derived_functions, derived_kernels, function, helpers, kernel_functions
 from mbm.emit.c.frame import frame_text
 from mbm.emit.c.header import header
 from mbm.emit.c.main import main_file, test_file
 from mbm.emit.c.ranges import range_constants
 from mbm.emit.c.reading import tables_file
-from mbm.emit.c.solve import call_kernel, solve_functions
+from mbm.emit.c.solve import solve_functions
 from mbm.emit.c.tables import programs_used, table_functions
 from mbm.emit.c.text import comment, doubles, longs, opening, remark
 from mbm.emit.c.unknowns import unknown_functions
@@ -119,48 +119,56 @@ def readme(blueprint: Blueprint) -> str:
 def _building(blueprint: Blueprint) -> Iterator[str]:
     name = blueprint.identifier
     usage = " ".join(f"{t.identifier}.csv" for t in blueprint.tables)
-    yield f"# {prose(blueprint.name)}"
-    yield ""
-    yield from (prose(blueprint.doc), "") if blueprint.doc else ()
-    yield f"A solver in C99, written by mbm {blueprint.version}. It needs a C compiler and `libm`, nothing else."
-    yield ""
-    yield "## Build"
-    yield ""
-    yield "```sh"
-    yield f"make            # the program {name} and its test; or: cmake -B build && cmake --build build"
-    yield "make test       # solves data/ and compares with reference.csv, the answer of `mbm solve`"
-    yield f"./{name} {usage}".rstrip()
-    yield "```"
-    yield ""
-    yield "The program prints `name,value,sigma,unit` lines, and to standard error how well the solution fits. It ends"
-    yield "with 0: solved, 1: an answer that should not be trusted as it stands, 2: the data are wrong."
-    yield ""
+    yield from (
+        f"# {prose(blueprint.name)}",
+        "",
+        *((prose(blueprint.doc), "") if blueprint.doc else ()),
+        f"A solver in C99, written by mbm {blueprint.version}. It needs a C compiler and `libm`, nothing else.",
+        "",
+        "## Build",
+        "",
+        "```sh",
+        f"make            # the program {name} and its test; or: cmake -B build && cmake --build build",
+        "make test       # solves data/ and compares with reference.csv, the answer of `mbm solve`",
+        f"./{name} {usage}".rstrip(),
+        "```",
+        "",
+        "The program prints `name,value,sigma,unit` lines, and to standard error how well the solution fits. It ends",
+        "with 0: solved, 1: an answer that should not be trusted as it stands, 2: the data are wrong.",
+        "",
+    )
 
 
 def _calling(blueprint: Blueprint) -> Iterator[str]:
     name = blueprint.identifier
-    yield "## Call"
-    yield ""
-    yield f"`{name}.c` with its two headers is the solver; `{name}.h` is what a caller includes. All numbers are in SI."
-    yield "Nothing is allocated: the caller gives a workspace, and results point into it."
-    yield ""
-    yield "```c"
-    yield f"{name}_data data = {{0}};           /* set the rows and columns of each table */"
-    yield f"{name}_workspace workspace;"
-    yield f"{name}_result result;"
-    yield ""
-    yield f"{name}_workspace_size(&data, &workspace);"
-    yield "workspace.reals = malloc(sizeof(double) * workspace.reals_size);"
-    yield "workspace.integers = malloc(sizeof(long) * workspace.integers_size);"
-    yield f"if ({name}_solve(&data, &result, &workspace) == {name.upper()}_CONVERGED)"
+    yield from (
+        "## Call",
+        "",
+        f"`{name}.c` with its two headers is the solver; `{name}.h` is what a caller includes. All numbers are in SI.",
+        "Nothing is allocated: the caller gives a workspace, and results point into it.",
+        "",
+        "```c",
+        f"{name}_data data = {{0}};           /* set the rows and columns of each table */",
+        f"{name}_workspace workspace;",
+        f"{name}_result result;",
+        "",
+        f"{name}_workspace_size(&data, &workspace);",
+        "workspace.reals = malloc(sizeof(double) * workspace.reals_size);",
+        "workspace.integers = malloc(sizeof(long) * workspace.integers_size);",
+        f"if ({name}_solve(&data, &result, &workspace) == {name.upper()}_CONVERGED)",
+    )
     first = blueprint.unknowns[0].identifier
-    yield f'    printf("%g +- %g\\n", result.{first}[0], result.{first}_sigma[0]);'
-    yield "```"
-    yield ""
+    yield from (
+        f'    printf("%g +- %g\\n", result.{first}[0], result.{first}_sigma[0]);',
+        "```",
+        "",
+    )
     if blueprint.for_each:
         keys = ", ".join(map(code, blueprint.for_each))
-        yield f"One call solves one data set: the rows that agree in {keys}. The program goes through all of them."
-        yield ""
+        yield from (
+            f"One call solves one data set: the rows that agree in {keys}. The program goes through all of them.",
+            "",
+        )
 
 
 LONG_CHECK = """#include <limits.h>

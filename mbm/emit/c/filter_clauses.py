@@ -62,27 +62,33 @@ def begin_function(
         lines += ["f->weights[f->weights_used++] = 1.0;"] * case.kernel.outputs
     elif case.noise is not None and not _weighs(cells, case, moves):
         lines += weights(cells, case)
-    yield f"/* What is the same in all rows of {case.identifier}. */"
-    yield f"static int {case.identifier}_begin(struct frame *f)"
-    yield "{"
+    yield from (
+        f"/* What is the same in all rows of {case.identifier}. */",
+        f"static int {case.identifier}_begin(struct frame *f)",
+        "{",
+    )
     if not lines:
         yield from ("    (void)f;", "    return 0;", "}", "")
         return
     if any("noise" in line for line in lines) and case.noise is not None:
         outputs = len(case.noise.program.outputs)
         yield f"    double inputs[{max(len(case.noise.inputs), 1)}], noise[{outputs}];"
-    yield f"    const {made.blueprint.identifier}_data *data = f->data;"
-    yield "    long i;"
-    yield ""
-    yield "    (void)data;"
+    yield from (
+        f"    const {made.blueprint.identifier}_data *data = f->data;",
+        "    long i;",
+        "",
+        "    (void)data;",
+    )
     if any("noise" in line for line in lines):
         yield "    inputs[0] = 0.0;"
-    yield f"    for (i = 0; i < {rows}; i++) {{"
-    yield from (f"        {line}" for line in lines)
-    yield "    }"
-    yield "    return 0;"
-    yield "}"
-    yield ""
+    yield from (
+        f"    for (i = 0; i < {rows}; i++) {{",
+        *(f"        {line}" for line in lines),
+        "    }",
+        "    return 0;",
+        "}",
+        "",
+    )
 
 
 def take_function(
@@ -98,29 +104,27 @@ def take_function(
     name = made.blueprint.identifier
     noisy = case.noise is not None and (moves or _weighs(cells, case, moves))
     reads = block.table is not None
-    yield f"/* The rows of {case.identifier}; how many there are, -1: their noise is none. */"
-    yield f"static long {case.identifier}_take(struct frame *f, struct data_set *set, long count)"
-    yield "{"
-    yield f"    const {name}_data *data = f->data;"
-    yield f"    struct data_block *own = &blocks_of_data_set(set)[{number}];"
+    yield from (
+        f"/* The rows of {case.identifier}; how many there are, -1: their noise is none. */",
+        f"static long {case.identifier}_take(struct frame *f, struct data_set *set, long count)",
+        "{",
+        f"    const {name}_data *data = f->data;",
+        f"    struct data_block *own = &blocks_of_data_set(set)[{number}];",
+    )
     if noisy and case.noise is not None:
         outputs = max(len(case.noise.program.outputs), 1)
         yield f"    double inputs[{max(len(case.noise.inputs), 1)}], noise[{outputs}];"
-    yield "    long i, rows = 0;"
-    yield ""
-    yield "    (void)data;"
+    yield from ("    long i, rows = 0;", "", "    (void)data;")
     if noisy and case.noise is not None and not case.noise.inputs:
         yield "    inputs[0] = 0.0;"
     for used in ARRAYS:
         yield f"    f->{used}_used = own->{used};"
     yield "    for (i = 0; i < count; i++) {"
     if reads:
-        yield "        const long row = f->chosen[i];"
-        yield "        (void)row;"
+        yield from ("        const long row = f->chosen[i];", "        (void)row;")
     if case.static:
         tests = " && ".join(cells.equals(value, key) for value, key in case.static)
-        yield f"        if (!({tests}))"
-        yield "            continue;"
+        yield from (f"        if (!({tests}))", "            continue;")
     for value in case.parameters:
         yield f"        f->parameters[f->parameters_used++] = {cells.input(value)};"
     if _varies(case):
@@ -129,20 +133,21 @@ def take_function(
         yield from (f"        {line}" for line in _noise(made, cells, case, group))
     elif noisy:
         yield from (f"        {line}" for line in weights(cells, case))
-    yield "        rows++;"
-    yield "    }"
-    yield "    own->rows = rows;"
-    yield "    return rows;"
-    yield "}"
-    yield ""
+    yield from (
+        "        rows++;",
+        "    }",
+        "    own->rows = rows;",
+        "    return rows;",
+        "}",
+        "",
+    )
 
 
 def _noise(made: FilterBlueprint, cells: Cells, case: BlockCase, group: FilterGroup) -> Iterator[str]:
     """L of the transition, in the lines of this row and the columns of the group."""
     stride = made.plan.chain["noises"]
     if case.noise is not None and group.noise[1] > 0:
-        yield from cells.arguments(case.noise, "")
-        yield f"{case.identifier}_noise(inputs, noise);"
+        yield from (*cells.arguments(case.noise, ""), f"{case.identifier}_noise(inputs, noise);")
         first = 0
         column = group.noise[0]
         for equation in case.equations:
@@ -150,8 +155,10 @@ def _noise(made: FilterBlueprint, cells: Cells, case: BlockCase, group: FilterGr
             target = f"f->spread + (f->moves_count + {equation.first}) * {stride} + {column}"
             if equation.noise_kind is NoiseKind.SIGMA:
                 for i in range(size):
-                    yield f"if (!root_of_sigma(noise[{first + i}], {target} + {i * stride + i}))"
-                    yield "    return -1;"
+                    yield from (
+                        f"if (!root_of_sigma(noise[{first + i}], {target} + {i * stride + i}))",
+                        "    return -1;",
+                    )
                 first, column = first + size, column + size
                 continue
             width = group.noise[1] * size // case.kernel.outputs
@@ -159,7 +166,6 @@ def _noise(made: FilterBlueprint, cells: Cells, case: BlockCase, group: FilterGr
                 call = f"root_of_covariance(noise + {first}, {size}, {width}, {stride}, {target})"
             else:
                 call = f"root_of_information(noise + {first}, {size}, {stride}, f->scratch, {target})"
-            yield f"if (!{call})"
-            yield "    return -1;"
+            yield from (f"if (!{call})", "    return -1;")
             first, column = first + size * size, column + width
     yield f"f->moves_count += {case.kernel.outputs};"

@@ -38,16 +38,18 @@ def derived_answers(made: FilterBlueprint) -> Iterator[str]:
 def _keep(cells: Cells, room: DerivedRoom) -> Iterator[str]:
     derived = room.derived
     filtered = derived.table is not None and cells.blueprint.table(derived.table).where is not None
-    yield remark("Keeps what the rows of `", derived.name, "` take; 0: one is in none of its cases.")
-    yield f"static int keep_{derived.identifier}(struct frame *f, long place)"
-    yield "{"
-    yield f"    const {cells.blueprint.identifier}_data *data = f->data;"
-    yield f"    double *const given = f->memory->reals + AT_TAKEN_{room.number} + place * {room.rows * room.given};"
-    yield f"    long *const picked = f->memory->integers + AT_PICKED_{room.number} + place * {room.rows * room.picked};"
-    yield f"    long {'' if derived.table is None else 'i, ' if filtered else 'row, '}used = 0;"
-    yield ""
-    yield "    (void)data;"
-    yield "    (void)given;"
+    yield from (
+        remark("Keeps what the rows of `", derived.name, "` take; 0: one is in none of its cases."),
+        f"static int keep_{derived.identifier}(struct frame *f, long place)",
+        "{",
+        f"    const {cells.blueprint.identifier}_data *data = f->data;",
+        f"    double *const given = f->memory->reals + AT_TAKEN_{room.number} + place * {room.rows * room.given};",
+        f"    long *const picked = f->memory->integers + AT_PICKED_{room.number} + place * {room.rows * room.picked};",
+        f"    long {'' if derived.table is None else 'i, ' if filtered else 'row, '}used = 0;",
+        "",
+        "    (void)data;",
+        "    (void)given;",
+    )
     opened, closed = cells.loop(derived.table)
     yield from opened
     yield from ("        (void)row;",) if derived.table is not None else ()
@@ -55,61 +57,66 @@ def _keep(cells: Cells, room: DerivedRoom) -> Iterator[str]:
         yield from (f"        {line}" for line in _kept(cells, room, case, number))
     if any(case.static for case in derived.cases):
         yield "        return 0;"
-    yield from closed
-    yield f"    f->memory->integers[AT_COUNT_{room.number} + place] = used;"
-    yield "    return 1;"
-    yield "}"
-    yield ""
+    yield from (
+        *closed,
+        f"    f->memory->integers[AT_COUNT_{room.number} + place] = used;",
+        "    return 1;",
+        "}",
+        "",
+    )
 
 
 def _kept(cells: Cells, room: DerivedRoom, case: BlockCase, number: int) -> Iterator[str]:
     test = tests(cells, case)
-    yield f"if ({test}) {{" if test else "{"
-    yield f"    picked[used * {room.picked}] = {number};"
+    yield from (f"if ({test}) {{" if test else "{", f"    picked[used * {room.picked}] = {number};")
     for i, link in enumerate(room.links, start=1):
         if any(slot.member == link for slot in (*case.variables, *case.tangents)):
             yield f"    picked[used * {room.picked} + {i}] = {cells.member(link)};"
     for i, value in enumerate(case.parameters):
         yield f"    given[used * {room.given} + {i}] = {cells.input(value)};"
-    yield "    used++;"
-    yield from ("    continue;",) if test else ()
-    yield "}"
+    yield from ("    used++;", *(("    continue;",) if test else ()), "}")
 
 
 def _derive(made: FilterBlueprint, room: DerivedRoom) -> Iterator[str]:
     derived, number, n = room.derived, room.number, made.plan.chain["n"]
     size = derived.size
-    yield remark("`", derived.name, "` of the step whose arrays stand at `place`.")
-    yield f"static void derive_{derived.identifier}(const struct frame *f, long place)"
-    yield "{"
-    yield "    double *const reals = f->memory->reals;"
-    yield "    const double *const point = reals + AT_REPORTED;"
-    yield f"    const long count = f->memory->integers[AT_COUNT_{number} + place];"
-    yield from patterns(derived)
-    yield "    long row;"
-    yield ""
-    yield "    (void)point;"
-    yield "    for (row = 0; row < count; row++) {"
-    yield f"        const double *const given = reals + AT_TAKEN_{number} + (place * {room.rows} + row) * {room.given};"
-    yield f"        const long *const picked = f->memory->integers + AT_PICKED_{number}"
-    yield f"            + (place * {room.rows} + row) * {room.picked};"
-    yield f"        double *const found = reals + AT_DERIVED_{number} + row * {size};"
-    yield ""
-    yield "        (void)given;"
+    yield from (
+        remark("`", derived.name, "` of the step whose arrays stand at `place`."),
+        f"static void derive_{derived.identifier}(const struct frame *f, long place)",
+        "{",
+        "    double *const reals = f->memory->reals;",
+        "    const double *const point = reals + AT_REPORTED;",
+        f"    const long count = f->memory->integers[AT_COUNT_{number} + place];",
+        *patterns(derived),
+        "    long row;",
+        "",
+        "    (void)point;",
+        "    for (row = 0; row < count; row++) {",
+        f"        const double *const given = reals + AT_TAKEN_{number} + (place * {room.rows} + row) * {room.given};",
+        f"        const long *const picked = f->memory->integers + AT_PICKED_{number}",
+        f"            + (place * {room.rows} + row) * {room.picked};",
+        f"        double *const found = reals + AT_DERIVED_{number} + row * {size};",
+        "",
+        "        (void)given;",
+    )
     for k, case in enumerate(derived.cases):
-        yield f"        if (picked[0] == {k}) {{"
-        yield from (f"            {line}" for line in _evaluated(made, room, case))
-        yield f"            for (c = 0; c < {size}; c++) {{"
-        yield f"                found[c] = {found_number(derived)};"
-        yield f"                gather_gradient({n}, c, {slopes(derived, k)}, reals + AT_SLOPES + c * {n});"
-        yield "            }"
-        yield "        }"
-    yield f"        put_spread({n}, {size}, f->walk.factors + place * {n * n}, f->walk.touched + place * {n},"
-    yield f"            reals + AT_SLOPES, reals + AT_DERIVED_{number}_COVARIANCE + row * {size * size},"
-    yield f"            reals + AT_DERIVED_{number}_SIGMA + row * {size});"
-    yield "    }"
-    yield "}"
-    yield ""
+        yield from (
+            f"        if (picked[0] == {k}) {{",
+            *(f"            {line}" for line in _evaluated(made, room, case)),
+            f"            for (c = 0; c < {size}; c++) {{",
+            f"                found[c] = {found_number(derived)};",
+            f"                gather_gradient({n}, c, {slopes(derived, k)}, reals + AT_SLOPES + c * {n});",
+            "            }",
+            "        }",
+        )
+    yield from (
+        f"        put_spread({n}, {size}, f->walk.factors + place * {n * n}, f->walk.touched + place * {n},",
+        f"            reals + AT_SLOPES, reals + AT_DERIVED_{number}_COVARIANCE + row * {size * size},",
+        f"            reals + AT_DERIVED_{number}_SIGMA + row * {size});",
+        "    }",
+        "}",
+        "",
+    )
 
 
 def _evaluated(made: FilterBlueprint, room: DerivedRoom, case: BlockCase) -> Iterator[str]:
@@ -123,11 +130,15 @@ def _evaluated(made: FilterBlueprint, room: DerivedRoom, case: BlockCase) -> Ite
 
 
 def _keep_all(cells: Cells, rooms: tuple[DerivedRoom, ...]) -> Iterator[str]:
-    yield "/* What the rows of all quantities of a step take. */"
-    yield "static int keep_derived(struct frame *f, long place)"
-    yield "{"
+    yield from (
+        "/* What the rows of all quantities of a step take. */",
+        "static int keep_derived(struct frame *f, long place)",
+        "{",
+    )
     kept = "\n        && ".join(f"keep_{room.derived.identifier}(f, place)" for room in rooms)
-    yield f"    return {kept}"
-    yield f"        ? 0 : {cells.status('UNKNOWN_CASE')};"
-    yield "}"
-    yield ""
+    yield from (
+        f"    return {kept}",
+        f"        ? 0 : {cells.status('UNKNOWN_CASE')};",
+        "}",
+        "",
+    )

@@ -74,8 +74,12 @@ def _references(made: FilterBlueprint) -> str:
     """
     known = made.plan.references
     size = known.covariances.shape[1] ** 2
-    heads = ["at", *(f"number {k + 1}" for k in range(known.numbers.shape[1]))]
-    heads += [*(f"covariance {k + 1}" for k in range(size)), "innovation"]
+    heads = [
+        "at",
+        *(f"number {k + 1}" for k in range(known.numbers.shape[1])),
+        *(f"covariance {k + 1}" for k in range(size)),
+        "innovation",
+    ]
     columns = [known.keys[:, None], known.numbers, known.covariances.reshape(len(known.keys), -1), known.costs[:, None]]
     for room in derived_rooms(made):
         laid = [_laid_out(room, *step[room.number]) for step in known.derived]
@@ -109,22 +113,24 @@ def _building(made: FilterBlueprint) -> Iterator[str]:
     blueprint = made.blueprint
     name = blueprint.identifier
     usage = " ".join(f"{t.identifier}.csv" for t in made.files.tables)
-    yield f"# {prose(blueprint.name)}"
-    yield ""
-    yield from (prose(blueprint.doc), "") if blueprint.doc else ()
-    yield f"A filter (`{made.plan.method}`) in C99, written by mbm {blueprint.version}, for computers without memory to"
-    yield "allocate and without files. It needs a C compiler and `libm`, nothing else."
-    yield ""
-    yield "## Build"
-    yield ""
-    yield "```sh"
-    yield f"make            # the program {name} and its test; or: cmake -B build && cmake --build build"
-    yield "make test       # filters data/ and compares with reference.csv, the answers of `mbm solve`"
-    yield f"./{name} {usage}".rstrip()
-    yield "```"
-    yield ""
-    yield "The program prints a line for each step: where it is, `innovation`, and estimates with standard deviations."
-    yield ""
+    yield from (
+        f"# {prose(blueprint.name)}",
+        "",
+        *((prose(blueprint.doc), "") if blueprint.doc else ()),
+        f"A filter (`{made.plan.method}`) in C99, written by mbm {blueprint.version}, for computers without memory to",
+        "allocate and without files. It needs a C compiler and `libm`, nothing else.",
+        "",
+        "## Build",
+        "",
+        "```sh",
+        f"make            # the program {name} and its test; or: cmake -B build && cmake --build build",
+        "make test       # filters data/ and compares with reference.csv, the answers of `mbm solve`",
+        f"./{name} {usage}".rstrip(),
+        "```",
+        "",
+        "The program prints a line for each step: where it is, `innovation`, and estimates with standard deviations.",
+        "",
+    )
 
 
 def _calling(made: FilterBlueprint) -> Iterator[str]:
@@ -133,30 +139,30 @@ def _calling(made: FilterBlueprint) -> Iterator[str]:
     first = made.blueprint.unknowns[0].identifier
     tables = [table for table in made.blueprint.tables if table.name in made.given]
     beside = [table for table in made.blueprint.tables if table.name in made.beside]
-    yield "## Call"
-    yield ""
-    yield f"`{name}.c` with `{name}.h`, `{name}_kernels.h` and `{name}_solver.h` is the filter. All numbers are in SI."
-    yield f"A filter takes {reals} `double` and {integers} `long`: {8 * (reals + integers)} bytes where both have 8. A"
-    yield "call takes some kB of the stack; descriptions of the equations are constant. Nothing is allocated, read or"
-    yield "printed."
-    yield ""
-    yield "```c"
-    yield f"static {name}_filter filter;"
-    yield from (f"{name}_given given = {{0}};    /* set the rows and columns of its tables; they stay */",) * bool(
-        beside
+    yield from (
+        "## Call",
+        "",
+        f"`{name}.c` with `{name}.h`, `{name}_kernels.h` and `{name}_solver.h` is the filter. All numbers are in SI.",
+        f"A filter takes {reals} `double` and {integers} `long`: {8 * (reals + integers)} bytes where both have 8. A",
+        "call takes some kB of the stack; descriptions of the equations are constant. Nothing is allocated, read or",
+        "printed.",
+        "",
+        "```c",
+        f"static {name}_filter filter;",
+        *(f"{name}_given given = {{0}};    /* set the rows and columns of its tables; they stay */",) * bool(beside),
+        f"{name}_rows rows = {{0}};",
+        f"{name}_result result;",
+        "",
+        f"{name}_begin(&filter{', &given' if beside else ''});",
+        "for (;;) {",
+        "    rows.at = ...;    /* where the step is */",
+        *(f"    rows.{t.identifier}_rows = ...;    /* 0: the step has none; and its columns */" for t in tables),
+        f"    if ({name}_step(&filter, &rows, &result) == {name.upper()}_ESTIMATED)",
+        f"        use(result.{first}[0], result.{first}_sigma[0]);",
+        "}",
+        "```",
+        "",
     )
-    yield f"{name}_rows rows = {{0}};"
-    yield f"{name}_result result;"
-    yield ""
-    yield f"{name}_begin(&filter{', &given' if beside else ''});"
-    yield "for (;;) {"
-    yield "    rows.at = ...;    /* where the step is */"
-    yield from (f"    rows.{t.identifier}_rows = ...;    /* 0: the step has none; and its columns */" for t in tables)
-    yield f"    if ({name}_step(&filter, &rows, &result) == {name.upper()}_ESTIMATED)"
-    yield f"        use(result.{first}[0], result.{first}_sigma[0]);"
-    yield "}"
-    yield "```"
-    yield ""
     for table in (*tables, *beside):
         columns = ", ".join(code(c.source) + (f" ({prose(c.unit)})" if c.unit else "") for c in table.columns)
         most = f"{name.upper()}_MOST_{table.identifier.upper()}"
@@ -164,11 +170,15 @@ def _calling(made: FilterBlueprint) -> Iterator[str]:
         yield f"* table {code(table.name)}: {columns}; at most {plan.rows[table.name]} rows{when} (`{most}`)"
     yield ""
     if made.files.for_each or made.window is not None:
-        yield "Each key and window of the data is a sequence of its own, with a filter that begins anew. The program"
-        yield "goes through those of its files."
-        yield ""
-    yield "`innovation` is v'S^-1 v of the innovations v with their covariance S: of a consistent filter chi-square"
-    yield "distributed with `residuals` degrees of freedom, so that steps much above that doubt it."
+        yield from (
+            "Each key and window of the data is a sequence of its own, with a filter that begins anew. The program",
+            "goes through those of its files.",
+            "",
+        )
+    yield from (
+        "`innovation` is v'S^-1 v of the innovations v with their covariance S: of a consistent filter chi-square",
+        "distributed with `residuals` degrees of freedom, so that steps much above that doubt it.",
+    )
     if plan.smooth:
         yield f"`{name}_step` answers the step {plan.chain['lag']} before; `{name}_finish` those left at the end."
     yield ""

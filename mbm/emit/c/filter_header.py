@@ -49,21 +49,35 @@ def filter_header(made: FilterBlueprint) -> str:
         "",
     ]
     if made.beside:
-        lines += ["/* What is given before the first step, and stays: columns, one element per row, in SI. */"]
-        lines += ["typedef struct {", *(line for t in map(blueprint.table, made.beside) for line in table_fields(t))]
-        lines += [f"}} {name}_given;", ""]
+        lines += [
+            "/* What is given before the first step, and stays: columns, one element per row, in SI. */",
+            "typedef struct {",
+            *(line for t in map(blueprint.table, made.beside) for line in table_fields(t)),
+            f"}} {name}_given;",
+            "",
+        ]
     lines += [
         "/* A filter: all memory that it takes, but for some kB of the stack in calls. */",
         "typedef struct {",
+        f"    double reals[{name.upper()}_REALS];",
+        f"    long integers[{name.upper()}_INTEGERS];",
+        *([f"    {name}_given given;"] if made.beside else []),
+        f"}} {name}_filter;",
+        "",
+        "/* What is given at a step: columns, one element per row, in SI. */",
+        "typedef struct {",
+        f"    double at;    {remark('where the step is: `', plan.key, '`')}",
     ]
-    lines += [f"    double reals[{name.upper()}_REALS];", f"    long integers[{name.upper()}_INTEGERS];"]
-    lines += [f"    {name}_given given;"] if made.beside else []
-    lines += [f"}} {name}_filter;", "", "/* What is given at a step: columns, one element per row, in SI. */"]
-    lines += ["typedef struct {", f"    double at;    {remark('where the step is: `', plan.key, '`')}"]
     for table in blueprint.tables:
         lines += table_fields(table, {plan.key: "; NULL: it is that of the step"}) if table.name in made.given else ()
-    lines += [f"}} {name}_rows;", "", "/* What is answered, in SI; arrays stand in the filter. */", "typedef struct {"]
-    lines += [*_result(), *(line for unknown in blueprint.unknowns for line in _estimate(made, unknown))]
+    lines += [
+        f"}} {name}_rows;",
+        "",
+        "/* What is answered, in SI; arrays stand in the filter. */",
+        "typedef struct {",
+        *_result(),
+        *(line for unknown in blueprint.unknowns for line in _estimate(made, unknown)),
+    ]
     for room in derived_rooms(made):
         lines += derived_fields(room.derived, once=room.once)
         many, size = "" if room.once else "rows x ", room.derived.size
@@ -75,21 +89,25 @@ def filter_header(made: FilterBlueprint) -> str:
 
 def _doc(made: FilterBlueprint) -> Iterator[Word]:
     blueprint = made.blueprint
-    yield told(blueprint.name, ": ", blueprint.doc) if blueprint.doc else blueprint.name
-    yield ""
-    yield f"A filter ({made.plan.method}), written by mbm {blueprint.version}. Everything is in SI, angles in radians."
-    yield "Nothing is allocated: a filter is a struct of the caller. Calls share nothing but their arguments."
+    yield from (
+        told(blueprint.name, ": ", blueprint.doc) if blueprint.doc else blueprint.name,
+        "",
+        f"A filter ({made.plan.method}), written by mbm {blueprint.version}. Everything is in SI, angles in radians.",
+        "Nothing is allocated: a filter is a struct of the caller. Calls share nothing but their arguments.",
+    )
 
 
 def _result() -> Iterator[str]:
-    yield "    int status;"
-    yield "    double at;                   /* the step that is answered */"
-    yield "    double innovation;           /* v' S^-1 v of its innovations v, with covariance S; NaN of a smoother */"
-    yield "    long residuals;              /* scalar rows of the step that came in: the mean of `innovation` */"
-    yield "    long hypotheses;             /* that are followed */"
-    yield "    const double *point;         /* (N) all numbers of the step */"
-    yield "    const double *covariance;    /* (n, n) row by row; NaN: not determined */"
-    yield "    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */"
+    yield from (
+        "    int status;",
+        "    double at;                   /* the step that is answered */",
+        "    double innovation;           /* v' S^-1 v of its innovations v, with covariance S; NaN of a smoother */",
+        "    long residuals;              /* scalar rows of the step that came in: the mean of `innovation` */",
+        "    long hypotheses;             /* that are followed */",
+        "    const double *point;         /* (N) all numbers of the step */",
+        "    const double *covariance;    /* (n, n) row by row; NaN: not determined */",
+        "    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */",
+    )
 
 
 def _estimate(made: FilterBlueprint, unknown: UnknownShape) -> Iterator[str]:
@@ -97,25 +115,35 @@ def _estimate(made: FilterBlueprint, unknown: UnknownShape) -> Iterator[str]:
     unit = (", shown in ", unknown.unit) if unknown.unit else ()
     many = "" if unknown.family is None else "members x "
     what = remark("`", unknown.name, f"` ({many}{unknown.size}) {unknown.kind.value}", *doc, *unit)
-    yield f"    const double *{unknown.identifier};    {what}"
-    yield f"    const double *{unknown.identifier}_sigma;    /* ({many}{unknown.freedom}) */"
+    yield from (
+        f"    const double *{unknown.identifier};    {what}",
+        f"    const double *{unknown.identifier}_sigma;    /* ({many}{unknown.freedom}) */",
+    )
 
 
 def _calls(made: FilterBlueprint) -> Iterator[str]:
     name, plan = made.blueprint.identifier, made.plan
     wrong = " What is wrong with the tables is answered by the first step." if made.beside else ""
-    yield f"/* Lets a filter be before its first step.{wrong} */"
-    yield f"void {name}_begin({name}_filter *filter{f', const {name}_given *given' if made.beside else ''});"
-    yield ""
+    yield from (
+        f"/* Lets a filter be before its first step.{wrong} */",
+        f"void {name}_begin({name}_filter *filter{f', const {name}_given *given' if made.beside else ''});",
+        "",
+    )
     what = "the step a lag before, while there is one" if plan.smooth else "it"
-    yield f"/* Takes the rows of the next step, and answers {what}. What is wrong with the rows"
-    yield "   is answered before anything changes: the step can be given again. */"
-    yield f"int {name}_step({name}_filter *filter, const {name}_rows *rows, {name}_result *result);"
-    yield ""
+    yield from (
+        f"/* Takes the rows of the next step, and answers {what}. What is wrong with the rows",
+        "   is answered before anything changes: the step can be given again. */",
+        f"int {name}_step({name}_filter *filter, const {name}_rows *rows, {name}_result *result);",
+        "",
+    )
     if plan.smooth:
-        yield "/* Answers the next of the steps that are left, given all rows; no step can come any more. */"
-        yield f"int {name}_finish({name}_filter *filter, {name}_result *result);"
-        yield ""
-    yield "/* What a status means. */"
-    yield f"const char *{name}_status_text(int status);"
-    yield ""
+        yield from (
+            "/* Answers the next of the steps that are left, given all rows; no step can come any more. */",
+            f"int {name}_finish({name}_filter *filter, {name}_result *result);",
+            "",
+        )
+    yield from (
+        "/* What a status means. */",
+        f"const char *{name}_status_text(int status);",
+        "",
+    )

@@ -21,12 +21,14 @@ def main_file(made: FilterBlueprint) -> str:
 
 def _print(made: FilterBlueprint) -> Iterator[str]:
     blueprint = made.blueprint
-    yield f"static void print_result(const {blueprint.identifier}_data *whole, double end,"
-    yield f"    const {blueprint.identifier}_result *result)"
-    yield "{"
-    yield "    (void)whole;"
-    yield "    (void)end;"
-    yield from (line.replace("data->", "whole->") for line in key_text(made.files, "    "))
+    yield from (
+        f"static void print_result(const {blueprint.identifier}_data *whole, double end,",
+        f"    const {blueprint.identifier}_result *result)",
+        "{",
+        "    (void)whole;",
+        "    (void)end;",
+        *(line.replace("data->", "whole->") for line in key_text(made.files, "    ")),
+    )
     if made.window is not None:
         yield f"""    printf("%.15g,", {in_unit("end", _window_column(made).scale)});"""
     yield '    printf("%.17g,%.17g", result->at, result->innovation);'
@@ -39,15 +41,15 @@ def _print(made: FilterBlueprint) -> Iterator[str]:
             factor = number(unknown.scale.factor)
             for c in range(0 if unknown.dimension else unknown.freedom):
                 place = k * unknown.freedom + c
-                yield f"    if (result->{unknown.identifier}_sigma[{place}] >= 0.0)"
-                yield f'        printf(",%.17g", result->{unknown.identifier}_sigma[{place}] / {factor});'
-                yield "    else"
-                yield "        putchar(',');"
+                yield from (
+                    f"    if (result->{unknown.identifier}_sigma[{place}] >= 0.0)",
+                    f'        printf(",%.17g", result->{unknown.identifier}_sigma[{place}] / {factor});',
+                    "    else",
+                    "        putchar(',');",
+                )
     for room in derived_rooms(made):
         yield from _print_derived(room)
-    yield "    putchar('\\n');"
-    yield "}"
-    yield ""
+    yield from ("    putchar('\\n');", "}", "")
 
 
 def _print_derived(room: DerivedRoom) -> Iterator[str]:
@@ -60,9 +62,11 @@ def _print_derived(room: DerivedRoom) -> Iterator[str]:
             ("_sigma", f"result->{name}_sigma[{place}] / {number(scale.factor)}"),
         ):
             known = " && ".join(filter(None, (here, f"result->{name}_sigma[{place}] >= 0.0" if suffix else "")))
-            yield "    putchar(',');"
-            yield from (f"    if ({known})",) if known else ()
-            yield f'    {"    " if known else ""}printf("%.17g", {value});'
+            yield from (
+                "    putchar(',');",
+                *((f"    if ({known})",) if known else ()),
+                f'    {"    " if known else ""}printf("%.17g", {value});',
+            )
 
 
 def _unknowns(made: FilterBlueprint) -> list[tuple[UnknownShape, int]]:
@@ -76,70 +80,82 @@ def _unknowns(made: FilterBlueprint) -> list[tuple[UnknownShape, int]]:
 def _columns(made: FilterBlueprint) -> Iterator[str]:
     """Statements that print the names of the columns."""
     for column in (*made.files.for_each, *(() if made.window is None else (told(made.window.column, " end"),))):
-        yield f"    csv_put_text(stdout, {literal(column)});"
-        yield "    putchar(',');"
-    yield f"    csv_put_text(stdout, {literal(made.plan.key)});"
-    yield '    fputs(",innovation", stdout);'
+        yield from (f"    csv_put_text(stdout, {literal(column)});", "    putchar(',');")
+    yield from (f"    csv_put_text(stdout, {literal(made.plan.key)});", '    fputs(",innovation", stdout);')
     for unknown, members in _unknowns(made):
         for k in range(members):
             for word, count in (("", unknown.size), (" sigma", 0 if unknown.dimension else unknown.freedom)):
                 for c in range(count):
                     member = f" {k + 1}" if unknown.family is not None else ""
                     component = f" {c + 1}" if count > 1 else ""
-                    yield "    putchar(',');"
-                    yield f"    csv_put_text(stdout, {literal(unknown.name, member, component, word)});"
+                    yield from (
+                        "    putchar(',');",
+                        f"    csv_put_text(stdout, {literal(unknown.name, member, component, word)});",
+                    )
     for room in derived_rooms(made):
         for k in range(room.rows):
             for c in range(room.derived.size):
                 row = "" if room.once else f" {k + 1}"
                 component = f" {c + 1}" if room.derived.size > 1 else ""
                 for word in ("", " sigma"):
-                    yield "    putchar(',');"
-                    yield f"    csv_put_text(stdout, {literal(room.derived.name, row, component, word)});"
+                    yield from (
+                        "    putchar(',');",
+                        f"    csv_put_text(stdout, {literal(room.derived.name, row, component, word)});",
+                    )
     yield "    putchar('\\n');"
 
 
 def _main(made: FilterBlueprint) -> Iterator[str]:
     name = made.blueprint.identifier
-    yield "/* The worse of `worst` and the exit status of this sequence: 0 estimated, 2 wrong data. */"
-    yield f"static int filter_one(const {name}_data *whole, const {name}_data *data, double end, int worst)"
-    yield "{"
-    yield f"    struct {name}_steps steps;"
-    yield f"    {name}_result result;"
-    yield from (f"    {name}_given given;",) if made.beside else ()
-    yield "    int status = 0;"
-    yield ""
-    yield f"    if (!{name}_in_order(data))"
-    yield "        return 2;"
-    yield from begun(made)
-    yield f"    while (status <= {name.upper()}_WAITING && {name}_next_step(data, &steps)) {{"
-    yield f"        status = {name}_step(&filter, &steps.here, &result);"
-    yield f"        if (status == {name.upper()}_ESTIMATED)"
-    yield "            print_result(whole, end, &result);"
-    yield f"        else if (status != {name.upper()}_WAITING)"
-    yield f'            fprintf(stderr, "error at %.17g: %s\\n", steps.here.at, {name}_status_text(status));'
-    yield "    }"
+    yield from (
+        "/* The worse of `worst` and the exit status of this sequence: 0 estimated, 2 wrong data. */",
+        f"static int filter_one(const {name}_data *whole, const {name}_data *data, double end, int worst)",
+        "{",
+        f"    struct {name}_steps steps;",
+        f"    {name}_result result;",
+        *((f"    {name}_given given;",) if made.beside else ()),
+        "    int status = 0;",
+        "",
+        f"    if (!{name}_in_order(data))",
+        "        return 2;",
+        *begun(made),
+        f"    while (status <= {name.upper()}_WAITING && {name}_next_step(data, &steps)) {{",
+        f"        status = {name}_step(&filter, &steps.here, &result);",
+        f"        if (status == {name.upper()}_ESTIMATED)",
+        "            print_result(whole, end, &result);",
+        f"        else if (status != {name.upper()}_WAITING)",
+        f'            fprintf(stderr, "error at %.17g: %s\\n", steps.here.at, {name}_status_text(status));',
+        "    }",
+    )
     if made.plan.smooth:
-        yield f"    while ({name}_finish(&filter, &result) == {name.upper()}_ESTIMATED)"
-        yield "        print_result(whole, end, &result);"
-    yield f"    return status <= {name.upper()}_WAITING ? worst : 2;"
-    yield "}"
-    yield ""
+        yield from (
+            f"    while ({name}_finish(&filter, &result) == {name.upper()}_ESTIMATED)",
+            "        print_result(whole, end, &result);",
+        )
+    yield from (
+        f"    return status <= {name.upper()}_WAITING ? worst : 2;",
+        "}",
+        "",
+    )
     head = f"static int filter_windows(const {name}_data *data, int worst)"
-    yield from each_window(made, head, "worst = filter_one(data, &own, end, worst);", ("2", "worst"))
-    yield "int main(int argc, char **argv)"
-    yield "{"
-    yield f"    struct {name}_tables tables;"
-    yield "    int worst = 0;"
-    yield from ("    long row;", "") if made.files.for_each else ("",)
-    yield from arguments_read(made.files, made.files.tables)
-    yield from _columns(made)
+    yield from (
+        *each_window(made, head, "worst = filter_one(data, &own, end, worst);", ("2", "worst")),
+        "int main(int argc, char **argv)",
+        "{",
+        f"    struct {name}_tables tables;",
+        "    int worst = 0;",
+        *(("    long row;", "") if made.files.for_each else ("",)),
+        *arguments_read(made.files, made.files.tables),
+        *_columns(made),
+    )
     call = "filter_one({data}, {data}, 0.0, worst);" if made.window is None else "filter_windows({data}, worst);"
-    yield from each_data_set(made.files, f"worst = {call}")
-    yield f"    {name}_free_tables(&tables);"
-    yield "    return worst;"
-    yield "}"
-    yield ""
+    yield from (
+        *each_data_set(made.files, f"worst = {call}"),
+        f"    {name}_free_tables(&tables);",
+        "    return worst;",
+        "}",
+        "",
+    )
 
 
 def _window_column(made: FilterBlueprint) -> TableColumn:

@@ -150,34 +150,37 @@ def data_text(made: FilterBlueprint) -> str:
 
 def _data(made: FilterBlueprint) -> Iterator[str]:
     name = made.blueprint.identifier
-    yield "/* All tables: those of the step at hand, and those that are the same at all steps. */"
-    yield "typedef struct {"
+    yield from (
+        "/* All tables: those of the step at hand, and those that are the same at all steps. */",
+        "typedef struct {",
+    )
     for table in made.blueprint.tables:
         yield f"    long {table.identifier}_rows;    {remark(table.name)}"
         for column in table.columns:
             kind = "const char *const *" if column.is_text else "const double *"
             yield f"    {kind}{table.identifier}_{column.identifier};"
-    yield f"}} {name}_data;"
-    yield ""
+    yield from (f"}} {name}_data;", "")
 
 
 def _frame(made: FilterBlueprint) -> Iterator[str]:
     blueprint: Blueprint = made.blueprint
     most = max(capacity(made, table) for table in blueprint.tables) if blueprint.tables else 1
-    yield "/* What a call works with, beside the filter itself. */"
-    yield "struct frame {"
-    yield f"    {blueprint.identifier}_filter *memory;"
-    yield f"    const {blueprint.identifier}_data *data;"
-    yield f"    {blueprint.identifier}_data given;"
-    yield "    struct chain chain;"
-    yield "    struct walk walk;"
-    yield "    struct rows rows, moves;"
-    yield f"    double keys[{most}], previous, dt;"
-    yield "    double *parameters, *weights, *spread;"
-    yield f"    double scratch[{_widest(made)}];"
-    yield "    long *index, *columns;"
-    yield "    long parameters_used, weights_used, index_used, columns_used, count, moves_count;"
-    yield f"    long chosen[{most}];"
+    yield from (
+        "/* What a call works with, beside the filter itself. */",
+        "struct frame {",
+        f"    {blueprint.identifier}_filter *memory;",
+        f"    const {blueprint.identifier}_data *data;",
+        f"    {blueprint.identifier}_data given;",
+        "    struct chain chain;",
+        "    struct walk walk;",
+        "    struct rows rows, moves;",
+        f"    double keys[{most}], previous, dt;",
+        "    double *parameters, *weights, *spread;",
+        f"    double scratch[{_widest(made)}];",
+        "    long *index, *columns;",
+        "    long parameters_used, weights_used, index_used, columns_used, count, moves_count;",
+        f"    long chosen[{most}];",
+    )
     for table in blueprint.tables:
         if table.where is not None:
             yield f"    long kept_of_{table.identifier}[{capacity(made, table)}], kept_of_{table.identifier}_count;"
@@ -186,8 +189,7 @@ def _frame(made: FilterBlueprint) -> Iterator[str]:
     for link in blueprint.links:
         rows = 1 if link.table is None else capacity(made, blueprint.table(link.table))
         yield f"    long {link.identifier}[{rows}];    {remark('the row of `', link.target, '` that each row names')}"
-    yield "};"
-    yield ""
+    yield from ("};", "")
 
 
 def _widest(made: FilterBlueprint) -> int:
@@ -223,20 +225,24 @@ def _open(made: FilterBlueprint) -> Iterator[str]:
         "skip": number(plan.skip),
         "tolerance": number(plan.tolerance),
     }
-    yield "/* Lets the frame refer to the filter. The descriptions of equations are only read. */"
-    yield f"static void open_frame(struct frame *f, {name}_filter *memory)"
-    yield "{"
-    yield "    double *const reals = memory->reals;"
-    yield "    long *const integers = memory->integers;"
-    yield ""
-    yield "    f->memory = memory;"
-    yield "    f->data = &f->given;"
-    yield "    f->chain = CHAIN;"
+    yield from (
+        "/* Lets the frame refer to the filter. The descriptions of equations are only read. */",
+        f"static void open_frame(struct frame *f, {name}_filter *memory)",
+        "{",
+        "    double *const reals = memory->reals;",
+        "    long *const integers = memory->integers;",
+        "",
+        "    f->memory = memory;",
+        "    f->data = &f->given;",
+        "    f->chain = CHAIN;",
+    )
     for field, value in walk.items():
         yield f"    f->walk.{field} = {value};"
     for record, word in (("rows", "SEEN"), ("moves", "MOVING")):
-        yield f"    f->{record}.constants = {word}_CONSTANTS;"
-        yield f"    f->{record}.data = (struct data_set *)(integers + AT_{word}_DATA);"
+        yield from (
+            f"    f->{record}.constants = {word}_CONSTANTS;",
+            f"    f->{record}.data = (struct data_set *)(integers + AT_{word}_DATA);",
+        )
         for field, part in (
             ("parameters", "reals + AT_{}_PARAMETERS"),
             ("whitening", "reals + AT_{}_WEIGHTS"),
@@ -245,23 +251,25 @@ def _open(made: FilterBlueprint) -> Iterator[str]:
         ):
             yield f"    f->{record}.{field} = {part.format(word)};"
         yield f"    f->{record}.fused = 0;"
-    yield from (f"    f->walk.{field} = reals[AT_SAVED + {k}];" for k, field in enumerate(reals))
-    yield from (f"    f->walk.{field} = integers[AT_SAVED_INTEGERS + {k}];" for k, field in enumerate(integers))
-    yield "    share_out_walk(&f->walk);"
-    yield from (_SWAP,) if plan.smooth else ()
-    yield "}"
-    yield ""
+    yield from (
+        *(f"    f->walk.{field} = reals[AT_SAVED + {k}];" for k, field in enumerate(reals)),
+        *(f"    f->walk.{field} = integers[AT_SAVED_INTEGERS + {k}];" for k, field in enumerate(integers)),
+        "    share_out_walk(&f->walk);",
+        *((_SWAP,) if plan.smooth else ()),
+        "}",
+        "",
+    )
 
 
 def _close() -> Iterator[str]:
     reals, integers = saved()
-    yield "/* Keeps what lasts. */"
-    yield "static void close_frame(struct frame *f)"
-    yield "{"
-    yield "    f->memory->integers[AT_SWAPPED] = f->walk.path > f->walk.path_tried;"
-    yield from (f"    f->memory->reals[AT_SAVED + {k}] = f->walk.{field};" for k, field in enumerate(reals))
     yield from (
-        f"    f->memory->integers[AT_SAVED_INTEGERS + {k}] = f->walk.{field};" for k, field in enumerate(integers)
+        "/* Keeps what lasts. */",
+        "static void close_frame(struct frame *f)",
+        "{",
+        "    f->memory->integers[AT_SWAPPED] = f->walk.path > f->walk.path_tried;",
+        *(f"    f->memory->reals[AT_SAVED + {k}] = f->walk.{field};" for k, field in enumerate(reals)),
+        *(f"    f->memory->integers[AT_SAVED_INTEGERS + {k}] = f->walk.{field};" for k, field in enumerate(integers)),
+        "}",
+        "",
     )
-    yield "}"
-    yield ""

@@ -33,8 +33,12 @@ def row_functions(made: FilterBlueprint) -> str:
                 parts.append("\n".join(take_function(made, cells, block_of[id(case)], case, k, group, moves)))
     if any(group.fixed is not None for group in made.plan.seen.groups):
         parts.append("\n".join(_fixed(made)))
-    parts += ["\n".join(_begin_all(made)), "\n".join(_take_rows(made, cells))]
-    parts += ["\n".join(_take_step(made, cells, block_of)), "\n".join(_take_transition(made, cells, block_of))]
+    parts += [
+        "\n".join(_begin_all(made)),
+        "\n".join(_take_rows(made, cells)),
+        "\n".join(_take_step(made, cells, block_of)),
+        "\n".join(_take_transition(made, cells, block_of)),
+    ]
     if once(made):
         parts.append("\n".join(_remember(made)))
     return "\n".join(parts)
@@ -67,12 +71,14 @@ def _fixed(made: FilterBlueprint) -> Iterator[str]:
                 shown = ", ".join(map(_number, values))
                 if values:
                     yield f"static const {kind} FIXED_{k}_{name.upper()}[] = {{{shown}}};"
-    yield ""
-    yield "/* Rows that are known before, into the place of a step. */"
-    yield "static void put_fixed(struct frame *f, struct data_set *set, long moment)"
-    yield "{"
-    yield "    struct data_block *own = blocks_of_data_set(set);"
-    yield ""
+    yield from (
+        "",
+        "/* Rows that are known before, into the place of a step. */",
+        "static void put_fixed(struct frame *f, struct data_set *set, long moment)",
+        "{",
+        "    struct data_block *own = blocks_of_data_set(set);",
+        "",
+    )
     for moment in (Moment.FIRST, Moment.BEGINNING):
         mine = [(k, g.fixed) for k, g in enumerate(made.plan.seen.groups) if g.moment is moment and g.fixed is not None]
         if mine:
@@ -80,8 +86,7 @@ def _fixed(made: FilterBlueprint) -> Iterator[str]:
             for k, fixed in mine:
                 yield from (f"        {line}" for line in _copies(k, fixed))
             yield "    }"
-    yield "}"
-    yield ""
+    yield from ("}", "")
 
 
 def _copies(k: int, fixed: FixedRows) -> Iterator[str]:
@@ -100,50 +105,57 @@ def _number(value: float) -> str:
 
 def _arrays(word: str, record: str) -> Iterator[str]:
     """Let the arrays of the frame be those of a step, or of a transition."""
-    yield f"    f->parameters = f->memory->reals + AT_{word}_PARAMETERS;"
-    yield f"    f->weights = f->{record}.whitening;"
-    yield f"    f->index = f->memory->integers + AT_{word}_INDEX;"
-    yield f"    f->columns = f->memory->integers + AT_{word}_COLUMNS;"
+    yield from (
+        f"    f->parameters = f->memory->reals + AT_{word}_PARAMETERS;",
+        f"    f->weights = f->{record}.whitening;",
+        f"    f->index = f->memory->integers + AT_{word}_INDEX;",
+        f"    f->columns = f->memory->integers + AT_{word}_COLUMNS;",
+    )
 
 
 def _begin_all(made: FilterBlueprint) -> Iterator[str]:
-    yield "/* What no row changes. 0; -1: some stated noise is none. */"
-    yield "static int begin_all(struct frame *f)"
-    yield "{"
-    yield "    const struct data_block *own;"
-    yield "    int status = 0;"
-    yield ""
+    yield from (
+        "/* What no row changes. 0; -1: some stated noise is none. */",
+        "static int begin_all(struct frame *f)",
+        "{",
+        "    const struct data_block *own;",
+        "    int status = 0;",
+        "",
+    )
     for (cases, groups, _), word, record in zip(_systems(made), ("SEEN", "MOVING"), ("rows", "moves"), strict=True):
-        yield from _arrays(word, record)
-        yield f"    own = blocks_of_data_set(f->{record}.data);"
-        yield "    (void)own;"
+        yield from (
+            *_arrays(word, record),
+            f"    own = blocks_of_data_set(f->{record}.data);",
+            "    (void)own;",
+        )
         for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
             if group.fixed is None:
                 for used in ("weights", "index", "columns"):
                     yield f"    f->{used}_used = own[{k}].{used};"
-                yield f"    if ({case.identifier}_begin(f) != 0)"
-                yield "        status = -1;"
-    yield "    return status;"
-    yield "}"
-    yield ""
+                yield from (f"    if ({case.identifier}_begin(f) != 0)", "        status = -1;")
+    yield from ("    return status;", "}", "")
 
 
 def _take_rows(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     blueprint, plan = made.blueprint, made.plan
     name = blueprint.identifier
-    yield "/* The tables of the step that is given. */"
-    yield f"static int take_rows(struct frame *f, const {name}_rows *rows, long k)"
-    yield "{"
-    yield "    long i;"
-    yield ""
-    yield "    give(f);"
+    yield from (
+        "/* The tables of the step that is given. */",
+        f"static int take_rows(struct frame *f, const {name}_rows *rows, long k)",
+        "{",
+        "    long i;",
+        "",
+        "    give(f);",
+    )
     most = max((capacity(made, t) for t in blueprint.tables), default=1)
-    yield f"    for (i = 0; i < {most}; i++)"
-    yield "        f->keys[i] = rows->at;"
-    yield f"    f->previous = f->memory->reals[AT_KEYS + {_round(made, '(k - 1)')}];"
-    yield "    f->dt = rows->at - f->previous;"
-    yield "    if (!isfinite(rows->at) || (k > 0 && !(f->dt > 0.0)))"
-    yield f"        return {cells.status('OUT_OF_ORDER')};"
+    yield from (
+        f"    for (i = 0; i < {most}; i++)",
+        "        f->keys[i] = rows->at;",
+        f"    f->previous = f->memory->reals[AT_KEYS + {_round(made, '(k - 1)')}];",
+        "    f->dt = rows->at - f->previous;",
+        "    if (!isfinite(rows->at) || (k > 0 && !(f->dt > 0.0)))",
+        f"        return {cells.status('OUT_OF_ORDER')};",
+    )
     for table in blueprint.tables:
         own = table.identifier
         if table.name == plan.steps:
@@ -156,27 +168,30 @@ def _take_rows(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
                 source = {plan.key: "f->keys", Foreign(PREVIOUS): "&f->previous", Foreign(INTERVAL): "&f->dt"}
                 yield f"    f->given.{own}_{column.identifier} = {source[column.name]};"
         elif table.name in made.given:
-            yield f"    if (rows->{own}_rows < 0 || rows->{own}_rows > {capacity(made, table)})"
-            yield f"        return {cells.status('TOO_MANY_ROWS')};"
-            yield f"    f->given.{own}_rows = rows->{own}_rows;"
+            yield from (
+                f"    if (rows->{own}_rows < 0 || rows->{own}_rows > {capacity(made, table)})",
+                f"        return {cells.status('TOO_MANY_ROWS')};",
+                f"    f->given.{own}_rows = rows->{own}_rows;",
+            )
             for column in table.columns:
                 held = f"{own}_{column.identifier}"
                 yield f"    f->given.{held} = rows->{held};"
                 if column.is_text:
                     continue
                 if column.name == plan.key:
-                    yield f"    if (rows->{held} == NULL)"
-                    yield f"        f->given.{held} = f->keys;"
+                    yield from (f"    if (rows->{held} == NULL)", f"        f->given.{held} = f->keys;")
                 yield f"    for (i = 0; i < rows->{own}_rows; i++)"
                 if column.name == plan.key:
-                    yield f"        if (f->given.{held}[i] != rows->at)"
-                    yield f"            return {cells.status('OTHER_STEP')};"
+                    yield from (
+                        f"        if (f->given.{held}[i] != rows->at)",
+                        f"            return {cells.status('OTHER_STEP')};",
+                    )
                 else:
-                    yield f"        if (!isfinite(rows->{held}[i]))"
-                    yield f"            return {cells.status('NOT_A_NUMBER')};"
-    yield "    return 0;"
-    yield "}"
-    yield ""
+                    yield from (
+                        f"        if (!isfinite(rows->{held}[i]))",
+                        f"            return {cells.status('NOT_A_NUMBER')};",
+                    )
+    yield from ("    return 0;", "}", "")
 
 
 def _round(made: FilterBlueprint, k: str) -> str:
@@ -198,85 +213,95 @@ def _taken_when(
         done.add(block.identifier)
         yield from count_of_rows(block)
         if moment in only:
-            yield f"    if ({only[moment]})"
-            yield "        count = 0;"
+            yield from (f"    if ({only[moment]})", "        count = 0;")
         for each in block.cases:
             yield from _taken(cells, each, "BAD_NOISE")
-        yield "    if (all != count)"
-        yield f"        return {cells.status('UNKNOWN_CASE')};"
+        yield from ("    if (all != count)", f"        return {cells.status('UNKNOWN_CASE')};")
         if block.role is BlockRole.OBSERVATION:
             yield "    observed += all;"
 
 
 def _taken(cells: Cells, case: BlockCase, wrong: str) -> Iterator[str]:
-    yield f"    rows = {case.identifier}_take(f, set, count);"
-    yield "    if (rows < 0)"
-    yield f"        return {cells.status(wrong)};"
-    yield "    all += rows;"
+    yield from (
+        f"    rows = {case.identifier}_take(f, set, count);",
+        "    if (rows < 0)",
+        f"        return {cells.status(wrong)};",
+        "    all += rows;",
+    )
 
 
 def _remember(made: FilterBlueprint) -> Iterator[str]:
     plan = made.plan
     stride = len(plan.seen.data) // plan.chain["held"]
-    yield "/* Which of the clauses that hold once have had their row, after step k. */"
-    yield "static void remember(struct frame *f, long k)"
-    yield "{"
-    yield "    struct data_set *set = (struct data_set *)(f->memory->integers + AT_SEEN_DATA"
-    yield f"        + {_round(made, 'k')} * {stride});"
-    yield ""
+    yield from (
+        "/* Which of the clauses that hold once have had their row, after step k. */",
+        "static void remember(struct frame *f, long k)",
+        "{",
+        "    struct data_set *set = (struct data_set *)(f->memory->integers + AT_SEEN_DATA",
+        f"        + {_round(made, 'k')} * {stride});",
+        "",
+    )
     for k in once(made):
-        yield f"    if (blocks_of_data_set(set)[{k}].rows > 0)"
-        yield f"        f->memory->integers[AT_TOLD + {k}] = 1;"
-    yield "}"
-    yield ""
+        yield from (
+            f"    if (blocks_of_data_set(set)[{k}].rows > 0)",
+            f"        f->memory->integers[AT_TOLD + {k}] = 1;",
+        )
+    yield from ("}", "")
 
 
 def _take_step(made: FilterBlueprint, cells: Cells, block_of: dict[int, BlockShape]) -> Iterator[str]:
     plan = made.plan
     stride = len(plan.seen.data) // plan.chain["held"]
-    yield "/* The rows of all clauses at step k. */"
-    yield "static int take_step(struct frame *f, long k)"
-    yield "{"
-    yield "    struct data_set *set = (struct data_set *)(f->memory->integers + AT_SEEN_DATA"
-    yield f"        + {_round(made, 'k')} * {stride});"
-    yield "    const struct problem *seen = f->walk.seen;"
-    yield "    struct data_block *own = blocks_of_data_set(set);"
-    yield "    long b, count, rows, all, observed = 0;"
-    yield "    int status = 0;"
-    yield ""
-    yield "    (void)count;"
-    yield "    (void)rows;"
-    yield "    (void)all;"
-    yield from _arrays("SEEN", "rows")
+    yield from (
+        "/* The rows of all clauses at step k. */",
+        "static int take_step(struct frame *f, long k)",
+        "{",
+        "    struct data_set *set = (struct data_set *)(f->memory->integers + AT_SEEN_DATA",
+        f"        + {_round(made, 'k')} * {stride});",
+        "    const struct problem *seen = f->walk.seen;",
+        "    struct data_block *own = blocks_of_data_set(set);",
+        "    long b, count, rows, all, observed = 0;",
+        "    int status = 0;",
+        "",
+        "    (void)count;",
+        "    (void)rows;",
+        "    (void)all;",
+        *_arrays("SEEN", "rows"),
+    )
     for k, group in enumerate(plan.seen.groups):
         if group.fixed is not None:
             yield f"    own[{k}].rows = 0;"
     yield from _taken_when(made, cells, block_of, {Moment.ALWAYS, Moment.ONCE, Moment.FIRST})
     for k in once(made):
-        yield f"    if (own[{k}].rows > 0)"
-        yield f"        own[{k}].rows = f->memory->integers[AT_TOLD + {k}] == 0 ? 1 : 0;"
+        yield from (
+            f"    if (own[{k}].rows > 0)",
+            f"        own[{k}].rows = f->memory->integers[AT_TOLD + {k}] == 0 ? 1 : 0;",
+        )
     fixed = [(g, block_of[id(c)].role) for g, c in zip(plan.seen.groups, made.seen, strict=True) if g.fixed is not None]
     moments = {group.moment for group, _ in fixed}
     if Moment.FIRST in moments:
-        yield "    if (k == 0)"
-        yield "        put_fixed(f, set, 0);"
+        yield from ("    if (k == 0)", "        put_fixed(f, set, 0);")
     rows = sum(g.fixed.count for g, role in fixed if g.fixed is not None and role is BlockRole.OBSERVATION)
     if rows:
         yield f"    observed += k == 0 ? {rows} : 0;"
-    yield "    f->chain.begin = -1;"
-    yield "    if (observed > 0 && f->memory->integers[AT_OBSERVED] == 0) {"
-    yield "        f->chain.begin = k;"
+    yield from (
+        "    f->chain.begin = -1;",
+        "    if (observed > 0 && f->memory->integers[AT_OBSERVED] == 0) {",
+        "        f->chain.begin = k;",
+    )
     if Moment.BEGINNING in moments:
         yield "        put_fixed(f, set, 1);"
-    yield "    }"
-    yield from _taken_when(made, cells, block_of, {Moment.BEGINNING})
-    yield "    set->count = 0;"
-    yield "    for (b = 0; b < seen->residual_blocks; b++)"
-    yield "        set->count += own[b].rows * blocks_of_problem(f->walk.seen)[b].outputs;"
-    yield "    f->count = set->count;"
-    yield "    return status;"
-    yield "}"
-    yield ""
+    yield from (
+        "    }",
+        *_taken_when(made, cells, block_of, {Moment.BEGINNING}),
+        "    set->count = 0;",
+        "    for (b = 0; b < seen->residual_blocks; b++)",
+        "        set->count += own[b].rows * blocks_of_problem(f->walk.seen)[b].outputs;",
+        "    f->count = set->count;",
+        "    return status;",
+        "}",
+        "",
+    )
 
 
 def _take_transition(made: FilterBlueprint, cells: Cells, block_of: dict[int, BlockShape]) -> Iterator[str]:
@@ -284,28 +309,34 @@ def _take_transition(made: FilterBlueprint, cells: Cells, block_of: dict[int, Bl
     held, noises = plan.chain["held"], plan.chain["noises"]
     moving = plan.chain["n"] - plan.chain["still"]
     stride = len(plan.moving.data) // held
-    yield "/* The transition to step k. */"
-    yield "static int take_transition(struct frame *f, long k)"
-    yield "{"
-    yield f"    const long place = {_round(made, '(k - 1)')};"
-    yield f"    struct data_set *set = (struct data_set *)(f->memory->integers + AT_MOVING_DATA + place * {stride});"
-    yield "    long i, count, rows, all;"
-    yield "    int status = 0;"
-    yield ""
-    yield "    (void)set;"
-    yield "    (void)count;"
-    yield "    (void)rows;"
-    yield "    (void)all;"
+    yield from (
+        "/* The transition to step k. */",
+        "static int take_transition(struct frame *f, long k)",
+        "{",
+        f"    const long place = {_round(made, '(k - 1)')};",
+        f"    struct data_set *set = (struct data_set *)(f->memory->integers + AT_MOVING_DATA + place * {stride});",
+        "    long i, count, rows, all;",
+        "    int status = 0;",
+        "",
+        "    (void)set;",
+        "    (void)count;",
+        "    (void)rows;",
+        "    (void)all;",
+    )
     for name in plan.joined:
         table = made.blueprint.table(name)
         kept = cells.rows(table.name) if table.where is None else f"f->kept_of_{table.identifier}_count"
-        yield f"    if ({kept.replace('data->', 'f->given.')} != 1)"
-        yield f"        return {cells.status('NO_TRANSITION')};"
-    yield from _arrays("MOVING", "moves")
-    yield f"    f->spread = f->memory->reals + AT_SPREADS + place * {moving * noises};"
-    yield "    f->moves_count = 0;"
-    yield f"    for (i = 0; i < {moving * noises}; i++)"
-    yield "        f->spread[i] = 0.0;"
+        yield from (
+            f"    if ({kept.replace('data->', 'f->given.')} != 1)",
+            f"        return {cells.status('NO_TRANSITION')};",
+        )
+    yield from (
+        *_arrays("MOVING", "moves"),
+        f"    f->spread = f->memory->reals + AT_SPREADS + place * {moving * noises};",
+        "    f->moves_count = 0;",
+        f"    for (i = 0; i < {moving * noises}; i++)",
+        "        f->spread[i] = 0.0;",
+    )
     done: set[str] = set()
     for case in made.moving:
         block = block_of[id(case)]
@@ -315,9 +346,11 @@ def _take_transition(made: FilterBlueprint, cells: Cells, block_of: dict[int, Bl
         yield from count_of_rows(block)
         for each in block.cases:
             yield from _taken(cells, each, "BAD_NOISE")
-    yield f"    if (f->moves_count != {moving})"
-    yield f"        return {cells.status('UNKNOWN_CASE')};"
-    yield f"    set->count = {moving};"
-    yield "    return status;"
-    yield "}"
-    yield ""
+    yield from (
+        f"    if (f->moves_count != {moving})",
+        f"        return {cells.status('UNKNOWN_CASE')};",
+        f"    set->count = {moving};",
+        "    return status;",
+        "}",
+        "",
+    )

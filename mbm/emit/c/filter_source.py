@@ -73,16 +73,17 @@ def _given(made: FilterBlueprint) -> Iterator[str]:
 
 def _give(made: FilterBlueprint) -> Iterator[str]:
     """``give``: the tables that are the same at all steps, those of the caller among them."""
-    yield "/* The tables that are the same at all steps. */"
-    yield "static void give(struct frame *f)"
-    yield "{"
-    yield "    f->given = GIVEN;"
+    yield from (
+        "/* The tables that are the same at all steps. */",
+        "static void give(struct frame *f)",
+        "{",
+        "    f->given = GIVEN;",
+    )
     for name in made.beside:
         table = made.blueprint.table(name)
         for field in ("rows", *(column.identifier for column in table.columns)):
             yield f"    f->given.{table.identifier}_{field} = f->memory->given.{table.identifier}_{field};"
-    yield "}"
-    yield ""
+    yield from ("}", "")
 
 
 def _public(made: FilterBlueprint) -> Iterator[str]:
@@ -100,159 +101,177 @@ def _answer(made: FilterBlueprint) -> Iterator[str]:
     blueprint, plan = made.blueprint, made.plan
     name = blueprint.identifier
     n, numbers = plan.chain["n"], plan.chain["numbers"]
-    yield "/* What is answered for the step whose arrays stand at `place`. */"
-    yield f"static void answer_at(const struct frame *f, long place, {name}_result *result)"
-    yield "{"
-    yield "    double *const reals = f->memory->reals;"
-    yield f"    const double *point = f->walk.points + place * {numbers};"
-    yield "    long c;"
-    yield ""
-    yield f"    put_covariance({n}, f->walk.factors + place * {n * n}, f->walk.touched + place * {n},"
-    yield "        reals + AT_COVARIANCE, reals + AT_DEVIATIONS);"
-    yield f"    for (c = 0; c < {len(plan.column)}; c++)"
-    yield "        reals[AT_SIGMAS + c] = COLUMN[c] < 0 ? 0.0 : reals[AT_DEVIATIONS + COLUMN[c]];"
-    yield f"    for (c = 0; c < {numbers}; c++)"
-    yield "        reals[AT_REPORTED + c] = point[c];"
+    yield from (
+        "/* What is answered for the step whose arrays stand at `place`. */",
+        f"static void answer_at(const struct frame *f, long place, {name}_result *result)",
+        "{",
+        "    double *const reals = f->memory->reals;",
+        f"    const double *point = f->walk.points + place * {numbers};",
+        "    long c;",
+        "",
+        f"    put_covariance({n}, f->walk.factors + place * {n * n}, f->walk.touched + place * {n},",
+        "        reals + AT_COVARIANCE, reals + AT_DEVIATIONS);",
+        f"    for (c = 0; c < {len(plan.column)}; c++)",
+        "        reals[AT_SIGMAS + c] = COLUMN[c] < 0 ? 0.0 : reals[AT_DEVIATIONS + COLUMN[c]];",
+        f"    for (c = 0; c < {numbers}; c++)",
+        "        reals[AT_REPORTED + c] = point[c];",
+    )
     for place in plan.angles:
         yield f"    reals[AT_REPORTED + {place}] = turned_to(point[{place}], 0.0);"
-    yield "    result->at = reals[AT_KEYS + place];"
-    yield f"    result->innovation = {'NAN' if plan.smooth else 'f->walk.costs[place]'};"
-    yield "    result->residuals = f->count;"
-    yield "    result->hypotheses = f->walk.followed[place];"
-    yield "    result->point = reals + AT_REPORTED;"
-    yield "    result->covariance = reals + AT_COVARIANCE;"
-    yield "    result->sigmas = reals + AT_SIGMAS;"
+    yield from (
+        "    result->at = reals[AT_KEYS + place];",
+        f"    result->innovation = {'NAN' if plan.smooth else 'f->walk.costs[place]'};",
+        "    result->residuals = f->count;",
+        "    result->hypotheses = f->walk.followed[place];",
+        "    result->point = reals + AT_REPORTED;",
+        "    result->covariance = reals + AT_COVARIANCE;",
+        "    result->sigmas = reals + AT_SIGMAS;",
+    )
     for unknown in blueprint.unknowns:
         part = plan.parts[unknown.name]
-        yield f"    result->{unknown.identifier} = reals + AT_REPORTED + {part.number};"
-        yield f"    result->{unknown.identifier}_sigma = reals + AT_SIGMAS + {part.coordinate};"
-    yield from derived_answers(made)
-    yield "}"
-    yield ""
+        yield from (
+            f"    result->{unknown.identifier} = reals + AT_REPORTED + {part.number};",
+            f"    result->{unknown.identifier}_sigma = reals + AT_SIGMAS + {part.coordinate};",
+        )
+    yield from (*derived_answers(made), "}", "")
 
 
 def _begin(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     plan, name = made.plan, made.blueprint.identifier
     n = plan.chain["n"]
     given = f", const {name}_given *given" if made.beside else ""
-    yield f"void {name}_begin({name}_filter *filter{given})"
-    yield "{"
-    yield "    struct frame frame, *f = &frame;"
-    yield "    long c;"
-    yield ""
-    yield "    memset(filter, 0, sizeof *filter);"
-    yield "    memcpy(filter->integers + AT_SEEN_DATA, SEEN_DATA, sizeof SEEN_DATA);"
-    yield "    memcpy(filter->integers + AT_MOVING_DATA, MOVING_DATA, sizeof MOVING_DATA);"
-    yield "    filter->integers[AT_LEFT] = -1;"
-    yield f"    for (c = 0; c < {plan.chain['held']}; c++)"
-    yield "        filter->integers[AT_FOLLOWED + c] = 1;"
-    yield "    open_frame(f, filter);"
-    yield "    begin_walk(&f->walk);"
-    yield f"    for (c = 0; c < {plan.chain['numbers']}; c++)"
-    yield "        f->walk.point[c] = POINT[c];"
-    yield f"    for (c = 0; c < {n * n}; c++)"
-    yield "        f->walk.factor[c] = FACTOR[c];"
-    yield f"    for (c = 0; c < {plan.open.size}; c++)" if plan.open.size else "    (void)OPEN;"
-    yield from ("        f->walk.open[c] = OPEN[c];",) if plan.open.size else ()
-    yield f"    f->walk.open_count = {len(plan.open)};"
-    yield from ("    filter->given = *given;",) if made.beside else ()
-    yield "    give(f);"
+    yield from (
+        f"void {name}_begin({name}_filter *filter{given})",
+        "{",
+        "    struct frame frame, *f = &frame;",
+        "    long c;",
+        "",
+        "    memset(filter, 0, sizeof *filter);",
+        "    memcpy(filter->integers + AT_SEEN_DATA, SEEN_DATA, sizeof SEEN_DATA);",
+        "    memcpy(filter->integers + AT_MOVING_DATA, MOVING_DATA, sizeof MOVING_DATA);",
+        "    filter->integers[AT_LEFT] = -1;",
+        f"    for (c = 0; c < {plan.chain['held']}; c++)",
+        "        filter->integers[AT_FOLLOWED + c] = 1;",
+        "    open_frame(f, filter);",
+        "    begin_walk(&f->walk);",
+        f"    for (c = 0; c < {plan.chain['numbers']}; c++)",
+        "        f->walk.point[c] = POINT[c];",
+        f"    for (c = 0; c < {n * n}; c++)",
+        "        f->walk.factor[c] = FACTOR[c];",
+        f"    for (c = 0; c < {plan.open.size}; c++)" if plan.open.size else "    (void)OPEN;",
+        *(("        f->walk.open[c] = OPEN[c];",) if plan.open.size else ()),
+        f"    f->walk.open_count = {len(plan.open)};",
+        *(("    filter->given = *given;",) if made.beside else ()),
+        "    give(f);",
+    )
     for table in map(made.blueprint.table, made.beside):
         rows = f"given->{table.identifier}_rows"
-        yield f"    if ({rows} < 0 || {rows} > {capacity(made, table)}) {{"
-        yield f"        filter->integers[AT_STOPPED] = {cells.status('TOO_MANY_ROWS')};"
-        yield "        return;"
-        yield "    }"
-    yield "    filter->integers[AT_STOPPED] = find_rows(f);"
-    yield "    if (filter->integers[AT_STOPPED] == 0 && begin_all(f) != 0)"
-    yield f"        filter->integers[AT_STOPPED] = {cells.status('BAD_NOISE')};"
-    yield "    close_frame(f);"
-    yield "}"
-    yield ""
+        yield from (
+            f"    if ({rows} < 0 || {rows} > {capacity(made, table)}) {{",
+            f"        filter->integers[AT_STOPPED] = {cells.status('TOO_MANY_ROWS')};",
+            "        return;",
+            "    }",
+        )
+    yield from (
+        "    filter->integers[AT_STOPPED] = find_rows(f);",
+        "    if (filter->integers[AT_STOPPED] == 0 && begin_all(f) != 0)",
+        f"        filter->integers[AT_STOPPED] = {cells.status('BAD_NOISE')};",
+        "    close_frame(f);",
+        "}",
+        "",
+    )
 
 
 def _step(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     plan, name = made.plan, made.blueprint.identifier
     held, lag = plan.chain["held"], plan.chain["lag"]
     routine = "lag_steps" if plan.smooth else "filter_steps"
-    yield f"int {name}_step({name}_filter *filter, const {name}_rows *rows, {name}_result *result)"
-    yield "{"
-    yield "    struct frame frame, *f = &frame;"
-    yield "    long k = filter->integers[AT_STEP];"
-    yield ""
-    yield "    result->status = (int)filter->integers[AT_STOPPED];"
-    yield "    if (result->status != 0)"
-    yield "        return result->status;"
-    yield "    open_frame(f, filter);"
-    yield "    result->status = take_rows(f, rows, k);"
-    yield "    if (result->status == 0)"
-    yield "        result->status = find_rows(f);"
-    yield "    if (result->status == 0)"
-    yield "        result->status = take_step(f, k);"
-    yield "    if (result->status == 0 && k > 0)"
-    yield "        result->status = take_transition(f, k);"
+    yield from (
+        f"int {name}_step({name}_filter *filter, const {name}_rows *rows, {name}_result *result)",
+        "{",
+        "    struct frame frame, *f = &frame;",
+        "    long k = filter->integers[AT_STEP];",
+        "",
+        "    result->status = (int)filter->integers[AT_STOPPED];",
+        "    if (result->status != 0)",
+        "        return result->status;",
+        "    open_frame(f, filter);",
+        "    result->status = take_rows(f, rows, k);",
+        "    if (result->status == 0)",
+        "        result->status = find_rows(f);",
+        "    if (result->status == 0)",
+        "        result->status = take_step(f, k);",
+        "    if (result->status == 0 && k > 0)",
+        "        result->status = take_transition(f, k);",
+    )
     if made.blueprint.derived:
-        yield "    if (result->status == 0)"
-        yield f"        result->status = keep_derived(f, k % {held});"
-    yield "    if (result->status != 0)"
-    yield "        return result->status;"
-    yield "    if (f->chain.begin == k)"
-    yield "        filter->integers[AT_OBSERVED] = 1;"
+        yield from ("    if (result->status == 0)", f"        result->status = keep_derived(f, k % {held});")
+    yield from (
+        "    if (result->status != 0)",
+        "        return result->status;",
+        "    if (f->chain.begin == k)",
+        "        filter->integers[AT_OBSERVED] = 1;",
+    )
     if once(made):
         yield "    remember(f, k);"
-    yield f"    filter->reals[AT_KEYS + k % {held}] = rows->at;"
-    yield f"    if ({routine}(&f->walk, k, k + 1) != 1) {{"
-    yield f"        filter->integers[AT_STOPPED] = {cells.status('STOPPED')};"
-    yield f"        result->status = {cells.status('STOPPED')};"
-    yield "        return result->status;"
-    yield "    }"
+    yield from (
+        f"    filter->reals[AT_KEYS + k % {held}] = rows->at;",
+        f"    if ({routine}(&f->walk, k, k + 1) != 1) {{",
+        f"        filter->integers[AT_STOPPED] = {cells.status('STOPPED')};",
+        f"        result->status = {cells.status('STOPPED')};",
+        "        return result->status;",
+        "    }",
+    )
     if plan.smooth:
-        yield f"    result->status = k < {lag} ? {cells.status('WAITING')} : {cells.status('ESTIMATED')};"
-        yield f"    if (k >= {lag})"
-        yield f"        answer_at(f, (k - {lag}) % {held}, result);"
-        yield "    k++;"
-        yield f"    if (f->walk.base >= {held}) {{    /* steps are counted round */"
-        yield f"        f->walk.base -= {held};"
-        yield f"        k -= {held};"
-        yield "    }"
-        yield "    filter->integers[AT_STEP] = k;"
+        yield from (
+            f"    result->status = k < {lag} ? {cells.status('WAITING')} : {cells.status('ESTIMATED')};",
+            f"    if (k >= {lag})",
+            f"        answer_at(f, (k - {lag}) % {held}, result);",
+            "    k++;",
+            f"    if (f->walk.base >= {held}) {{    /* steps are counted round */",
+            f"        f->walk.base -= {held};",
+            f"        k -= {held};",
+            "    }",
+            "    filter->integers[AT_STEP] = k;",
+        )
     else:
-        yield f"    result->status = {cells.status('ESTIMATED')};"
-        yield "    answer_at(f, 0, result);"
-        yield "    filter->integers[AT_STEP] = 1;    /* steps are counted round: only the first one is another */"
-    yield "    close_frame(f);"
-    yield "    return result->status;"
-    yield "}"
-    yield ""
+        yield from (
+            f"    result->status = {cells.status('ESTIMATED')};",
+            "    answer_at(f, 0, result);",
+            "    filter->integers[AT_STEP] = 1;    /* steps are counted round: only the first one is another */",
+        )
+    yield from ("    close_frame(f);", "    return result->status;", "}", "")
 
 
 def _finish(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     plan, name = made.plan, made.blueprint.identifier
     held, lag = plan.chain["held"], plan.chain["lag"]
-    yield f"int {name}_finish({name}_filter *filter, {name}_result *result)"
-    yield "{"
-    yield "    struct frame frame, *f = &frame;"
-    yield "    const long k = filter->integers[AT_STEP];"
-    yield ""
-    yield f"    result->status = {cells.status('STOPPED')};"
-    yield "    open_frame(f, filter);"
-    yield "    if (filter->integers[AT_LEFT] < 0) {"
-    yield "        if (filter->integers[AT_STOPPED] != 0)"
-    yield "            return result->status;"
-    yield f"        filter->integers[AT_STOPPED] = {cells.status('STOPPED')};"
-    yield f"        filter->integers[AT_LEFT] = k > {lag} ? k - {lag} : 0;"
-    yield "        if (k > 0 && lag_end(&f->walk, k - 1) == 0) {"
-    yield "            filter->integers[AT_LEFT] = k;"
-    yield "            return result->status;"
-    yield "        }"
-    yield "        close_frame(f);"
-    yield "    }"
-    yield f"    result->status = {cells.status('NO_STEP')};"
-    yield "    if (filter->integers[AT_LEFT] >= k)"
-    yield "        return result->status;"
-    yield "    f->count = 0;"
-    yield f"    answer_at(f, filter->integers[AT_LEFT]++ % {held}, result);"
-    yield f"    result->status = {cells.status('ESTIMATED')};"
-    yield "    return result->status;"
-    yield "}"
-    yield ""
+    yield from (
+        f"int {name}_finish({name}_filter *filter, {name}_result *result)",
+        "{",
+        "    struct frame frame, *f = &frame;",
+        "    const long k = filter->integers[AT_STEP];",
+        "",
+        f"    result->status = {cells.status('STOPPED')};",
+        "    open_frame(f, filter);",
+        "    if (filter->integers[AT_LEFT] < 0) {",
+        "        if (filter->integers[AT_STOPPED] != 0)",
+        "            return result->status;",
+        f"        filter->integers[AT_STOPPED] = {cells.status('STOPPED')};",
+        f"        filter->integers[AT_LEFT] = k > {lag} ? k - {lag} : 0;",
+        "        if (k > 0 && lag_end(&f->walk, k - 1) == 0) {",
+        "            filter->integers[AT_LEFT] = k;",
+        "            return result->status;",
+        "        }",
+        "        close_frame(f);",
+        "    }",
+        f"    result->status = {cells.status('NO_STEP')};",
+        "    if (filter->integers[AT_LEFT] >= k)",
+        "        return result->status;",
+        "    f->count = 0;",
+        f"    answer_at(f, filter->integers[AT_LEFT]++ % {held}, result);",
+        f"    result->status = {cells.status('ESTIMATED')};",
+        "    return result->status;",
+        "}",
+        "",
+    )

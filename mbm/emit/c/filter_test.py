@@ -79,9 +79,11 @@ def _compare(made: FilterBlueprint) -> str:
         own, size, most = room.derived.identifier, room.derived.size, room.rows
         rows = "1" if room.once else f"result->{own}_rows"
         count = 1 + most * size * (1 + size)
-        lines.append(f"    wrong += compare_derived({rows}, {most}, {size}, result->{own}, result->{own}_sigma,")
-        lines.append(f"        result->{own}_covariance, reference, row, {column});")
-        lines.append(f"    *compared += {count};")
+        lines += [
+            f"    wrong += compare_derived({rows}, {most}, {size}, result->{own}, result->{own}_sigma,",
+            f"        result->{own}_covariance, reference, row, {column});",
+            f"    *compared += {count};",
+        ]
         column += count
     text = _COMPARE.format(name=name, upper=name.upper(), derived="".join(f"{line}\n" for line in lines))
     return f"{_KNOWN}{_COMPARE_DERIVED if lines else ''}{text}"
@@ -91,10 +93,14 @@ def test_file(made: FilterBlueprint) -> str:
     """``test.c``: filters the steps of ``data/`` and compares with ``reference.csv``."""
     name = made.blueprint.identifier
     paths = ", ".join(f'(char *)"data/{table.identifier}.csv"' for table in made.files.tables)
-    lines = [*heads(made, "the numbers of `mbm solve` for the steps of `data/` must come again.")]
-    lines += [DIFFERS + _compare(made), *_compare_sequence(made), "int main(void)", "{"]
-    lines += [f"    char *const paths[] = {{{paths}}};", f"    struct {name}_tables tables;"]
-    lines += [
+    lines = [
+        *heads(made, "the numbers of `mbm solve` for the steps of `data/` must come again."),
+        DIFFERS + _compare(made),
+        *_compare_sequence(made),
+        "int main(void)",
+        "{",
+        f"    char *const paths[] = {{{paths}}};",
+        f"    struct {name}_tables tables;",
         "    struct csv reference;",
         "    long at = 0, wrong = 0, compared = 0;",
         *(["    long row;"] if made.files.for_each else []),
@@ -103,40 +109,47 @@ def test_file(made: FilterBlueprint) -> str:
     lines += reference_read(made.files)
     what = "sequence" if made.window is None else "windows"
     lines += each_data_set(made.files, f"wrong += compare_{what}({{data}}, &reference, &at, &compared);")
-    lines += ["    wrong += at < reference.rows;", *reference_freed(made.files)]
-    lines += ['    printf("%ld of %ld numbers differ\\n", wrong, compared);']
-    lines += ["    return wrong == 0 && compared > 0 ? 0 : 1;", "}", ""]
+    lines += [
+        "    wrong += at < reference.rows;",
+        *reference_freed(made.files),
+        '    printf("%ld of %ld numbers differ\\n", wrong, compared);',
+        "    return wrong == 0 && compared > 0 ? 0 : 1;",
+        "}",
+        "",
+    ]
     return "\n".join(lines)
 
 
 def _compare_sequence(made: FilterBlueprint) -> Iterator[str]:
     name = made.blueprint.identifier
-    yield "/* Filters one sequence and compares each step with the next row of `reference.csv`. */"
-    yield f"static long compare_sequence(const {name}_data *data, {_GIVEN})"
-    yield "{"
-    yield f"    struct {name}_steps steps;"
-    yield f"    {name}_result result;"
-    yield from (f"    {name}_given given;",) if made.beside else ()
-    yield "    long wrong = 0;"
-    yield ""
-    yield f"    if (!{name}_in_order(data))"
-    yield "        return 1;"
-    yield from begun(made)
-    yield f"    while (*at < reference->rows && {name}_next_step(data, &steps)) {{"
-    yield f"        const int status = {name}_step(&filter, &steps.here, &result);"
-    yield f"        if (status == {name.upper()}_ESTIMATED)"
-    yield "            wrong += compare(&result, reference, (*at)++, compared);"
-    yield f"        else if (status != {name.upper()}_WAITING) {{"
-    yield f'            fprintf(stderr, "%.17g: %s\\n", steps.here.at, {name}_status_text(status));'
-    yield "            return wrong + 1;"
-    yield "        }"
-    yield "    }"
+    yield from (
+        "/* Filters one sequence and compares each step with the next row of `reference.csv`. */",
+        f"static long compare_sequence(const {name}_data *data, {_GIVEN})",
+        "{",
+        f"    struct {name}_steps steps;",
+        f"    {name}_result result;",
+        *((f"    {name}_given given;",) if made.beside else ()),
+        "    long wrong = 0;",
+        "",
+        f"    if (!{name}_in_order(data))",
+        "        return 1;",
+        *begun(made),
+        f"    while (*at < reference->rows && {name}_next_step(data, &steps)) {{",
+        f"        const int status = {name}_step(&filter, &steps.here, &result);",
+        f"        if (status == {name.upper()}_ESTIMATED)",
+        "            wrong += compare(&result, reference, (*at)++, compared);",
+        f"        else if (status != {name.upper()}_WAITING) {{",
+        f'            fprintf(stderr, "%.17g: %s\\n", steps.here.at, {name}_status_text(status));',
+        "            return wrong + 1;",
+        "        }",
+        "    }",
+    )
     if made.plan.smooth:
-        yield f"    while (*at < reference->rows && {name}_finish(&filter, &result) == {name.upper()}_ESTIMATED)"
-        yield "        wrong += compare(&result, reference, (*at)++, compared);"
-    yield "    return wrong;"
-    yield "}"
-    yield ""
+        yield from (
+            f"    while (*at < reference->rows && {name}_finish(&filter, &result) == {name.upper()}_ESTIMATED)",
+            "        wrong += compare(&result, reference, (*at)++, compared);",
+        )
+    yield from ("    return wrong;", "}", "")
     head = f"static long compare_windows(const {name}_data *data, {_GIVEN})"
     call = "wrong += compare_sequence(&own, reference, at, compared);"
     yield from each_window(made, head, call, ("1", "wrong"), "long wrong = 0")

@@ -60,59 +60,75 @@ def ends(blueprint: Blueprint) -> tuple[tuple[Foreign, Choice], ...]:
 
 def _struct(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     count, kernels = len(blueprint.unknowns), len(blueprint.cases)
-    yield "struct frame {"
-    yield f"    const {blueprint.identifier}_data *data;"
-    yield f"    long members[{count}];        /* of each unknown; 1 without a family */"
-    yield f"    long offsets[{count + 1}];        /* where the numbers of each unknown begin */"
-    yield f"    long firsts[{count + 1}];         /* where its coordinates begin */"
-    yield f"    long data_numbers[{at.DATA_HEAD + at.DATA_BLOCK * kernels}];      /* of `data_set` */"
+    yield from (
+        "struct frame {",
+        f"    const {blueprint.identifier}_data *data;",
+        f"    long members[{count}];        /* of each unknown; 1 without a family */",
+        f"    long offsets[{count + 1}];        /* where the numbers of each unknown begin */",
+        f"    long firsts[{count + 1}];         /* where its coordinates begin */",
+        f"    long data_numbers[{at.DATA_HEAD + at.DATA_BLOCK * kernels}];      /* of `data_set` */",
+    )
     for table in blueprint.tables:
         if table.where is not None:
-            yield f"    long *kept_of_{table.identifier};    /* the rows that the problem keeps */"
-            yield f"    long kept_of_{table.identifier}_count;"
+            yield from (
+                f"    long *kept_of_{table.identifier};    /* the rows that the problem keeps */",
+                f"    long kept_of_{table.identifier}_count;",
+            )
     for name, choice in ends(blueprint):
         yield f"    long {choice.value}_of_{blueprint.table(name).identifier};"
     for link in blueprint.links:
         what = told("row of `", link.target, "`") if link.family is None else "member"
         yield f"    long *{link.identifier};    {remark('the ', what, ' that each row names')}"
     for family in blueprint.families:
-        yield f"    long *{family.identifier};    {remark('a row of `', family.table, '` for each member')}"
-        yield f"    long {family.identifier}_count;"
-    yield "    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *coordinates;"
-    yield "    struct problem *system;"
-    yield "    struct work work;"
-    yield "    struct data_set *data_set;    /* as the solver wants it */"
-    yield "    long parameters_used, weights_used, index_used, columns_used;"
-    yield "    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;"
-    yield "    double *triangle, *covariance, *multipliers, *spare;"
+        yield from (
+            f"    long *{family.identifier};    {remark('a row of `', family.table, '` for each member')}",
+            f"    long {family.identifier}_count;",
+        )
+    yield from (
+        "    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *coordinates;",
+        "    struct problem *system;",
+        "    struct work work;",
+        "    struct data_set *data_set;    /* as the solver wants it */",
+        "    long parameters_used, weights_used, index_used, columns_used;",
+        "    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;",
+        "    double *triangle, *covariance, *multipliers, *spare;",
+    )
     if estimates(blueprint) != "point":
         yield "    double *estimates;    /* the numbers of `point`, angles in (-pi, pi] */"
     for derived in blueprint.derived:
-        yield f"    double *derived_{derived.identifier}, *derived_{derived.identifier}_sigma;"
-        yield f"    long derived_{derived.identifier}_count;"
+        yield from (
+            f"    double *derived_{derived.identifier}, *derived_{derived.identifier}_sigma;",
+            f"    long derived_{derived.identifier}_count;",
+        )
     if blueprint.agreement is not None:
         yield from agreement_fields()
     if blueprint.ranges is not None:
         yield from range_fields()
     if static.told:
-        yield f"    double *covariances;    /* {1 + ASSUMPTIONS}: as it is, and with more of what nothing tells */"
-        yield f"    double apart[{ASSUMPTIONS}];"
-    yield f"    double kappa[{max(kinds_of_units(blueprint), 1)}];    /* of each kind of unit: what limits leave */"
-    yield "    double results[8];"
-    yield "    long states[8];"
-    yield "};"
+        yield from (
+            f"    double *covariances;    /* {1 + ASSUMPTIONS}: as it is, and with more of what nothing tells */",
+            f"    double apart[{ASSUMPTIONS}];",
+        )
+    yield from (
+        f"    double kappa[{max(kinds_of_units(blueprint), 1)}];    /* of each kind of unit: what limits leave */",
+        "    double results[8];",
+        "    long states[8];",
+        "};",
+    )
 
 
 def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:
     count = len(blueprint.unknowns)
-    yield "/* Lays out a frame for the rows of `data`: the most that can be needed. */"
-    yield f"static void lay_out(struct frame *f, const {blueprint.identifier}_data *data, struct arena *a)"
-    yield "{"
-    yield "    long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;"
-    yield "    long parameters = 0, index = 0, columns = 0, chosen = 1;"
-    yield "    struct problem header = {0};"
-    yield ""
-    yield "    f->data = data;"
+    yield from (
+        "/* Lays out a frame for the rows of `data`: the most that can be needed. */",
+        f"static void lay_out(struct frame *f, const {blueprint.identifier}_data *data, struct arena *a)",
+        "{",
+        "    long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;",
+        "    long parameters = 0, index = 0, columns = 0, chosen = 1;",
+        "    struct problem header = {0};",
+        "",
+        "    f->data = data;",
+    )
     for table in blueprint.tables:
         if table.where is not None:
             yield f"    f->kept_of_{table.identifier} = integers_of(a, {cells.rows(table.name)});"
@@ -124,54 +140,70 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     for number, unknown in enumerate(blueprint.unknowns):
         rows = "1" if unknown.family is None else cells.rows(blueprint.families[unknown.family].table)
         yield f"    f->members[{number}] = {rows};"
-    yield f"    place_unknowns(UNKNOWNS, {count}, f->members, f->offsets, f->firsts);"
-    yield f"    numbers = f->offsets[{count}];"
-    yield f"    n = f->firsts[{count}];"
+    yield from (
+        f"    place_unknowns(UNKNOWNS, {count}, f->members, f->offsets, f->firsts);",
+        f"    numbers = f->offsets[{count}];",
+        f"    n = f->firsts[{count}];",
+    )
     for block in blueprint.blocks:
         yield from _capacities(block, cells)
+    yield from _arrays(blueprint, static)
+    yield from (
+        "    f->multipliers = reals_of(a, multipliers + 1);",
+        "    header.numbers = numbers;",
+        "    header.n = n;",
+        "    header.most_multipliers = multipliers;",
+        "    header.most_residuals = residuals;",
+        "    header.most_inputs = inputs;",
+        "    header.most_weights = weights + 2 * multipliers;",
+        f"    header.chunk = {static.prefix[at.Problem.chunk]};",
+        f"    header.most_outputs = {outputs_capacity(blueprint, static)};",
+    )
+    if blueprint.agreement is not None:
+        yield from agreement_room(blueprint, blueprint.agreement, len(static.prefix))
+    if blueprint.ranges is not None:
+        yield from range_room(blueprint, blueprint.ranges)
+    yield from (
+        "    f->work.reals = reals_of(a, work_reals(&header));",
+        f"    f->spare = reals_of(a, {spare_size(blueprint, static)});",
+    )
+    for derived in blueprint.derived:
+        for suffix in ("", "_sigma"):
+            yield f"    f->derived_{derived.identifier}{suffix} = reals_of(a, {capacity(cells, derived)} + 1);"
+    yield from (
+        "    f->work.integers = integers_of(a, work_integers(&header));",
+        "    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;",
+        f"    for (i = 0; i < {at.DATA_HEAD + at.DATA_BLOCK * len(blueprint.cases)}; i++)",
+        "        f->data_numbers[i] = 0;",
+        "    f->data_set = (struct data_set *)f->data_numbers;",
+        "}",
+    )
+
+
+def _arrays(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     # no column of a problem is empty: arrays of a size of at least one keep the pointers good
     for name, size in (("chosen", "chosen"), ("index", "index"), ("columns", "columns")):
         yield f"    f->{name} = integers_of(a, {size} + 1);"
     for name in ("fixed", "used", "column", "sides", "coordinates"):
         yield f"    f->{name} = integers_of(a, n + 1);"
-    yield f"    f->system = (struct problem *)integers_of(a, {len(static.prefix)} + (2 + {at.PIECE}) * n);"
-    yield "    f->parameters = reals_of(a, parameters + 1);"
-    yield "    f->weights = reals_of(a, weights + 1);"
-    yield f"    f->scratch = reals_of(a, {_widest_matrix(blueprint)});"
-    yield "    f->start = reals_of(a, numbers);"
-    yield "    f->point = reals_of(a, numbers);"
+    yield from (
+        f"    f->system = (struct problem *)integers_of(a, {len(static.prefix)} + (2 + {at.PIECE}) * n);",
+        "    f->parameters = reals_of(a, parameters + 1);",
+        "    f->weights = reals_of(a, weights + 1);",
+        f"    f->scratch = reals_of(a, {_widest_matrix(blueprint)});",
+        "    f->start = reals_of(a, numbers);",
+        "    f->point = reals_of(a, numbers);",
+    )
     if estimates(blueprint) != "point":
         yield "    f->estimates = reals_of(a, numbers);"
-    yield from (f"    f->{name} = reals_of(a, n);" for name in ("lower", "upper", "sigma"))
-    yield f"    f->constants = reals_of(a, {at.BOUNDS_AT + len(static.losses)} + 2 * n);"
-    yield "    f->triangle = reals_of(a, (n + 1) * (n + 1));"
-    yield "    f->covariance = reals_of(a, n * n);"
+    yield from (
+        *(f"    f->{name} = reals_of(a, n);" for name in ("lower", "upper", "sigma")),
+        f"    f->constants = reals_of(a, {at.BOUNDS_AT + len(static.losses)} + 2 * n);",
+        "    f->triangle = reals_of(a, (n + 1) * (n + 1));",
+        "    f->covariance = reals_of(a, n * n);",
+    )
     if static.told:
         yield f"    f->covariances = reals_of(a, {1 + ASSUMPTIONS} * n * n);"
-    yield "    f->multipliers = reals_of(a, multipliers + 1);"
-    yield "    header.numbers = numbers;"
-    yield "    header.n = n;"
-    yield "    header.most_multipliers = multipliers;"
-    yield "    header.most_residuals = residuals;"
-    yield "    header.most_inputs = inputs;"
-    yield "    header.most_weights = weights + 2 * multipliers;"
-    yield f"    header.chunk = {static.prefix[at.Problem.chunk]};"
-    yield f"    header.most_outputs = {outputs_capacity(blueprint, static)};"
-    if blueprint.agreement is not None:
-        yield from agreement_room(blueprint, blueprint.agreement, len(static.prefix))
-    if blueprint.ranges is not None:
-        yield from range_room(blueprint, blueprint.ranges)
-    yield "    f->work.reals = reals_of(a, work_reals(&header));"
-    yield f"    f->spare = reals_of(a, {spare_size(blueprint, static)});"
-    for derived in blueprint.derived:
-        for suffix in ("", "_sigma"):
-            yield f"    f->derived_{derived.identifier}{suffix} = reals_of(a, {capacity(cells, derived)} + 1);"
-    yield "    f->work.integers = integers_of(a, work_integers(&header));"
-    yield "    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;"
-    yield f"    for (i = 0; i < {at.DATA_HEAD + at.DATA_BLOCK * len(blueprint.cases)}; i++)"
-    yield "        f->data_numbers[i] = 0;"
-    yield "    f->data_set = (struct data_set *)f->data_numbers;"
-    yield "}"
 
 
 def _capacities(block: BlockShape, cells: Cells) -> Iterator[str]:
@@ -186,12 +218,14 @@ def _capacities(block: BlockShape, cells: Cells) -> Iterator[str]:
         yield f"    chosen = chosen < {rows} ? {rows} : chosen;"
     outputs = widest(c.kernel.outputs for c in block.cases)
     variables = widest(len(c.variables) for c in block.cases)
-    yield f"    parameters += {rows} * {widest(len(c.parameters) for c in block.cases)};"
-    yield f"    residuals += {rows} * {outputs};"
-    yield f"    inputs += {rows} * {widest(len(c.variables) + len(c.parameters) for c in block.cases)};"
-    # rows that share their unknowns share one line of places, one for each case
-    yield f"    index += ({rows} + {len(block.cases)}) * {variables};"
-    yield f"    columns += ({rows} + {len(block.cases)}) * {widest(len(c.tangents) for c in block.cases)};"
+    yield from (
+        f"    parameters += {rows} * {widest(len(c.parameters) for c in block.cases)};",
+        f"    residuals += {rows} * {outputs};",
+        f"    inputs += {rows} * {widest(len(c.variables) + len(c.parameters) for c in block.cases)};",
+        # rows that share their unknowns share one line of places, one for each case
+        f"    index += ({rows} + {len(block.cases)}) * {variables};",
+        f"    columns += ({rows} + {len(block.cases)}) * {widest(len(c.tangents) for c in block.cases)};",
+    )
     if block.role is BlockRole.CONSTRAINT:
         yield f"    multipliers += {rows} * {outputs};"
     else:

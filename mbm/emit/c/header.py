@@ -41,11 +41,24 @@ def header(blueprint: Blueprint) -> str:
         lines += table_fields(table)
     for unknown in blueprint.unknowns:
         lines.append(f"    const double *start_{unknown.identifier};    {_start(unknown)}")
-    lines += [f"}} {name}_data;", "", "/* What is answered, in SI; `sigma` are standard deviations. */"]
-    lines += ["typedef struct {", *_result(blueprint), *_agreed(blueprint)]
-    lines += [line for unknown in blueprint.unknowns for line in _estimate(unknown)]
-    lines += [line for derived in blueprint.derived for line in derived_fields(derived, once=derived.table is None)]
-    lines += [f"}} {name}_result;", "", *_workspace(name), *_calls(name), *guarded("}"), "", "#endif", ""]
+    lines += [
+        f"}} {name}_data;",
+        "",
+        "/* What is answered, in SI; `sigma` are standard deviations. */",
+        "typedef struct {",
+        *_result(blueprint),
+        *_agreed(blueprint),
+        *[line for unknown in blueprint.unknowns for line in _estimate(unknown)],
+        *[line for derived in blueprint.derived for line in derived_fields(derived, once=derived.table is None)],
+        f"}} {name}_result;",
+        "",
+        *_workspace(name),
+        *_calls(name),
+        *guarded("}"),
+        "",
+        "#endif",
+        "",
+    ]
     return "\n".join(lines)
 
 
@@ -66,10 +79,12 @@ def guarded(line: str) -> tuple[str, ...]:
 
 
 def _doc(blueprint: Blueprint) -> Iterator[Word]:
-    yield told(blueprint.name, ": ", blueprint.doc) if blueprint.doc else blueprint.name
-    yield ""
-    yield f"Written by mbm {blueprint.version}. Everything is in SI, angles in radians. Calls share nothing but their"
-    yield "arguments, so that threads may solve at the same time, each with a workspace of its own."
+    yield from (
+        told(blueprint.name, ": ", blueprint.doc) if blueprint.doc else blueprint.name,
+        "",
+        f"Written by mbm {blueprint.version}. Everything is in SI, angles in radians. Calls share nothing but their",
+        "arguments, so that threads may solve at the same time, each with a workspace of its own.",
+    )
 
 
 def table_fields(table: TableShape, absent: Mapping[Foreign, str] = MappingProxyType({})) -> Iterator[str]:
@@ -89,37 +104,47 @@ def _start(unknown: UnknownShape) -> str:
 
 
 def _result(blueprint: Blueprint) -> Iterator[str]:
-    yield "    int status;"
-    yield "    long iterations, evaluations;"
-    yield "    double cost;           /* weighted sum of squares, without losses */"
-    yield "    double robust_cost;    /* the same with losses */"
-    yield "    long freedom;          /* degrees of freedom */"
-    yield "    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */"
-    yield "    long numbers;          /* N, numbers of all unknowns */"
+    yield from (
+        "    int status;",
+        "    long iterations, evaluations;",
+        "    double cost;           /* weighted sum of squares, without losses */",
+        "    double robust_cost;    /* the same with losses */",
+        "    long freedom;          /* degrees of freedom */",
+        "    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */",
+        "    long numbers;          /* N, numbers of all unknowns */",
+    )
     turned = ", angles by any turns" if estimates(blueprint) != "point" else ""
-    yield f"    const double *point;   /* (N) the estimates, unknown after unknown, member after member{turned} */"
-    yield "    long free;             /* n, estimated coordinates */"
-    yield "    const long *coordinates;     /* (n) their places among all coordinates */"
-    yield "    const double *covariance;    /* (n, n) row by row; NaN: not determined */"
-    yield "    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */"
+    yield from (
+        f"    const double *point;   /* (N) the estimates, unknown after unknown, member after member{turned} */",
+        "    long free;             /* n, estimated coordinates */",
+        "    const long *coordinates;     /* (n) their places among all coordinates */",
+        "    const double *covariance;    /* (n, n) row by row; NaN: not determined */",
+        "    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */",
+    )
 
 
 def _agreed(blueprint: Blueprint) -> Iterator[str]:
     if blueprint.agreement is not None and blueprint.agreement.kept:
-        yield "    long units, inliers;   /* equations of rows that were looked at, and those that agree */"
-        yield "    int ambiguous;         /* 1: another solution explains the data as well */"
-        yield "    const long *inside;    /* (units) 1: it agrees; clause by clause, row by row, then by equation */"
+        yield from (
+            "    long units, inliers;   /* equations of rows that were looked at, and those that agree */",
+            "    int ambiguous;         /* 1: another solution explains the data as well */",
+            "    const long *inside;    /* (units) 1: it agrees; clause by clause, row by row, then by equation */",
+        )
 
 
 def _estimate(unknown: UnknownShape) -> Iterator[str]:
     doc = (": ", unknown.doc) if unknown.doc else ()
     if unknown.family is not None:
-        yield f"    long {unknown.identifier}_members;"
-        yield f"    const long *{unknown.identifier}_rows;    /* (members) the row of the table that names each */"
+        yield from (
+            f"    long {unknown.identifier}_members;",
+            f"    const long *{unknown.identifier}_rows;    /* (members) the row of the table that names each */",
+        )
     many = "" if unknown.family is None else "members × "
     what = remark(f"({many}{unknown.size}) {unknown.kind.value}", *doc, *_shown(unknown.unit))
-    yield f"    const double *{unknown.identifier};          {what}"
-    yield f"    const double *{unknown.identifier}_sigma;    /* ({many}{unknown.freedom}) */"
+    yield from (
+        f"    const double *{unknown.identifier};          {what}",
+        f"    const double *{unknown.identifier}_sigma;    /* ({many}{unknown.freedom}) */",
+    )
 
 
 def derived_fields(derived: DerivedShape, *, once: bool) -> Iterator[str]:
@@ -129,8 +154,10 @@ def derived_fields(derived: DerivedShape, *, once: bool) -> Iterator[str]:
         yield f"    long {derived.identifier}_rows;    {rows}"
     many = "" if once else "rows × "
     what = remark(f"({many}{derived.size}) derived", *_shown(derived.unit))
-    yield f"    const double *{derived.identifier};          {what}"
-    yield f"    const double *{derived.identifier}_sigma;    /* ({many}{derived.size}) */"
+    yield from (
+        f"    const double *{derived.identifier};          {what}",
+        f"    const double *{derived.identifier}_sigma;    /* ({many}{derived.size}) */",
+    )
 
 
 def _shown(unit: Foreign) -> tuple[Word, ...]:

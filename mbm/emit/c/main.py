@@ -59,10 +59,13 @@ def _heads(blueprint: Blueprint, doc: str) -> Iterator[str]:
 def main_file(blueprint: Blueprint) -> str:
     """``main.c``."""
     name = blueprint.identifier
-    lines = [*_heads(blueprint, "solves the tables of the files that it is given.")]
-    lines += [_REST] if blueprint.derived or any(not u.dimension for u in blueprint.unknowns) else []
-    lines += ["/* One line for each number: estimate and standard deviation in the unit that the problem shows. */"]
-    lines += [f"static void print_result(const {name}_data *data, const {name}_result *result)", "{"]
+    lines = [
+        *_heads(blueprint, "solves the tables of the files that it is given."),
+        *([_REST] if blueprint.derived or any(not u.dimension for u in blueprint.unknowns) else []),
+        "/* One line for each number: estimate and standard deviation in the unit that the problem shows. */",
+        f"static void print_result(const {name}_data *data, const {name}_result *result)",
+        "{",
+    ]
     if any(u.family is not None for u in blueprint.unknowns) or any(d.table for d in blueprint.derived):
         lines.append("    long m;")
     several = any(u.size > 1 or u.freedom > 1 or u.family is not None for u in blueprint.unknowns)
@@ -72,10 +75,18 @@ def main_file(blueprint: Blueprint) -> str:
     printed += [line for derived in blueprint.derived for line in _printed_derived(blueprint, derived)]
     if any("snprintf(key" in bare(line) for line in printed):
         lines.append("    char key[32];")
-    lines += ["    (void)data;", *printed]
-    lines += ["}", "", *_solve_one(blueprint), "int main(int argc, char **argv)", "{"]
-    lines += [f"    struct {name}_tables tables;", "    int worst = 0;"]
-    lines += ["    long row;", ""] if blueprint.for_each else [""]
+    lines += [
+        "    (void)data;",
+        *printed,
+        "}",
+        "",
+        *_solve_one(blueprint),
+        "int main(int argc, char **argv)",
+        "{",
+        f"    struct {name}_tables tables;",
+        "    int worst = 0;",
+        *(["    long row;", ""] if blueprint.for_each else [""]),
+    ]
     lines += arguments_read(blueprint, blueprint.tables)
     for column in blueprint.for_each:
         lines += [f"    csv_put_text(stdout, {literal(column)});", "    putchar(',');"]
@@ -87,31 +98,37 @@ def main_file(blueprint: Blueprint) -> str:
 
 def _solve_one(blueprint: Blueprint) -> Iterator[str]:
     name = blueprint.identifier
-    yield "/* The worse of `worst` and the exit status of this solve: 0 solved, 1 not to be trusted, 2 wrong data. */"
-    yield f"static int solve_one(const {name}_data *data, int worst)"
-    yield "{"
-    yield f"    {name}_workspace workspace;"
-    yield f"    {name}_result result;"
-    yield "    int status;"
-    yield ""
-    yield "    if (!reserve(data, &workspace))"
-    yield "        return 2;"
-    yield f"    status = {name}_solve(data, &result, &workspace);"
-    yield f"    if (status < {ANSWERS}) {{"
-    yield "        print_result(data, &result);"
-    yield '        fprintf(stderr, "%s: chi2 %.9g, %ld degrees of freedom, sigma0 %.6g, %ld iterations\\n",'
-    yield f"            {name}_status_text(status), result.cost, result.freedom, result.sigma0, result.iterations);"
+    yield from (
+        "/* The worse of `worst` and the exit status of this solve: 0 solved, 1 not to be trusted, 2 wrong data. */",
+        f"static int solve_one(const {name}_data *data, int worst)",
+        "{",
+        f"    {name}_workspace workspace;",
+        f"    {name}_result result;",
+        "    int status;",
+        "",
+        "    if (!reserve(data, &workspace))",
+        "        return 2;",
+        f"    status = {name}_solve(data, &result, &workspace);",
+        f"    if (status < {ANSWERS}) {{",
+        "        print_result(data, &result);",
+        '        fprintf(stderr, "%s: chi2 %.9g, %ld degrees of freedom, sigma0 %.6g, %ld iterations\\n",',
+        f"            {name}_status_text(status), result.cost, result.freedom, result.sigma0, result.iterations);",
+    )
     if blueprint.agreement is not None and blueprint.agreement.kept:
-        yield '        fprintf(stderr, "%ld of %ld measurements agree%s\\n", result.inliers, result.units,'
-        yield '            result.ambiguous ? ", but as many may agree elsewhere" : "");'
-    yield "    } else {"
-    yield f'        fprintf(stderr, "error: %s\\n", {name}_status_text(status));'
-    yield "    }"
-    yield "    release(&workspace);"
-    yield f"    status = status == 0 ? 0 : status < {ANSWERS} ? 1 : 2;"
-    yield "    return status > worst ? status : worst;"
-    yield "}"
-    yield ""
+        yield from (
+            '        fprintf(stderr, "%ld of %ld measurements agree%s\\n", result.inliers, result.units,',
+            '            result.ambiguous ? ", but as many may agree elsewhere" : "");',
+        )
+    yield from (
+        "    } else {",
+        f'        fprintf(stderr, "error: %s\\n", {name}_status_text(status));',
+        "    }",
+        "    release(&workspace);",
+        f"    status = status == 0 ? 0 : status < {ANSWERS} ? 1 : 2;",
+        "    return status > worst ? status : worst;",
+        "}",
+        "",
+    )
 
 
 def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
@@ -143,8 +160,10 @@ def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
 
 def _value(identifier: str, place: str, scale: Scale, unit: Foreign, pad: str) -> Iterator[str]:
     """Estimate, standard deviation and unit, in that unit."""
-    yield f'{pad}printf(",%.17g,", {in_unit(f"result->{identifier}[{place}]", scale)});'
-    yield f"{pad}print_rest(result->{identifier}_sigma[{place}] / {number(scale.factor)}, {literal(unit)});"
+    yield from (
+        f'{pad}printf(",%.17g,", {in_unit(f"result->{identifier}[{place}]", scale)});',
+        f"{pad}print_rest(result->{identifier}_sigma[{place}] / {number(scale.factor)}, {literal(unit)});",
+    )
 
 
 def _printed_derived(blueprint: Blueprint, derived: DerivedShape) -> Iterator[str]:
@@ -204,14 +223,22 @@ def test_file(blueprint: Blueprint) -> str:
         "{",
     ]
     written = ", ".join(f"(char *){path}" for path in paths)
-    lines += [f"    char *const paths[] = {{{written}}};", f"    struct {name}_tables tables;"]
-    lines += ["    struct csv reference;", "    long solve = 0, wrong = 0, compared = 0;"]
-    lines += ["    long row;", ""] if blueprint.for_each else [""]
+    lines += [
+        f"    char *const paths[] = {{{written}}};",
+        f"    struct {name}_tables tables;",
+        "    struct csv reference;",
+        "    long solve = 0, wrong = 0, compared = 0;",
+        *(["    long row;", ""] if blueprint.for_each else [""]),
+    ]
     lines += reference_read(blueprint)
     lines += each_data_set(blueprint, "wrong += compare({data}, solve++, &reference, &compared);")
     lines += reference_freed(blueprint)
-    lines += ['    printf("%ld of %ld numbers differ\\n", wrong, compared);']
-    lines += ["    return wrong == 0 && compared > 0 ? 0 : 1;", "}", ""]
+    lines += [
+        '    printf("%ld of %ld numbers differ\\n", wrong, compared);',
+        "    return wrong == 0 && compared > 0 ? 0 : 1;",
+        "}",
+        "",
+    ]
     return "\n".join(lines)
 
 

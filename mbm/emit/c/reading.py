@@ -29,49 +29,55 @@ def tables_struct(blueprint: Blueprint) -> Iterator[str]:
     """The struct of all tables."""
     name = blueprint.identifier
     count = max(len(blueprint.tables), 1)
-    yield "/* The files, and the columns that were made of them. */"
-    yield f"struct {name}_tables {{"
-    yield f"    struct csv files[{count}];"
-    yield f"    {name}_data data;"
-    yield "};"
-    yield ""
+    yield from (
+        "/* The files, and the columns that were made of them. */",
+        f"struct {name}_tables {{",
+        f"    struct csv files[{count}];",
+        f"    {name}_data data;",
+        "};",
+        "",
+    )
 
 
 def _read(blueprint: Blueprint) -> Iterator[str]:
     name = blueprint.identifier
-    yield f"static int {name}_read_tables(struct {name}_tables *tables, char *const *paths)"
-    yield "{"
-    yield f"    {name}_data *data = &tables->data;"
-    yield ""
-    yield "    (void)paths;"
-    yield "    (void)data;"
-    yield "    memset(tables, 0, sizeof *tables);"
+    yield from (
+        f"static int {name}_read_tables(struct {name}_tables *tables, char *const *paths)",
+        "{",
+        f"    {name}_data *data = &tables->data;",
+        "",
+        "    (void)paths;",
+        "    (void)data;",
+        "    memset(tables, 0, sizeof *tables);",
+    )
     for position, table in enumerate(blueprint.tables):
         yield from table_read(table, position, "data")
-    yield "    return 1;"
-    yield "}"
-    yield ""
+    yield from ("    return 1;", "}", "")
 
 
 def _free(blueprint: Blueprint) -> Iterator[str]:
     name = blueprint.identifier
-    yield "/* Frees the columns of data that were read or selected. */"
-    yield f"static void {name}_free_columns({name}_data *data)"
-    yield "{"
-    yield "    (void)data;"
+    yield from (
+        "/* Frees the columns of data that were read or selected. */",
+        f"static void {name}_free_columns({name}_data *data)",
+        "{",
+        "    (void)data;",
+    )
     for table in blueprint.tables:
         for column in table.columns:
             yield f"    free((void *)data->{table.identifier}_{column.identifier});"
-    yield "}"
-    yield ""
-    yield f"static void {name}_free_tables(struct {name}_tables *tables)"
-    yield "{"
-    yield "    long i;"
-    yield f"    {name}_free_columns(&tables->data);"
-    yield f"    for (i = 0; i < {name.upper()}_TABLES; i++)"
-    yield "        csv_free(&tables->files[i]);"
-    yield "}"
-    yield ""
+    yield from (
+        "}",
+        "",
+        f"static void {name}_free_tables(struct {name}_tables *tables)",
+        "{",
+        "    long i;",
+        f"    {name}_free_columns(&tables->data);",
+        f"    for (i = 0; i < {name.upper()}_TABLES; i++)",
+        "        csv_free(&tables->files[i]);",
+        "}",
+        "",
+    )
 
 
 def _keys(blueprint: Blueprint) -> Iterator[str]:
@@ -96,36 +102,35 @@ def _keys(blueprint: Blueprint) -> Iterator[str]:
 
     owners = listed(told("`", table.name, "`") for table in tables)
     keys = listed(blueprint.for_each)
-    yield remark("The first row of ", owners, " behind `row` with keys (", keys, ") that no row before it has.")
-    yield f"static long {name}_next_key(const {name}_data *data, long row)"
-    yield "{"
-    yield "    long before;"
-    yield f"    for (row++; row < {rows}; row++) {{"
-    yield "        /* keys often stand together: the search goes backwards */"
-    yield "        for (before = row - 1; before >= 0; before--)"
-    yield f"            if ({same(None, blueprint.for_each, 'row', 'before')})"
-    yield "                break;"
-    yield "        if (before < 0)"
-    yield "            return row;"
-    yield "    }"
-    yield "    return -1;"
-    yield "}"
-    yield ""
-    yield "/* The rows with the keys of a row; tables without a key stay whole. 0: they do not fit into the memory. */"
-    yield f"static int {name}_select(const {name}_data *data, long key, {name}_data *chosen)"
-    yield "{"
-    yield "    long row, count;"
-    yield ""
-    yield "    *chosen = *data;"
+    yield from (
+        remark("The first row of ", owners, " behind `row` with keys (", keys, ") that no row before it has."),
+        f"static long {name}_next_key(const {name}_data *data, long row)",
+        "{",
+        "    long before;",
+        f"    for (row++; row < {rows}; row++) {{",
+        "        /* keys often stand together: the search goes backwards */",
+        "        for (before = row - 1; before >= 0; before--)",
+        f"            if ({same(None, blueprint.for_each, 'row', 'before')})",
+        "                break;",
+        "        if (before < 0)",
+        "            return row;",
+        "    }",
+        "    return -1;",
+        "}",
+        "",
+        "/* The rows with the keys of a row; tables without a key stay whole. 0: they do not fit into the memory. */",
+        f"static int {name}_select(const {name}_data *data, long key, {name}_data *chosen)",
+        "{",
+        "    long row, count;",
+        "",
+        "    *chosen = *data;",
+    )
 
     def kept(each: TableShape) -> str:
         own = tuple(c for c in blueprint.for_each if any(c == column.name for column in each.columns))
         return same(each, own, "row", "key") if own else ""
 
-    yield from rows_chosen(blueprint, kept)
-    yield "    return 1;"
-    yield "}"
-    yield ""
+    yield from (*rows_chosen(blueprint, kept), "    return 1;", "}", "")
 
 
 def rows_chosen(blueprint: Blueprint, kept: Callable[[TableShape], str]) -> Iterator[str]:
@@ -136,61 +141,71 @@ def rows_chosen(blueprint: Blueprint, kept: Callable[[TableShape], str]) -> Iter
         for column in each.columns:
             field = f"{each.identifier}_{column.identifier}"
             kind = "const char **" if column.is_text else "double *"
-            yield "    {"
-            yield f"        {kind}values = malloc(sizeof *values * (size_t)({rows_here} + 1));"
-            yield f"        chosen->{field} = values;"
-            yield "        if (values == NULL)"
-            yield "            return 0;"
-            yield f"        for (row = count = 0; row < {rows_here}; row++)"
+            yield from (
+                "    {",
+                f"        {kind}values = malloc(sizeof *values * (size_t)({rows_here} + 1));",
+                f"        chosen->{field} = values;",
+                "        if (values == NULL)",
+                "            return 0;",
+                f"        for (row = count = 0; row < {rows_here}; row++)",
+            )
             if condition:
                 yield f"            if ({condition})"
-            yield f"                values[count++] = data->{field}[row];"
-            yield f"        chosen->{each.identifier}_rows = count;"
-            yield "    }"
+            yield from (
+                f"                values[count++] = data->{field}[row];",
+                f"        chosen->{each.identifier}_rows = count;",
+                "    }",
+            )
 
 
 def tables_head(blueprint: Blueprint, doc: str, count: int) -> Iterator[str]:
     """How ``<problem>_tables.h`` begins, which reads so many tables."""
     name = blueprint.identifier
-    yield remark(blueprint.name, doc, " Numbers are turned into SI.")
-    yield ""
-    yield f"#ifndef {name.upper()}__TABLES_H"
-    yield f"#define {name.upper()}__TABLES_H"
-    yield ""
-    yield f'#include "{name}.h"'
-    yield '#include "csv.h"'
-    yield ""
-    yield f"enum {{ {name.upper()}_TABLES = {count} }};"
-    yield ""
+    yield from (
+        remark(blueprint.name, doc, " Numbers are turned into SI."),
+        "",
+        f"#ifndef {name.upper()}__TABLES_H",
+        f"#define {name.upper()}__TABLES_H",
+        "",
+        f'#include "{name}.h"',
+        '#include "csv.h"',
+        "",
+        f"enum {{ {name.upper()}_TABLES = {count} }};",
+        "",
+    )
 
 
 def program_head(blueprint: Blueprint, doc: str) -> Iterator[str]:
     """How a program begins that reads tables, ``doc`` in words."""
-    yield remark(blueprint.name, ": ", doc)
-    yield ""
-    yield "#include <math.h>"
-    yield "#include <stdio.h>"
-    yield "#include <stdlib.h>"
-    yield "#include <string.h>"
-    yield ""
-    yield f'#include "{blueprint.identifier}_tables.h"'
-    yield ""
+    yield from (
+        remark(blueprint.name, ": ", doc),
+        "",
+        "#include <math.h>",
+        "#include <stdio.h>",
+        "#include <stdlib.h>",
+        "#include <string.h>",
+        "",
+        f'#include "{blueprint.identifier}_tables.h"',
+        "",
+    )
 
 
 def arguments_read(blueprint: Blueprint, tables: Sequence[TableShape]) -> Iterator[str]:
     """Statements of ``main`` that read the tables from the files that it is given, or say what it wants."""
     name = blueprint.identifier
-    yield f"    if (argc != 1 + {name.upper()}_TABLES) {{"
-    yield '        fputs("usage: ", stderr);'
-    yield '        csv_show(stderr, argc > 0 ? argv[0] : "", 0);'
-    yield from (f'        fputs(" {table.identifier.upper()}.csv", stderr);' for table in tables)
-    yield "        putc('\\n', stderr);"
-    yield "        return 2;"
-    yield "    }"
-    yield f"    if (!{name}_read_tables(&tables, argv + 1)) {{"
-    yield f"        {name}_free_tables(&tables);"
-    yield "        return 2;"
-    yield "    }"
+    yield from (
+        f"    if (argc != 1 + {name.upper()}_TABLES) {{",
+        '        fputs("usage: ", stderr);',
+        '        csv_show(stderr, argc > 0 ? argv[0] : "", 0);',
+        *(f'        fputs(" {table.identifier.upper()}.csv", stderr);' for table in tables),
+        "        putc('\\n', stderr);",
+        "        return 2;",
+        "    }",
+        f"    if (!{name}_read_tables(&tables, argv + 1)) {{",
+        f"        {name}_free_tables(&tables);",
+        "        return 2;",
+        "    }",
+    )
 
 
 DIFFERS = """/* How far a number may lie from its reference: 1e-9 of its size or its standard deviation. */
@@ -238,9 +253,11 @@ def key_cell(tables: tuple[TableShape, ...], column: Foreign, row: str) -> str:
 
 def table_read(table: TableShape, position: int, into: str) -> Iterator[str]:
     """Statements that read the columns of a table ``into`` what a pointer of this name points to."""
-    yield f"    if (!csv_read(&tables->files[{position}], paths[{position}]))"
-    yield "        return 0;"
-    yield f"    {into}->{table.identifier}_rows = tables->files[{position}].rows;"
+    yield from (
+        f"    if (!csv_read(&tables->files[{position}], paths[{position}]))",
+        "        return 0;",
+        f"    {into}->{table.identifier}_rows = tables->files[{position}].rows;",
+    )
     for column in table.columns:
         held = f"{into}->{table.identifier}_{column.identifier}"
         source = literal(column.source)
@@ -249,8 +266,7 @@ def table_read(table: TableShape, position: int, into: str) -> Iterator[str]:
         else:
             scale = f"{number(column.scale.factor)}, {number(column.scale.zero)}"
             yield f"    {held} = csv_numbers(&tables->files[{position}], {source}, {scale});"
-        yield f"    if ({held} == NULL)"
-        yield "        return 0;"
+        yield from (f"    if ({held} == NULL)", "        return 0;")
 
 
 def each_data_set(blueprint: Blueprint, call: str) -> Iterator[str]:
@@ -259,15 +275,17 @@ def each_data_set(blueprint: Blueprint, call: str) -> Iterator[str]:
     if not blueprint.for_each:
         yield f"    {call.format(data='&tables.data')}"
         return
-    yield f"    for (row = {name}_next_key(&tables.data, -1); row >= 0; row = {name}_next_key(&tables.data, row)) {{"
-    yield f"        {name}_data chosen;"
-    yield f"        if (!{name}_select(&tables.data, row, &chosen)) {{"
-    yield '            fprintf(stderr, "error: the rows of a solve do not fit into the memory\\n");'
-    yield "            return 2;"
-    yield "        }"
-    yield f"        {call.format(data='&chosen')}"
-    yield f"        {name}_free_columns(&chosen);"
-    yield "    }"
+    yield from (
+        f"    for (row = {name}_next_key(&tables.data, -1); row >= 0; row = {name}_next_key(&tables.data, row)) {{",
+        f"        {name}_data chosen;",
+        f"        if (!{name}_select(&tables.data, row, &chosen)) {{",
+        '            fprintf(stderr, "error: the rows of a solve do not fit into the memory\\n");',
+        "            return 2;",
+        "        }",
+        f"        {call.format(data='&chosen')}",
+        f"        {name}_free_columns(&chosen);",
+        "    }",
+    )
 
 
 def key_text(blueprint: Blueprint, pad: str) -> Iterator[str]:
@@ -278,7 +296,6 @@ def key_text(blueprint: Blueprint, pad: str) -> Iterator[str]:
         # the first row of a selection has its keys
         cell = key_cell(tables, column, "0")
         if held.is_text:
-            yield f"{pad}csv_put_text(stdout, {cell});"
-            yield f"{pad}putchar(',');"
+            yield from (f"{pad}csv_put_text(stdout, {cell});", f"{pad}putchar(',');")
         else:
             yield f'{pad}printf("%.15g,", {in_unit(cell, held.scale)});'

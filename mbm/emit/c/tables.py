@@ -54,9 +54,12 @@ def table_functions(blueprint: Blueprint, lacking: frozenset[Foreign] = frozense
     text = "\n".join(body)
     code = bare(text)
     wide = max((len(c.inputs) for t in blueprint.tables if t.where is not None for c in t.where.cases), default=0)
-    head = ["/* The rows that count, the members of families, and what the keys name. */"]
-    head += ["static int find_rows(struct frame *f)", "{"]
-    head += [f"    const {blueprint.identifier}_data *data = f->data;"]
+    head = [
+        "/* The rows that count, the members of families, and what the keys name. */",
+        "static int find_rows(struct frame *f)",
+        "{",
+        f"    const {blueprint.identifier}_data *data = f->data;",
+    ]
     names = [n for n in ("row", "i", "last") if _uses(code, n)]
     head += [f"    long {', '.join(names)};"] if names else []
     if any(table.where is not None for table in blueprint.tables):
@@ -76,13 +79,15 @@ def _kept(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
         if table.where is None:
             continue
         count = f"f->kept_of_{table.identifier}_count"
-        yield f"    {remark('the rows of `', table.name, '` that the problem keeps')}"
-        yield f"    {count} = 0;"
-        yield f"    for (row = 0; row < {cells.rows(table.name)}; row++) {{"
-        yield from cells.call(table.where, "&kept", "        ")
-        yield "        if (kept == 1.0)"
-        yield f"            f->kept_of_{table.identifier}[{count}++] = row;"
-        yield "    }"
+        yield from (
+            f"    {remark('the rows of `', table.name, '` that the problem keeps')}",
+            f"    {count} = 0;",
+            f"    for (row = 0; row < {cells.rows(table.name)}; row++) {{",
+            *cells.call(table.where, "&kept", "        "),
+            "        if (kept == 1.0)",
+            f"            f->kept_of_{table.identifier}[{count}++] = row;",
+            "    }",
+        )
 
 
 def _end(
@@ -95,8 +100,7 @@ def _end(
     if name in lacking:
         row = f"{count} > 0 ? {row} : 0"
     else:
-        yield f"    if ({count} == 0)"
-        yield f"        return {cells.status('NO_ROWS')};"
+        yield from (f"    if ({count} == 0)", f"        return {cells.status('NO_ROWS')};")
     yield f"    f->{choice.value}_of_{table.identifier} = {row};"
 
 
@@ -104,17 +108,20 @@ def _family(blueprint: Blueprint, cells: Cells, family: FamilyShape) -> Iterator
     count = f"f->{family.identifier}_count"
     opened, closed = cells.loop(family.table)
     what = "distinct values" if family.distinct else "rows"
-    yield f"    {remark(f'the members: {what} of `', family.table, '`')}"
-    yield f"    {count} = 0;"
-    yield from opened
+    yield from (
+        f"    {remark(f'the members: {what} of `', family.table, '`')}",
+        f"    {count} = 0;",
+        *opened,
+    )
     if family.distinct and family.key is not None:
         text = blueprint.table(family.table).column(family.key).is_text
         finder = "place_of_text" if text else "place_of_number"
         column = cells.column(family.table, family.key)
-        yield f"        if ({finder}({column}[row], {column}, f->{family.identifier}, {count}, -1) >= 0)"
-        yield "            continue;"
-    yield f"        f->{family.identifier}[{count}++] = row;"
-    yield from closed
+        yield from (
+            f"        if ({finder}({column}[row], {column}, f->{family.identifier}, {count}, -1) >= 0)",
+            "            continue;",
+        )
+    yield from (f"        f->{family.identifier}[{count}++] = row;", *closed)
     for number, unknown in enumerate(blueprint.unknowns):
         if unknown.family == family.number:
             yield f"    f->members[{number}] = {count};    {remark(unknown.name)}"
@@ -133,20 +140,24 @@ def _link(blueprint: Blueprint, cells: Cells, link: Link) -> Iterator[str]:
     yield f"    {remark('the ', what, ' that ', who, ' names')}"
     missing = f"return {cells.status('UNKNOWN_KEY')};"
     if link.table is None:
-        yield f"    f->{link.identifier}[0] = {finder}({key}, {column}, {rows}, {count}, -1);"
-        yield f"    if (f->{link.identifier}[0] < 0)"
-        yield f"        {missing}"
+        yield from (
+            f"    f->{link.identifier}[0] = {finder}({key}, {column}, {rows}, {count}, -1);",
+            f"    if (f->{link.identifier}[0] < 0)",
+            f"        {missing}",
+        )
         return
     yield "    last = -1;"
     opened, closed = cells.loop(link.table)
     if link.family is None:
         opened, closed = [f"    for (row = 0; row < {cells.rows(link.table)}; row++) {{"], ["    }"]
-    yield from opened
-    yield f"        last = {finder}({key}, {column}, {rows}, {count}, last);"
-    yield "        if (last < 0)"
-    yield f"            {missing}"
-    yield f"        f->{link.identifier}[row] = last;"
-    yield from closed
+    yield from (
+        *opened,
+        f"        last = {finder}({key}, {column}, {rows}, {count}, last);",
+        "        if (last < 0)",
+        f"            {missing}",
+        f"        f->{link.identifier}[row] = last;",
+        *closed,
+    )
 
 
 def programs_used(blueprint: Blueprint) -> Iterator[tuple[RowPrograms, Word]]:

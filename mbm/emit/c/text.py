@@ -87,16 +87,14 @@ def opening(name: str, what: Word) -> list[str]:
 
 def status_text(name: str, sentences: Mapping[str, str]) -> Iterator[str]:
     """The function that says what a status means; ``sentences`` by the constants of C."""
-    yield f"const char *{name}_status_text(int status)"
-    yield "{"
-    yield "    switch (status) {"
+    yield from (
+        f"const char *{name}_status_text(int status)",
+        "{",
+        "    switch (status) {",
+    )
     for constant, sentence in sentences.items():
-        yield f"    case {constant}:"
-        yield f'        return "{sentence}";'
-    yield "    default:"
-    yield '        return "no status";'
-    yield "    }"
-    yield "}"
+        yield from (f"    case {constant}:", f'        return "{sentence}";')
+    yield from ("    default:", '        return "no status";', "    }", "}")
 
 
 def wrapped(lines: Iterable[str]) -> Iterator[str]:

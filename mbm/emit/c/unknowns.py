@@ -15,45 +15,54 @@ def unknown_functions(blueprint: Blueprint) -> str:
     """One function for each unknown, and one that calls them all."""
     cells = Cells(blueprint)
     parts = ["\n".join(_function(blueprint, cells, i, u)) for i, u in enumerate(blueprint.unknowns)]
-    calls = ["/* Starts, bounds and what stays, of all unknowns. */", "static int set_up(struct frame *f)", "{"]
-    calls += ["    int status = 0;", ""]
+    calls = [
+        "/* Starts, bounds and what stays, of all unknowns. */",
+        "static int set_up(struct frame *f)",
+        "{",
+        "    int status = 0;",
+        "",
+    ]
     for unknown in blueprint.unknowns:
         calls += ["    if (status == 0)", f"        status = set_up_{unknown.identifier}(f);"]
     return "\n".join([*parts, *calls, "    return status;", "}", ""])
 
 
 def _function(blueprint: Blueprint, cells: Cells, position: int, unknown: UnknownShape) -> Iterator[str]:
-    yield remark("`", unknown.name, "`", *((": ", unknown.doc) if unknown.doc else ()), ".")
-    yield f"static int set_up_{unknown.identifier}(struct frame *f)"
-    yield "{"
-    yield f"    const {blueprint.identifier}_data *data = f->data;"
+    yield from (
+        remark("`", unknown.name, "`", *((": ", unknown.doc) if unknown.doc else ()), "."),
+        f"static int set_up_{unknown.identifier}(struct frame *f)",
+        "{",
+        f"    const {blueprint.identifier}_data *data = f->data;",
+    )
     programs = _programs(unknown)
     wide = max((len(c.inputs) for p in programs for c in p.cases), default=0)
     if wide or programs:
         yield f"    double inputs[{max(wide, 1)}];"
-    yield f"    double stated[{_stated_width(unknown)}];"
-    yield f"    double lower[{unknown.freedom}], upper[{unknown.freedom}];"
+    yield from (
+        f"    double stated[{_stated_width(unknown)}];",
+        f"    double lower[{unknown.freedom}], upper[{unknown.freedom}];",
+    )
     if unknown.start_range is not None:
         yield f"    double least[{unknown.freedom}], greatest[{unknown.freedom}];"
     if unknown.fixed is not None:
         yield f"    double fixed[{unknown.freedom}];"
     if unknown.lower is not None or unknown.upper is not None:
         yield f"    double bounds[{len(unknown.bounded)}];"
-    yield "    long m, c;"
-    yield ""
-    yield "    (void)stated;"
+    yield from ("    long m, c;", "", "    (void)stated;")
     if not any(c.inputs for p in programs for c in p.cases) and programs:
         yield "    inputs[0] = 0.0;"
     yield f"    for (m = 0; m < f->members[{position}]; m++) {{"
     if unknown.family is not None:
         yield f"        const long row = f->{blueprint.families[unknown.family].identifier}[m];"
-    yield f"        const long number = f->offsets[{position}] + m * {unknown.size};"
-    yield f"        const long first = f->firsts[{position}] + m * {unknown.freedom};"
-    yield from (f"        {line}" for line in _member(cells, unknown))
-    yield "    }"
-    yield "    return 0;"
-    yield "}"
-    yield ""
+    yield from (
+        f"        const long number = f->offsets[{position}] + m * {unknown.size};",
+        f"        const long first = f->firsts[{position}] + m * {unknown.freedom};",
+        *(f"        {line}" for line in _member(cells, unknown)),
+        "    }",
+        "    return 0;",
+        "}",
+        "",
+    )
 
 
 def _programs(unknown: UnknownShape) -> list[RowPrograms]:
@@ -69,10 +78,12 @@ def _member(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
     """Statements for member ``m``."""
     if unknown.family is not None:
         yield "(void)row;"
-    yield f"for (c = 0; c < {unknown.freedom}; c++) {{"
-    yield "    lower[c] = -HUGE_VAL;"
-    yield "    upper[c] = HUGE_VAL;"
-    yield "}"
+    yield from (
+        f"for (c = 0; c < {unknown.freedom}; c++) {{",
+        "    lower[c] = -HUGE_VAL;",
+        "    upper[c] = HUGE_VAL;",
+        "}",
+    )
     for programs, target in ((unknown.lower, "lower"), (unknown.upper, "upper")):
         if programs is not None:
             yield from cells.call(programs, "bounds", "")
@@ -82,19 +93,21 @@ def _member(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
         yield from cells.call(unknown.fixed, "fixed", "")
     if unknown.start_range is not None:
         yield from _range(cells, unknown)
-    yield f"for (c = 0; c < {unknown.freedom}; c++) {{"
-    yield "    if (!(lower[c] < upper[c]))"
-    yield f"        return {cells.status('BAD_BOUNDS')};"
-    yield "    f->lower[first + c] = lower[c];"
-    yield "    f->upper[first + c] = upper[c];"
-    yield f"    f->fixed[first + c] = {'fixed[c] == 1.0' if unknown.fixed is not None else '0'};"
-    yield "}"
-    yield f"if (data->start_{unknown.identifier} != NULL) {{"
-    yield f"    for (c = 0; c < {unknown.size}; c++)"
-    yield f"        f->start[number + c] = data->start_{unknown.identifier}[m * {unknown.size} + c];"
-    yield "    continue;"
-    yield "}"
-    yield from _start(cells, unknown)
+    yield from (
+        f"for (c = 0; c < {unknown.freedom}; c++) {{",
+        "    if (!(lower[c] < upper[c]))",
+        f"        return {cells.status('BAD_BOUNDS')};",
+        "    f->lower[first + c] = lower[c];",
+        "    f->upper[first + c] = upper[c];",
+        f"    f->fixed[first + c] = {'fixed[c] == 1.0' if unknown.fixed is not None else '0'};",
+        "}",
+        f"if (data->start_{unknown.identifier} != NULL) {{",
+        f"    for (c = 0; c < {unknown.size}; c++)",
+        f"        f->start[number + c] = data->start_{unknown.identifier}[m * {unknown.size} + c];",
+        "    continue;",
+        "}",
+        *_start(cells, unknown),
+    )
 
 
 def _range(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
@@ -103,9 +116,11 @@ def _range(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
     for programs, target, far in zip(
         unknown.start_range, ("least", "greatest"), ("-HUGE_VAL", "HUGE_VAL"), strict=True
     ):
-        yield f"for (c = 0; c < {unknown.freedom}; c++)"
-        yield f"    {target}[c] = {far};"
-        yield from cells.call(programs, "stated", "")
+        yield from (
+            f"for (c = 0; c < {unknown.freedom}; c++)",
+            f"    {target}[c] = {far};",
+            *cells.call(programs, "stated", ""),
+        )
         for i, coordinate in enumerate(unknown.bounded):
             yield f"{target}[{coordinate}] = stated[{i}];"
 
@@ -125,13 +140,14 @@ def _start(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
         yield from _turned(unknown)
         return
     ends = "least[c], greatest[c]" if unknown.start_range is not None else "-HUGE_VAL, HUGE_VAL"
-    yield f"for (c = 0; c < {unknown.size}; c++) {{"
-    yield f"    const double found = begun(stated[c], {ends}, lower[c], upper[c]);"
+    yield from (
+        f"for (c = 0; c < {unknown.size}; c++) {{",
+        f"    const double found = begun(stated[c], {ends}, lower[c], upper[c]);",
+    )
     within = "within_turn(found, lower[c], upper[c])" if unknown.angle else "found"
     yield f"    f->start[number + c] = {within};"
     if unknown.positive:
-        yield "    if (!(found > 0.0))"
-        yield f"        return {cells.status('BAD_START')};"
+        yield from ("    if (!(found > 0.0))", f"        return {cells.status('BAD_START')};")
     yield "}"
 
 

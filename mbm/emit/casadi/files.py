@@ -109,27 +109,30 @@ def _reference(blueprint: Blueprint) -> str:
 
 
 def _readme(blueprint: Blueprint) -> Iterator[str]:
-    yield f"# {prose(blueprint.name)}"
-    yield ""
-    yield from (prose(blueprint.doc), "") if blueprint.doc else ()
-    yield f"Serialised CasADi functions, written by mbm {blueprint.version}; `functions.json` names inputs and outputs."
-    yield ""
-    yield "```python"
-    yield "import casadi"
-    yield ""
-    yield 'residuals = casadi.Function.deserialize(open("residuals.casadi").read())'
-    yield "r, J = residuals(point)    # all numbers in SI → whitened residuals, and their derivatives"
-    yield "```"
-    yield ""
-    yield "`residuals.casadi` holds the data of the tables that it was made with"
-    yield "(of the first data set, where there are several), without losses; the other files have one function for each"
-    yield "group of rows, from the unknowns and the data of one row to its equations (not divided by their noise) and"
-    yield "their derivatives. Derivatives are by steps in the tangent space: a rotation has three, `q Exp(ω)`."
+    yield from (
+        f"# {prose(blueprint.name)}",
+        "",
+        *((prose(blueprint.doc), "") if blueprint.doc else ()),
+        f"Serialised CasADi functions, written by mbm {blueprint.version}; `functions.json` names inputs and outputs.",
+        "",
+        "```python",
+        "import casadi",
+        "",
+        'residuals = casadi.Function.deserialize(open("residuals.casadi").read())',
+        "r, J = residuals(point)    # all numbers in SI → whitened residuals, and their derivatives",
+        "```",
+        "",
+        "`residuals.casadi` holds the data of the tables that it was made with",
+        "(of the first data set, where there are several), without losses; the other files have one function for each",
+        "group of rows, from the unknowns and the data of one row to its equations (not divided by their noise) and",
+        "their derivatives. Derivatives are by steps in the tangent space: a rotation has three, `q Exp(ω)`.",
+    )
     if blueprint.derived:
-        yield "`derived.casadi` gives the derived quantities of all rows at a point and their derivatives J by the"
-        yield "coordinates: with the covariance C of these, `J C Jᵀ` is theirs."
-    yield "`python test_functions.py` compares with the numbers of mbm."
-    yield ""
+        yield from (
+            "`derived.casadi` gives the derived quantities of all rows at a point and their derivatives J by the",
+            "coordinates: with the covariance C of these, `J C Jᵀ` is theirs.",
+        )
+    yield from ("`python test_functions.py` compares with the numbers of mbm.", "")
 
 
 TEST = '''"""The functions give the numbers of mbm: `python test_functions.py`, or pytest."""

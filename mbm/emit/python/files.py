@@ -101,21 +101,29 @@ def module_name(blueprint: Blueprint) -> str:
 def _readme(blueprint: Blueprint) -> Iterator[str]:
     name = module_name(blueprint)
     tables = " ".join(f"{table.identifier}.csv" for table in blueprint.tables)
-    yield f"# {prose(blueprint.name)}"
-    yield ""
-    yield from (prose(blueprint.doc), "") if blueprint.doc else ()
-    yield f"A solver in one Python module, written by mbm {blueprint.version}. It needs NumPy, nothing else."
-    yield ""
-    yield "```sh"
-    yield f"python {name}.py {tables}".rstrip()
-    yield f"python test_{name}.py    # solves data/ and compares with reference.csv, the answer of `mbm solve`"
-    yield "```"
-    yield ""
-    usage = [f"import {name}", "", f"result = {name}.solve(tables)    # tables: name → columns by name, numbers in SI"]
-    usage += [f'result["estimates"][{literal(unknown.name)}]["value"]' for unknown in blueprint.unknowns[:1]]
-    yield from fenced(usage, "python")
-    yield ""
-    yield "`solve_each` goes through the data sets of a problem with `for-each`; `residuals` and `jacobian` give the"
-    yield "equations at a point. Kernels run over all rows at once, the solver itself is plain Python: for speed take"
-    yield "the target `c`."
-    yield ""
+    yield from (
+        f"# {prose(blueprint.name)}",
+        "",
+        *((prose(blueprint.doc), "") if blueprint.doc else ()),
+        f"A solver in one Python module, written by mbm {blueprint.version}. It needs NumPy, nothing else.",
+        "",
+        "```sh",
+        f"python {name}.py {tables}".rstrip(),
+        f"python test_{name}.py    # solves data/ and compares with reference.csv, the answer of `mbm solve`",
+        "```",
+        "",
+    )
+    usage = [
+        f"import {name}",
+        "",
+        f"result = {name}.solve(tables)    # tables: name → columns by name, numbers in SI",
+        *[f'result["estimates"][{literal(unknown.name)}]["value"]' for unknown in blueprint.unknowns[:1]],
+    ]
+    yield from (
+        *fenced(usage, "python"),
+        "",
+        "`solve_each` goes through the data sets of a problem with `for-each`; `residuals` and `jacobian` give the",
+        "equations at a point. Kernels run over all rows at once, the solver itself is plain Python: for speed take",
+        "the target `c`.",
+        "",
+    )

@@ -104,11 +104,18 @@ def _wrapped(line: str) -> Iterator[str]:
         yield line
         return
     left, right = line.split(" = ", 1)
-    yield f"{left} = ("
-    yield from wrap(
-        right, WIDTH, initial_indent=" " * 8, subsequent_indent=" " * 8, break_long_words=False, break_on_hyphens=False
+    yield from (
+        f"{left} = (",
+        *wrap(
+            right,
+            WIDTH,
+            initial_indent=" " * 8,
+            subsequent_indent=" " * 8,
+            break_long_words=False,
+            break_on_hyphens=False,
+        ),
+        "    )",
     )
-    yield "    )"
 
 
 def kernel_functions(case: BlockCase) -> str:
@@ -132,18 +139,25 @@ def rows_function(blueprint: Blueprint, programs: RowPrograms, words: Word) -> s
     """The functions of programs of data, and one that computes them for rows: (width, rows)."""
     cells = Cells(blueprint)
     parts = []
-    lines = [f"def {programs.identifier}(t: Tables, f: Found, row: Indices) -> Array:", *docstring([told(words, ".")])]
-    lines.append(f"    outputs = np.full(({programs.width}, len(row)), np.nan)")
+    lines = [
+        f"def {programs.identifier}(t: Tables, f: Found, row: Indices) -> Array:",
+        *docstring([told(words, ".")]),
+        f"    outputs = np.full(({programs.width}, len(row)), np.nan)",
+    ]
     for position, case in enumerate(programs.cases):
         name = f"{programs.identifier}_{position + 1}"
         parts.append(function(name, case.program, [input_name(v) for v in case.inputs], [told(words, ".")]))
         tests = "".join(f" & ({cells.cell(value)} == {key(wanted)})" for value, wanted in case.static)
-        lines.append(f"    chosen = np.ones(len(row), dtype=bool){tests}")
-        lines.append(f"    part = np.empty(({programs.width}, int(chosen.sum())))")
+        lines += [
+            f"    chosen = np.ones(len(row), dtype=bool){tests}",
+            f"    part = np.empty(({programs.width}, int(chosen.sum())))",
+        ]
         inputs = ", ".join(cells.input(v, "row[chosen]") for v in case.inputs)
-        lines.append('    with np.errstate(all="ignore"):')
-        lines.append(f"        {name}([{inputs}], part)")
-        lines.append("    outputs[:, chosen] = part")
+        lines += [
+            '    with np.errstate(all="ignore"):',
+            f"        {name}([{inputs}], part)",
+            "    outputs[:, chosen] = part",
+        ]
     return "\n\n\n".join([*parts, "\n".join([*lines, "    return outputs"])])
 
 

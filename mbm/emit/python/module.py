@@ -56,8 +56,17 @@ def module(blueprint: Blueprint, static: StaticSystem) -> str:
     parts += [derived_function(each.name, case) for each in blueprint.derived for case in each.cases]
     parts += [rows_function(blueprint, each, words) for each, words in programs_used(blueprint)]
     agreeing = blueprint.agreement is not None
-    last = [finding(blueprint), *set_up(blueprint), *clause_functions(blueprint), *_lists(blueprint)]
-    last += [TAIL, AGREE if agreeing else NOTHING, PLAIN if blueprint.ranges is None else BESIDE, SHOWING, PROGRAM]
+    last = [
+        finding(blueprint),
+        *set_up(blueprint),
+        *clause_functions(blueprint),
+        *_lists(blueprint),
+        TAIL,
+        AGREE if agreeing else NOTHING,
+        PLAIN if blueprint.ranges is None else BESIDE,
+        SHOWING,
+        PROGRAM,
+    ]
     solver = module_text(emitted_module(called_in_python("\n".join(last))))
     parts += [PRELUDE.rstrip(), solver.rstrip(), *last]
     return "\n\n\n".join(p.strip("\n") for p in parts) + "\n"
@@ -65,21 +74,26 @@ def module(blueprint: Blueprint, static: StaticSystem) -> str:
 
 def _doc(blueprint: Blueprint) -> Iterator[str]:
     lines: list[Word] = [told(blueprint.name, ": ", blueprint.doc) if blueprint.doc else blueprint.name]
-    lines += ["", f"Written by mbm {blueprint.version}; needs NumPy only. Everything is in SI, angles in radians."]
-    lines += ["`solve(tables)` solves; `python <this file> TABLE.csv …` prints `name,value,sigma,unit`."]
+    lines += [
+        "",
+        f"Written by mbm {blueprint.version}; needs NumPy only. Everything is in SI, angles in radians.",
+        "`solve(tables)` solves; `python <this file> TABLE.csv …` prints `name,value,sigma,unit`.",
+    ]
     yield from (line.removeprefix("    ") for line in docstring(lines))
 
 
 def _tables(blueprint: Blueprint) -> Iterator[str]:
     lines = ["COLUMNS: dict[str, dict[str, tuple[bool, str, float, float]]] = {"]
     for table in blueprint.tables:
-        lines.append(f"    {literal(table.name)}: {{")
         lines += [
-            f"        {literal(c.name)}: ({c.is_text}, {literal(c.source)}, {c.scale.factor!r}, {c.scale.zero!r}),"
-            + (f"  {remark(c.unit)}" if c.unit else "")
-            for c in table.columns
+            f"    {literal(table.name)}: {{",
+            *[
+                f"        {literal(c.name)}: ({c.is_text}, {literal(c.source)}, {c.scale.factor!r}, {c.scale.zero!r}),"
+                + (f"  {remark(c.unit)}" if c.unit else "")
+                for c in table.columns
+            ],
+            "    },",
         ]
-        lines.append("    },")
     lines += [
         "}",
         '"""Tables and columns: whether it holds texts, its name in files, its unit in SI: factor, zero."""',
@@ -136,12 +150,14 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     lines = _assigned("_SYSTEM", static.prefix, "How the solver's description of the equations begins.")
     lines += _assigned("_UNKNOWNS", static.unknowns, "Of each unknown: numbers, coordinates, family, positive, pieces.")
     lines += _assigned("_LOSSES", static.losses, "Parameter and shape of each loss.")
-    lines += ["SYSTEM = np.array(_SYSTEM, dtype=np.int64)"]
-    lines += ["UNKNOWNS = np.array(_UNKNOWNS, dtype=np.int64)"]
-    lines += ["LOSSES = np.array(_LOSSES, dtype=float)"]
-    lines += [f"TOLERANCE = {blueprint.settings.tolerance!r}", f"LOSSY = {lossy(blueprint)}"]
-    lines += [f"SCALED = {static.scaled}", f"SPARE = {row_scratch(blueprint)!r}"]
     lines += [
+        "SYSTEM = np.array(_SYSTEM, dtype=np.int64)",
+        "UNKNOWNS = np.array(_UNKNOWNS, dtype=np.int64)",
+        "LOSSES = np.array(_LOSSES, dtype=float)",
+        f"TOLERANCE = {blueprint.settings.tolerance!r}",
+        f"LOSSY = {lossy(blueprint)}",
+        f"SCALED = {static.scaled}",
+        f"SPARE = {row_scratch(blueprint)!r}",
         f"KINDS = {max(kinds_of_units(blueprint), 1)}",
         *_assigned("NOISY", map(literal, static.noises), "Unknown noise."),
         f"TOLD = {static.told * TOLD}",
@@ -172,8 +188,10 @@ def _lists(blueprint: Blueprint) -> Iterator[str]:
     lines = ["KERNELS: tuple[tuple[Callable[..., None], int, int], ...] = ("]
     for _, case in blueprint.cases:
         wide, outputs = len(case.variables) + len(case.parameters), case.kernel.outputs
-        lines.append(f"    ({case.identifier}_values, {wide}, {outputs}),")
-        lines.append(f"    ({case.identifier}_jacobian, {wide}, {outputs + len(case.kernel.jacobian_rows)}),")
+        lines += [
+            f"    ({case.identifier}_values, {wide}, {outputs}),",
+            f"    ({case.identifier}_jacobian, {wide}, {outputs + len(case.kernel.jacobian_rows)}),",
+        ]
     yield "\n".join([*lines, ")", '"""Function, inputs and outputs of each kernel."""'])
     lines = ["SET_UP = (" + ", ".join(f"set_up_{u.identifier}" for u in blueprint.unknowns) + ",)", "CASES = ("]
     clauses = {id(block): number for number, block in enumerate(blueprint.blocks)}

@@ -17,27 +17,37 @@ from mbm.problem.types import NoiseKind, UnknownKind
 def finding(blueprint: Blueprint) -> str:
     """``find_rows`` and ``kept_rows``."""
     cells = Cells(blueprint)
-    lines = ["def kept_rows(t: Tables, f: Found, table: str) -> Indices:", '    """The rows of a table that count."""']
-    lines += [
+    lines = [
+        "def kept_rows(t: Tables, f: Found, table: str) -> Indices:",
+        '    """The rows of a table that count."""',
         '    kept = f.get("kept " + table)',
         "    return np.arange(row_count(t, table)) if kept is None else kept",
+        "",
+        "",
+        "def find_rows(t: Tables) -> Found:",
+        '    """Rows that are kept, the members of families, and what keys name."""',
+        "    f: Found = {}",
     ]
-    lines += ["", "", "def find_rows(t: Tables) -> Found:"]
-    lines += ['    """Rows that are kept, the members of families, and what keys name."""', "    f: Found = {}"]
     for table in blueprint.tables:
         if table.where is not None:
-            lines.append(f"    row = np.arange(row_count(t, {literal(table.name)}))")
-            lines.append(f"    f[{literal('kept ', table.name)}] = row[{table.where.identifier}(t, f, row)[0] == 1.0]")
+            lines += [
+                f"    row = np.arange(row_count(t, {literal(table.name)}))",
+                f"    f[{literal('kept ', table.name)}] = row[{table.where.identifier}(t, f, row)[0] == 1.0]",
+            ]
     for name, choice in ends(blueprint):
         place = 0 if choice is Choice.FIRST else -1
-        lines.append(f"    if not len(kept_rows(t, f, {literal(name)})):")
-        lines.append(f"        raise DataError({literal('the table `', name, '` has no rows')})")
-        lines.append(f"    f[{literal(choice.value, ' of ', name)}] = kept_rows(t, f, {literal(name)})[{place}]")
+        lines += [
+            f"    if not len(kept_rows(t, f, {literal(name)})):",
+            f"        raise DataError({literal('the table `', name, '` has no rows')})",
+            f"    f[{literal(choice.value, ' of ', name)}] = kept_rows(t, f, {literal(name)})[{place}]",
+        ]
     for family in blueprint.families:
         lines.append(f"    row = kept_rows(t, f, {literal(family.table)})")
         if family.distinct and family.key is not None:
-            lines.append(f"    known = t[{literal(family.table)}][{literal(family.key)}][row].tolist()")
-            lines.append("    row = row[[known.index(value) for value in dict.fromkeys(known)]]")
+            lines += [
+                f"    known = t[{literal(family.table)}][{literal(family.key)}][row].tolist()",
+                "    row = row[[known.index(value) for value in dict.fromkeys(known)]]",
+            ]
         lines.append(f"    f[{family.identifier!r}] = row")
     for link in blueprint.links:
         if link.family is not None:
@@ -57,9 +67,11 @@ def finding(blueprint: Blueprint) -> str:
             if link.family is not None
             else f"np.arange(row_count(t, {literal(link.table)}))"
         )
-        lines.append(f"    row = {rows}")
-        lines.append(f"    f[{link.identifier!r}] = np.full(row_count(t, {literal(link.table)}), -1)")
-        lines.append(f"    f[{link.identifier!r}][row] = {found}")
+        lines += [
+            f"    row = {rows}",
+            f"    f[{link.identifier!r}] = np.full(row_count(t, {literal(link.table)}), -1)",
+            f"    f[{link.identifier!r}][row] = {found}",
+        ]
     return "\n".join([*lines, "    return f"])
 
 
@@ -116,14 +128,15 @@ def _start(unknown: UnknownShape) -> Iterator[str]:
         yield "    found = [begun(*each) for each in ends]"
     yield f"    numbers = np.array(found).reshape(members, {size})"
     if unknown.positive:
-        yield "    if not bool(np.all(numbers > 0.0)):"
-        yield f"        raise DataError({literal(unknown.name, ' does not begin above zero')})"
+        yield from (
+            "    if not bool(np.all(numbers > 0.0)):",
+            f"        raise DataError({literal(unknown.name, ' does not begin above zero')})",
+        )
 
 
 def _turned(unknown: UnknownShape) -> Iterator[str]:
     """Directions, rotations, poses and similarities: stated as a vector, or as a matrix and what follows it."""
-    yield f"    numbers = np.empty((members, {unknown.size}))"
-    yield "    for m in range(members):"
+    yield from (f"    numbers = np.empty((members, {unknown.size}))", "    for m in range(members):")
     if unknown.kind is UnknownKind.DIRECTION:
         yield "        unit_vector(stated[m], numbers[m])"
         return
@@ -148,8 +161,10 @@ def clause_functions(blueprint: Blueprint) -> Iterator[str]:
 
 
 def _rows(cells: Cells, block: BlockShape) -> Iterator[str]:
-    yield f"def {block.identifier}_rows(t: Tables, f: Found) -> Indices:"
-    yield from docstring([told("The rows that ", block.name, " is about.")])
+    yield from (
+        f"def {block.identifier}_rows(t: Tables, f: Found) -> Indices:",
+        *docstring([told("The rows that ", block.name, " is about.")]),
+    )
     if block.table is None:
         yield "    return np.zeros(1, dtype=int)"
         return
@@ -158,16 +173,20 @@ def _rows(cells: Cells, block: BlockShape) -> Iterator[str]:
         yield f"    row = row[{block.when.identifier}(t, f, row)[0] == 1.0]"
     if block.distinct:
         values = ", ".join(f"{cells.cell(v)}.tolist()" for v in block.distinct)
-        yield f"    kinds = list(zip({values}, strict=True))"
-        yield "    row = row[[kinds.index(kind) for kind in dict.fromkeys(kinds)]]"
+        yield from (
+            f"    kinds = list(zip({values}, strict=True))",
+            "    row = row[[kinds.index(kind) for kind in dict.fromkeys(kinds)]]",
+        )
     yield "    return row"
 
 
 def _case(blueprint: Blueprint, cells: Cells, case: BlockCase) -> Iterator[str]:
-    yield f"def {case.identifier}_assemble("
-    yield "    t: Tables, f: Found, row: Indices, offsets: Array, firsts: Array"
-    yield ") -> tuple[int, tuple[Array, Array, Array, Array]]:"
-    yield f'    """Number of rows of {case.identifier}; their parameters, weights, numbers and coordinates."""'
+    yield from (
+        f"def {case.identifier}_assemble(",
+        "    t: Tables, f: Found, row: Indices, offsets: Array, firsts: Array",
+        ") -> tuple[int, tuple[Array, Array, Array, Array]]:",
+        f'    """Number of rows of {case.identifier}; their parameters, weights, numbers and coordinates."""',
+    )
     for value, key in case.static:
         yield f"    row = row[{cells.cell(value)} == {written(key)}]"
     yield f"    parameters = np.empty((len(row), {len(case.parameters)}))"
