@@ -77,7 +77,7 @@ def start_solve(
     work.penalised = 0
     work.tolerance = work.rows.constants[TOLERANCE]
     work.sequential = 0
-    tell_equations(problem, work)
+    tell_equations(problem, work.rows, work.equation)
     if problem.constraint_blocks > 0 and problem.exact == 1:
         begin_steps(problem, work)
     elif problem.constraint_blocks > 0:

@@ -14,6 +14,7 @@ from math import fabs, inf, isfinite, sqrt
 
 from mbm.machine.kinds import LANES
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, call_kernel
+from mbm.solver.consensus_constraints import begin_on_constraints, put_on_constraints
 from mbm.solver.consensus_forms import points_in_closed_form, put_motion
 from mbm.solver.consensus_order import median
 from mbm.solver.consensus_records import NOWHERE, SPHERES, ConsensusWork, Rules, share_out_consensus
@@ -50,10 +51,10 @@ def begin_anywhere(problem: Problem, work: ConsensusWork) -> Integer:
 
 def size_there(problem: Problem, work: ConsensusWork) -> Integer:
     """The rows linearised at the start in the work, and the size of subsets there, with their rank."""
-    linearised(problem, work.rows, work.begun, work.here.chunk)
-    work.rank = problem.n
+    linearised(problem, work.rows, work.begun, work, work.here.chunk)
+    work.rank = work.left
     if work.rules.kind == GNC or work.rules.near == 1:
-        return problem.n
+        return work.left
     norm_directions(problem, work)
     return size_of_subsets(problem, work)
 
@@ -61,7 +62,7 @@ def size_there(problem: Problem, work: ConsensusWork) -> Integer:
 def size_where_told(problem: Problem, work: ConsensusWork) -> Integer:
     """The same; 0 where units leave unknowns open."""
     size = size_there(problem, work)
-    return size if work.rank == problem.n else 0
+    return size if work.rank == work.left else 0
 
 
 def median_misfit(problem: Problem, point: ConstantReals, work: ConsensusWork) -> Real:
@@ -91,6 +92,7 @@ def begun_where_most_fit(below: Real, problem: Problem, work: ConsensusWork) -> 
         count = points_in_closed_form(problem, size, work.starts, work, found)
         for k in range(count):
             own = found[k * numbers :]
+            put_on_constraints(problem, own, work)
             misfit = median_misfit(problem, own, work)
             if misfit < below:
                 copied(numbers, own, begun)
@@ -111,6 +113,7 @@ def begun_where_units_tell(problem: Problem, work: ConsensusWork) -> Integer:
     copied(rules.starts * problem.numbers, work.starts, work.begun)
     if rules.startless == 1 and begin_anywhere(problem, work) == 0:
         return NOWHERE
+    begin_on_constraints(problem, work)
     if rules.startless == 0:
         return size_there(problem, work)
     size = size_where_told(problem, work)

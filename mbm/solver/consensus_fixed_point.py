@@ -13,10 +13,11 @@ from math import inf, isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real
 from mbm.solver.chi_square import consistency
+from mbm.solver.consensus_constraints import moved
 from mbm.solver.consensus_order import robust_variance, variances_at
 from mbm.solver.consensus_records import ConsensusWork, Fit
 from mbm.solver.consensus_refine import TRUNCATED, measure, refined, weighted_step
-from mbm.solver.consensus_rows import linearised, moved, spread_weights
+from mbm.solver.consensus_rows import linearised, spread_weights
 from mbm.solver.consensus_truncation import mark_inliers, untruncated
 from mbm.solver.decisions import (
     APART,
@@ -33,7 +34,7 @@ from mbm.solver.description import Problem
 from mbm.solver.linear_algebra import copied
 
 
-def contradicted(problem: Problem, work: ConsensusWork) -> Integer:
+def contradicted(work: ConsensusWork) -> Integer:
     """Whether the inliers with stated noise scatter by more than that."""
     units = work.units
     total = 0
@@ -51,21 +52,21 @@ def contradicted(problem: Problem, work: ConsensusWork) -> Integer:
             total += units.components[u]
             expected += float(units.components[u]) * left
             summed += work.here.squares[u]
-    freedom = float(total - problem.n)
+    freedom = float(total - work.left)
     if not freedom > 0.0:
         return 0
     excess = summed / freedom * float(total) / expected - 1.0
     return excess > CONTRADICTED * sqrt(2.0 / freedom)
 
 
-def renew_variances(problem: Problem, work: ConsensusWork) -> None:
+def renew_variances(work: ConsensusWork) -> None:
     """The noise at the present squares: of unknown groups, and of stated ones that the data contradict."""
     units = work.units
     squares = work.here.squares
-    variances_at(units, problem.n, work.rules.groups, squares, work.sorted, work.fresh)
+    variances_at(units, work.left, work.rules.groups, squares, work.sorted, work.fresh)
     wide = -1.0
-    if contradicted(problem, work) == 1:
-        wide = max(robust_variance(units, problem.n, squares, STATED, work.sorted), 1.0)
+    if contradicted(work) == 1:
+        wide = max(robust_variance(units, work.left, squares, STATED, work.sorted), 1.0)
     for u in range(units.count):
         if units.group[u] != STATED:
             units.variances[u] = work.fresh[u]
@@ -90,7 +91,7 @@ def at_fixed_point(problem: Problem, work: ConsensusWork) -> None:
         refined(TRUNCATED, REFINING_STEPS, STILL, 0, problem, work)
         if mark_inliers(units.count, work.here.squares, units.limits, units.inlier) == 1:
             break
-        renew_variances(problem, work)
+        renew_variances(work)
     set_limits(work)
 
 
@@ -164,21 +165,20 @@ def group_noise(group: Integer, freedom_each: Real, squares: ConstantReals, work
                 units.limits[u] = max(units.limits[u], units.reaches[u] * units.noise[u])
 
 
-def noise_and_limits(problem: Problem, squares: ConstantReals, work: ConsensusWork) -> None:
+def noise_and_limits(squares: ConstantReals, work: ConsensusWork) -> None:
     """Noise (U,), as stated or that of the inliers, and limits (U,) at squared norms (U,); the inliers stay.
 
     Where the limits of the robust scale leave out units that are inside, three deviations of their noise are the limit.
     """
-    n = problem.n
     units = work.units
-    variances_at(units, n, work.rules.groups, squares, work.sorted, work.fresh)
+    variances_at(units, work.left, work.rules.groups, squares, work.sorted, work.fresh)
     total = 0
     for u in range(units.count):
         units.noise[u] = work.fresh[u] if units.group[u] != STATED else units.variances[u]
         units.limits[u] = units.cuts[u] * units.noise[u]
         if units.inlier[u] == 1:
             total += units.components[u]
-    freedom_each = 1.0 - float(n) / float(total) if total > 0 else 0.0
+    freedom_each = 1.0 - float(work.left) / float(total) if total > 0 else 0.0
     for group in range(work.rules.groups):
         group_noise(group, freedom_each, squares, work)
     for u in range(units.count):
@@ -189,7 +189,7 @@ def noise_and_limits(problem: Problem, squares: ConstantReals, work: ConsensusWo
 def promised(count: Integer, rest: Real, fit: Fit, problem: Problem, work: ConsensusWork) -> Real:
     """What a step from a fit promises, with weights by the noise of the inliers there; infinite: no value."""
     units = work.units
-    noise_and_limits(problem, fit.squares, work)
+    noise_and_limits(fit.squares, work)
     total = rest
     for u in range(units.count):
         units.weights[u] = 0.0
@@ -204,7 +204,7 @@ def promised(count: Integer, rest: Real, fit: Fit, problem: Problem, work: Conse
 
 def fitted_jointly(problem: Problem, work: ConsensusWork) -> None:
     """The fit to the inliers: Gauss-Newton steps as long as they promise less and less."""
-    count = linearised(problem, work.rows, work.here.point, work.here.chunk)
+    count = linearised(problem, work.rows, work.here.point, work, work.here.chunk)
     rest = measure(problem, count, work.here, work)
     promise = promised(count, rest, work.here, problem, work)
     for _ in range(JOINT_STEPS):
@@ -212,8 +212,8 @@ def fitted_jointly(problem: Problem, work: ConsensusWork) -> None:
             break
         here = work.here
         there = work.there
-        moved(problem, work.rows.constants, here.point, work.step, there.point)
-        linearised(problem, work.rows, there.point, there.chunk)
+        moved(problem, here.point, work.step, work, there.point)
+        linearised(problem, work.rows, there.point, work, there.chunk)
         rest_there = measure(problem, count, there, work)
         further = promised(count, rest_there, there, problem, work)
         if not further < promise:
@@ -221,7 +221,7 @@ def fitted_jointly(problem: Problem, work: ConsensusWork) -> None:
         promise = further
         work.here = there
         work.there = here
-    noise_and_limits(problem, work.here.squares, work)
+    noise_and_limits(work.here.squares, work)
 
 
 def joined(problem: Problem, work: ConsensusWork) -> None:

@@ -17,13 +17,13 @@ from mbm.solver.decisions import ABSOLUTE_ROUNDS, CONTROL_GROWTH, GRADUATED_FITS
 from mbm.solver.description import Problem
 
 
-def widen_limits(problem: Problem, fresh: Integer, work: ConsensusWork) -> None:
+def widen_limits(fresh: Integer, work: ConsensusWork) -> None:
     """Limits by the noise at the present squares; smaller ones stay unless ``fresh`` is 1."""
     units = work.units
     for group in range(-1, work.rules.groups):
         variance = 1.0
         if group >= 0:
-            variance = robust_variance(units, problem.n, work.here.squares, group, work.sorted)
+            variance = robust_variance(units, work.left, work.here.squares, group, work.sorted)
         for u in range(units.count):
             if units.group[u] == group:
                 wide = units.cuts[u] * variance
@@ -59,7 +59,7 @@ def gnc_fit(absolute: Integer, problem: Problem, work: ConsensusWork) -> None:
         for u in range(units.count):
             weights[u] = 1.0 / max(sqrt(work.here.squares[u]), least)
         refined(GIVEN, 1, STILL, 0, problem, work)
-    widen_limits(problem, 1, work)
+    widen_limits(1, work)
     control = inf
     for u in range(units.count):
         square = work.here.squares[u]
@@ -74,7 +74,7 @@ def gnc_fit(absolute: Integer, problem: Problem, work: ConsensusWork) -> None:
             if weights[u] >= 1e-6 and weights[u] <= 1.0 - 1e-6:
                 decided = 0
         refined(GIVEN, 1, STILL, 0, problem, work)
-        widen_limits(problem, 0, work)
+        widen_limits(0, work)
         if decided == 1:
             break
         control = control * CONTROL_GROWTH

@@ -100,6 +100,7 @@ class Rules:
     most_weights: Integer
     most_residuals: Integer
     fused_reals: Integer
+    most_multipliers: Integer
     trials: ConstantIntegers = table()
     """Trials by the size of the subsets, 0 … n."""
     ruled: Records[RuledBlock] = table()
@@ -205,6 +206,10 @@ class ConsensusWork:
     """Units of a subset; 0: no unit says anything at the start, `NOWHERE`: nothing gives a start."""
     rank: Integer
     """Unknowns that a subset determines."""
+    told: Integer
+    """Unknowns that the equations among the constraints tell …"""
+    left: Integer
+    """… and all others."""
     trials_wanted: Integer
     trials_made: Integer
     points_made: Integer
@@ -232,6 +237,11 @@ class ConsensusWork:
     threshold: Reals = sized("3")
     kept: Reals = sized("numbers")
     """A point."""
+    values: Reals = sized("most_multipliers")
+    slopes: Reals = sized("most_multipliers * n")
+    """Of constraints, those of equations in reduced form."""
+    told_step: Reals = sized("n")
+    put_point: Reals = sized("numbers")
     form_scratch: Reals = sized("240")
     """120 numbers, and the rows of a subset with up to five unknowns."""
     sights: Reals = sized("most_units * form_width")
@@ -253,6 +263,12 @@ class ConsensusWork:
     subset_parameters: Reals = sized("most_rows")
     subset_whitening: Reals = sized("most_rows")
 
+    equation: Integers = sized("most_multipliers")
+    """1 for constraints that are equations, 0 for inequalities."""
+    teller: Integers = sized("most_multipliers")
+    """0 for equations that tell no coordinate yet."""
+    told_by: Integers = sized("n")
+    """The equation that tells each coordinate, -1: none does."""
     order: Integers = sized("most_units")
     chosen: Integers = sized("n + 4")
     """The units of a subset."""
@@ -311,6 +327,7 @@ def take_sizes(problem: Problem, rules: Rules) -> None:
     rules.most_weights = problem.most_weights
     rules.most_residuals = problem.most_residuals
     rules.fused_reals = problem.fused_reals
+    rules.most_multipliers = problem.most_multipliers
 
 
 def consensus_reals(rules: Rules) -> Integer:

@@ -10,9 +10,10 @@ from __future__ import annotations
 from math import fabs, inf, isfinite, log, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, distinct_arrays
+from mbm.solver.consensus_constraints import moved
 from mbm.solver.consensus_order import selected, squares_of_group
 from mbm.solver.consensus_records import NO_CANDIDATE, ConsensusWork, Fit
-from mbm.solver.consensus_rows import linearised, moved, spread_weights, unit_squares, unruled_square, weigh_columns
+from mbm.solver.consensus_rows import linearised, spread_weights, unit_squares, unruled_square, weigh_columns
 from mbm.solver.consensus_scores import rank_of_half
 from mbm.solver.decisions import CANDIDATE_DAMPING, CANDIDATE_REGULARISATION, STATED
 from mbm.solver.description import Problem
@@ -131,7 +132,7 @@ def refined(
     infinite where there is no value. If the point comes to one of the first ``last`` candidates it stays there and the
     number of that is given.
     """
-    count = linearised(problem, work.rows, work.here.point, work.here.chunk)
+    count = linearised(problem, work.rows, work.here.point, work, work.here.chunk)
     rest = measure(problem, count, work.here, work)
     objective = objective_of(rule, work.here.squares, rest, work)
     damping = CANDIDATE_DAMPING
@@ -148,8 +149,8 @@ def refined(
         enough = still * objective if rule == GIVEN else still
         if not promise > enough:
             break
-        moved(problem, work.rows.constants, here.point, work.step, there.point)
-        linearised(problem, work.rows, there.point, there.chunk)
+        moved(problem, here.point, work.step, work, there.point)
+        linearised(problem, work.rows, there.point, work, there.chunk)
         rest_there = measure(problem, count, there, work)
         lower = objective_of(rule, there.squares, rest_there, work)
         if lower < objective:

@@ -6,19 +6,19 @@ from math import inf, isfinite
 
 from mbm.machine.kinds import LANES
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
+from mbm.solver.consensus_constraints import follow_constraints
 from mbm.solver.consensus_records import ConsensusWork, Units
-from mbm.solver.description import BOUNDS_AT, Problem
+from mbm.solver.description import Problem
 from mbm.solver.equations import gather, groups_of, residuals_at_point, weights_width, whiten_values
 from mbm.solver.linear_algebra import copied, filled
-from mbm.solver.manifolds import retract
 from mbm.solver.slopes import scatter, whiten_matrices
 from mbm.solver.workspace import Rows
 
 
-def linearised(problem: Problem, rows: Rows, point: ConstantReals, chunk: Reals) -> Integer:
+def linearised(problem: Problem, rows: Rows, point: ConstantReals, work: ConsensusWork, chunk: Reals) -> Integer:
     """Whitened residuals and derivatives without losses: ``chunk`` holds n columns of J and one of r, CHUNK apart.
 
-    How many numbers of a column are taken is given, a multiple of 4. Constraints are left out.
+    How many numbers of a column are taken is given, a multiple of 4. Equations among the constraints are put in.
     """
     n = problem.n
     stride = problem.chunk
@@ -47,6 +47,7 @@ def linearised(problem: Problem, rows: Rows, point: ConstantReals, chunk: Reals)
         for column in range(n + 1):
             chunk[column * stride + there] = 0.0
         there += 1
+    follow_constraints(problem, there, point, work, chunk)
     return there
 
 
@@ -112,16 +113,3 @@ def weigh_columns(
             value = chunk[column * stride + i] if weight != 0.0 else 0.0
             chunk[column * stride + i] = value
             target[column * stride + i] = weight * value
-
-
-def moved(problem: Problem, constants: ConstantReals, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
-    """The point after a step (n,), put back inside the bounds."""
-    retract(problem, point, step, target)
-    n = problem.n
-    for j in range(n):
-        place = problem.number_of[j]
-        if place >= 0:
-            if target[place] < constants[BOUNDS_AT + j]:
-                target[place] = constants[BOUNDS_AT + j]
-            if target[place] > constants[BOUNDS_AT + n + j]:
-                target[place] = constants[BOUNDS_AT + n + j]

@@ -8,8 +8,9 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.solver.consensus_constraints import moved
 from mbm.solver.consensus_records import ConsensusWork
-from mbm.solver.consensus_rows import linearised, moved
+from mbm.solver.consensus_rows import linearised
 from mbm.solver.decisions import (
     FIRST_DAMPING,
     FIT_STEPS,
@@ -228,7 +229,7 @@ def fitted_to_subset(problem: Problem, start: ConstantReals, work: ConsensusWork
     there = work.second
     copied(problem.numbers, start, here.point)
     filled(n, 0.0, scale)
-    count = linearised(problem, subset_rows, start, here.chunk)
+    count = linearised(problem, subset_rows, start, work, here.chunk)
     residuals = here.chunk[right:]
     cost = dot(count, residuals, residuals)
     damping = FIRST_DAMPING
@@ -249,8 +250,8 @@ def fitted_to_subset(problem: Problem, start: ConstantReals, work: ConsensusWork
         for i in range(n):
             if scale[i] > 0.0:
                 step[i] = step[i] / scale[i]
-        moved(problem, subset_rows.constants, here.point, step, there.point)
-        linearised(problem, subset_rows, there.point, there.chunk)
+        moved(problem, here.point, step, work, there.point)
+        linearised(problem, subset_rows, there.point, work, there.chunk)
         residuals = there.chunk[right:]
         lower = dot(count, residuals, residuals)
         share = (cost - lower) / promise if promise > 0.0 else -1.0

@@ -38,13 +38,13 @@ DRAWS = 40
 def size_of_subsets(problem: Problem, work: ConsensusWork) -> Integer:
     """The units that the first trial takes, with the rank that they have in the work; 0 where that is 0.
 
-    Of less than n unknowns the others are left where they are by all trials.
+    Unknowns that it does not tell are left where they are by all trials.
     """
     state = work.state_used
     state[0] = work.rules.first_state
     state[1] = work.rules.second_state
     n = problem.n
-    work.rank = subset_sampled(state, work.units, n, n, work.directions, work.order, work.basis, work.chosen)
+    work.rank = subset_sampled(state, work.units, work.left, n, work.directions, work.order, work.basis, work.chosen)
     return count_chosen(work.chosen)
 
 
@@ -57,16 +57,16 @@ def seldom_in_vain(problem: Problem, work: ConsensusWork) -> Integer:
     vain = 0
     for _ in range(DRAWS):
         rank = 0
-        for position in range(n if n < units else units):
+        for position in range(work.left if work.left < units else units):
             other = position + drawn_below(work.state_used, units - position)
             unit = order[other]
             order[other] = order[position]
             order[position] = unit
             before = rank
             rank = unit_added(unit, rank, n, work.units.first, work.directions, work.basis)
-            if (rank - before) * (n - rank) == 0:  # enough, or one that says nothing new
+            if (rank - before) * (work.left - rank) == 0:  # enough, or one that says nothing new
                 break
-        if rank < n:
+        if rank < work.left:
             vain += 1
     return 10 * vain < DRAWS
 
@@ -103,7 +103,7 @@ def fit_subset(trial: Integer, count: Integer, problem: Problem, work: Consensus
     numbers = problem.numbers
     trials = work.trials_wanted
     done = work.points_made
-    if rules.form != 0:
+    if rules.form != 0 and work.told == 0:
         found = points_in_closed_form(problem, count, work.begun, work, work.trials[done * numbers :])
         if found > 0:
             return done + found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.machine.kinds import LANES
-from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel, distinct_arrays
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals, call_kernel, distinct_arrays
 from mbm.solver.decisions import EPSILON, ROUNDING_ERRORS
 from mbm.solver.description import Block, Problem
 from mbm.solver.equations import gather, groups_of, portion, separate_rows
@@ -49,19 +49,19 @@ def linearise(
 ) -> None:
     """Values and slopes of all constraints at a point."""
     filled(constraint_count(problem, work.rows.data) * problem.n, 0.0, work.slopes)
-    evaluate(problem, point, 1, work, work.values)
+    evaluate(problem, point, 1, work.rows, work.values, work.slopes)
 
 
-def evaluate(problem: Problem, point: ConstantReals, sloped: Integer, work: Work, values: Reals) -> None:
-    """Values of all constraints at a point; with ``sloped`` 1 their derivatives are added to zeros in `slopes`."""
+def evaluate(problem: Problem, point: ConstantReals, sloped: Integer, rows: Rows, values: Reals, slopes: Reals) -> None:
+    """Values of all constraints at a point; with ``sloped`` 1 their derivatives are added to zeros in ``slopes``."""
     inputs = 0
     done = 0
     for b in range(problem.residual_blocks + problem.constraint_blocks):
         block = problem.blocks[b]
-        count = separate_rows(problem, work.rows, b) if LANES > 1 else work.rows.data.blocks[b].rows
+        count = separate_rows(problem, rows, b) if LANES > 1 else rows.data.blocks[b].rows
         if b >= problem.residual_blocks:
-            slopes = work.slopes[done * problem.n :]
-            evaluate_block(problem, b, work.rows, work.rows.inputs[inputs:], point, sloped, values[done:], slopes)
+            own = slopes[done * problem.n :]
+            evaluate_block(problem, b, rows, rows.inputs[inputs:], point, sloped, values[done:], own)
             done += count * block.outputs
         inputs += groups_of(count) * (block.variables + block.parameters) * LANES
 
@@ -103,14 +103,14 @@ def evaluate_block(
         first += own
 
 
-def tell_equations(problem: Problem, work: Work) -> None:
+def tell_equations(problem: Problem, rows: Rows, equation: Integers) -> None:
     """Which constraints of the data set are equations."""
     done = 0
     for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
         block = problem.blocks[b]
-        count = block.outputs * work.rows.data.blocks[b].rows
+        count = block.outputs * rows.data.blocks[b].rows
         for k in range(count):
-            work.equation[done + k] = block.equality[k % block.outputs]
+            equation[done + k] = block.equality[k % block.outputs]
         done += count
 
 

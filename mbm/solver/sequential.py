@@ -200,7 +200,7 @@ def try_length(problem: Problem, length: Real, work: Work) -> Real:
         place_coordinates(problem, x, work.trial)
     residuals = work.rows.residuals
     cost = cost_at_point(problem, work.rows, work.trial, 1, 0, residuals)
-    evaluate(problem, work.trial, 0, work, work.trial_values)
+    evaluate(problem, work.trial, 0, work.rows, work.trial_values, work.slopes)
     work.evaluations += 1
     found = 0.5 * cost + violations(problem, work.trial_values, work)
     return found if isfinite(found) else inf
@@ -217,7 +217,7 @@ def try_corrected(problem: Problem, work: Work) -> Real:
     solve_quadratic(problem, here, work)
     found = try_length(problem, 1.0, work)
     copied(n, work.step, here.full)
-    evaluate(problem, here.point, 0, work, work.values)
+    evaluate(problem, here.point, 0, work.rows, work.values, work.slopes)
     return found
 
 

@@ -75,6 +75,46 @@ def test_an_equation_may_tell_what_the_rows_do_not():
     assert found["residuals"]["d"]["outliers"] == [1, 4, 7, 10, 13]
 
 
+@pytest.mark.parametrize("way", ["lmeds", "tukey"])
+def test_constraints_of_a_rotation(way):
+    """Its third axis stays where it is: as the angle that is left."""
+    loss, request = WAYS[way]
+    for seed in (0, 1, 2):
+        generator = np.random.default_rng(seed)
+        p = generator.normal(size=(16, 3))
+        turn = np.array([[np.cos(0.4), -np.sin(0.4), 0], [np.sin(0.4), np.cos(0.4), 0], [0, 0, 1]])
+        q = p @ turn.T + 0.02 * generator.normal(size=p.shape)
+        q[generator.choice(16, 4, replace=False)] += 1
+        data = dict(zip(("px", "py", "pz", "qx", "qy", "qz"), np.hstack([p, q]).T, strict=True))
+
+        def outcome(unknown, rotation, constraints, data=data):
+            text = f"""(problem turn (data d external) (unknowns {unknown}) {constraints} {request}
+                (observe d (= [qx qy qz] (rotate {rotation} [px py pz])) :sigma unknown {loss}))"""
+            (found,) = json.loads(mbm.loads(text).solve(data={"d": data}).to_json())["solves"]
+            return found["noise"]["d"], found["dof"]
+
+        upright = "(constraints (= (dot [1 0 0] (rotate r [0 0 1])) 0) (= (dot [0 1 0] (rotate r [0 0 1])) 0))"
+        noise, dof = outcome("(r (rotation 3) :init (rot-z 10deg))", "r", upright)
+        expected, freedom = outcome("(f :init 0.2)", "(rot-z f)", "")
+        assert noise == pytest.approx(expected, rel=1e-8)  # as above
+        assert dof == freedom
+
+
+def test_constraints_beside_errors_in_both_coordinates():
+    """The rows that are rejected, and the line through the others, are those with the equation put in."""
+
+    def outcome(unknowns, model, constraints):
+        text = f"""(problem line (data d external) (unknowns {unknowns})
+            (observe d (= y {model}) :errors ((x 0.02) (y 0.1))) {constraints} (solve :robust lmeds))"""
+        (found,) = json.loads(mbm.loads(text).solve(data={"d": points(0)}).to_json())["solves"]
+        return found["estimates"]["b"]["value"], found["residuals"]["d"]["outliers"], found["dof"]
+
+    slope, outliers, dof = outcome("(a) (b)", "(+ a (* b x))", "(constraints (= (+ a b) 1.2))")
+    expected = outcome("(b)", "(+ (- 1.2 b) (* b x))", "")
+    assert slope == pytest.approx(expected[0], rel=1e-7)
+    assert (outliers, dof) == expected[1:]
+
+
 def test_parts_have_constraints_of_their_own():
     """Two lines that nothing connects, each through a stated point: as the two by themselves."""
     both = {f"{name}{k}": values for k in "12" for name, values in points(int(k)).items()}

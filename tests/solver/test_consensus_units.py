@@ -53,8 +53,8 @@ def test_inliers_contradict_the_noise_where_they_scatter_more_than_four_deviatio
     squares = np.full(8, 1e6)
     squares[counted] = share * limit / len(counted)
     units = SimpleNamespace(count=8, inlier=inlier, group=group, cuts=cuts, components=components)
-    work = SimpleNamespace(units=units, here=SimpleNamespace(squares=squares))
-    assert contradicted(SimpleNamespace(n=2), work) == wanted
+    work = SimpleNamespace(units=units, here=SimpleNamespace(squares=squares), left=2)
+    assert contradicted(work) == wanted
 
 
 def test_squares_that_no_rule_touches():

@@ -102,13 +102,12 @@ def test_limits_are_widened_in_groups_of_stated_and_of_unknown_noise(fresh):
         count=8, group=group, cuts=np.full(8, 3.0), limits=np.array([7.0, 1.0, 7.0, 1e9, 0.5, 1e9, 1e9, 1e9]),
         medians=np.full(8, 0.4549364), scalars=8,
     )  # fmt: skip
-    before, problem = units.limits.copy(), SimpleNamespace(n=1)
-    work = SimpleNamespace(
-        units=units, here=SimpleNamespace(squares=squares), rules=SimpleNamespace(groups=1), sorted=np.zeros(8)
-    )
+    before = units.limits.copy()
+    here, rules = SimpleNamespace(squares=squares), SimpleNamespace(groups=1)
+    work = SimpleNamespace(units=units, here=here, rules=rules, sorted=np.zeros(8), left=1)
     unknown = np.median(squares[group == 0]) / 0.4549364 * (1.0 + 5.0 / 7.0) ** 2  # the median of χ²(1); 7 = 8 - 1
     wide = 3.0 * np.where(group < 0, 1.0, unknown)
-    widen_limits(problem, fresh, work)
+    widen_limits(fresh, work)
     assert units.limits == pytest.approx(wide if fresh else np.minimum(wide, before))
 
 

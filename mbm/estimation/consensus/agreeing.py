@@ -10,7 +10,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.consensus.binding import without_losses
 from mbm.estimation.consensus.forms import KnownForm, known_form
-from mbm.estimation.consensus.held import Substituted, substituted
+from mbm.estimation.consensus.held import with_held
 from mbm.estimation.consensus.native import Begun, ConsensusEnds, Rooms, consensus_many
 from mbm.estimation.consensus.rules import NO_FORM, Form, Rules, rules_of
 from mbm.estimation.consensus.types import Agreed, Asked
@@ -55,22 +55,20 @@ def agreed(asked: Asked, equations: Assembled, starts: Floats, *, near: bool = F
     consensus of some of the units already. ``once``: equations of this structure do not come again, so that nothing is
     kept of them.
     """
-    plain = without_losses(equations).roughly_corrected()
+    plain = with_held(asked.held, without_losses(equations).roughly_corrected())
     learnt = Learnt() if once else _learnt(plain)
-    held = substituted(asked.held, plain)
-    formless = plain.implicit is not None or near or held is not None
+    formless = plain.implicit is not None or near or plain.constraints
     known = None if formless else _form(plain, asked.settings, learnt)
-    handed = _handed(asked, plain, kept=not once, held=held)
+    handed = _handed(asked, plain, kept=not once)
     forms = None if known is None else _known_rows(known, asked, plain, handed.units)
     form = NO_FORM if known is None or forms is None else known.form
     ends = _ended(asked, handed, learnt, form, Begun(starts=starts[None], forms=forms, near=near))
-    found = _answer(asked, plain, handed, ends)
-    return found if held is None else replace(found, point=held.held.put(found.point))
+    return _answer(asked, plain, handed, ends)
 
 
 def agreed_anywhere(asked: Asked, equations: Assembled) -> Agreed | None:
     """The same from what a closed form gives; None where there is none, or it leads to nothing."""
-    plain = without_losses(equations).roughly_corrected()
+    plain = with_held(None, without_losses(equations).roughly_corrected())
     learnt = _learnt(plain)
     known = None if plain.implicit is not None else _form(plain, asked.settings, learnt)
     if known is None:
@@ -121,16 +119,16 @@ def _answer(asked: Asked, plain: Assembled, handed: _Handed, ends: ConsensusEnds
     )
 
 
-def _handed(asked: Asked, plain: Assembled, *, kept: bool, held: Substituted | None = None) -> _Handed:
-    """The equations for the solver: by their kernels, else as rows of all of them; with what is ``held`` put in."""
-    system = system_of(plain, asked.settings, kept=kept) if held is None else None
+def _handed(asked: Asked, plain: Assembled, *, kept: bool) -> _Handed:
+    """The equations for the solver: by their kernels, else as rows of all of them."""
+    system = system_of(plain, asked.settings, kept=kept)
     if system is not None:
         acting = asked.acting(plain)
         return _Handed(system=system, equations=plain, acting=acting, units=_units(plain, acting, taking_part=True))
     # Loaded by such equations only, so that others begin at once.
     from mbm.estimation.minimise.native.picked_rows import picked_rows
 
-    picked = picked_rows(plain if held is None else held.equations, held)
+    picked = picked_rows(plain)
     iteration = iteration_of(plain, asked.settings, direct=False, strict=True)
     acting = asked.acting(picked.equations)
     mine = [units for units, acts in zip(picked.units, acting, strict=True) if acts]

@@ -44,8 +44,7 @@ class Asked:
 
     def left(self, equations: Assembled) -> int:
         """Coordinates of equations that constraints leave."""
-        mine = None if self.held is None else self.held.within(equations)
-        return equations.dimension - (0 if mine is None else len(mine.columns))
+        return equations.dimension - (0 if self.held is None else self.held.told(equations))
 
     def acting(self, equations: Assembled) -> tuple[bool, ...]:
         """Which groups of equations have units that may be left out."""

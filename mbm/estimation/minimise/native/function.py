@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 from dataclasses import field
 from functools import cache
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -30,18 +30,6 @@ CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p,
 """The signature of ``call_fused``."""
 
 
-class Evaluated(Protocol):
-    """What has a value and a derivative at points (N,)."""
-
-    def residuals(self, x: Floats) -> Floats:
-        """Whitened residuals (m,)."""
-        ...
-
-    def jacobian(self, x: Floats) -> Floats:
-        """Their derivative by a step (m, n)."""
-        ...
-
-
 @dataclass(slots=True, eq=False)
 class Remembered:
     """Equations with what they were at the last point: several kernels ask for parts of it.
@@ -49,7 +37,7 @@ class Remembered:
     Used by one thread at a time: equations keep what they evaluate with.
     """
 
-    equations: Evaluated
+    equations: Equations
     _point: Floats | None = None
     _residuals: Floats | None = None
     _jacobian: Floats | None = None

@@ -156,7 +156,7 @@ def structure_of(equations: Assembled) -> object:
         )
         for g in (*equations.groups, *equations.constraints)
     )
-    numbers = (equations.free, layout.number, equations.lower, equations.upper, equations.positive)
+    numbers = (equations.free, layout.number, equations.lower, equations.upper, equations.positive, equations.equality)
     curved = tuple((c.piece, c.numbers.tobytes(), c.coordinates.tobytes()) for c in layout.curved)
     return groups, equations.linear, len(layout.start), tuple(each.tobytes() for each in numbers), curved
 

@@ -13,18 +13,36 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
 from mbm.equations.whitening import Whitener
-from mbm.estimation.minimise.native.function import Evaluated, Remembered
+from mbm.estimation.minimise.native.function import Remembered
 from mbm.estimation.minimise.native.iteration import Iteration
 from mbm.estimation.minimise.native.packing import rows_of, system_arrays
 from mbm.estimation.minimise.native.system import ROWS_IN_PYTHON, NativeSystem
 from mbm.estimation.native.callbacks import CallbackKernels
 from mbm.estimation.native.code import AnyCode
-from mbm.kernels.types import Kernel
+from mbm.kernels.types import Kernel, Stream
 from mbm.symbolic.types import ConstantInput, Slot
 from mbm.values import dataclass
 
 ANY_NUMBER, PLACE = Slot("", 0, None), ConstantInput("place")
 """What kernels of picked rows take: all numbers of a point, then where in the vector of residuals a row stands."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AllLimits:
+    """The kernel of all constraints of ``equations`` together (protocol `Stream`), at points of so many ``numbers``."""
+
+    equations: Assembled
+    numbers: int
+
+    def values(self, inputs: Floats) -> Floats:
+        """Their values (rows, k); all rows are at the point of the first."""
+        found = self.equations.constraint_values(inputs[0, : self.numbers].copy())
+        return np.broadcast_to(found, (len(inputs), len(found)))
+
+    def values_and_jacobian(self, inputs: Floats) -> tuple[Floats, Floats]:
+        """The same, and their derivatives (rows, k · n)."""
+        slopes = self.equations.constraint_jacobian(inputs[0, : self.numbers].copy()).ravel()
+        return self.values(inputs), np.broadcast_to(slopes, (len(inputs), len(slopes)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,7 +79,7 @@ class Picked:
 
     def system(self, iteration: Iteration, code: AnyCode) -> NativeSystem:
         """The equations as the solver takes them."""
-        groups = self.equations.groups
+        groups = (*self.equations.groups, *self.equations.constraints)
         addresses = [(self.kernels.values_address(k), self.kernels.jacobian_address(k), 0) for k in range(len(groups))]
         system, constants = system_arrays(
             self.equations,
@@ -80,14 +98,11 @@ class Picked:
         )
 
 
-def picked_rows(equations: Assembled, source: Evaluated | None = None) -> Picked:
-    """Equations without losses as rows that are picked from all of them, those left out by their weights not.
-
-    ``source`` has the residuals (m,) and Jacobian (m, n) of them (None: they themselves).
-    """
+def picked_rows(equations: Assembled) -> Picked:
+    """Equations without losses as rows that are picked from all of them, those left out by their weights not."""
     place = np.full(equations.whole, -1, dtype=np.int64)
     place[slice(None) if equations.rows is None else equations.rows] = np.arange(equations.count)
-    remembered, numbers = Remembered(source or equations), len(equations.layout.start)
+    remembered, numbers = Remembered(equations), len(equations.layout.start)
     groups: list[Group] = []
     units: list[Indices] = []
     first = first_unit = 0
@@ -100,11 +115,21 @@ def picked_rows(equations: Assembled, source: Evaluated | None = None) -> Picked
             groups.append(replace(own, first=first, first_unit=first_unit))
             units.append(group.first_unit + rows * len(group.whiteners) + k)
             first, first_unit = first + own.count, first_unit + own.rows
-    streams = [PickedRows(remembered=remembered, numbers=numbers, components=g.kernel.outputs) for g in groups]
-    widths = [(numbers + 1, g.kernel.outputs, len(g.kernel.jacobian_rows)) for g in groups]
-    plain = replace(equations, groups=tuple(groups), constraints=(), factors=None, rows=None, implicit=None)
+    streams: list[Stream] = [
+        PickedRows(remembered=remembered, numbers=numbers, components=g.kernel.outputs) for g in groups
+    ]
+    limits = tuple(
+        replace(
+            _group(equations, each, len(equations.equality), np.zeros(1, dtype=np.int64), len(groups)), whiteners=()
+        )
+        for each in equations.constraints[:1]
+    )
+    if limits:
+        streams.append(AllLimits(equations=equations, numbers=numbers))
+    widths = [(numbers + 1, g.kernel.outputs, len(g.kernel.jacobian_rows)) for g in (*groups, *limits)]
+    plain = replace(equations, groups=tuple(groups), constraints=limits, factors=None, rows=None, implicit=None)
     return Picked(
-        equations=replace(plain, equality=np.zeros(0, dtype=bool), linear=False, _scatters=()),
+        equations=replace(plain, linear=False, _scatters=()),
         units=tuple(units),
         kernels=CallbackKernels(streams, widths),
     )

@@ -44,7 +44,8 @@ def alike(some: Assembled, others: Assembled) -> bool:
     if any(e.rows is not None or e.implicit is not None or e.structure is not None for e in (some, others)):
         return False
     first, second = (*some.groups, *some.constraints), (*others.groups, *others.constraints)
-    return len(first) == len(second) and all(
+    same = len(first) == len(second) and np.array_equal(some.equality, others.equality)
+    return same and all(
         a.kernel is b.kernel
         and len(a.index) == len(b.index)
         and a.losses == b.losses
