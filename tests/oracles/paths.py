@@ -7,6 +7,7 @@ import importlib.util
 import re
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -119,6 +120,29 @@ def members(kind: Kind, sets: Sequence[Tables], least: int = 0, clause: str = ""
             status=report.status,
         )
         for i in range(len(sets))
+    ]
+
+
+def beside(kind: Kind, sets: Sequence[Tables], least: int, clause: str = "") -> list[Answer]:
+    """Each data set in a problem with ``least`` further rows, each with an offset of its own from the first number.
+
+    They say nothing of that number, and their residuals vanish: the answer is that of the data set alone.
+    """
+    name, stated = next((name, stated) for name, stated in kind.unknowns.items() if ":per" not in stated)
+    number = f"(dot {name} [1 0])" if stated.startswith("(vector") else name
+    further = f"(unknowns (beyond :per far.place :init 0)) (observe far (= z (+ {number} (beyond place))) :sigma 0.7)"
+    problem = mbm.loads(kind.text(f"(data far external) {further} {clause}"))
+    far = {"place": np.arange(float(least)), "z": np.cos(np.arange(least))}
+    solved = [problem.solve(data={**tables, "far": far}, allow_external=kind.calls).record for tables in sets]
+    return [
+        of_report(
+            replace(
+                report,
+                estimates=tuple(e for e in report.estimates if e.quantity.name != "beyond"),
+                noise={clause: factor for clause, factor in report.noise.items() if clause != "far"},
+            )
+        )
+        for report in solved
     ]
 
 
