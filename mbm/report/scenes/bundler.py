@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.report.scenes import faults
+from mbm.report.scenes.scene import HALF_TURN
 from mbm.report.scenes.types import Camera, Files, Scene, in_order, numbers, word
 from mbm.text.types import MbmError
 
 FORM = "bundler"
-HALF_TURN = np.diag([1.0, -1.0, -1.0])
-"""From a camera that looks along +z with y downwards to one that looks along −z with y upwards."""
 
 
 def written(scene: Scene) -> Files:
@@ -22,16 +21,13 @@ def written(scene: Scene) -> Files:
     """
     cameras = [scene.cameras[number] for number in scene.camera_of.tolist()]
     lines = ["# Bundle file v0.3", f"{len(cameras)} {len(scene.points)}"]
-    signs = np.array([-1.0 if camera.focal[0] > 0 else 1.0 for camera in cameras])
-    for camera, sign, rotation, translation in zip(
-        cameras, signs.tolist(), scene.rotations, scene.translations, strict=True
-    ):
-        turn = HALF_TURN if sign < 0 else np.eye(3)
+    rotations, translations = HALF_TURN[:, None] * scene.rotations, HALF_TURN * scene.translations
+    for camera, rotation, translation in zip(cameras, rotations, translations, strict=True):
         lines.append(numbers(_intrinsics(camera)))
-        lines += [numbers(row) for row in (*(turn @ rotation), turn @ translation)]
+        lines += [numbers(row) for row in (*rotation, translation)]
     centers = np.array([camera.center for camera in cameras]).reshape(-1, 2)
     seen = scene.measured - centers[scene.image]
-    seen[:, 1] *= signs[scene.image]
+    seen *= HALF_TURN[:2]
     keys = np.zeros(len(scene.image), dtype=np.int64)
     for rows in in_order(scene.image, len(cameras)):
         keys[rows] = np.arange(len(rows))
@@ -45,13 +41,15 @@ def written(scene: Scene) -> Files:
 
 
 def _intrinsics(camera: Camera) -> tuple[float, float, float]:
-    """f, k1, k2; a camera that looks along −z has its focal length negative in mbm."""
+    """f, k1, k2."""
     fx, fy = camera.focal
     if camera.model != "pinhole":
         raise MbmError(faults.format_has_no(FORM, f"{camera.model} cameras, as `{camera.name}` is"))
+    if fx <= 0:
+        raise MbmError(faults.format_has_no(FORM, f"focal length below zero, as that of `{camera.name}`"))
     if fx != fy:
         raise MbmError(faults.format_has_no(FORM, f"camera with two focal lengths, as `{camera.name}` is"))
     k1, k2, p1, p2, k3 = camera.distortion or (0.0,) * 5
     if p1 or p2 or k3:
         raise MbmError(faults.format_has_no(FORM, f"distortion beyond k1 and k2, as that of `{camera.name}`"))
-    return abs(fx), k1, k2
+    return fx, k1, k2

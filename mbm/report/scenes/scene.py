@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
+from mbm.equations.at_rows import DIVIDES_BY_DEPTH, looks_back
 from mbm.estimation.search.solution import Solution
 from mbm.problem.types import Problem
 from mbm.report.scenes import faults
@@ -18,6 +20,12 @@ from mbm.text.types import MbmError
 
 T = TypeVar("T", bound=Hashable)
 
+HALF_TURN = np.array([1.0, -1.0, -1.0])
+"""The signs of x, y, z after half a turn about x: from a camera that looks along −z with y upwards to one along +z."""
+
+P1, P2 = 6, 7
+"""Where the tangential distortion stands among the numbers of a pinhole camera."""
+
 _SAME = 1e-9
 """Points that are nowhere named are one where they are this near, relative to the size of the scene."""
 
@@ -26,16 +34,11 @@ def scene_of(problem: Problem, solution: Solution, form: str) -> Scene:
     """The cameras, images and points of a solve; ``form`` is the format that is to be written.
 
     Raises:
-        MbmError: format-needs: no equation is the image of a point by a camera with axes `opencv`, or no pose says
-            where the camera was.
+        MbmError: format-needs: no equation is the image of a point by a camera with axes `opencv` or `opengl`, or no
+            pose says where the camera was.
 
     """
-    found = views(problem, solution, form)
-    for each in found:
-        if each.projection.axes != "opencv":
-            raise MbmError(
-                faults.format_needs(form, f"a camera with `:axes opencv`; `{each.projection.camera}` has others")
-            )
+    found = [_along_z(view, form) for view in views(problem, solution, form)]
     camera, cameras = _numbered((each.projection.camera, key) for each in found for key in each.camera)
     photos = (key for each in found for key in each.photo)
     image, names = _numbered(zip(photos, camera.tolist(), strict=True))
@@ -56,6 +59,38 @@ def scene_of(problem: Problem, solution: Solution, form: str) -> Scene:
         point=point[seen],
         measured=measured[seen],
         residual=np.concatenate([v.residual for v in found])[seen],
+    )
+
+
+def _along_z(view: Views, form: str) -> Views:
+    """The same by a camera that looks along +z, with the image's second coordinate downwards.
+
+    Cameras that look along −z, by their axes or by negative focal lengths, are turned half about x, and the images
+    about their first axis. A coordinate of the image that changes its sign takes its tangential distortion along.
+
+    Raises:
+        MbmError: format-needs: a camera with the axes of the paper.
+
+    """
+    camera = view.projection.camera
+    if not view.projection.in_pixels:
+        raise MbmError(faults.format_needs(form, f"a camera with `:axes opencv` or `opengl`; `{camera}` has others"))
+    upwards = view.projection.axes == "opengl"
+    back = looks_back(*view.numbers[:, :2].T) & (view.projection.model == DIVIDES_BY_DEPTH)
+    turned = back != upwards  # of both, the second turn undoes the first
+    axis, numbers = np.where(turned[:, None], HALF_TURN, 1.0), view.numbers.copy()
+    numbers[:, :2] *= np.where(back, -1.0, 1.0)[:, None]
+    numbers[:, 3] *= axis[:, 1]
+    if view.projection.model == DIVIDES_BY_DEPTH and view.projection.distortion:
+        numbers[:, P1] *= -1.0 if upwards else 1.0
+        numbers[:, P2] *= np.where(back, -1.0, 1.0)
+    return replace(
+        view,
+        rotation=axis[:, :, None] * view.rotation,
+        translation=axis * view.translation,
+        numbers=numbers,
+        measured=None if view.measured is None else axis[:, :2] * view.measured,
+        residual=axis[:, :2] * view.residual,
     )
 
 

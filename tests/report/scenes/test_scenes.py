@@ -115,18 +115,17 @@ BUNDLE = """
   (data cams external :key camera)
   (data marks external :key point)
   (data seen external :with (marks point))
-  (camera cam :per cams :focal ((* {sign} f) (* {sign} f)) :center ({center} {center}) :distortion (k1 k2))
+  (camera cam :per cams :focal ({focal} {focal}) :center ({center} {center}) :distortion (k1 k2) :axes {axes})
   (unknowns (T (pose 3) :per cams :init (pose3 (quaternion qw qx qy qz) [tx ty tz])))
   (observe seen (= [u v] (project (cam camera) (transform (T camera) [marks.x marks.y marks.z]))) :sigma 1px))
 """
 
 
-@pytest.mark.parametrize("axis", [1, -1], ids=["along z", "along -z"])
-def test_bundler_files_follow_its_formula(axis: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("axis", "focal", "axes"), [(1, "f", "opencv"), (-1, "(- f)", "opencv"), (-1, "f", "opengl")])
+def test_bundler_files_follow_its_formula(axis: int, focal: str, axes: str, tmp_path: Path) -> None:
     """P = R X + t, p = −P / P_z, p' = f (1 + k1 |p|² + k2 |p|⁴) p (the manual of Bundler v0.3), y upwards.
 
-    Cameras that look along z with y downwards (OpenCV), and along −z with y upwards, as in BAL's files: there the focal
-    length is negative in mbm.
+    Cameras that look along z with y downwards (OpenCV), and along −z with y upwards, as in BAL's files.
     """
     generator = np.random.default_rng(5)
     points = generator.uniform([-1, -1, 3], [1, 1, 5], size=(10, 3))
@@ -150,7 +149,7 @@ def test_bundler_files_follow_its_formula(axis: int, tmp_path: Path) -> None:
             zip(("camera", "f", "k1", "k2", "qw", "qx", "qy", "qz", "tx", "ty", "tz"), np.array(rows).T, strict=True)
         ),
     }
-    result = mbm.loads(BUNDLE.format(sign=axis, center=center)).solve(data=tables)
+    result = mbm.loads(BUNDLE.format(focal=focal, center=center, axes=axes)).solve(data=tables)
     assert result.first.cost < 1e-12
     result.write("bundler", tmp_path)
     numbers = [line.split() for line in (tmp_path / "bundle.out").read_text().splitlines()[1:]]
@@ -183,6 +182,63 @@ def test_bundler_files_follow_its_formula(axis: int, tmp_path: Path) -> None:
     np.testing.assert_allclose(
         read_again('(bundler "bundle.out" :observations)', "u v", tmp_path), mean, rtol=0, atol=1e-9
     )
+
+
+BACKWARDS = """
+(problem backwards
+  (data seen external)
+  (camera cam :focal {focal} :center (310 -230) :distortion {distortion} :axes {axes})
+  (unknowns (T (pose 3) :per seen.photo :init (pose3 (quaternion 1 0 0 0) [0 0 {away}])))
+  (observe seen (= [u v] (project cam (transform (T photo) [x y z]))) :sigma 1px))
+"""
+TANGENTIAL = (-0.1, 0.02, 0.004, -0.003, 0.01)
+LOOKING = {
+    # v grows upwards, (x, y) / −z takes the distortion
+    "opengl": ("opengl", "(600 610)", -4.0, lambda P: (P[:, :2] / -P[:, 2:], np.array([600, 610]))),
+    "negative": ("opencv", "(-600 -610)", -4.0, lambda P: (P[:, :2] / P[:, 2:], np.array([-600, -610]))),
+    "both": ("opengl", "(-600 -610)", 4.0, lambda P: (P[:, :2] / -P[:, 2:], np.array([-600, -610]))),
+}
+
+
+@pytest.mark.parametrize("name", LOOKING)
+def test_opencv_projects_what_cameras_along_minus_z_measured(name: str, tmp_path: Path) -> None:
+    """The files are of cameras along z, v downwards: their numbers in OpenCV's formula give what was measured."""
+    axes, focal, away, formula = LOOKING[name]
+    generator = np.random.default_rng(8)
+    points = generator.uniform(-1, 1, size=(12, 3))
+    k1, k2, p1, p2, k3 = TANGENTIAL
+    rows = []
+    for photo in range(2):
+        inside = points @ rotation(generator.normal(scale=0.1, size=3)).T + [0.1, -0.1, away]
+        (x, y), f = formula(inside)[0].T, formula(inside)[1]
+        rr = x * x + y * y
+        radial = 1 + k1 * rr + k2 * rr**2 + k3 * rr**3
+        u = f[0] * (x * radial + 2 * p1 * x * y + p2 * (rr + 2 * x * x)) + 310
+        v = f[1] * (y * radial + p1 * (rr + 2 * y * y) + 2 * p2 * x * y) - 230
+        rows += [(float(photo), *point, *uv) for point, *uv in zip(points, u, v, strict=True)]
+    table = np.array(rows)
+    text = BACKWARDS.format(axes=axes, focal=focal, away=away, distortion=f"({' '.join(map(str, TANGENTIAL))})")
+    result = mbm.loads(text).solve(data={"seen": dict(zip(("photo", *"xyzuv"), table.T, strict=True))})
+    assert result.first.cost < 1e-12
+    result.write("opencv-yaml", tmp_path)
+    result.write("colmap", tmp_path / "model")
+    stored = cv2.FileStorage(str(tmp_path / "cam.yml"), cv2.FILE_STORAGE_READ)
+    matrix, distortion = (stored.getNode(n).mat() for n in ("camera_matrix", "distortion_coefficients"))
+    placed = stored.getNode("extrinsic_parameters").mat()
+    lines = [each for each in (tmp_path / "model" / "images.txt").read_text().splitlines() if each[0] != "#"]
+    for photo in range(2):
+        mine = table[table[:, 0] == photo]
+        turn, shift = placed[photo, :3], placed[photo, 3:]
+        assert ((mine[:, 1:4] @ rotation(turn).T + shift)[:, 2] > 0).all()
+        seen = cv2.projectPoints(mine[:, 1:4].copy(), turn, shift, matrix, distortion)[0].reshape(-1, 2)
+        upright = 1 if name == "both" else -1
+        np.testing.assert_allclose(seen, mine[:, 4:] * [1, upright], rtol=0, atol=1e-6)
+        # COLMAP's images: pose, then u v point; its pixels are larger by a half
+        pose = np.array(lines[2 * photo].split()[1:8], dtype=float)
+        np.testing.assert_allclose(np.abs(pose[:4] @ quaternion(turn)), 1.0, **NEAR)
+        np.testing.assert_allclose(pose[4:], shift, **NEAR)
+        measured = np.array(lines[2 * photo + 1].split(), dtype=float).reshape(-1, 3)[:, :2] - 0.5
+        np.testing.assert_allclose(measured, mine[:, 4:] * [1, upright], rtol=0, atol=1e-9)
 
 
 def test_a_board_is_written_though_its_points_are_data(tmp_path: Path) -> None:
@@ -273,7 +329,7 @@ REFUSED = {
         " (data d (table (x y z u v) (5 0 0 1 1) (5 1 0 101 0) (5 0 1 0 101) (6 1 1 82 83)))"
         " (observe d (= [u v] (project cam (transform T [x y z]))) :sigma 1)",
         "bundler",
-        "needs a camera with `:axes opencv`; `cam` has others",
+        "needs a camera with `:axes opencv` or `opengl`; `cam` has others",
     ),
     "no model": (
         "(camera cam :focal 500 :model orthographic) (unknowns (T (pose 3) :init (pose3 (identity 3) [0 0 0])))"
