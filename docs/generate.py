@@ -36,8 +36,7 @@ from mbm.language.vocabulary import (
 )
 from mbm.problem.reading.aggregates import OVER_ROWS
 from mbm.problem.requests import MOST_BOXES
-from mbm.problem.vocabulary import FUNCTIONS as PROBLEM_FUNCTIONS
-from mbm.problem.vocabulary import SPECIAL_FORMS as PROBLEM_FORMS
+from mbm.problem.vocabulary import FUNCTIONS as PROBLEM_FUNCTIONS, SPECIAL_FORMS as PROBLEM_FORMS
 from mbm.registry.standard import standard_registry
 from mbm.shapes.library import LibraryModel
 from mbm.shapes.meshes.types import MOST as MOST_VERTICES

@@ -344,8 +344,7 @@ def emitted(
     from mbm.equations.binding import EvaluationCache
     from mbm.kernels.derive import derive
     from mbm.problem.bounded import refuse_mixed_bounds
-    from mbm.report.references import answers as answered
-    from mbm.report.references import loss_scale
+    from mbm.report.references import answers as answered, loss_scale
     from mbm.version import __version__
 
     made = Target(target)

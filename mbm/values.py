@@ -10,15 +10,13 @@ Fields, ``replace``, ``fields`` and ``match`` work as with `dataclasses.dataclas
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import MISSING, Field, FrozenInstanceError, field
-from dataclasses import replace as standard_replace
+from dataclasses import MISSING, Field, FrozenInstanceError, field, replace as standard_replace
 from operator import attrgetter
 from types import MemberDescriptorType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from dataclasses import dataclass as dataclass
-    from dataclasses import replace as replace
+    from dataclasses import dataclass as dataclass, replace as replace
 else:
 
     def dataclass(*, frozen: bool = False, slots: bool = False, kw_only: bool = False, eq: bool = True) -> Any:

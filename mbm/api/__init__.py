@@ -46,5 +46,4 @@ def __getattr__(name: str) -> Any:
     for room, names in _ROOMS.items():
         if name in names:
             return getattr(import_module(room), name)
-    message = f"module `mbm.api` has no attribute `{name}`"
-    raise AttributeError(message)
+    raise AttributeError(f"module `mbm.api` has no attribute `{name}`")

@@ -15,8 +15,7 @@ from mbm.compiler import Inputs
 from mbm.equations.types import Floats
 from mbm.estimation.sequences.run import Begun
 from mbm.estimation.sequences.stepping import Arrived, Cells
-from mbm.expression.nodes import Column as ColumnNode
-from mbm.expression.nodes import leaves
+from mbm.expression.nodes import Column as ColumnNode, leaves
 from mbm.problem.checks import check_data
 from mbm.problem.joining import prepare
 from mbm.problem.sequence.tables import transitions_table

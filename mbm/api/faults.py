@@ -53,8 +53,12 @@ WRONG_ARGUMENT = Code(
 def no_such_input(name: str, known: tuple[str, ...], *, several: bool) -> Diagnostic:
     """A column that is none, or more than one."""
     if several:
-        message = f"`{name}` may mean several columns"
-        return Diagnostic(code=NO_SUCH_INPUT, message=message, place=None, hint=f"write {_listed(known, ' or ')}")
+        return Diagnostic(
+            code=NO_SUCH_INPUT,
+            message=f"`{name}` may mean several columns",
+            place=None,
+            hint=f"write {_listed(known, ' or ')}",
+        )
     candidates = (*known, *(each.split(".", 1)[1] for each in known))
     hint = suggestion(name, candidates, f"the equations use {_listed(known, ', ')}")
     return Diagnostic(code=NO_SUCH_INPUT, message=f"no equation uses a column `{name}`", place=None, hint=hint)
@@ -148,8 +152,12 @@ def stream_stopped(column: str, key: float) -> Diagnostic:
 
 def stream_finished() -> Diagnostic:
     """A stream that the caller has ended."""
-    message = "the stream has ended: its last steps were given by `finish`"
-    return Diagnostic(code=STREAM_STOPPED, message=message, place=None, hint="begin a new stream for further steps")
+    return Diagnostic(
+        code=STREAM_STOPPED,
+        message="the stream has ended: its last steps were given by `finish`",
+        place=None,
+        hint="begin a new stream for further steps",
+    )
 
 
 def wrong_count(expected: tuple[str, ...], count: int) -> Diagnostic:
@@ -262,20 +270,32 @@ def no_place_of_a_step(given: object) -> Diagnostic:
 
 def no_text(given: object) -> Diagnostic:
     """A problem that is no text."""
-    message = f"a problem is a text (`str`), not a value of type `{type(given).__name__}`"
-    return Diagnostic(code=WRONG_ARGUMENT, message=message, place=None, hint="`mbm.load` takes the name of a file")
+    return Diagnostic(
+        code=WRONG_ARGUMENT,
+        message=f"a problem is a text (`str`), not a value of type `{type(given).__name__}`",
+        place=None,
+        hint="`mbm.load` takes the name of a file",
+    )
 
 
 def no_path(given: object) -> Diagnostic:
     """A file that has no name."""
-    message = f"`path` is a value of type `{type(given).__name__}`; the name of a file (`str` or `Path`) is wanted"
-    return Diagnostic(code=WRONG_ARGUMENT, message=message, place=None, hint="`mbm.loads` takes the text of a problem")
+    return Diagnostic(
+        code=WRONG_ARGUMENT,
+        message=f"`path` is a value of type `{type(given).__name__}`; the name of a file (`str` or `Path`) is wanted",
+        place=None,
+        hint="`mbm.loads` takes the text of a problem",
+    )
 
 
 def no_seed(given: object) -> Diagnostic:
     """A seed that is none."""
-    message = f"`seed` is {given!r}; a whole number from 0 is wanted"
-    return Diagnostic(code=WRONG_ARGUMENT, message=message, place=None, hint="leave it out for that of the problem")
+    return Diagnostic(
+        code=WRONG_ARGUMENT,
+        message=f"`seed` is {given!r}; a whole number from 0 is wanted",
+        place=None,
+        hint="leave it out for that of the problem",
+    )
 
 
 def no_coordinates(what: str, count: int) -> Diagnostic:

@@ -78,8 +78,7 @@ class StepAnswer:
         """
         part = self._plan.parts.get(name)
         if part is None:
-            message = f"`{name}` is not estimated at a step; there are {', '.join(self._plan.parts)}"
-            raise KeyError(message)
+            raise KeyError(f"`{name}` is not estimated at a step; there are {', '.join(self._plan.parts)}")
         entry, unknown = part.entry, part.entry.unknown
         leading = () if entry.keys is None or unknown.is_state else (entry.members,)
         stated = (*leading, *(unknown.shape if not unknown.dimension else (unknown.freedom,)))

@@ -147,8 +147,11 @@ def table_of_cells(path: str, cells: int) -> str:
 
 def unpacks_too_large(place: DataPlace, packed: int, largest: int) -> Diagnostic:
     """A compressed file of ``packed`` bytes with more than ``largest`` bytes in it."""
-    message = f"the {packed:,} bytes of `{place.file}` unpack to more than the {largest:,} that are read of them"
-    return Diagnostic(code=file_faults.FILE_TOO_LARGE, message=message, place=place)
+    return Diagnostic(
+        code=file_faults.FILE_TOO_LARGE,
+        message=f"the {packed:,} bytes of `{place.file}` unpack to more than the {largest:,} that are read of them",
+        place=place,
+    )
 
 
 def empty_file(place: DataPlace) -> Diagnostic:
@@ -158,8 +161,11 @@ def empty_file(place: DataPlace) -> Diagnostic:
 
 def damaged_archive(place: DataPlace, reason: str) -> Diagnostic:
     """A compressed file that does not unpack; ``reason`` is what the unpacker says."""
-    message = f"the compressed file `{place.file}` cannot be unpacked: {reason or 'it is damaged'}"
-    return Diagnostic(code=DAMAGED_ARCHIVE, message=message, place=place)
+    return Diagnostic(
+        code=DAMAGED_ARCHIVE,
+        message=f"the compressed file `{place.file}` cannot be unpacked: {reason or 'it is damaged'}",
+        place=place,
+    )
 
 
 def not_text(place: DataPlace, byte: int) -> Diagnostic:
@@ -172,36 +178,51 @@ def not_text(place: DataPlace, byte: int) -> Diagnostic:
 
 def outside_sandbox(place: Place, path: str, sandbox: str) -> Diagnostic:
     """``path`` leads out of the folder ``sandbox``."""
-    message = f"the file `{path}` lies outside `{sandbox}`, and reads are confined to that folder"
-    return Diagnostic(code=OUTSIDE_SANDBOX, message=message, place=place)
+    return Diagnostic(
+        code=OUTSIDE_SANDBOX,
+        message=f"the file `{path}` lies outside `{sandbox}`, and reads are confined to that folder",
+        place=place,
+    )
 
 
 def unknown_format(place: Place, path: str, extensions: Iterable[str]) -> Diagnostic:
     """No reader claims the ending of ``path``; ``extensions`` are those that some reader claims."""
-    message = f"the format of `{path}` is not known: the endings that are read are {_names(extensions)}"
-    return Diagnostic(code=UNKNOWN_FORMAT, message=message, place=place)
+    return Diagnostic(
+        code=UNKNOWN_FORMAT,
+        message=f"the format of `{path}` is not known: the endings that are read are {_names(extensions)}",
+        place=place,
+    )
 
 
 def missing_table(place: Place, table: str) -> Diagnostic:
     """``external`` and nothing given."""
-    hint = f'give it with `--data {table}=PATH`, or in Python with `solve(data={{"{table}": …}})`'
-    message = f"the table `{table}` is external, and none was given"
-    return Diagnostic(code=MISSING_TABLE, message=message, place=place, hint=hint)
+    return Diagnostic(
+        code=MISSING_TABLE,
+        message=f"the table `{table}` is external, and none was given",
+        place=place,
+        hint=f'give it with `--data {table}=PATH`, or in Python with `solve(data={{"{table}": …}})`',
+    )
 
 
 def undeclared_table(table: str, declared: Iterable[str]) -> Diagnostic:
     """A table given under a name that no data clause has."""
     names = tuple(declared)
     has = f"it has {_names(names)}" if names else "it has no data clause"
-    message = f"a table `{table}` was given, but the problem has no data clause of that name; {has}"
-    return Diagnostic(code=UNDECLARED_TABLE, message=message, hint=suggestion(table, names, None))
+    return Diagnostic(
+        code=UNDECLARED_TABLE,
+        message=f"a table `{table}` was given, but the problem has no data clause of that name; {has}",
+        hint=suggestion(table, names, None),
+    )
 
 
 def not_a_table(place: DataPlace, what: str) -> Diagnostic:
     """``what`` was given where a table is wanted."""
-    message = f"a table cannot be made of {what}"
-    hint = "give a data frame, a dict of arrays, a structured array or a list of dicts"
-    return Diagnostic(code=NOT_A_TABLE, message=message, place=place, hint=hint)
+    return Diagnostic(
+        code=NOT_A_TABLE,
+        message=f"a table cannot be made of {what}",
+        place=place,
+        hint="give a data frame, a dict of arrays, a structured array or a list of dicts",
+    )
 
 
 def bad_column_name(place: Place, position: int, name: object) -> Diagnostic:
@@ -222,21 +243,31 @@ def no_columns(place: Place) -> Diagnostic:
 
 def too_many_columns(place: Place, columns: int, most: int) -> Diagnostic:
     """A table with more columns than are read."""
-    message = f"the table has {columns:,} columns, more than the {most:,} that are read"
-    return Diagnostic(code=TOO_MANY_COLUMNS, message=message, place=place)
+    return Diagnostic(
+        code=TOO_MANY_COLUMNS,
+        message=f"the table has {columns:,} columns, more than the {most:,} that are read",
+        place=place,
+    )
 
 
 def missing_column(place: Place, column: str, path: str, present: Iterable[str]) -> Diagnostic:
     """The table read from ``path`` has the columns ``present``, ``column`` is not among them."""
     names = tuple(present)
-    message = f"`{path}` has no column `{short_text(column)}`; it has {_names(names)}"
-    return Diagnostic(code=MISSING_COLUMN, message=message, place=place, hint=suggestion(column, names, None))
+    return Diagnostic(
+        code=MISSING_COLUMN,
+        message=f"`{path}` has no column `{short_text(column)}`; it has {_names(names)}",
+        place=place,
+        hint=suggestion(column, names, None),
+    )
 
 
 def unequal_lengths(place: DataPlace, first: str, length: int, other: str, other_length: int) -> Diagnostic:
     """Columns ``first`` and ``other`` differ in length."""
-    message = f"column `{short_text(other)}` has {other_length} cells, column `{short_text(first)}` has {length}"
-    return Diagnostic(code=UNEQUAL_LENGTHS, message=message, place=place)
+    return Diagnostic(
+        code=UNEQUAL_LENGTHS,
+        message=f"column `{short_text(other)}` has {other_length} cells, column `{short_text(first)}` has {length}",
+        place=place,
+    )
 
 
 def short_row(place: Place, row: int, cells: int, columns: tuple[str, ...]) -> Diagnostic:
@@ -252,20 +283,27 @@ def short_row(place: Place, row: int, cells: int, columns: tuple[str, ...]) -> D
 
 def long_row(place: Place, row: int, cells: int, columns: tuple[str, ...]) -> Diagnostic:
     """Row ``row`` has ``cells`` cells, more than there are columns."""
-    message = f"row {row} has {cells} cells, but there are only {len(columns)} columns"
-    return Diagnostic(code=LONG_ROW, message=message, place=place)
+    return Diagnostic(
+        code=LONG_ROW, message=f"row {row} has {cells} cells, but there are only {len(columns)} columns", place=place
+    )
 
 
 def bad_cell(place: DataPlace, what: str) -> Diagnostic:
     """A cell holds ``what``."""
-    message = f"row {place.row}, column `{short_text(place.column)}` holds {what}, neither a number nor a text"
-    return Diagnostic(code=BAD_CELL, message=message, place=place)
+    return Diagnostic(
+        code=BAD_CELL,
+        message=f"row {place.row}, column `{short_text(place.column)}` holds {what}, neither a number nor a text",
+        place=place,
+    )
 
 
 def bad_array(place: DataPlace, what: str) -> Diagnostic:
     """A column is ``what``."""
-    message = f"column `{short_text(place.column)}` is {what}, not a one-dimensional array of numbers or texts"
-    return Diagnostic(code=BAD_ARRAY, message=message, place=place)
+    return Diagnostic(
+        code=BAD_ARRAY,
+        message=f"column `{short_text(place.column)}` is {what}, not a one-dimensional array of numbers or texts",
+        place=place,
+    )
 
 
 def not_a_number(place: DataPlace, cell: str, unit: str, declared: Place) -> Diagnostic:
@@ -287,8 +325,11 @@ def empty_column(place: DataPlace) -> Diagnostic:
 
 def missing_key(place: DataPlace) -> Diagnostic:
     """A gap in the key column."""
-    message = f"row {place.counted} has no key: its cell in column `{short_text(place.column)}` is empty"
-    return Diagnostic(code=MISSING_KEY, message=message, place=place)
+    return Diagnostic(
+        code=MISSING_KEY,
+        message=f"row {place.counted} has no key: its cell in column `{short_text(place.column)}` is empty",
+        place=place,
+    )
 
 
 def duplicate_key(place: DataPlace, first: DataPlace, key: CellKey) -> Diagnostic:
@@ -297,5 +338,9 @@ def duplicate_key(place: DataPlace, first: DataPlace, key: CellKey) -> Diagnosti
     rows = f"rows {first.counted} and {place.counted}"
     if first.file != place.file:
         rows = f"row {first.counted} of `{first.file}` and row {place.counted} of `{place.file}`"
-    message = f"{rows} have the same key `{same}` in column `{short_text(place.column)}`"
-    return Diagnostic(code=DUPLICATE_KEY, message=message, place=place, labels=(Label(first, "first here"),))
+    return Diagnostic(
+        code=DUPLICATE_KEY,
+        message=f"{rows} have the same key `{same}` in column `{short_text(place.column)}`",
+        place=place,
+        labels=(Label(first, "first here"),),
+    )

@@ -120,8 +120,9 @@ def _here(node: Column, block: Block) -> bool:
 
 
 def _held_by_case(block: Block) -> Iterator[Counter[Place]]:
-    for case in block.cases:
-        yield _held(block, tuple(c for equation in case.equations for c in equation.components))
+    yield from (
+        _held(block, tuple(c for equation in case.equations for c in equation.components)) for case in block.cases
+    )
 
 
 def _held_alone(blocks: tuple[Block, ...]) -> frozenset[Place]:

@@ -69,9 +69,11 @@ def _reference(reference: Reference) -> Iterator[str]:
     yield f"status,0,0,{STATUSES.index(reference.status)},0"
     if reference.status != "converged":
         return
-    for i, value in enumerate(() if reference.elsewhere is None else reference.elsewhere):
-        if np.isfinite(value):
-            yield f"start,{i},0,{float(value)!r},0"
+    yield from (
+        f"start,{i},0,{float(value)!r},0"
+        for i, value in enumerate(() if reference.elsewhere is None else reference.elsewhere)
+        if np.isfinite(value)
+    )
     largest = float(np.max(reference.spread, initial=0.0))
     for i, (value, own) in enumerate(zip(reference.numbers.tolist(), reference.spread.tolist(), strict=True)):
         if np.isfinite(value):

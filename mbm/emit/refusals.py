@@ -15,8 +15,7 @@ from mbm.problem.kinds import Gauge
 from mbm.problem.likely import called, likelihood_of
 from mbm.problem.naming import PRIOR
 from mbm.problem.requests import divided_by
-from mbm.problem.sequence.types import Sequence as SequenceOfSteps
-from mbm.problem.sequence.types import SequenceMethod
+from mbm.problem.sequence.types import Sequence as SequenceOfSteps, SequenceMethod
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.types import BlockRole, Method, Problem, TablePlan, Unknown
 from mbm.solver.decisions import MOST_DENSE

@@ -26,10 +26,8 @@ def described(blueprint: Blueprint) -> Iterator[str]:
         kept = "; some rows are left out by a condition" if table.where is not None else ""
         yield f"* table {code(table.name)}: {columns or 'no columns'}{kept}"
     yield ""
-    for unknown in blueprint.unknowns:
-        yield f"* unknown {_unknown(blueprint, unknown)}"
-    for constant in blueprint.constants:
-        yield f"* constant {code(constant.name)} = {constant.value:.17g}"
+    yield from (f"* unknown {_unknown(blueprint, unknown)}" for unknown in blueprint.unknowns)
+    yield from (f"* constant {code(constant.name)} = {constant.value:.17g}" for constant in blueprint.constants)
     yield ""
     yield from described_blocks(blueprint)
     yield from described_derived(blueprint)

@@ -14,8 +14,7 @@ from mbm.equations.likelihoods import readings
 from mbm.equations.sampling import Sampled, sampled_inputs, samplings
 from mbm.equations.types import Indices, Mask
 from mbm.equations.whitening import Whitener, whitener
-from mbm.expression.nodes import Column as ColumnNode
-from mbm.expression.nodes import ColumnMember, Component, Member, leaves
+from mbm.expression.nodes import Column as ColumnNode, ColumnMember, Component, Member, leaves
 from mbm.expression.rows import RowChoice
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.aggregates import is_aggregate

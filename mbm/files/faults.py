@@ -95,21 +95,32 @@ def missing_file(path: Path, place: Place) -> Diagnostic:
 def not_a_file(path: Path, place: Place, *, folder: bool) -> Diagnostic:
     """``path`` leads to a ``folder``, or to something else that is no ordinary file."""
     what, hint = ("a folder", "name a file in it") if folder else ("a pipe or a device", "write its content to a file")
-    message = f"`{shown(path.as_posix(), LONGEST_PATH)}` is {what}, not a file"
-    return Diagnostic(code=NOT_A_FILE, message=message, place=place, hint=hint)
+    return Diagnostic(
+        code=NOT_A_FILE,
+        message=f"`{shown(path.as_posix(), LONGEST_PATH)}` is {what}, not a file",
+        place=place,
+        hint=hint,
+    )
 
 
 def unreadable_file(path: Path, reason: str, place: Place) -> Diagnostic:
     """``reason`` is what the system says."""
-    message = f"the file `{shown(path.as_posix(), LONGEST_PATH)}` cannot be read: {reason}"
-    return Diagnostic(code=UNREADABLE_FILE, message=message, place=place, hint="check the path and its permissions")
+    return Diagnostic(
+        code=UNREADABLE_FILE,
+        message=f"the file `{shown(path.as_posix(), LONGEST_PATH)}` cannot be read: {reason}",
+        place=place,
+        hint="check the path and its permissions",
+    )
 
 
 def file_too_large(path: Path, size: int, largest: int, place: Place) -> Diagnostic:
     """``size`` bytes, where ``largest`` are read."""
     name = shown(path.as_posix(), LONGEST_PATH)
-    message = f"the file `{name}` holds {size:,} bytes, more than the {largest:,} that are read"
-    return Diagnostic(code=FILE_TOO_LARGE, message=message, place=place)
+    return Diagnostic(
+        code=FILE_TOO_LARGE,
+        message=f"the file `{name}` holds {size:,} bytes, more than the {largest:,} that are read",
+        place=place,
+    )
 
 
 def not_writable(path: str | Path, reason: str) -> Diagnostic:
@@ -139,20 +150,29 @@ def would_overwrite(target: str, read: str, role: str | None) -> Diagnostic:
     """``target`` is the file that was read as ``read``, for what ``role`` says."""
     what = role or "a file that the problem reads"
     same = "" if Path(target) == Path(read) else f"`{_named(read)}`, "
-    message = f"`{_named(target)}` is {same}{what}: it would be lost; nothing was written there"
-    return Diagnostic(code=WOULD_OVERWRITE, message=message, hint="name another file")
+    return Diagnostic(
+        code=WOULD_OVERWRITE,
+        message=f"`{_named(target)}` is {same}{what}: it would be lost; nothing was written there",
+        hint="name another file",
+    )
 
 
 def would_replace_source(target: str) -> Diagnostic:
     """A result would be written over a file that is called as problems are."""
-    message = f"`{_named(target)}` is a problem file, which no result replaces; nothing was written there"
-    return Diagnostic(code=WOULD_OVERWRITE, message=message, hint="name another file")
+    return Diagnostic(
+        code=WOULD_OVERWRITE,
+        message=f"`{_named(target)}` is a problem file, which no result replaces; nothing was written there",
+        hint="name another file",
+    )
 
 
 def written_twice(first: str, second: str) -> Diagnostic:
     """Two outputs of one call are one file."""
-    message = f"two outputs go to one file, {_both(first, second)}: one of them would be lost; nothing was written"
-    return Diagnostic(code=WOULD_OVERWRITE, message=message, hint="give each output a file of its own")
+    return Diagnostic(
+        code=WOULD_OVERWRITE,
+        message=f"two outputs go to one file, {_both(first, second)}: one of them would be lost; nothing was written",
+        hint="give each output a file of its own",
+    )
 
 
 def one_folder(first: str, second: str) -> Diagnostic:
@@ -236,8 +256,11 @@ def _named(path: str | Path) -> str:
 
 def too_many_files(place: Place, most: int) -> Diagnostic:
     """``place`` names the first file beyond the ``most`` that are opened."""
-    message = f"this is one file more than the {most:,} that are opened for one problem"
-    return Diagnostic(code=TOO_MANY_FILES, message=message, place=place)
+    return Diagnostic(
+        code=TOO_MANY_FILES,
+        message=f"this is one file more than the {most:,} that are opened for one problem",
+        place=place,
+    )
 
 
 def too_much_memory(what: str, needed: int, most: int, variable: str, place: Place | None) -> Diagnostic:
@@ -245,14 +268,21 @@ def too_much_memory(what: str, needed: int, most: int, variable: str, place: Pla
     message = f"{what} needs about {in_units(needed)} of memory, and mbm takes {in_units(most)} at most"
     leading = 10 ** (len(str(needed)) - 1)
     wanted = in_units((needed // leading + 1) * leading).replace(" ", "").replace(",", "")
-    hint = f"use less of it, or set the environment variable {variable}={wanted} if the machine has that much"
-    return Diagnostic(code=TOO_MUCH_MEMORY, message=message, place=place, hint=hint)
+    return Diagnostic(
+        code=TOO_MUCH_MEMORY,
+        message=message,
+        place=place,
+        hint=f"use less of it, or set the environment variable {variable}={wanted} if the machine has that much",
+    )
 
 
 def bad_memory_bound(variable: str, text: str) -> Diagnostic:
     """``text`` stands where a number of bytes is wanted."""
-    message = f"`{variable}` is `{shown(text)}`, which is no number of bytes"
-    return Diagnostic(code=BAD_MEMORY_BOUND, message=message, hint=f"write it as in `{variable}=4GB`")
+    return Diagnostic(
+        code=BAD_MEMORY_BOUND,
+        message=f"`{variable}` is `{shown(text)}`, which is no number of bytes",
+        hint=f"write it as in `{variable}=4GB`",
+    )
 
 
 def in_units(count: int) -> str:

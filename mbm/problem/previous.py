@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, leaves
-from mbm.problem.tables import SOURCE, CellKey, Origin, Table
-from mbm.problem.tables import Column as TableColumn
+from mbm.problem.tables import SOURCE, CellKey, Column as TableColumn, Origin, Table
 
 _BEFORE = "previous("
 _ROW = f"{_BEFORE})"

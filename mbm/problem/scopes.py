@@ -15,8 +15,7 @@ from mbm.language.scope import LocalScope, opened
 from mbm.language.values import Array, Evaluator, Scope, StaticColumnNeeded, TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
 from mbm.problem.aggregates import AggregateKind
-from mbm.problem.tables import ROW, CellKey, Table
-from mbm.problem.tables import Column as TableColumn
+from mbm.problem.tables import ROW, CellKey, Column as TableColumn, Table
 from mbm.text.types import Form, MbmError, Sequence, Span
 from mbm.values import dataclass
 

@@ -19,8 +19,7 @@ from mbm.problem.previous import column_before, looks_back, name_before, row_bef
 from mbm.problem.sampling import sample
 from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.sequence.types import RATE
-from mbm.problem.tables import Column as TableColumn
-from mbm.problem.tables import Table
+from mbm.problem.tables import Column as TableColumn, Table
 from mbm.problem.types import Block
 from mbm.text.types import MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass

@@ -116,8 +116,7 @@ class Solved(Solve):
     def propagated(self, settings: PropagationSettings) -> Propagated:
         """As ``propagate``, for everything that may be asked."""
         if self.result.propagate is None:
-            message = "this result has no problem behind it that could be solved again"
-            raise LookupError(message)
+            raise LookupError("this result has no problem behind it that could be solved again")
         return cast("Propagated", self.result.propagate(settings))
 
     def table(self) -> Any:
@@ -137,8 +136,7 @@ class Solved(Solve):
 
     def _some(self) -> None:
         if not self.result.solves:
-            message = "there is no solve: `for-each` met no key, or `window` no row"
-            raise LookupError(message)
+            raise LookupError("there is no solve: `for-each` met no key, or `window` no row")
 
     def __repr__(self) -> str:
         found = self.result

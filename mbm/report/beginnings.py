@@ -13,8 +13,7 @@ import numpy as np
 
 from mbm.emit import faults
 from mbm.equations.selection import selections
-from mbm.expression.nodes import Column as ColumnNode
-from mbm.expression.nodes import Number
+from mbm.expression.nodes import Column as ColumnNode, Number
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.naming import key_text
 from mbm.problem.tables import CellKey, Column, Table

@@ -14,8 +14,7 @@ from mbm.estimation.batches.types import REASONS
 from mbm.problem.types import BlockRole
 from mbm.report.blocks import BlockReports, ManyReports, kept
 from mbm.report.constraints import limit_reports
-from mbm.report.elements import GEOMETRIC, plain_key, shown_sigma
-from mbm.report.elements import written as written_geometry
+from mbm.report.elements import GEOMETRIC, plain_key, shown_sigma, written as written_geometry
 from mbm.report.encode import plain
 from mbm.report.filled import conditions, own_names, prior_names
 from mbm.report.intervals import interval_document, intervals

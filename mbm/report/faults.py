@@ -86,14 +86,20 @@ def plot_format(path: str, known: str) -> Diagnostic:
 
 def sample_format(path: str, known: tuple[str, ...]) -> Diagnostic:
     """The ending of ``path`` is none of those of samples."""
-    hint = f"end the name in one of {', '.join(known)}"
-    return Diagnostic(code=SAMPLE_FORMAT, message=f"`{path}` names no format of samples", hint=hint)
+    return Diagnostic(
+        code=SAMPLE_FORMAT,
+        message=f"`{path}` names no format of samples",
+        hint=f"end the name in one of {', '.join(known)}",
+    )
 
 
 def several_sampled(count: int) -> Diagnostic:
     """InferenceData holds the samples of one solve."""
-    message = f"`.nc` holds the samples of one solve, and there are {count}"
-    return Diagnostic(code=SAMPLE_FORMAT, message=message, hint="write `.npz` or `.parquet`")
+    return Diagnostic(
+        code=SAMPLE_FORMAT,
+        message=f"`.nc` holds the samples of one solve, and there are {count}",
+        hint="write `.npz` or `.parquet`",
+    )
 
 
 def report_format(path: str, known: str) -> Diagnostic:

@@ -246,6 +246,5 @@ def _solution(block: Block, number: int) -> Solution:
     """
     solution = block.solution(number)
     if not isinstance(solution, Solution):
-        message = f"solve {number} ended otherwise than before"
-        raise RuntimeError(message)
+        raise RuntimeError(f"solve {number} ended otherwise than before")
     return solution

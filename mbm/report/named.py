@@ -221,8 +221,7 @@ class Named:
     def _of(self, part: str, kinds: frozenset[Kind]) -> Floats:
         if self.kind not in kinds:
             article = "an" if self.kind is Kind.ANGLE else "a"
-            message = f"`{self.name}` is {article} {self.kind.value}, which has no {part}"
-            raise AttributeError(message)
+            raise AttributeError(f"`{self.name}` is {article} {self.kind.value}, which has no {part}")
         return self.value
 
     def _part(self, values: Floats) -> Floats:

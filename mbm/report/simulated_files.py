@@ -16,8 +16,7 @@ from mbm.files.source import read_file
 from mbm.files.targets import SOURCE_ENDING
 from mbm.language.program import Program
 from mbm.problem.clauses import effective_clauses, select_problem
-from mbm.problem.reading.noise_structure import READER as MATRIX
-from mbm.problem.reading.noise_structure import matrix_forms, matrix_table
+from mbm.problem.reading.noise_structure import READER as MATRIX, matrix_forms, matrix_table
 from mbm.problem.tables import Column, TableDeclaration
 from mbm.problem.types import Problem
 from mbm.report.simulated import Simulated, SimulatedTable

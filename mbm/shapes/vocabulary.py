@@ -49,8 +49,7 @@ from mbm.shapes.model import Model
 from mbm.shapes.opaque import opaque_argument
 from mbm.shapes.paths import Segment, element_segment, flat_segments, number_segment, segments_of
 from mbm.shapes.types import ModelFunction, Projection, Shape, Step
-from mbm.text.build import call as list_form
-from mbm.text.build import sequence
+from mbm.text.build import call as list_form, sequence
 from mbm.text.suggest import closest
 from mbm.text.types import Bracket, Form, MbmError, Numeral, Sequence, Span, Symbol
 from mbm.values import dataclass

@@ -18,8 +18,7 @@ from mbm.problem.checks import used_rows
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.faults import bound_without_distribution
 from mbm.problem.rows import row_values, rows_of
-from mbm.problem.tables import Column as TableColumn
-from mbm.problem.tables import Table
+from mbm.problem.tables import Column as TableColumn, Table
 from mbm.problem.types import Block, BlockRole, Problem, RowValues, UncertainColumn
 from mbm.simulation import faults
 from mbm.simulation.measured import Measured, measured_equations

@@ -18,8 +18,7 @@ def require(kept: bool, subject: str, promise: str) -> None:
 
     """
     if not kept:
-        message = f"{subject}: {promise}"
-        raise NotConformingError(message)
+        raise NotConformingError(f"{subject}: {promise}")
 
 
 def require_close(found: ArrayLike, wanted: ArrayLike, tolerance: float, subject: str, promise: str) -> None:
@@ -36,5 +35,4 @@ def require_close(found: ArrayLike, wanted: ArrayLike, tolerance: float, subject
     agree = near | (one == two) | (np.isnan(one) & np.isnan(two))
     if not agree.all():
         place = tuple(int(i) for i in np.argwhere(~agree)[0])
-        message = f"{subject}: {promise}: at {place} it is {one[place]!r}, not {two[place]!r}"
-        raise NotConformingError(message)
+        raise NotConformingError(f"{subject}: {promise}: at {place} it is {one[place]!r}, not {two[place]!r}")

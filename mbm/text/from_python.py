@@ -39,5 +39,4 @@ def from_python(value: object) -> Form:
     if isinstance(value, tuple | list):
         bracket = Bracket.ROUND if isinstance(value, tuple) else Bracket.SQUARE
         return Sequence(items=tuple(from_python(v) for v in value), bracket=bracket, span=_span(""))
-    message = f"a value of type {type(value).__name__} is no form"
-    raise TypeError(message)
+    raise TypeError(f"a value of type {type(value).__name__} is no form")

@@ -145,8 +145,7 @@ class MbmError(Exception):
 
     def __init__(self, *diagnostics: Diagnostic) -> None:
         if not diagnostics:
-            message = "an error without a diagnostic"
-            raise ValueError(message)
+            raise ValueError("an error without a diagnostic")
         super().__init__("; ".join(f"{d.code.name}: {d.message}" for d in diagnostics))
         self.diagnostics: tuple[Diagnostic, ...] = diagnostics
 

@@ -14,8 +14,7 @@ import pytest
 
 from mbm.data import faults as table_faults
 from mbm.data.loader import load, load_all
-from mbm.data.readers import READERS
-from mbm.data.readers import faults as format_faults
+from mbm.data.readers import READERS, faults as format_faults
 from mbm.text.faults import MOST_FAULTS
 from mbm.text.types import Code, DataPlace, MbmError
 

@@ -14,8 +14,7 @@ from mbm.cli.main import run
 from mbm.equations.manifolds import numbers_of_stated
 from mbm.problem.types import UnknownKind
 from mbm.report.beginnings import stated_of_numbers
-from tests.emit.making import make
-from tests.emit.making import run as called
+from tests.emit.making import make, run as called
 
 GROWTH = """
 (problem growth (data plants (table (id kind) ("a" 1) ("b" 2) ("c" 1)) :key id)

@@ -12,8 +12,7 @@ import shutil
 import tokenize
 
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from mbm.emit.c import text as c
 from mbm.emit.casadi.text import document

@@ -6,8 +6,7 @@ import math
 from fractions import Fraction
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from mbm.expression.algebra import MAXIMUM_BITS, UndefinedValueError, apply, constant_value, number, wrap_angle
 from mbm.expression.dimension import NONE, base

@@ -5,8 +5,7 @@ from __future__ import annotations
 import textwrap
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from mbm.report.columns import LONGEST_CELL, aligned, fitting, left, right, wrapped
 from mbm.text.shown import cell_width

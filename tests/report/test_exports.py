@@ -10,8 +10,7 @@ from functools import partial
 from typing import TextIO
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from mbm.report.exports import text_cell, write_residuals, write_solves
 from mbm.report.types import Result

@@ -12,8 +12,7 @@ import pytest
 import mbm
 from mbm.cli.output import is_terminal
 from mbm.estimation.search import agreement
-from mbm.estimation.solve import confirmed as confirmation
-from mbm.estimation.solve import estimate
+from mbm.estimation.solve import confirmed as confirmation, estimate
 from mbm.problem.scopes import _exact
 from mbm.report.beginnings import with_beginnings
 from mbm.report.table import table

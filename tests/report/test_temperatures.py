@@ -14,8 +14,7 @@ import pytest
 import mbm
 from mbm.api.emitting import emit_file
 from mbm.report.options import SolveOptions
-from tests.emit.making import make, run
-from tests.emit.making import written as written_files
+from tests.emit.making import make, run, written as written_files
 
 ZEROS = {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}
 """SI per unit, and the zero in kelvin: NIST SP 811, appendix B.8."""

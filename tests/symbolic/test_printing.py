@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from sympy.parsing.sympy_parser import parse_expr
 
 import mbm

@@ -71,14 +71,17 @@ OTHER_SIZE = Code(
 
 def not_an_image(place: DataPlace, kinds: str) -> Diagnostic:
     """The content of a file begins as that of no known kind of images does."""
-    message = f"`{shown(place.file)}` is no image of a kind that is read: {kinds}"
-    return Diagnostic(code=NOT_AN_IMAGE, message=message, place=place, hint="convert it to PNG")
+    return Diagnostic(
+        code=NOT_AN_IMAGE,
+        message=f"`{shown(place.file)}` is no image of a kind that is read: {kinds}",
+        place=place,
+        hint="convert it to PNG",
+    )
 
 
 def damaged_image(place: DataPlace, reason: str) -> Diagnostic:
     """``reason`` says what is wrong with the file."""
-    message = f"the image `{shown(place.file)}` is damaged: {reason}"
-    return Diagnostic(code=DAMAGED_IMAGE, message=message, place=place)
+    return Diagnostic(code=DAMAGED_IMAGE, message=f"the image `{shown(place.file)}` is damaged: {reason}", place=place)
 
 
 def pixels_of(path: str, width: int, height: int) -> str:
@@ -101,8 +104,12 @@ def no_board(place: DataPlace, board: str, reasons: Sequence[tuple[str, str | No
 def board_left_out(place: DataPlace, board: str, reasons: Sequence[tuple[str, str | None]], images: int) -> Diagnostic:
     """Some of so many images show no board."""
     names = [name if reason is None else f"{name} ({reason})" for name, reason in reasons]
-    message = f"no {board} was found in {len(names):,} of {images:,} images, which give no rows: {_listed(names)}"
-    return Diagnostic(code=BOARD_LEFT_OUT, message=message, place=place, severity=Severity.WARNING)
+    return Diagnostic(
+        code=BOARD_LEFT_OUT,
+        message=f"no {board} was found in {len(names):,} of {images:,} images, which give no rows: {_listed(names)}",
+        place=place,
+        severity=Severity.WARNING,
+    )
 
 
 def bad_board(place: DataPlace, reason: str) -> Diagnostic:
@@ -114,8 +121,12 @@ def points_left_out(place: DataPlace, counts: Sequence[tuple[str, int]]) -> Diag
     """So many points of each of these images could not be refined."""
     total = sum(count for _, count in counts)
     names = [f"{name} ({count})" for name, count in counts]
-    message = f"{total:,} points of the board could not be refined and give no rows: {_listed(names)}"
-    return Diagnostic(code=POINTS_LEFT_OUT, message=message, place=place, severity=Severity.WARNING)
+    return Diagnostic(
+        code=POINTS_LEFT_OUT,
+        message=f"{total:,} points of the board could not be refined and give no rows: {_listed(names)}",
+        place=place,
+        severity=Severity.WARNING,
+    )
 
 
 def no_object(place: DataPlace, reasons: Sequence[tuple[str, str]]) -> Diagnostic:
@@ -132,8 +143,12 @@ def no_object(place: DataPlace, reasons: Sequence[tuple[str, str]]) -> Diagnosti
 def object_left_out(place: DataPlace, reasons: Sequence[tuple[str, str]], images: int) -> Diagnostic:
     """Why some of so many images show no object."""
     said = _listed([f"{name} ({reason})" for name, reason in reasons])
-    message = f"no isolated object was found in {len(reasons):,} of {images:,} images, which give no rows: {said}"
-    return Diagnostic(code=OBJECT_LEFT_OUT, message=message, place=place, severity=Severity.WARNING)
+    return Diagnostic(
+        code=OBJECT_LEFT_OUT,
+        message=f"no isolated object was found in {len(reasons):,} of {images:,} images, which give no rows: {said}",
+        place=place,
+        severity=Severity.WARNING,
+    )
 
 
 def other_size(place: DataPlace, size: tuple[int, int], background: str, other: tuple[int, int]) -> Diagnostic:

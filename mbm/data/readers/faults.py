@@ -99,20 +99,27 @@ def shown(text: str) -> str:
 
 def missing_header(place: DataPlace, said: str) -> Diagnostic:
     """The first row has no names: it ``holds only numbers`` or ``is blank``."""
-    message = f"the first row of `{place.file}` {said}, where the names of the columns are expected"
-    return Diagnostic(code=MISSING_HEADER, message=message, place=place)
+    return Diagnostic(
+        code=MISSING_HEADER,
+        message=f"the first row of `{place.file}` {said}, where the names of the columns are expected",
+        place=place,
+    )
 
 
 def wrong_separator(place: DataPlace, wanted: str, found: str) -> Diagnostic:
     """``found`` separates the names of the header, not ``wanted``."""
-    message = f"the columns of `{place.file}` are separated by {found}, where {wanted} are expected"
-    return Diagnostic(code=WRONG_SEPARATOR, message=message, place=place)
+    return Diagnostic(
+        code=WRONG_SEPARATOR,
+        message=f"the columns of `{place.file}` are separated by {found}, where {wanted} are expected",
+        place=place,
+    )
 
 
 def comment_line(place: DataPlace) -> Diagnostic:
     """A row that starts with ``#`` and is no row of the table."""
-    message = f"row {place.row} starts with `#`, and this format has no comments"
-    return Diagnostic(code=COMMENT_LINE, message=message, place=place)
+    return Diagnostic(
+        code=COMMENT_LINE, message=f"row {place.row} starts with `#`, and this format has no comments", place=place
+    )
 
 
 def bad_quotes(place: DataPlace, reason: str) -> Diagnostic:
@@ -128,8 +135,12 @@ def malformed_json(place: DataPlace, reason: str, column: int | None = None) -> 
 
 def wrong_json_shape(place: DataPlace, what: str) -> Diagnostic:
     """``what`` was found."""
-    hint = 'a table is a list of objects, an object of arrays, or `{"columns": […], "data": [[…], …]}`'
-    return Diagnostic(code=WRONG_JSON_SHAPE, message=f"`{place.file}` holds no table: {what}", place=place, hint=hint)
+    return Diagnostic(
+        code=WRONG_JSON_SHAPE,
+        message=f"`{place.file}` holds no table: {what}",
+        place=place,
+        hint='a table is a list of objects, an object of arrays, or `{"columns": […], "data": [[…], …]}`',
+    )
 
 
 def malformed_npz(place: DataPlace, reason: str) -> Diagnostic:
@@ -145,9 +156,12 @@ def malformed_record(place: DataPlace, reason: str, unit: str = "line") -> Diagn
 
 def mixed_records(place: DataPlace, tag: str, other: str, row: int) -> Diagnostic:
     """``tag`` stands at ``place``, the record ``other`` of another kind in line ``row``."""
-    message = f"line {place.row} of `{place.file}` is a {shown(tag)}, line {row} a {shown(other)}"
-    hint = "write the kinds to files of their own"
-    return Diagnostic(code=MIXED_RECORDS, message=message, place=place, hint=hint)
+    return Diagnostic(
+        code=MIXED_RECORDS,
+        message=f"line {place.row} of `{place.file}` is a {shown(tag)}, line {row} a {shown(other)}",
+        place=place,
+        hint="write the kinds to files of their own",
+    )
 
 
 def no_records(place: DataPlace, what: str) -> Diagnostic:
@@ -171,8 +185,11 @@ def no_node(place: DataPlace, name: str, part: str, known: Iterable[str]) -> Dia
 
 def malformed_bag(place: DataPlace, reason: str) -> Diagnostic:
     """``reason`` says what the library found."""
-    message = f"`{place.file}` is no log of ROS that can be read: {cut(reason, LONGEST_REASON)}"
-    return Diagnostic(code=MALFORMED_BAG, message=message, place=place)
+    return Diagnostic(
+        code=MALFORMED_BAG,
+        message=f"`{place.file}` is no log of ROS that can be read: {cut(reason, LONGEST_REASON)}",
+        place=place,
+    )
 
 
 def no_topic(place: DataPlace, name: str, known: Iterable[str]) -> Diagnostic:
@@ -186,8 +203,7 @@ def no_topic(place: DataPlace, name: str, known: Iterable[str]) -> Diagnostic:
 def other_messages(place: DataPlace, name: str, kind: str, known: Iterable[str]) -> Diagnostic:
     """The messages of the topic ``name`` are of a ``kind`` that is not among those that make tables."""
     message = f"the messages of {shown(name)} in `{place.file}` are of the type {shown(kind)}, which makes no table"
-    hint = f"types that do are {', '.join(known)}"
-    return Diagnostic(code=NO_TOPIC, message=message, place=place, hint=hint)
+    return Diagnostic(code=NO_TOPIC, message=message, place=place, hint=f"types that do are {', '.join(known)}")
 
 
 def malformed_parquet(place: DataPlace, reason: str) -> Diagnostic:

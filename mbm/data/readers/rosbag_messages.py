@@ -130,8 +130,7 @@ def decoder(encoding: str, kind: str, digest: str | None) -> Callable[[bytes], A
         if kind in TRANSFORMS and kind not in store.types:
             store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
         if digest is not None and store.generate_msgdef(kind)[1] != digest:
-            message = f"its definition of `{kind}` is not that of ROS"
-            raise ValueError(message)
+            raise ValueError(f"its definition of `{kind}` is not that of ROS")
     read = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
 
     def message_of(data: bytes) -> Any:

@@ -169,8 +169,7 @@ def _of_mcap(content: bytes, most: int) -> tuple[Mapping[str, str], Callable[[st
         own = [number for number, (name, _, _) in channels.items() if name == topic]
         encodings = {channels[number][2] for number in own}
         if len(encodings) != 1 or encodings - {"ros1", "cdr"}:
-            message = f"messages of `{topic[:40]}` are in none of the encodings of ROS (`ros1`, `cdr`)"
-            raise BagError(message)
+            raise BagError(f"messages of `{topic[:40]}` are in none of the encodings of ROS (`ros1`, `cdr`)")
         found = sorted((each for number in own for each in logged.get(number, ())), key=lambda each: each[0])
         return Topic(kind=kinds[topic], encoding=encodings.pop(), digest=None, messages=tuple(found))
 

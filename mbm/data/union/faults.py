@@ -38,9 +38,11 @@ TOO_MANY_MATCHES = Code(
 
 def source_column(place: Place, name: str) -> Diagnostic:
     """The table or file ``name`` has a column of the name that the union gives one."""
-    message = f"`{short_text(name)}` has a column `{SOURCE}`, which a union adds to say where a row is from"
     return Diagnostic(
-        code=SOURCE_COLUMN, message=message, place=place, hint="rename it in the file, or by `:columns` of its table"
+        code=SOURCE_COLUMN,
+        message=f"`{short_text(name)}` has a column `{SOURCE}`, which a union adds to say where a row is from",
+        place=place,
+        hint="rename it in the file, or by `:columns` of its table",
     )
 
 
@@ -109,11 +111,16 @@ def same_source(place: Place, first: str, second: str, name: str) -> Diagnostic:
 def told_alike(place: Place, first: str, second: str, name: str) -> Diagnostic:
     """Rows of two tables that go into a union have the same ``name`` in the column ``source``."""
     message = f"rows of `{short_text(first)}` and of `{short_text(second)}` would both be told by the name `{name}`"
-    hint = "name each table once, and give the files different names"
-    return Diagnostic(code=BAD_PATTERN, message=message, place=place, hint=hint)
+    return Diagnostic(
+        code=BAD_PATTERN, message=message, place=place, hint="name each table once, and give the files different names"
+    )
 
 
 def too_many_matches(place: Place, pattern: str, most: int) -> Diagnostic:
     """``pattern`` fits more than ``most`` files."""
-    message = f"more than {most:,} files fit the pattern `{short_text(pattern)}`"
-    return Diagnostic(code=TOO_MANY_MATCHES, message=message, place=place, hint="narrow the pattern")
+    return Diagnostic(
+        code=TOO_MANY_MATCHES,
+        message=f"more than {most:,} files fit the pattern `{short_text(pattern)}`",
+        place=place,
+        hint="narrow the pattern",
+    )

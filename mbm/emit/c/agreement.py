@@ -12,8 +12,7 @@ from mbm.emit.types import BlockCase, BlockShape, Blueprint
 from mbm.machine.c import number
 from mbm.machine.records import slot, slots_of
 from mbm.problem.types import BlockRole
-from mbm.solver import consensus_records as c
-from mbm.solver import description as at
+from mbm.solver import consensus_records as c, description as at
 
 
 def ruled(agreement: Agreement, number: int) -> bool:

@@ -126,8 +126,7 @@ class Cells:
 
     def arguments(self, case: CaseProgram, pad: str) -> Iterator[str]:
         """Statements that fill ``inputs``."""
-        for position, value in enumerate(case.inputs):
-            yield f"{pad}inputs[{position}] = {self.input(value)};"
+        yield from (f"{pad}inputs[{position}] = {self.input(value)};" for position, value in enumerate(case.inputs))
 
     def status(self, word: str) -> str:
         """The name of a status."""

@@ -95,9 +95,10 @@ def _case(blueprint: Blueprint, cells: Cells, block: BlockShape, case: BlockCase
     )
     if case.noise is not None and not case.noise.inputs:
         yield "    inputs[0] = 0.0;"
-    for used in ("parameters", "weights", "index", "columns"):
-        yield f"    own->{used} = f->{used}_used;"
-    yield "    for (i = 0; i < count; i++) {"
+    yield from (
+        *(f"    own->{used} = f->{used}_used;" for used in ("parameters", "weights", "index", "columns")),
+        "    for (i = 0; i < count; i++) {",
+    )
     if block.table is not None:
         yield from (
             "        const long row = f->chosen[i];",
@@ -117,8 +118,7 @@ def _row(blueprint: Blueprint, cells: Cells, case: BlockCase) -> Iterator[str]:
     if case.static:
         tests = " && ".join(cells.equals(value, key) for value, key in case.static)
         yield from (f"if (!({tests}))", "    continue;")
-    for value in case.parameters:
-        yield f"f->parameters[f->parameters_used++] = {cells.input(value)};"
+    yield from (f"f->parameters[f->parameters_used++] = {cells.input(value)};" for value in case.parameters)
     if case.noise is not None:
         yield from weights(cells, case)
     lines = [

@@ -106,11 +106,11 @@ def evaluated(
     case: BlockCase, variables: Iterable[str], parameters: Iterable[str], columns: Iterable[str]
 ) -> Iterator[str]:
     """Statements that evaluate a case of a quantity at these numbers; ``columns`` of its tangents are put, too."""
-    for i, value in enumerate((*variables, *parameters)):
-        yield f"inputs[{i}] = {value};"
-    for i, value in enumerate(columns):
-        yield f"columns[{i}] = {value};"
-    yield f"{case.identifier}_derived(inputs, outputs);"
+    yield from (f"inputs[{i}] = {value};" for i, value in enumerate((*variables, *parameters)))
+    yield from (
+        *(f"columns[{i}] = {value};" for i, value in enumerate(columns)),
+        f"{case.identifier}_derived(inputs, outputs);",
+    )
 
 
 def found_number(derived: DerivedShape) -> str:

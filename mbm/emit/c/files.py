@@ -26,8 +26,7 @@ from mbm.emit.routines.modules import called_in_c, emitted_module
 from mbm.emit.system import StaticSystem, static_system
 from mbm.emit.types import BlockCase, Blueprint, OutputFile
 from mbm.emit.words import described
-from mbm.machine.c import number, prelude
-from mbm.machine.c import text as module_text
+from mbm.machine.c import number, prelude, text as module_text
 
 CHUNK = 32
 """Residuals that are triangularised at a time, at least: the matrices stay in the cache, the loop's share is small."""

@@ -27,10 +27,8 @@ def _weighs(cells: Cells, case: BlockCase, moves: bool) -> bool:
 
 def _places(made: FilterBlueprint, case: BlockCase, moves: bool) -> Iterator[str]:
     """Statements that put the places of a row."""
-    for slot in case.variables:
-        yield _place(made, slot, "index", moves)
-    for slot in case.tangents:
-        yield _place(made, slot, "columns", moves)
+    yield from (_place(made, slot, "index", moves) for slot in case.variables)
+    yield from (_place(made, slot, "columns", moves) for slot in case.tangents)
 
 
 def _place(made: FilterBlueprint, slot: SlotPlace, array: str, moves: bool) -> str:
@@ -117,16 +115,16 @@ def take_function(
     yield from ("    long i, rows = 0;", "", "    (void)data;")
     if noisy and case.noise is not None and not case.noise.inputs:
         yield "    inputs[0] = 0.0;"
-    for used in ARRAYS:
-        yield f"    f->{used}_used = own->{used};"
-    yield "    for (i = 0; i < count; i++) {"
+    yield from (
+        *(f"    f->{used}_used = own->{used};" for used in ARRAYS),
+        "    for (i = 0; i < count; i++) {",
+    )
     if reads:
         yield from ("        const long row = f->chosen[i];", "        (void)row;")
     if case.static:
         tests = " && ".join(cells.equals(value, key) for value, key in case.static)
         yield from (f"        if (!({tests}))", "            continue;")
-    for value in case.parameters:
-        yield f"        f->parameters[f->parameters_used++] = {cells.input(value)};"
+    yield from (f"        f->parameters[f->parameters_used++] = {cells.input(value)};" for value in case.parameters)
     if _varies(case):
         yield from (f"        {line}" for line in _places(made, case, moves))
     if moves:

@@ -31,8 +31,10 @@ def derived_answers(made: FilterBlueprint) -> Iterator[str]:
         yield f"    derive_{name}(f, place);"
         if not room.once:
             yield f"    result->{name}_rows = f->memory->integers[AT_COUNT_{room.number} + place];"
-        for suffix, part in (("", ""), ("_sigma", "_SIGMA"), ("_covariance", "_COVARIANCE")):
-            yield f"    result->{name}{suffix} = reals + AT_DERIVED_{room.number}{part};"
+        yield from (
+            f"    result->{name}{suffix} = reals + AT_DERIVED_{room.number}{part};"
+            for suffix, part in (("", ""), ("_sigma", "_SIGMA"), ("_covariance", "_COVARIANCE"))
+        )
 
 
 def _keep(cells: Cells, room: DerivedRoom) -> Iterator[str]:
@@ -72,9 +74,12 @@ def _kept(cells: Cells, room: DerivedRoom, case: BlockCase, number: int) -> Iter
     for i, link in enumerate(room.links, start=1):
         if any(slot.member == link for slot in (*case.variables, *case.tangents)):
             yield f"    picked[used * {room.picked} + {i}] = {cells.member(link)};"
-    for i, value in enumerate(case.parameters):
-        yield f"    given[used * {room.given} + {i}] = {cells.input(value)};"
-    yield from ("    used++;", *(("    continue;",) if test else ()), "}")
+    yield from (
+        *(f"    given[used * {room.given} + {i}] = {cells.input(value)};" for i, value in enumerate(case.parameters)),
+        "    used++;",
+        *(("    continue;",) if test else ()),
+        "}",
+    )
 
 
 def _derive(made: FilterBlueprint, room: DerivedRoom) -> Iterator[str]:

@@ -181,11 +181,12 @@ def _frame(made: FilterBlueprint) -> Iterator[str]:
         "    long parameters_used, weights_used, index_used, columns_used, count, moves_count;",
         f"    long chosen[{most}];",
     )
-    for table in blueprint.tables:
-        if table.where is not None:
-            yield f"    long kept_of_{table.identifier}[{capacity(made, table)}], kept_of_{table.identifier}_count;"
-    for name, choice in ends(blueprint):
-        yield f"    long {choice.value}_of_{blueprint.table(name).identifier};"
+    yield from (
+        f"    long kept_of_{table.identifier}[{capacity(made, table)}], kept_of_{table.identifier}_count;"
+        for table in blueprint.tables
+        if table.where is not None
+    )
+    yield from (f"    long {choice.value}_of_{blueprint.table(name).identifier};" for name, choice in ends(blueprint))
     for link in blueprint.links:
         rows = 1 if link.table is None else capacity(made, blueprint.table(link.table))
         yield f"    long {link.identifier}[{rows}];    {remark('the row of `', link.target, '` that each row names')}"
@@ -235,9 +236,8 @@ def _open(made: FilterBlueprint) -> Iterator[str]:
         "    f->memory = memory;",
         "    f->data = &f->given;",
         "    f->chain = CHAIN;",
+        *(f"    f->walk.{field} = {value};" for field, value in walk.items()),
     )
-    for field, value in walk.items():
-        yield f"    f->walk.{field} = {value};"
     for record, word in (("rows", "SEEN"), ("moves", "MOVING")):
         yield from (
             f"    f->{record}.constants = {word}_CONSTANTS;",

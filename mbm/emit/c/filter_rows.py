@@ -130,9 +130,11 @@ def _begin_all(made: FilterBlueprint) -> Iterator[str]:
         )
         for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
             if group.fixed is None:
-                for used in ("weights", "index", "columns"):
-                    yield f"    f->{used}_used = own[{k}].{used};"
-                yield from (f"    if ({case.identifier}_begin(f) != 0)", "        status = -1;")
+                yield from (
+                    *(f"    f->{used}_used = own[{k}].{used};" for used in ("weights", "index", "columns")),
+                    f"    if ({case.identifier}_begin(f) != 0)",
+                    "        status = -1;",
+                )
     yield from ("    return status;", "}", "")
 
 
@@ -159,9 +161,10 @@ def _take_rows(made: FilterBlueprint, cells: Cells) -> Iterator[str]:
     for table in blueprint.tables:
         own = table.identifier
         if table.name == plan.steps:
-            yield f"    f->given.{own}_rows = 1;"
-            for column in table.columns:
-                yield f"    f->given.{own}_{column.identifier} = f->keys;"
+            yield from (
+                f"    f->given.{own}_rows = 1;",
+                *(f"    f->given.{own}_{column.identifier} = f->keys;" for column in table.columns),
+            )
         elif table.name == plan.reached:
             yield f"    f->given.{own}_rows = k > 0 ? 1 : 0;"
             for column in table.columns:
@@ -268,9 +271,7 @@ def _take_step(made: FilterBlueprint, cells: Cells, block_of: dict[int, BlockSha
         "    (void)all;",
         *_arrays("SEEN", "rows"),
     )
-    for k, group in enumerate(plan.seen.groups):
-        if group.fixed is not None:
-            yield f"    own[{k}].rows = 0;"
+    yield from (f"    own[{k}].rows = 0;" for k, group in enumerate(plan.seen.groups) if group.fixed is not None)
     yield from _taken_when(made, cells, block_of, {Moment.ALWAYS, Moment.ONCE, Moment.FIRST})
     for k in once(made):
         yield from (

@@ -81,8 +81,10 @@ def _give(made: FilterBlueprint) -> Iterator[str]:
     )
     for name in made.beside:
         table = made.blueprint.table(name)
-        for field in ("rows", *(column.identifier for column in table.columns)):
-            yield f"    f->given.{table.identifier}_{field} = f->memory->given.{table.identifier}_{field};"
+        yield from (
+            f"    f->given.{table.identifier}_{field} = f->memory->given.{table.identifier}_{field};"
+            for field in ("rows", *(column.identifier for column in table.columns))
+        )
     yield from ("}", "")
 
 
@@ -115,10 +117,7 @@ def _answer(made: FilterBlueprint) -> Iterator[str]:
         "        reals[AT_SIGMAS + c] = COLUMN[c] < 0 ? 0.0 : reals[AT_DEVIATIONS + COLUMN[c]];",
         f"    for (c = 0; c < {numbers}; c++)",
         "        reals[AT_REPORTED + c] = point[c];",
-    )
-    for place in plan.angles:
-        yield f"    reals[AT_REPORTED + {place}] = turned_to(point[{place}], 0.0);"
-    yield from (
+        *(f"    reals[AT_REPORTED + {place}] = turned_to(point[{place}], 0.0);" for place in plan.angles),
         "    result->at = reals[AT_KEYS + place];",
         f"    result->innovation = {'NAN' if plan.smooth else 'f->walk.costs[place]'};",
         "    result->residuals = f->count;",

@@ -18,8 +18,8 @@ def tables_file(made: FilterBlueprint) -> str:
     files = made.files
     name = files.identifier
     lines = [*tables_head(files, ": its tables from CSV files, step by step.", len(files.tables))]
-    lines += [] if made.window is None else ["#include <float.h>", ""]
     lines += [
+        *([] if made.window is None else ["#include <float.h>", ""]),
         "/* The columns of all files. */",
         "typedef struct {",
         *[line for table in files.tables for line in table_fields(table)],
@@ -214,6 +214,8 @@ def begun(made: FilterBlueprint) -> Iterator[str]:
     name = made.blueprint.identifier
     yield "    memset(&steps, 0, sizeof steps);"
     for table in map(made.blueprint.table, made.beside):
-        for field in ("rows", *(column.identifier for column in table.columns)):
-            yield f"    given.{table.identifier}_{field} = data->{table.identifier}_{field};"
+        yield from (
+            f"    given.{table.identifier}_{field} = data->{table.identifier}_{field};"
+            for field in ("rows", *(column.identifier for column in table.columns))
+        )
     yield f"    {name}_begin(&filter{', &given' if made.beside else ''});"

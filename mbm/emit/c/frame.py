@@ -74,8 +74,7 @@ def _struct(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
                 f"    long *kept_of_{table.identifier};    /* the rows that the problem keeps */",
                 f"    long kept_of_{table.identifier}_count;",
             )
-    for name, choice in ends(blueprint):
-        yield f"    long {choice.value}_of_{blueprint.table(name).identifier};"
+    yield from (f"    long {choice.value}_of_{blueprint.table(name).identifier};" for name, choice in ends(blueprint))
     for link in blueprint.links:
         what = told("row of `", link.target, "`") if link.family is None else "member"
         yield f"    long *{link.identifier};    {remark('the ', what, ' that each row names')}"
@@ -128,15 +127,18 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
         "    struct problem header = {0};",
         "",
         "    f->data = data;",
+        *(
+            f"    f->kept_of_{table.identifier} = integers_of(a, {cells.rows(table.name)});"
+            for table in blueprint.tables
+            if table.where is not None
+        ),
     )
-    for table in blueprint.tables:
-        if table.where is not None:
-            yield f"    f->kept_of_{table.identifier} = integers_of(a, {cells.rows(table.name)});"
     for link in blueprint.links:
         rows = "1" if link.table is None else cells.rows(link.table)
         yield f"    f->{link.identifier} = integers_of(a, {rows});"
-    for family in blueprint.families:
-        yield f"    f->{family.identifier} = integers_of(a, {cells.rows(family.table)});"
+    yield from (
+        f"    f->{family.identifier} = integers_of(a, {cells.rows(family.table)});" for family in blueprint.families
+    )
     for number, unknown in enumerate(blueprint.unknowns):
         rows = "1" if unknown.family is None else cells.rows(blueprint.families[unknown.family].table)
         yield f"    f->members[{number}] = {rows};"
@@ -147,8 +149,8 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     )
     for block in blueprint.blocks:
         yield from _capacities(block, cells)
-    yield from _arrays(blueprint, static)
     yield from (
+        *_arrays(blueprint, static),
         "    f->multipliers = reals_of(a, multipliers + 1);",
         "    header.numbers = numbers;",
         "    header.n = n;",
@@ -168,8 +170,10 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
         f"    f->spare = reals_of(a, {spare_size(blueprint, static)});",
     )
     for derived in blueprint.derived:
-        for suffix in ("", "_sigma"):
-            yield f"    f->derived_{derived.identifier}{suffix} = reals_of(a, {capacity(cells, derived)} + 1);"
+        yield from (
+            f"    f->derived_{derived.identifier}{suffix} = reals_of(a, {capacity(cells, derived)} + 1);"
+            for suffix in ("", "_sigma")
+        )
     yield from (
         "    f->work.integers = integers_of(a, work_integers(&header));",
         "    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;",
@@ -182,11 +186,12 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
 
 def _arrays(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     # no column of a problem is empty: arrays of a size of at least one keep the pointers good
-    for name, size in (("chosen", "chosen"), ("index", "index"), ("columns", "columns")):
-        yield f"    f->{name} = integers_of(a, {size} + 1);"
-    for name in ("fixed", "used", "column", "sides", "coordinates"):
-        yield f"    f->{name} = integers_of(a, n + 1);"
     yield from (
+        f"    f->{name} = integers_of(a, {size} + 1);"
+        for name, size in (("chosen", "chosen"), ("index", "index"), ("columns", "columns"))
+    )
+    yield from (
+        *(f"    f->{name} = integers_of(a, n + 1);" for name in ("fixed", "used", "column", "sides", "coordinates")),
         f"    f->system = (struct problem *)integers_of(a, {len(static.prefix)} + (2 + {at.PIECE}) * n);",
         "    f->parameters = reals_of(a, parameters + 1);",
         "    f->weights = reals_of(a, weights + 1);",

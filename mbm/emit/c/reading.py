@@ -64,8 +64,7 @@ def _free(blueprint: Blueprint) -> Iterator[str]:
         "    (void)data;",
     )
     for table in blueprint.tables:
-        for column in table.columns:
-            yield f"    free((void *)data->{table.identifier}_{column.identifier});"
+        yield from (f"    free((void *)data->{table.identifier}_{column.identifier});" for column in table.columns)
     yield from (
         "}",
         "",
@@ -222,17 +221,18 @@ static int differs(double value, double reference, double sigma)
 def reference_read(blueprint: Blueprint) -> Iterator[str]:
     """Statements of ``main`` of a test that read ``reference.csv`` and the tables from ``paths``."""
     name = blueprint.identifier
-    yield "    memset(&tables, 0, sizeof tables);"
-    yield f'    if (!csv_read(&reference, "reference.csv") || !{name}_read_tables(&tables, paths)) {{'
-    yield from reference_freed(blueprint, "        ")
-    yield "        return 2;"
-    yield "    }"
+    yield from (
+        "    memset(&tables, 0, sizeof tables);",
+        f'    if (!csv_read(&reference, "reference.csv") || !{name}_read_tables(&tables, paths)) {{',
+        *reference_freed(blueprint, "        "),
+        "        return 2;",
+        "    }",
+    )
 
 
 def reference_freed(blueprint: Blueprint, pad: str = "    ") -> Iterator[str]:
     """Statements that free what `reference_read` read."""
-    yield f"{pad}{blueprint.identifier}_free_tables(&tables);"
-    yield f"{pad}csv_free(&reference);"
+    yield from (f"{pad}{blueprint.identifier}_free_tables(&tables);", f"{pad}csv_free(&reference);")
 
 
 def key_tables(blueprint: Blueprint) -> tuple[TableShape, ...]:

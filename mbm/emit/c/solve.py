@@ -101,8 +101,7 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
         "    share_out(f->system, &f->work);",
     )
     for record, arrays in (("rows", _GIVEN), ("answer", _ANSWER)):
-        for name, array in arrays.items():
-            yield f"    f->work.{record}.{name} = f->{array};"
+        yield from (f"    f->work.{record}.{name} = f->{array};" for name, array in arrays.items())
     yield from (
         "    for (b = 0; b < count; b++)",
         "        if (f->column[b] >= 0)",
@@ -250,8 +249,8 @@ def _solve(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator
     )
     factors = bool(static.noises) or blueprint.agreement is not None
     yield from (f"    double factors[{max(len(static.noises), 1)}];",) if factors else ()
-    yield from (f"    double told[{static.told * TOLD}];",) if static.told else ()
     yield from (
+        *((f"    double told[{static.told * TOLD}];",) if static.told else ()),
         *(("    long c;",) if factors or static.scaled else ()),
         *(("    long n;",) if static.scaled else ()),
         *(("    double scatter;",) if static.scaled else ()),
@@ -278,8 +277,8 @@ def _solve(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator
             "    settle_noises(f->system, &f->work, f->kappa, factors, told, f->spare);",
             "    set_assumptions(f->system, &f->work, told, f->apart, f->covariances);",
         )
-    yield from _found(blueprint, static)
     yield from (
+        *_found(blueprint, static),
         "    result->status = status_of(f);",
         f"    result->iterations = f->states[{at.STEPS}];",
         f"    result->evaluations = f->states[{at.EVALUATIONS}];",

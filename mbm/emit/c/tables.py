@@ -121,10 +121,15 @@ def _family(blueprint: Blueprint, cells: Cells, family: FamilyShape) -> Iterator
             f"        if ({finder}({column}[row], {column}, f->{family.identifier}, {count}, -1) >= 0)",
             "            continue;",
         )
-    yield from (f"        f->{family.identifier}[{count}++] = row;", *closed)
-    for number, unknown in enumerate(blueprint.unknowns):
-        if unknown.family == family.number:
-            yield f"    f->members[{number}] = {count};    {remark(unknown.name)}"
+    yield from (
+        f"        f->{family.identifier}[{count}++] = row;",
+        *closed,
+        *(
+            f"    f->members[{number}] = {count};    {remark(unknown.name)}"
+            for number, unknown in enumerate(blueprint.unknowns)
+            if unknown.family == family.number
+        ),
+    )
 
 
 def _link(blueprint: Blueprint, cells: Cells, link: Link) -> Iterator[str]:
@@ -162,9 +167,11 @@ def _link(blueprint: Blueprint, cells: Cells, link: Link) -> Iterator[str]:
 
 def programs_used(blueprint: Blueprint) -> Iterator[tuple[RowPrograms, Word]]:
     """The programs of data, with what they compute in words."""
-    for table in blueprint.tables:
-        if table.where is not None:
-            yield table.where, told("whether a row of `", table.name, "` is kept: 1 or 0")
+    yield from (
+        (table.where, told("whether a row of `", table.name, "` is kept: 1 or 0"))
+        for table in blueprint.tables
+        if table.where is not None
+    )
     for unknown in blueprint.unknowns:
         for programs, words in (
             (unknown.start, "where the iteration begins"),
@@ -174,8 +181,11 @@ def programs_used(blueprint: Blueprint) -> Iterator[tuple[RowPrograms, Word]]:
         ):
             if programs is not None:
                 yield programs, told(unknown.name, ": ", words)
-        for programs in unknown.start_range or ():
-            yield programs, told(unknown.name, ": an end of the range of starts")
-    for block in blueprint.blocks:
-        if block.when is not None:
-            yield block.when, told(block.name, ": whether a row is used: 1 or 0")
+        yield from (
+            (programs, told(unknown.name, ": an end of the range of starts")) for programs in unknown.start_range or ()
+        )
+    yield from (
+        (block.when, told(block.name, ": whether a row is used: 1 or 0"))
+        for block in blueprint.blocks
+        if block.when is not None
+    )

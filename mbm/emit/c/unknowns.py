@@ -87,8 +87,7 @@ def _member(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
     for programs, target in ((unknown.lower, "lower"), (unknown.upper, "upper")):
         if programs is not None:
             yield from cells.call(programs, "bounds", "")
-            for i, coordinate in enumerate(unknown.bounded):
-                yield f"{target}[{coordinate}] = bounds[{i}];"
+            yield from (f"{target}[{coordinate}] = bounds[{i}];" for i, coordinate in enumerate(unknown.bounded))
     if unknown.fixed is not None:
         yield from cells.call(unknown.fixed, "fixed", "")
     if unknown.start_range is not None:
@@ -120,20 +119,17 @@ def _range(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
             f"for (c = 0; c < {unknown.freedom}; c++)",
             f"    {target}[c] = {far};",
             *cells.call(programs, "stated", ""),
+            *(f"{target}[{coordinate}] = stated[{i}];" for i, coordinate in enumerate(unknown.bounded)),
         )
-        for i, coordinate in enumerate(unknown.bounded):
-            yield f"{target}[{coordinate}] = stated[{i}];"
 
 
 def _start(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
     if unknown.start is None:
         fallback = unknown.fallback or (float("nan"),) * unknown.size
         if unknown.replaced or unknown.dimension or (unknown.start_range is None and unknown.lower is None):
-            for i, value in enumerate(fallback):
-                yield f"f->start[number + {i}] = {written(value)};"
+            yield from (f"f->start[number + {i}] = {written(value)};" for i, value in enumerate(fallback))
             return
-        for i in range(unknown.size):
-            yield f"stated[{i}] = HUGE_VAL;"
+        yield from (f"stated[{i}] = HUGE_VAL;" for i in range(unknown.size))
     else:
         yield from cells.call(unknown.start, "stated", "")
     if unknown.dimension:
@@ -162,5 +158,4 @@ def _turned(unknown: UnknownShape) -> Iterator[str]:
     else:
         yield "f->start[number] = angle_of_matrix(stated);"
     held = 4 if unknown.dimension == 3 else 1
-    for i in range(unknown.size - held):
-        yield f"f->start[number + {held + i}] = stated[{square + i}];"
+    yield from (f"f->start[number + {held + i}] = stated[{square + i}];" for i in range(unknown.size - held))

@@ -20,12 +20,10 @@ from mbm.emit.routines.untold import ASSUMPTIONS
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
 from mbm.machine.program import Operator
-from mbm.machine.python import PRELUDE
-from mbm.machine.python import text as module_text
+from mbm.machine.python import PRELUDE, text as module_text
 from mbm.problem.types import NoiseKind
 from mbm.scales import SI, Scale
-from mbm.solver import consensus_records as c
-from mbm.solver import description
+from mbm.solver import consensus_records as c, description
 from mbm.solver.range_maps import RangeMaps
 from mbm.solver.workspace import MOST_PLACES, SCRATCH
 

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 from mbm.emit.c.frame import ends
 from mbm.emit.foreign import told
-from mbm.emit.python.kernels import Cells
-from mbm.emit.python.kernels import key as written
+from mbm.emit.python.kernels import Cells, key as written
 from mbm.emit.python.text import docstring, literal
 from mbm.emit.system import varies
 from mbm.emit.types import BlockCase, BlockShape, Blueprint, Choice, SlotPlace, UnknownShape
@@ -119,8 +118,10 @@ def _start(unknown: UnknownShape) -> Iterator[str]:
         return
     yield f"    least, greatest = np.full((members, {size}), -np.inf), np.full((members, {size}), np.inf)"
     if unknown.start_range is not None:
-        for word, programs in zip(("least", "greatest"), unknown.start_range, strict=True):
-            yield f"    {word}[:, {list(unknown.bounded)}] = {programs.identifier}(t, f, row).T"
+        yield from (
+            f"    {word}[:, {list(unknown.bounded)}] = {programs.identifier}(t, f, row).T"
+            for word, programs in zip(("least", "greatest"), unknown.start_range, strict=True)
+        )
     yield "    ends = zip(*(each.ravel().tolist() for each in (stated, least, greatest, lower, upper)), strict=True)"
     if unknown.angle:
         yield "    found = [within_turn(begun(*each), each[3], each[4]) for each in ends]"
@@ -152,12 +153,10 @@ def clause_functions(blueprint: Blueprint) -> Iterator[str]:
     """The rows of each clause, and the arrays of each kernel, those of derived quantities too."""
     cells = Cells(blueprint)
     for derived in blueprint.derived:
-        for case in derived.cases:
-            yield "\n".join(_case(blueprint, cells, case))
+        yield from ("\n".join(_case(blueprint, cells, case)) for case in derived.cases)
     for block in blueprint.blocks:
         yield "\n".join(_rows(cells, block))
-        for case in block.cases:
-            yield "\n".join(_case(blueprint, cells, case))
+        yield from ("\n".join(_case(blueprint, cells, case)) for case in block.cases)
 
 
 def _rows(cells: Cells, block: BlockShape) -> Iterator[str]:
@@ -187,18 +186,23 @@ def _case(blueprint: Blueprint, cells: Cells, case: BlockCase) -> Iterator[str]:
         ") -> tuple[int, tuple[Array, Array, Array, Array]]:",
         f'    """Number of rows of {case.identifier}; their parameters, weights, numbers and coordinates."""',
     )
-    for value, key in case.static:
-        yield f"    row = row[{cells.cell(value)} == {written(key)}]"
+    yield from (f"    row = row[{cells.cell(value)} == {written(key)}]" for value, key in case.static)
     yield f"    parameters = np.empty((len(row), {len(case.parameters)}))"
-    for position, parameter in enumerate(case.parameters):
-        yield f"    parameters[:, {position}] = {cells.input(parameter)}"
+    yield from (
+        f"    parameters[:, {position}] = {cells.input(parameter)}"
+        for position, parameter in enumerate(case.parameters)
+    )
     yield from _weights(cells, case)
     moving = varies(blueprint, case)
     rows = "len(row)" if moving else "min(len(row), 1)"
     for array, origin, slots in (("index", "offsets", case.variables), ("columns", "firsts", case.tangents)):
-        yield f"    {array} = np.empty(({rows}, {len(slots)}), dtype=np.int64)"
-        for position, slot in enumerate(slots):
-            yield f"    {array}[:, {position}] = {_place(cells, blueprint, array, origin, slot)}"
+        yield from (
+            f"    {array} = np.empty(({rows}, {len(slots)}), dtype=np.int64)",
+            *(
+                f"    {array}[:, {position}] = {_place(cells, blueprint, array, origin, slot)}"
+                for position, slot in enumerate(slots)
+            ),
+        )
     yield "    return len(row), (parameters, weights, index, columns)"
 
 

@@ -15,8 +15,7 @@ from mbm.estimation.consensus.consensus import SAMPLE
 from mbm.estimation.consensus.forms import KnownForm, known_form
 from mbm.estimation.consensus.native import Begun, ConsensusEnds, Rooms, consensus_many
 from mbm.estimation.consensus.parts import parts_of
-from mbm.estimation.consensus.rules import NO_FORM, rules_of
-from mbm.estimation.consensus.rules import Rules as ConsensusRules
+from mbm.estimation.consensus.rules import NO_FORM, Rules as ConsensusRules, rules_of
 from mbm.estimation.consensus.types import Asked, observed
 from mbm.estimation.consensus.units import consistency
 from mbm.estimation.minimise.native.system import NativeSystem, system_of
@@ -25,8 +24,7 @@ from mbm.estimation.search.starting import with_idle_ones
 from mbm.estimation.settings import Settings
 from mbm.problem.kinds import ConsensusKind
 from mbm.problem.types import BlockRole, Problem
-from mbm.solver import consensus_records as c
-from mbm.solver import description as of
+from mbm.solver import consensus_records as c, description as of
 from mbm.solver.decisions import LEAST_SHARE, MANY_CONNECTED
 from mbm.values import dataclass
 

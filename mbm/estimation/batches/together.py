@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import cache as kept
-from functools import partial
+from functools import cache as kept, partial
 from typing import TYPE_CHECKING
 
 import numpy as np

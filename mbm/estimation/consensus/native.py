@@ -15,10 +15,8 @@ from mbm.estimation.minimise.native.packing import blocks_of
 from mbm.estimation.minimise.native.system import AT_A_TIME, NativeSystem, never
 from mbm.estimation.native.code import AnyCode
 from mbm.machine.kinds import LANES
-from mbm.machine.records import inside as inside_of
-from mbm.machine.records import put, view
-from mbm.solver import consensus_records as c
-from mbm.solver import description as of
+from mbm.machine.records import inside as inside_of, put, view
+from mbm.solver import consensus_records as c, description as of
 from mbm.values import dataclass
 
 TRIALS = 10

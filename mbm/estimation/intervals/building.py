@@ -12,8 +12,7 @@ import numpy as np
 from mbm.equations.gathering import picked_members
 from mbm.equations.layout import Layout, layout
 from mbm.equations.types import Indices, Mask
-from mbm.estimation.intervals import arithmetic as of
-from mbm.estimation.intervals import faults
+from mbm.estimation.intervals import arithmetic as of, faults
 from mbm.estimation.intervals.arithmetic import EXTENSIONS, PI_HIGH, Floats
 from mbm.estimation.intervals.contraction import extension
 from mbm.estimation.intervals.network import Demand, Network, Node, Wanted

@@ -10,8 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mbm.equations.types import Indices, Mask
-from mbm.estimation.intervals import arithmetic as of
-from mbm.estimation.intervals import inverses
+from mbm.estimation.intervals import arithmetic as of, inverses
 from mbm.estimation.intervals.arithmetic import EXTENSIONS, Floats, Interval
 from mbm.estimation.intervals.network import Demand, Network, Node
 from mbm.expression.nodes import Operation

@@ -22,8 +22,7 @@ from mbm.estimation.minimise.minimise import minimise, stopped
 from mbm.estimation.minimise.native.minimum import compared_minimum
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
-from mbm.estimation.search.multistart import GIVEN as GIVEN_START
-from mbm.estimation.search.multistart import RANDOM
+from mbm.estimation.search.multistart import GIVEN as GIVEN_START, RANDOM
 from mbm.estimation.search.search import Found, Tally, alone, other_minimum
 from mbm.estimation.search.starting import GIVEN, Beginning, blank_numbers
 from mbm.estimation.settings import Settings

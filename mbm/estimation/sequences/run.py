@@ -5,8 +5,7 @@ What is known before the first step: the means and covariances that the states h
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from collections.abc import Sequence as Many
+from collections.abc import Callable, Mapping, Sequence as Many
 from dataclasses import replace
 from time import perf_counter
 

@@ -47,8 +47,7 @@ from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.gauge import with_gauge
 from mbm.estimation.uncertainty.informed import informed
 from mbm.estimation.uncertainty.motion import with_motions
-from mbm.estimation.uncertainty.observability import limited as beside_limits
-from mbm.estimation.uncertainty.observability import observed_at
+from mbm.estimation.uncertainty.observability import limited as beside_limits, observed_at
 from mbm.estimation.uncertainty.statistics import Statistics, cost_of, plain_residuals, statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table

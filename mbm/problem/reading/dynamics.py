@@ -23,8 +23,7 @@ from mbm.problem.reading.noise_structure import NOISE, stated_noise, with_noise
 from mbm.problem.reading.states import Declared
 from mbm.problem.sequence.dimensions import undimensioned
 from mbm.problem.sequence.tables import transitions_table
-from mbm.problem.sequence.types import INTERVAL, PREVIOUS, RATE, State, Transition, TransitionKind
-from mbm.problem.sequence.types import Sequence as Steps
+from mbm.problem.sequence.types import INTERVAL, PREVIOUS, RATE, Sequence as Steps, State, Transition, TransitionKind
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind, Static, UnknownKind
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol, symbols_of

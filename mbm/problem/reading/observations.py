@@ -21,11 +21,11 @@ from mbm.problem.reading.equations import Residual, residuals
 from mbm.problem.reading.estimators import read_loss
 from mbm.problem.reading.noise_structure import (
     NOISE,
+    OPTIONS as SHARED_NOISE,
     read_structure,
     stated_noise,
     with_noise,
 )
-from mbm.problem.reading.noise_structure import OPTIONS as SHARED_NOISE
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, TablePlan, UncertainColumn
 from mbm.text.suggest import closest

@@ -22,20 +22,29 @@ UNKNOWN_QUANTITY = Code(
 
 def no_budget(name: str, why: str, hint: str | None = None) -> Diagnostic:
     """A quantity without one."""
-    message = f"`{name}` has no uncertainty budget: {why}"
-    return Diagnostic(code=NO_BUDGET, message=message, place=None, hint=hint or NO_BUDGET.mend)
+    return Diagnostic(
+        code=NO_BUDGET, message=f"`{name}` has no uncertainty budget: {why}", place=None, hint=hint or NO_BUDGET.mend
+    )
 
 
 def nothing_estimated() -> Diagnostic:
     """A problem that only compares."""
-    message = "there is no uncertainty budget: nothing is estimated, and nothing derived"
-    return Diagnostic(code=NO_BUDGET, message=message, place=None, hint="name what is wanted in `derive`")
+    return Diagnostic(
+        code=NO_BUDGET,
+        message="there is no uncertainty budget: nothing is estimated, and nothing derived",
+        place=None,
+        hint="name what is wanted in `derive`",
+    )
 
 
 def too_many(count: int) -> Diagnostic:
     """More numbers than have a budget each without being named."""
-    message = f"{count:,} numbers are too many for a budget of each"
-    return Diagnostic(code=NO_BUDGET, message=message, place=None, hint="name some: `--for NAME`, or `.budgets(NAME)`")
+    return Diagnostic(
+        code=NO_BUDGET,
+        message=f"{count:,} numbers are too many for a budget of each",
+        place=None,
+        hint="name some: `--for NAME`, or `.budgets(NAME)`",
+    )
 
 
 def left_out(key: str, found: Diagnostic) -> Diagnostic:
@@ -47,16 +56,18 @@ def left_out(key: str, found: Diagnostic) -> Diagnostic:
 
 def more_left_out(count: int) -> Diagnostic:
     """More of them than are named."""
-    message = f"{count} more have no uncertainty budget"
-    return Diagnostic(code=NO_BUDGET, message=message, place=None, severity=Severity.WARNING)
+    return Diagnostic(
+        code=NO_BUDGET, message=f"{count} more have no uncertainty budget", place=None, severity=Severity.WARNING
+    )
 
 
 def unknown_quantity(name: str, names: Sequence[str]) -> Diagnostic:
     """A name that nothing has."""
     near = closest(name, names)
     hint = f"did you mean `{near}`?" if near is not None else UNKNOWN_QUANTITY.mend
-    message = f"`{name}` is neither estimated nor derived"
-    return Diagnostic(code=UNKNOWN_QUANTITY, message=message, place=None, hint=hint)
+    return Diagnostic(
+        code=UNKNOWN_QUANTITY, message=f"`{name}` is neither estimated nor derived", place=None, hint=hint
+    )
 
 
 def several_quantities(name: str, names: Sequence[str]) -> Diagnostic:

@@ -61,8 +61,7 @@ class Propagated:
 
         """
         if len(self.solves) != 1:
-            message = f"there are {len(self.solves)} solves: the trials of each are in `.solves`"
-            raise LookupError(message)
+            raise LookupError(f"there are {len(self.solves)} solves: the trials of each are in `.solves`")
         return self.solves[0]
 
     @property

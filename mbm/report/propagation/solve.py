@@ -162,8 +162,7 @@ class PropagatedSolve:
         for part in self.parts:
             if part.item.quantity.name == name:
                 return self._of(part)
-        message = f"`{name}` is not among what was propagated: {', '.join(self)}"
-        raise KeyError(message)
+        raise KeyError(f"`{name}` is not among what was propagated: {', '.join(self)}")
 
     def __iter__(self) -> Iterator[str]:
         """The names of the estimates, then of the derived quantities."""

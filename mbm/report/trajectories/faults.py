@@ -34,14 +34,19 @@ NO_ROTATION = Code(
 
 def no_rotation(place: DataPlace, length: float) -> Diagnostic:
     """A quaternion of this ``length``, the first number of which stands at ``place``."""
-    message = f"a quaternion of the length {length:g} is no rotation"
-    return Diagnostic(code=NO_ROTATION, message=message, place=place, hint=NO_ROTATION.mend)
+    return Diagnostic(
+        code=NO_ROTATION,
+        message=f"a quaternion of the length {length:g} is no rotation",
+        place=place,
+        hint=NO_ROTATION.mend,
+    )
 
 
 def no_trajectory(span: Span, why: str) -> Diagnostic:
     """Nothing that could be one."""
-    message = f"there is no trajectory here: {why}"
-    return Diagnostic(code=NO_TRAJECTORY, message=message, place=span, hint=NO_TRAJECTORY.mend)
+    return Diagnostic(
+        code=NO_TRAJECTORY, message=f"there is no trajectory here: {why}", place=span, hint=NO_TRAJECTORY.mend
+    )
 
 
 def without_equations() -> Diagnostic:

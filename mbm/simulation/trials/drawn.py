@@ -30,8 +30,7 @@ from mbm.expression.nodes import Apply, Column, Expression, Operation
 from mbm.expression.rows import RowChoice
 from mbm.kernels.types import KernelSet
 from mbm.problem.overrides import NORMAL_LAW, STUDENT, ConstantValue, Law
-from mbm.problem.tables import Column as TableColumn
-from mbm.problem.tables import Provenance, Table
+from mbm.problem.tables import Column as TableColumn, Provenance, Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, Problem
 from mbm.simulation.laws import standard_variates
 from mbm.simulation.noise import stream

@@ -44,8 +44,9 @@ NO_DENSITY = Code(
 
 def no_density(place: Place | None, what: str, mend: str) -> Diagnostic:
     """``what`` leaves the unknowns without a density."""
-    message = f"there is no density of the unknowns beside {what}"
-    return Diagnostic(code=NO_DENSITY, message=message, place=place, hint=mend)
+    return Diagnostic(
+        code=NO_DENSITY, message=f"there is no density of the unknowns beside {what}", place=place, hint=mend
+    )
 
 
 def not_propagated(place: Place | None, what: str, why: str, mend: str) -> Diagnostic:
@@ -61,21 +62,29 @@ def not_drawn(span: Span, name: str, why: str) -> Diagnostic:
 
 def decides(diagnostic: Diagnostic) -> Diagnostic:
     """What the problem does not allow of constants that vary; ``diagnostic`` says it of unknowns."""
-    message = f"constants with an uncertainty vary here as unknowns do: {diagnostic.message}"
-    mend = "leave the uncertainty of the constant out, or use another constant here"
-    return Diagnostic(code=NOT_PROPAGATED, message=message, place=diagnostic.place, hint=mend)
+    return Diagnostic(
+        code=NOT_PROPAGATED,
+        message=f"constants with an uncertainty vary here as unknowns do: {diagnostic.message}",
+        place=diagnostic.place,
+        hint="leave the uncertainty of the constant out, or use another constant here",
+    )
 
 
 def nothing_drawn(span: Span) -> Diagnostic:
     """No input is uncertain."""
-    message = "no input of this problem has an uncertainty"
-    return Diagnostic(code=NOTHING_DRAWN, message=message, place=span, hint=NOTHING_DRAWN.mend)
+    return Diagnostic(
+        code=NOTHING_DRAWN, message="no input of this problem has an uncertainty", place=span, hint=NOTHING_DRAWN.mend
+    )
 
 
 def too_many_trials(trials: int, scalars: int, most: int) -> Diagnostic:
     """``trials`` of so many ``scalars``; ``most`` fit."""
-    message = f"{trials:,} trials of {scalars:,} numbers do not fit into memory; {most:,} do"
-    return Diagnostic(code=TOO_MANY_TRIALS, message=message, place=None, hint=TOO_MANY_TRIALS.mend)
+    return Diagnostic(
+        code=TOO_MANY_TRIALS,
+        message=f"{trials:,} trials of {scalars:,} numbers do not fit into memory; {most:,} do",
+        place=None,
+        hint=TOO_MANY_TRIALS.mend,
+    )
 
 
 def failed_trials(span: Span, failed: int, trials: int) -> Diagnostic:

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import linregress, norm
-from scipy.stats import t as student
+from scipy.stats import linregress, norm, t as student
 
 import mbm
 from mbm.cli.main import run

@@ -27,8 +27,7 @@ from mbm.estimation.minimise.native.summing import sum_addresses, summable
 from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code
 from mbm.estimation.settings import Settings
 from mbm.machine.records import address, inside, put, slot, view
-from mbm.solver import description as of
-from mbm.solver import workspace as workspace
+from mbm.solver import description as of, workspace as workspace
 from mbm.solver.range_maps import RangeMaps
 from mbm.solver.workspace import Answer, RangeForm, Solves, Work, work_integers, work_reals
 from mbm.values import dataclass
