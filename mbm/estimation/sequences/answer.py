@@ -42,7 +42,10 @@ PROBABLE = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Walked:
-    """A walk, with the problem that it was for: the equations that were ``solved``, and those it is ``told`` with."""
+    """A walk, with the problem that it was for: the equations that were ``solved``, and those it is ``told`` with.
+
+    ``together`` is what all rows determine, where that was looked at apart from the walk.
+    """
 
     problem: Problem
     kernels: KernelSet
@@ -54,10 +57,23 @@ class Walked:
     prior: Prior
     rules: Rules
     track: Track
+    together: Observability | None = None
+
+    def as_together(self) -> Walked:
+        """The same, in whose track nothing is known that all rows together do not determine."""
+        together, track, places = self.together, self.track, self.solved.places
+        if together is None or together.observable:
+            return self
+        loose = np.zeros(len(self.solved.equations.layout.number), dtype=bool)
+        loose[self.solved.equations.free] = ~together.estimable
+        opens = np.maximum(track.opens, together.dimension - together.rank)
+        touched = track.touched | loose[places.coordinates[:, places.free]]
+        return replace(self, track=replace(track, opens=opens, touched=touched))
 
 
 def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
     """The solution that a walk gives. Plain unknowns are those after the last row, in rows those of their step."""
+    walked = walked.as_together()
     equations, track, places = walked.told.equations, walked.track, walked.told.places
     own = OwnSteps.of(places, track.made)
     numbers = own.numbers(_numbers(walked), track.points)
@@ -99,7 +115,7 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         robust_cost=track.cost if equations.lossy else None,
         tally=None,
         origin="the prior of the first step",
-        observability=_observability(lost, np.isfinite(sigma), _scale(walked)[free]),
+        observability=_observability(walked, lost, np.isfinite(sigma), _scale(walked)[free]),
         covariance=covariance,
         derived_covariance=derived_covariance,
         derived=derived,
@@ -202,8 +218,9 @@ def _scale(walked: Walked) -> Floats:
     return found
 
 
-def _observability(lost: int, estimable: Mask, scale: Floats) -> Observability:
-    size = len(scale)
+def _observability(walked: Walked, lost: int, estimable: Mask, scale: Floats) -> Observability:
+    size, together = len(scale), walked.together
+    alike = walked.told is walked.solved and size == len(walked.solved.equations.free)
     return Observability(
         dimension=size,
         rank=size - lost,
@@ -212,7 +229,8 @@ def _observability(lost: int, estimable: Mask, scale: Floats) -> Observability:
         scale=scale,
         row_space=np.zeros((size, 0)),
         null_space=np.zeros((size, 0)),
-        combinations=(),
+        combinations=together.combinations if together is not None and alike else (),
+        gauge=() if together is None else together.gauge,
         unused=(),
         estimable=estimable,
         fixed=np.zeros(size, dtype=bool),

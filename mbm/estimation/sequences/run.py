@@ -15,8 +15,9 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.faults import no_unknowns
-from mbm.equations.types import Floats
+from mbm.equations.types import Floats, Observability
 from mbm.equations.whitening import stated_noise
+from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.native.system import never
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.sequences import faults
@@ -27,9 +28,9 @@ from mbm.estimation.sequences.lowering import lowered
 from mbm.estimation.sequences.noise import covariance_of
 from mbm.estimation.sequences.places import Places, places_of
 from mbm.estimation.sequences.spread import Told, told
-from mbm.estimation.sequences.walk import Chained, Prior, Rules
+from mbm.estimation.sequences.walk import Chained, Prior, Rules, Track
 from mbm.estimation.settings import Settings
-from mbm.estimation.solve.estimate import bound_equations
+from mbm.estimation.solve.estimate import bound_equations, decided
 from mbm.kernels.types import KernelSet
 from mbm.problem.sequence.types import Estimator, Sequence, SequenceMethod
 from mbm.problem.tables import CellKey, Table
@@ -146,10 +147,25 @@ def walked(
     began = perf_counter()
     ready = begun(problem, kernels, tables, starts, settings, cache)
     walk = walk_of(ready, kernels, key=key, starts=starts, stopped=settings.stopped)
+    walk = replace(walk, together=_together(ready, walk.track, settings))
     found = solution_of(walk, seconds=lambda: perf_counter() - began)
     if ready.sequence.estimator.whole:
         return found
     return replace(found, diagnostics=(*found.diagnostics, *beyond_bounds(problem, found)))
+
+
+def _together(ready: Begun, track: Track, settings: Settings) -> Observability | None:
+    """What all rows together determine, where linearised one after the other they may seem to tell more.
+
+    None: everything has a prior, or equations are linear, so that they seem to tell what they do.
+    """
+    equations = ready.equations
+    if ready.chained.linear or not ready.prior.open.any() or track.made < len(track.points):
+        return None
+    numbers = equations.numbers.copy()
+    numbers[ready.places.numbers] = track.points
+    minimum = minimise(equations, numbers, settings)
+    return decided(equations, equations, minimum, settings) if minimum.reason.converged else None
 
 
 def _refuse(sequence: Sequence, settings: Settings) -> None:

@@ -46,6 +46,7 @@ from mbm.estimation.trust.unexamined import unexamined
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.gauge import with_gauge
 from mbm.estimation.uncertainty.informed import informed
+from mbm.estimation.uncertainty.invariance import with_invariances
 from mbm.estimation.uncertainty.motion import with_motions
 from mbm.estimation.uncertainty.observability import limited as beside_limits, observed_at
 from mbm.estimation.uncertainty.statistics import Statistics, cost_of, plain_residuals, statistics
@@ -164,7 +165,7 @@ def answered(
     problem, equations, lock = run.problem, run.equations, run.binder.cache.lock
     weighted = end.equations
     minimum = informed(weighted, _confirmed(weighted, end.minimum))
-    observed = _observed(equations, weighted, minimum, robust, run.settings)
+    observed = decided(equations, weighted, minimum, run.settings, robust.informing)
     outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, robust.tested(minimum.residuals))
     unused = np.flatnonzero(~equations.used & ~equations.layout.fixed)  # coordinates that no equation depends on
     numbers = _known(equations, minimum.point, unused)
@@ -298,12 +299,16 @@ def _confirmed(equations: Assembled, minimum: Minimum) -> Minimum:
     return confirmed(equations, minimum)
 
 
-def _observed(
-    equations: Assembled, weighted: Assembled, minimum: Minimum, robust: Prepared, settings: Settings
+def decided(
+    equations: Assembled, weighted: Assembled, minimum: Minimum, settings: Settings, informing: Floats | None = None
 ) -> Observability:
-    """The rank decision with the motions that are free, and the common ones among them named."""
-    observed = observed_at(minimum, weighted.coordinates(minimum.point), robust.informing)
-    observed = with_gauge(observed, equations.layout, equations.free, minimum.point, settings.gauge)
+    """The rank decision with the motions that are free, and the common ones among them named.
+
+    ``weighted`` are the ``equations`` that the minimum is of, ``informing`` (m,) what their rows count with (None: 1).
+    """
+    observed = observed_at(minimum, weighted.coordinates(minimum.point), informing)
+    observed, about = with_invariances(weighted, minimum, observed, settings)
+    observed = with_gauge(observed, equations.layout, equations.free, about, settings.gauge)
     return with_motions(weighted, minimum, observed)
 
 

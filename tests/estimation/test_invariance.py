@@ -1,0 +1,94 @@
+"""Movements that leave the sum of squares as it is, though they change every residual: drives about one anchor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbm
+
+DRIVE = """(problem drive
+  (data ranges (table (t ax ay r) (0 0 0 1)))
+  (data wheels (table (t dh) (0 0)))
+  (states :over t (p (vector 2) :init [3 0.5]) (h angle :init 0.1))
+  (dynamics (= (next p) (+ p (* 0.4 [(cos h) (sin h)])) :sigma 0.03) (= (next h) (+ h dh) :sigma 0.02))
+  (observe ranges (= r (distance p [ax ay])) :sigma 0.05)
+  (derive (away (norm p)))
+  %s
+  (solve :method %s))"""
+
+
+def drawn(steps, seed, anchors=((0.0, 0.0),)):
+    """Ranges to the anchors in turn, and turns of the wheels, with the noise that `DRIVE` states."""
+    g = np.random.default_rng(seed)
+    heading = np.cumsum(0.12 + 0.02 * g.normal(size=steps))
+    place = np.zeros((steps, 2))
+    place[0] = 3.0, 0.5
+    for k in range(1, steps):
+        ahead = np.array([np.cos(heading[k - 1]), np.sin(heading[k - 1])])
+        place[k] = place[k - 1] + 0.4 * ahead + 0.03 * g.normal(size=2)
+    anchor = np.array(anchors)[np.arange(steps) % len(anchors)]
+    heard = np.linalg.norm(place - anchor, axis=1) + 0.05 * g.normal(size=steps)
+    turned = np.concatenate([[0.0], np.diff(heading)]) + 0.02 * g.normal(size=steps)
+    t = np.arange(steps)
+    return {
+        "ranges": {"t": t, "ax": anchor[:, 0], "ay": anchor[:, 1], "r": heard},
+        "wheels": {"t": t, "dh": turned},
+    }
+
+
+def turns(solve):
+    return [(each.motion, each.dimensions) for each in solve.observability.gauge]
+
+
+@pytest.mark.parametrize(
+    ("method", "steps"), [("batch", 12), ("batch", 130), ("(smoother)", 12), ("ekf", 12), ("iterated-ekf", 12)]
+)
+def test_a_drive_may_be_turned_about_the_only_anchor(method, steps):
+    # Noise is the same along both axes, so that turning place and heading about the anchor changes no probability.
+    solve = mbm.loads(DRIVE % ("", method)).solve(data=drawn(steps, 1)).solves[0]
+    assert solve.status == "unobservable"
+    assert turns(solve) == [("rotation", 1)]
+    assert solve.observability.gauge[0].unknowns == ("p", "h")
+    assert np.isnan(solve["p"].sigma).all()
+    assert np.isnan(solve["h"].sigma).all()
+
+
+@pytest.mark.parametrize("method", ["batch", "(smoother)", "ekf"])
+def test_a_second_anchor_holds_the_drive(method):
+    solve = mbm.loads(DRIVE % ("", method)).solve(data=drawn(12, 1, ((0.0, 0.0), (12.0, 5.0)))).solves[0]
+    assert solve.status == "converged"
+    assert np.isfinite(solve["h"].sigma[-6:]).all()  # those of a filter have seen both anchors by then
+
+
+def test_distances_to_the_anchor_keep_their_sigma():
+    # A heading that is stated at first holds what may be turned, and tells nothing of distances.
+    free, held = (
+        mbm.loads(DRIVE % (more, "batch")).solve(data=drawn(12, 3)).solves[0]
+        for more in ("", "(constraints (= h 0.3 :at first))")
+    )
+    assert held.status == "converged"
+    np.testing.assert_allclose(free["away"].value, held["away"].value, rtol=1e-6)
+    # The Jacobian of turned residuals differs from zero by the residuals: a share of the square of σ/r.
+    np.testing.assert_allclose(free["away"].sigma, held["away"].sigma, rtol=0.05)
+    assert free.cost == pytest.approx(held.cost, rel=1e-9)
+    assert free.dof == held.dof
+
+
+def test_points_without_states_likewise():
+    text = """(problem points
+      (data a (table (r1 r2 r3) (3.09 2.90 2.84)))
+      (unknowns (p (vector 2) :init [3 0.5]) (q (vector 2) :init [3 1]) (s (vector 2) :init [3 1.5]))
+      (unknowns (h angle :init 1.5))
+      (observe a (= r1 (norm p)) :sigma 0.05)
+      (observe a (= r2 (norm q)) :sigma 0.05)
+      (observe a (= r3 (norm s)) :sigma 0.05)
+      (observe a (= [0 0] (- q p (* 0.4 [(cos h) (sin h)]))) :sigma 0.03)
+      (observe a (= [0 0] (- s q (* 0.4 [(cos (+ h 0.5)) (sin (+ h 0.5))]))) :sigma 0.03)
+      (observe a (= 0.45 (distance p q)) :sigma 0.03)
+      (solve %s))"""
+    solve = mbm.loads(text % "").solve().solves[0]
+    assert solve.cost > 0.5
+    assert solve.status == "unobservable"
+    assert turns(solve) == [("rotation", 1)]
+    assert mbm.loads(text % ":gauge free").solve().solves[0].status == "converged"
