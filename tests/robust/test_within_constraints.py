@@ -14,12 +14,16 @@ FREE = {
     "dependent": ("(a) (b) (c)", "(+ a (* b x) c)", "(= (+ a b) 1.2) (= (+ (* 2 a) (* 2 b)) 2.4) (= c 0)"),
     "curved": ("(a :init 1) (b :init 0.3)", "(+ a (* b x))", "(= (+ (^ a 2) (^ b 2)) 1.04)"),
     "inequality": ("(a) (b)", "(+ a (* b x))", "(>= a 1.3)"),
+    "bound": ("(a :in (1.3 2)) (b)", "(+ a (* b x))", ""),
+    "both": ("(a :in (1.3 2)) (b) (c)", "(+ a (* b x) (* c x))", "(= b c)"),
 }
 PUT_IN = {
     "linear": ("(b)", "(+ (- 1.2 b) (* b x))"),
     "dependent": ("(b)", "(+ (- 1.2 b) (* b x))"),
     "curved": ("(f :init 0.3)", "(* (sqrt 1.04) (+ (cos f) (* (sin f) x)))"),
     "inequality": ("(b)", "(+ 1.3 (* b x))"),
+    "bound": ("(b)", "(+ 1.3 (* b x))"),
+    "both": ("(b)", "(+ 1.3 (* 2 b x))"),
 }
 WAYS = {
     "huber": (":loss (huber 1.5)", ""),
@@ -53,7 +57,7 @@ def test_noise_is_that_of_the_equation_put_in(kind, way):
     unknowns, model, constraints = FREE[kind]
     for seed in (0, 1, 2):
         data = points(seed)
-        found = solved(unknowns, model, f"(constraints {constraints})", way, data)
+        found = solved(unknowns, model, constraints and f"(constraints {constraints})", way, data)
         expected = solved(*PUT_IN[kind], "", way, data)
         # 1e-8: steps to a curved constraint end where they no longer shrink
         assert found["noise"]["d"] == pytest.approx(expected["noise"]["d"], rel=1e-8)

@@ -46,7 +46,7 @@ Starts: TypeAlias = Callable[[], tuple[Beginning, ...]]
 """Finds the points to start from, at least one; may raise MbmError."""
 
 HELD_ROUNDS = 5
-"""Times that inequalities are put in which hold the fit to what agrees, until they are the same."""
+"""Times that inequalities and bounds are put in which hold the fit to what agrees, until they are the same."""
 
 SAMPLE = 10_000
 """With more units the trials are judged by so many, drawn at random: the best of them is the best of all but for luck
@@ -217,18 +217,20 @@ def _all_agree(units: Units, point: Floats) -> Agreed:
 
 
 def _agreed(asked: Asked, equations: Assembled, units: Units, starts: tuple[Beginning, ...]) -> tuple[Asked, Agreed]:
-    """The units that agree, and what they were asked: with the inequalities that hold the fit to them put in."""
+    """The units that agree, and what they were asked: with the limits that hold the fit to them put in."""
     found = _in_pieces(asked, equations, units, np.stack([start.point for start in starts]))
-    if equations.equality.all():
+    if equations.equality.all() and not (np.isfinite(equations.lower) | np.isfinite(equations.upper)).any():
         return asked, found
-    before = equations.equality
+    before = equations.equality, np.zeros(equations.dimension, dtype=bool)
     for _ in range(HELD_ROUNDS):
-        holding = fitted(asked, equations, units, found).constraints
-        if holding is None or bool((holding.forcing == before).all()):
+        end = fitted(asked, equations, units, found)
+        forcing = equations.equality if end.constraints is None else end.constraints.forcing
+        holding = forcing, end.at_bound != 0
+        if all(map(np.array_equal, holding, before)) or not np.isfinite(end.cost):
             break
-        before = holding.forcing
-        asked = replace(asked, held=held_by(equations, found.point, before))
-        found = _in_pieces(asked, equations, units, found.point[None])
+        before = holding
+        asked = replace(asked, held=held_by(equations, end.point, *holding))
+        found = _in_pieces(asked, equations, units, end.point[None])
     return asked, found
 
 

@@ -1,6 +1,7 @@
-"""Constraints that hold the estimates, put into the equations that consensus looks at.
+"""Constraints and bounds that hold the estimates, put into the equations that consensus looks at.
 
-Each tells one unknown, which follows from the others (`mbm.solver.consensus_constraints`).
+Each constraint tells one unknown, which follows from the others (`mbm.solver.consensus_constraints`), a bound the one
+that it holds.
 """
 
 from __future__ import annotations
@@ -21,21 +22,28 @@ from mbm.values import dataclass
 class Held:
     """Constraints of some ``equations``, those ``which`` (k,), that hold as equations do.
 
-    They tell as many coordinates as there are ``columns``, among all.
+    They tell as many coordinates as there are ``columns``, among all; ``bounded`` are those that bounds hold.
     """
 
     equations: Assembled
     which: Mask
     columns: Indices
+    bounded: Indices
 
     def told(self, equations: Assembled) -> int:
         """How many coordinates they tell of those that some of the equations have free."""
-        return int(np.isin(self.columns, equations.free).sum())
+        return equations.dimension - len(self._free(equations)) + int(np.isin(self.columns, equations.free).sum())
+
+    def _free(self, equations: Assembled) -> Indices:
+        """The coordinates that bounds leave of those that some of the equations have free; all if that is none."""
+        found = equations.free[~np.isin(equations.free, self.bounded)]
+        return found if len(found) else equations.free
 
     def upon(self, equations: Assembled) -> Assembled:
         """Some of the equations over some coordinates, with what holds these as their constraints."""
+        left = self._free(equations)
         free = np.zeros(len(equations.layout.number), dtype=bool)
-        free[equations.free] = True
+        free[left] = True
         groups: list[Group] = []
         equality: list[Mask] = []
         for group in self.equations.constraints:
@@ -47,14 +55,20 @@ class Held:
                 groups.append(replace(with_rows(group, rows), first=first))
                 equality.append(np.tile(pattern, len(rows)))
         told = np.concatenate(equality) if equality else np.zeros(0, dtype=bool)
-        return replace(equations, constraints=tuple(groups), equality=told)
+        others = equations if len(left) == equations.dimension else equations.freed(left, equations.numbers)
+        return replace(others, constraints=tuple(groups), equality=told)
 
 
-def held_by(equations: Assembled, point: Floats, which: Mask) -> Held | None:
-    """The constraints ``which`` (k,) as equations that are put in; None: none are, or they tell nothing there."""
-    if not which.any():
+def held_by(equations: Assembled, point: Floats, which: Mask, at_bound: Mask | None = None) -> Held | None:
+    """The constraints ``which`` (k,) as equations that are put in, and the coordinates ``at_bound`` (n,) of the point.
+
+    None: there is nothing, or it tells nothing there.
+    """
+    bounded = np.zeros(equations.dimension, dtype=bool) if at_bound is None else at_bound
+    if not (which.any() or bounded.any()):
         return None
     slopes = equations.constraint_jacobian(point)[which]
+    slopes[:, bounded] = 0.0
     lengths = np.sqrt(np.square(slopes).sum(axis=1, keepdims=True))
     left = slopes / np.where(lengths > 0.0, lengths, 1.0)
     if not np.isfinite(left).all():
@@ -64,9 +78,10 @@ def held_by(equations: Assembled, point: Floats, which: Mask) -> Held | None:
         row, column = np.unravel_index(int(np.argmax(np.abs(left))), left.shape)
         columns.append(int(column))
         left = left - np.outer(left[:, column], left[row]) / left[row, column]
-    if not columns:
+    if not (columns or bounded.any()):
         return None
-    return Held(equations=equations, which=which, columns=equations.free[columns])
+    told = equations.free[columns] if columns else equations.free[:0]
+    return Held(equations=equations, which=which, columns=told, bounded=equations.free[bounded])
 
 
 def with_held(held: Held | None, equations: Assembled) -> Assembled:
