@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from mbm import compiler
 from mbm.api.problem import load, opened
 from mbm.compiler import Inputs, SolveSettings
-from mbm.files.source import read_file
+from mbm.files.reading import read_file
 from mbm.problem.overrides import Override
 from mbm.text.shown import joined
 from mbm.text.types import Diagnostic, Source

@@ -16,7 +16,7 @@ from mbm.api.reading import Reading
 from mbm.api.recall import Text
 from mbm.compiler import Inputs
 from mbm.files.journal import THE_PROBLEM, Journal, note, noting
-from mbm.files.source import read_file
+from mbm.files.reading import read_file
 from mbm.registry.standard import Registry, standard_registry
 from mbm.text.types import Diagnostic, MbmError, Severity, Source
 from mbm.values import dataclass

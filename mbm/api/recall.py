@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING, Any
 from mbm import compiler
 from mbm.compiler import Inputs
 from mbm.files.memory import largest_file
-from mbm.files.reading import read_bytes
-from mbm.files.source import read_file
+from mbm.files.reading import read_bytes, read_file
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.types import Problem
 from mbm.text.types import DataPlace, MbmError, Source

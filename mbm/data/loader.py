@@ -19,8 +19,7 @@ import numpy as np
 
 from mbm.data import faults
 from mbm.data.content import COMPRESSED, PER_ROW
-from mbm.data.given import table_from_given, table_from_inline
-from mbm.data.shaping import shape
+from mbm.data.shaping import shape, table_from_given, table_from_inline
 from mbm.data.types import AnyReader, ImageReader, ManyReader, RawTable, Reader, asked
 from mbm.data.union.patterns import is_pattern, matching
 from mbm.data.union.tables import piece_of_file, piece_of_table, united

@@ -1,7 +1,8 @@
-"""The bytes of one file: an ordinary file, of bounded size, opened without waiting."""
+"""The bytes of one file: an ordinary file, of bounded size, opened without waiting. The text of a source file."""
 
 from __future__ import annotations
 
+import codecs
 import os
 import sys
 from pathlib import Path
@@ -9,8 +10,11 @@ from stat import S_ISDIR, S_ISREG
 from typing import BinaryIO, NoReturn
 
 from mbm.files import faults
+from mbm.files.faults import FILE_TOO_LARGE
 from mbm.files.journal import note
-from mbm.text.types import MbmError, Place
+from mbm.text import faults as text_faults
+from mbm.text.characters import LARGEST_TEXT, check_characters
+from mbm.text.types import DataPlace, MbmError, Place, Source, Span
 
 _PLAIN = os.O_RDONLY | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _FLAGS = _PLAIN | getattr(os, "O_NONBLOCK", 0)
@@ -102,3 +106,42 @@ def _refuse(path: Path, place: Place, error: OSError | ValueError) -> NoReturn:
     if isinstance(error, FileNotFoundError | NotADirectoryError | ValueError):
         raise MbmError(faults.missing_file(path, place)) from None
     raise MbmError(faults.unreadable_file(path, error.strerror or type(error).__name__, place)) from None
+
+
+def read_file(path: Path, name: str, asked: Place | None = None) -> Source:
+    """The text of a file, as `source_of` has it.
+
+    ``name`` is what messages print; ``asked`` is the place that names the file (a ``use`` form). Without one the path
+    comes from whoever runs mbm, and may be a stream that the shell hands over (``/dev/stdin``).
+
+    Raises:
+        MbmError: missing-file, not-a-file, unreadable-file, not-text, text-too-large (above `LARGEST_TEXT`).
+
+    """
+    place = DataPlace(file=name) if asked is None else asked
+    try:
+        data = read_bytes(path, place, largest=LARGEST_TEXT, streams=asked is None)
+    except MbmError as error:
+        if error.diagnostics[0].code is FILE_TOO_LARGE:
+            raise MbmError(text_faults.text_too_large(name, LARGEST_TEXT, asked)) from None
+        raise
+    return source_of(data, name)
+
+
+def source_of(data: bytes, name: str) -> Source:
+    """The text of UTF-8 bytes; a byte order mark is dropped and every line break becomes a line feed.
+
+    Raises:
+        MbmError: not-text.
+
+    """
+    data = data.removeprefix(codecs.BOM_UTF8)
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        readable = Source(name, data[: error.start].decode("utf-8"))
+        at = Span(source=readable, start=len(readable.text), end=len(readable.text))
+        raise MbmError(text_faults.not_text(name, f"the byte 0x{data[error.start]:02x}", at)) from None
+    source = Source(name, text.replace("\r\n", "\n").replace("\r", "\n"))
+    check_characters(source)
+    return source

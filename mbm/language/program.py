@@ -7,7 +7,7 @@ from dataclasses import field
 from pathlib import Path
 
 from mbm.files.faults import too_many_files, unreadable_file
-from mbm.files.source import read_file
+from mbm.files.reading import read_file
 from mbm.language import faults
 from mbm.language.functions import Definition, Parameters, parse_definition, parse_parameters
 from mbm.language.limits import Limits

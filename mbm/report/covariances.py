@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.estimation.search.solution import Solution
-from mbm.report.derived_values import FREE
 from mbm.report.elements import GEOMETRIC, coordinate_factors, element_names
-from mbm.report.quantities import Shown
+from mbm.report.quantities import FREE, Shown
 from mbm.report.types import CovarianceMatrix, DerivedValue, Floats
 
 LARGEST_COVARIANCE = 200

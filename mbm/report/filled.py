@@ -16,9 +16,8 @@ from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import element_names
 from mbm.report.later import guarded
-from mbm.report.maps import maps_of
 from mbm.report.numbers import numbers_at
-from mbm.report.pictures import plot_data
+from mbm.report.pictures import maps_of, plot_data
 from mbm.report.quantities import derived_quantity, quantity_of
 from mbm.report.residuals import places_of, residual_rows, row_data
 from mbm.report.row_data import ResidualSummary

@@ -23,23 +23,24 @@ from mbm.report.constraints import (
     violated_sentence,
 )
 from mbm.report.covariances import derived_covariance, estimates_covariance
-from mbm.report.derived_values import (
+from mbm.report.freedom import common_directions, free_directions
+from mbm.report.later import guarded
+from mbm.report.noise import noise_reports, noise_units
+from mbm.report.numbers import nothing_known, numbers_of
+from mbm.report.pictures import maps_of, plot_data
+from mbm.report.quantities import (
     FREE,
     NO_NOISE,
+    Shown,
     coordinate_spread,
     derived_value,
     entry_spread,
     nothing_known_of,
+    repeated,
+    shown,
     stuck,
     untold_noise,
 )
-from mbm.report.freedom import common_directions, free_directions
-from mbm.report.later import guarded
-from mbm.report.maps import maps_of
-from mbm.report.noise import noise_reports, noise_units
-from mbm.report.numbers import nothing_known, numbers_of
-from mbm.report.pictures import plot_data
-from mbm.report.quantities import Shown, repeated, shown
 from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries, row_data
 from mbm.report.root_means import of_solution
 from mbm.report.spreads import Spread

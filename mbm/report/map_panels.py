@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbm.report.figures import BLUE, CHI_95_2D, GREY, ORANGE, RED, finish, round_step
-from mbm.report.plot_data import Map
+from mbm.report.row_data import Map
 from mbm.report.types import Floats, Mask
 
 if TYPE_CHECKING:

@@ -16,9 +16,8 @@ import numpy as np
 from mbm.report.digits import enclosed, plain
 from mbm.report.elements import Scalar, element_names, plain_key, scalars, solve_scalars, unit_text
 from mbm.report.figures import BLUE, CHI_95_2D, GREY, RED, SERIES, finish
-from mbm.report.plot_data import Curve, PlotData
 from mbm.report.regions import Region, region
-from mbm.report.row_data import ResidualRow
+from mbm.report.row_data import Curve, PlotData, ResidualRow
 from mbm.report.types import DerivedValue, Estimate, Floats, Kind, Result, SolveReport
 from mbm.text.shown import cut
 from mbm.text.types import MbmError

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbm.data.given import table_from_given
+from mbm.data.shaping import table_from_given
 from mbm.equations.types import NoiseState
 from mbm.equations.whitening import stated_noise
 from mbm.estimation.search.solution import Solution, no_profiles
@@ -19,10 +19,9 @@ from mbm.problem.modelled import Modelled, columns_of, observations_of
 from mbm.problem.tables import Column, Provenance, Table
 from mbm.problem.types import Derived, Equation, NoiseKind, Problem
 from mbm.report import faults
-from mbm.report.derived_values import derived_value
 from mbm.report.frames import frame
 from mbm.report.intervals import Intervals, intervals, level_of
-from mbm.report.quantities import derived_quantity
+from mbm.report.quantities import derived_quantity, derived_value
 from mbm.report.types import DerivedValue, Floats, SolveReport
 from mbm.text.suggest import suggestion
 from mbm.text.types import MbmError

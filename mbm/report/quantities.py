@@ -1,23 +1,30 @@
-"""Unknowns and derived quantities → how they are shown: their units, and the names of their numbers."""
+"""Unknowns and derived quantities → how they are shown: their units, and the names of their numbers. Derived
+quantities of a solution as reports hold them, and why values or standard deviations are missing.
+
+What a solution knows of the standard deviations that it reports, for their intervals.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.equations.layout import Entry
-from mbm.estimation.search.solution import Solution
+from mbm.equations.layout import Entry, half_turns
+from mbm.equations.spreads import Followed
+from mbm.equations.types import NoiseState, Reason
+from mbm.estimation.search.solution import DerivedSolution, Solution, no_profiles
 from mbm.expression.dimension import Dimension
 from mbm.expression.units import Unit
 from mbm.problem.tables import Table
 from mbm.problem.types import Derived, Problem, Unknown, UnknownKind
 from mbm.report.elements import GEOMETRIC, coordinate_factors, element_names
-from mbm.report.types import Floats, Key, Kind, Quantity
+from mbm.report.spreads import Ends, Released, Spread
+from mbm.report.types import DerivedValue, Floats, Key, Kind, Mask, Quantity
 from mbm.scales import SI, Scale
-from mbm.values import dataclass
+from mbm.values import dataclass, replace
 
 UNIT_ONE = "1"
 """`:unit 1` says of an unknown that it is a pure number; nobody wants to read it beside the value."""
@@ -136,3 +143,166 @@ def _unit(stated: Unit | None, angle: bool, problem: Problem, name: str, numbers
     found: set[Dimension | None] = {problem.dimensions.get((name, i)) for i in numbers}
     dimension = next(iter(found)) if len(found) == 1 else None
     return (dimension.symbol() or None, SI) if dimension is not None else (None, SI)
+
+
+EXACT = "the noise is unknown, and residuals that are all zero cannot tell it"
+NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
+DEPENDENT = "the covariance of the noise is unknown, and some combination of its components has no scatter"
+VANISHED = "the noise that it is due to is estimated as nothing"
+FREE = "the data do not determine it"
+_NO_SLOPE = "its derivative is not finite at the estimates"
+_NOT_FINITE = "the value is not finite"
+
+
+def stuck(solution: Solution) -> bool:
+    """Whether the start has no finite value or derivative, so that nothing but that can be said of it."""
+    return solution.minimum.bad_row is not None
+
+
+def nothing_known_of(solution: Solution) -> str | None:
+    """Why no standard deviation at all is known; None where some may be."""
+    if stuck(solution) or solution.minimum.reason is Reason.INFEASIBLE:
+        return solution.minimum.reason.sentence
+    return None if solution.sigma_known else NO_NOISE
+
+
+def derived_value(problem: Problem, solution: Solution, found: DerivedSolution, quantity: Quantity) -> DerivedValue:
+    """A derived quantity, for the rows of the solution's tables."""
+    derived, unknown = problem.derived[found.owner], nothing_known_of(solution)
+    leading = () if derived.table is None else (len(found.values),)
+    shape = (*leading, *derived.shape)
+    sigma = found.sigma if unknown is None else np.full_like(found.sigma, np.nan)
+    stated = shape if derived.kind is None else (*leading, sigma.shape[1])
+    over, keys = keys_over(derived, solution.tables)
+    return DerivedValue(
+        quantity=quantity,
+        value=found.values.reshape(shape),
+        sigma=sigma.reshape(stated),
+        keys=keys,
+        over=over,
+        reason=_why_derived_missing(solution, found, sigma, unknown),
+        spread=derived_spread(solution, found, stated),
+    )
+
+
+def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floats, unknown: str | None) -> str | None:
+    """Why values or sigmas of a derived quantity are missing; several causes are all named."""
+    undefined = ~np.isfinite(found.values)
+    if sigma.shape != undefined.shape:  # of rotations and the like, one coordinate is no one number
+        undefined = np.broadcast_to(undefined.any(axis=1, keepdims=True), sigma.shape)
+    missing = ~np.isfinite(sigma) & ~undefined
+    causes = [_NOT_FINITE] if bool(undefined.any()) else []
+    if bool(missing.any()):
+        why = found.reason or _slopeless(found, missing) or _noise_alone(solution, found, missing)
+        causes.append(unknown or why or FREE)
+    return ", or ".join(causes) or None
+
+
+def _slopeless(found: DerivedSolution, missing: Mask) -> str | None:
+    """What is said where the missing ones have no finite derivative by the estimates, as a root has at 0."""
+    if found.gradient is None:
+        return None
+    return None if bool(np.isfinite(found.gradient[missing.ravel()]).all()) else _NO_SLOPE
+
+
+def untold_noise(solution: Solution) -> str | None:
+    """Why what the data determine has no standard deviation; None where all of it has."""
+    states = {noise.state for noise in solution.noise.values()}
+    told = {
+        NoiseState.NO_REDUNDANCY: NO_NOISE,
+        NoiseState.EXACT: EXACT,
+        NoiseState.DEPENDENT: DEPENDENT,
+        NoiseState.NOTHING: VANISHED,
+    }
+    return ", or ".join(sentence for state, sentence in told.items() if state in states) or None
+
+
+def _noise_alone(solution: Solution, found: DerivedSolution, missing: Mask) -> str | None:
+    """What is said where the numbers that the missing ones depend on are determined, and only their noise is not."""
+    if found.gradient is None:
+        return None
+    loose = ~solution.observability.estimable & ~solution.observability.fixed
+    return None if bool(found.gradient[missing.ravel()][:, loose].any()) else untold_noise(solution)
+
+
+def coordinate_spread(solution: Solution) -> Spread:
+    """That of all coordinates (M,) of the unknowns."""
+    limits = solution.limited
+
+    def every(values: Floats, other: float) -> Floats:
+        whole = np.full(len(solution.layout.number), other)
+        whole[solution.free] = values
+        return whole
+
+    def told(found: Followed, level: float) -> tuple[Floats, Floats]:
+        below, above = found.of_coordinates(level)
+        return every(below, np.nan), every(above, np.nan)
+
+    count = len(solution.layout.number)
+    found = Spread(
+        dof=every(solution.freedom.dof, np.inf),
+        inflation=every(solution.freedom.inflation, 1.0),
+        ends=_ends(solution, count, told),
+    )
+    if limits is None:
+        return found
+    places = solution.layout.number[solution.free]
+    values = np.where(places >= 0, solution.numbers[places], np.nan)
+    step = np.where(np.isnan(limits.step), 0.0, np.where(np.isfinite(limits.step), limits.step, np.nan))
+    return replace(
+        found,
+        released=_released(solution, every(values + step, np.nan), told),
+        lower=every(limits.lower, -np.inf),
+        upper=every(limits.upper, np.inf),
+    )
+
+
+def entry_spread(solution: Solution, every: Spread, entry: Entry, shape: tuple[int, ...]) -> Spread:
+    """That of an unknown, of the ``shape`` of its sigmas; limits of angles stand about the value that is reported."""
+    found = every.each(lambda values: values[entry.coordinates].reshape(shape))
+    if entry.unknown.kind is not UnknownKind.ANGLE or found.lower is None or found.upper is None:
+        return found
+    numbers = solution.numbers[entry.range].reshape(shape)
+    turned = half_turns(numbers) - numbers
+    return replace(found, lower=found.lower + turned, upper=found.upper + turned)
+
+
+def derived_spread(solution: Solution, one: DerivedSolution, shape: tuple[int, ...]) -> Spread:
+    """That of a derived quantity, of the ``shape`` of its sigmas."""
+
+    def told(found: Followed, level: float) -> tuple[Floats, Floats]:
+        return found.of_derived(one.owner, level)
+
+    return Spread(
+        dof=one.freedom.dof,
+        inflation=one.freedom.inflation,
+        ends=_ends(solution, one.freedom.dof.size, told),
+        released=None
+        if solution.limited is None
+        else _released(solution, np.full(one.freedom.dof.shape, np.nan), told),
+    ).shaped(shape)
+
+
+def _released(solution: Solution, values: Floats, ask: Callable[[Followed, float], tuple[Floats, Floats]]) -> Released:
+    def wider(added: Floats) -> Ends:
+        own = added[solution.free]
+        return _ends(solution, values.size, lambda found, level: ask(found.widened(own), level)) or no_ends
+
+    def no_ends(_: float) -> tuple[Floats, Floats]:
+        return np.full(values.size, np.nan), np.full(values.size, np.nan)
+
+    return Released(values, wider)
+
+
+def _ends(solution: Solution, count: int, ask: Callable[[Followed, float], tuple[Floats, Floats]]) -> Ends | None:
+    """The ends of ``count`` intervals, looked for when they are asked for; None where they never are."""
+    if solution.profiles is no_profiles:
+        return None
+
+    def ends(level: float) -> tuple[Floats, Floats]:
+        with solution.lock:
+            followed = solution.profiles()
+        none = np.full(count, np.nan)
+        return (none, none) if followed is None else ask(followed, level)
+
+    return ends

@@ -12,7 +12,7 @@ from mbm.data.pose_graphs import with_measurements
 from mbm.data.writers import WRITERS
 from mbm.files.manifest import SIMULATE
 from mbm.files.names import Names, file_name, is_plain
-from mbm.files.source import read_file
+from mbm.files.reading import read_file
 from mbm.files.targets import SOURCE_ENDING
 from mbm.language.program import Program
 from mbm.problem.clauses import effective_clauses, select_problem

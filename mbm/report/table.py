@@ -9,7 +9,7 @@ from math import pi
 from mbm.report.columns import aligned, fitting, laid_out, left, wrapped
 from mbm.report.digits import Measured, enclosed, measured, plain
 from mbm.report.elements import Scalar, number_text, scalars, unit_text
-from mbm.report.interval_table import cut_sentences, interval_lines
+from mbm.report.intervals import cut_sentences, interval_lines
 from mbm.report.noise import noise_sentences
 from mbm.report.sentences import (
     constraint_sentences,

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.journal import Read
-from mbm.report.plot_data import Map, PlotData
-from mbm.report.row_data import NoiseReport, RawResiduals, ResidualRow, ResidualSummary, RowData
+from mbm.report.row_data import Map, NoiseReport, PlotData, RawResiduals, ResidualRow, ResidualSummary, RowData
 from mbm.report.spreads import ConsideredConstant, Spread
 from mbm.scales import SI, Scale
 from mbm.text.types import Diagnostic

@@ -22,7 +22,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem.likelihoods.types import SHIFT
 from mbm.problem.overrides import NORMAL_LAW
 from mbm.problem.types import Problem
-from mbm.simulation.laws import log_densities
+from mbm.simulation.noise import log_densities
 
 DIFFERENCE = 1e-5
 """Of central differences of functions of size and curvature 1: they are right to 1e-10."""

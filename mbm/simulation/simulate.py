@@ -21,12 +21,11 @@ from mbm.problem.rows import row_values, rows_of
 from mbm.problem.tables import Column as TableColumn, Table
 from mbm.problem.types import Block, BlockRole, Problem, RowValues, UncertainColumn
 from mbm.simulation import faults
-from mbm.simulation.measured import Measured, measured_equations
+from mbm.simulation.measured import Measured, measured_equations, refuse_other_uses
 from mbm.simulation.noise import outliers, root, stream
 from mbm.simulation.places import Rows
 from mbm.simulation.priors import drawn_from_priors
 from mbm.simulation.readings import counts_itself, drawn_off, limits
-from mbm.simulation.roles import refuse_other_uses
 from mbm.simulation.rows import solved_rows, spread_of
 from mbm.simulation.stated import refuse_lost_noise, violated
 from mbm.simulation.types import NOT_KNOWN, Cells, KnownNoise, NoiseFinder, Simulating, Simulation, Truth, ValuesFinder
@@ -152,7 +151,7 @@ class _Run:
         which noise is taken as 1.
         """
         # Loaded by problems with states only, so that the others start at once.
-        from mbm.simulation.trajectories import drawn_states, stated_throughout
+        from mbm.simulation.priors import drawn_states, stated_throughout
 
         if stated_throughout(places, values):
             return places.start, ()

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from mbm.data.columns import column_length
-from mbm.data.given import table_from_given
 from mbm.data.readers import READERS
+from mbm.data.shaping import table_from_given
 from mbm.text.types import MbmError
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from mbm.files import faults
-from mbm.files.reading import read_bytes
-from mbm.files.source import read_file
+from mbm.files.reading import read_bytes, read_file
 from mbm.text.characters import LARGEST_TEXT
 from mbm.text.faults import NOT_TEXT, TEXT_TOO_LARGE
 from mbm.text.reader import read

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbm
-from mbm.files.source import read_file
+from mbm.files.reading import read_file
 from mbm.text.formatter import format_text
 from mbm.text.printer import print_form
 from mbm.text.reader import read

@@ -12,9 +12,8 @@ import pytest
 from scipy.stats import f
 
 import mbm
-from mbm.report.plot_data import PlotData
 from mbm.report.plots import draw, save
-from mbm.report.row_data import ResidualRow
+from mbm.report.row_data import PlotData, ResidualRow
 from mbm.report.types import Result, SolveReport
 from mbm.text.types import MbmError
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 import mbm
 from mbm.problem.overrides import Law
-from mbm.simulation.laws import log_densities, standard_variates
+from mbm.simulation.noise import log_densities, standard_variates
 
 WHOLE = {
     Law("normal"): stats.norm(),

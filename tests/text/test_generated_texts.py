@@ -4,7 +4,7 @@ import re
 
 from hypothesis import given, settings, strategies as st
 
-from mbm.files.source import read_file
+from mbm.files.reading import read_file
 from mbm.text.comments import find_comments
 from mbm.text.formatter import format_text
 from mbm.text.printer import print_form

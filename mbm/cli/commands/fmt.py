@@ -47,8 +47,7 @@ def command(files: tuple[str, ...], check: bool) -> int:
 
 def _file(path: Path, check: bool) -> bool:
     """Whether the file changes; rewrites it unless ``check``."""
-    from mbm.files.reading import read_bytes
-    from mbm.files.source import source_of
+    from mbm.files.reading import read_bytes, source_of
     from mbm.files.targets import is_source, target_of
     from mbm.files.writing import write_whole
     from mbm.text.formatter import format_text
@@ -84,8 +83,7 @@ def _check_definitions(source: Source) -> None:
 
 
 def _standard_input(check: bool) -> bool:
-    from mbm.files.reading import STANDARD_INPUT, read_bytes
-    from mbm.files.source import source_of
+    from mbm.files.reading import STANDARD_INPUT, read_bytes, source_of
     from mbm.text.formatter import format_text
 
     name = "<stdin>"

@@ -14,12 +14,20 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.data.images import opencv
-from mbm.data.images.boards import SMALLEST_PATCH, TWO_BOARDS, Found, refined
+from mbm.data.images.boards import (
+    SMALLEST_PATCH,
+    TWO_BOARDS,
+    Found,
+    Plane,
+    clear,
+    most_to_the_right,
+    orders,
+    plane_of,
+    refined,
+)
 from mbm.data.images.faults import NoBoardError
 from mbm.data.images.features import USUAL_BLUR, disc
 from mbm.data.images.fitting import Fitted, Floats, Grey, Patches
-from mbm.data.images.orientation import most_to_the_right, orders
-from mbm.data.images.planes import Plane, clear, plane_of
 from mbm.values import dataclass
 
 MOST_SPOTS, SPOTS = 4, 300

@@ -1,4 +1,5 @@
 """Boards with markers that have numbers: chessboards with markers in them, grids of markers. Parts of them are enough.
+Dictionaries of markers that OpenCV knows, by its names, and what a board asks of them.
 
 A marker is known by its pattern, of which no dictionary has the mirror image: a board that is seen from behind, or in
 a mirrored image, shows none.
@@ -11,14 +12,45 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.data.images import opencv
-from mbm.data.images.boards import Found, crossed_patches, refined
+from mbm.data.images import faults, opencv
+from mbm.data.images.boards import Found, Plane, clear, crossed_patches, plane_of, refined
 from mbm.data.images.faults import NoBoardError
 from mbm.data.images.features import corner, crossing
 from mbm.data.images.fitting import Floats, Grey, Patches
 from mbm.data.images.opencv import Charuco
-from mbm.data.images.planes import Plane, clear, plane_of
+from mbm.problem.tables import Argument, ArgumentKind
+from mbm.text.types import DataPlace, MbmError
 from mbm.values import dataclass
+
+DICTIONARIES = (
+    *(f"DICT_{side}X{side}_{count}" for side in (4, 5, 6, 7) for count in (50, 100, 250, 1000)),
+    *(f"DICT_APRILTAG_{code}" for code in ("16h5", "25h9", "36h10", "36h11")),
+    "DICT_ARUCO_ORIGINAL",
+    "DICT_ARUCO_MIP_36h12",
+)
+
+
+def dictionary_argument(usual: str) -> Argument:
+    """``:dictionary NAME``."""
+    return Argument(name="dictionary", kind=ArgumentKind.WORD, required=False, default=usual, choices=DICTIONARIES)
+
+
+def check_markers(shown: str, dictionary: str, first: int, count: int) -> None:
+    """``count`` markers from number ``first`` on are in a dictionary; ``shown`` is the pattern of the data clause.
+
+    Raises:
+        MbmError: bad-board, missing-extra.
+
+    """
+    place = DataPlace(file=shown)
+    opencv.opencv(place)
+    there = opencv.dictionary_size(dictionary)
+    if first + count > there:
+        reason = (
+            f"it has the markers {first:,} to {first + count - 1:,}, `{dictionary}` has those from 0 to {there - 1:,}"
+        )
+        raise MbmError(faults.bad_board(place, reason))
+
 
 FEWEST_MARKERS = 2
 """Of a grid: fewer do not tell how markers are turned on it."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.data.images.dictionaries import check_markers, dictionary_argument
 from mbm.data.images.header import EXTENSIONS
+from mbm.data.images.markers import check_markers, dictionary_argument
 from mbm.data.images.photographs import LENGTHS, UNITS, Board, flat, read_boards
 from mbm.data.types import ImageReader, RawTable
 from mbm.problem.tables import Argument, ArgumentKind, Format

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from mbm.data.images import faults
-from mbm.data.images.dictionaries import check_markers, dictionary_argument
 from mbm.data.images.header import EXTENSIONS
+from mbm.data.images.markers import check_markers, dictionary_argument
 from mbm.data.images.photographs import FEWEST_ALONG, LENGTHS, UNITS, Board, plane, read_boards
 from mbm.data.types import ImageReader, RawTable
 from mbm.problem.tables import Argument, ArgumentKind, Format

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
-from mbm.emit.c.agreement import agreement_constants
+from mbm.emit.c.agreement import agreement_constants, range_constants
 from mbm.emit.c.cells import input_name, program_name
 from mbm.emit.c.clauses import clause_functions
 from mbm.emit.c.csv import CSV
@@ -13,7 +13,6 @@ from mbm.emit.c.derived import call_kernel, derived_functions, derived_kernels, 
 from mbm.emit.c.frame import frame_text
 from mbm.emit.c.header import header
 from mbm.emit.c.main import main_file, test_file
-from mbm.emit.c.ranges import range_constants
 from mbm.emit.c.reading import tables_file
 from mbm.emit.c.solve import solve_functions
 from mbm.emit.c.tables import programs_used, table_functions

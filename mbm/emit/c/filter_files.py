@@ -12,11 +12,10 @@ from mbm.emit.answers import Floats
 from mbm.emit.c.csv import CSV
 from mbm.emit.c.files import cmake, kernels_file, makefile, solver_file
 from mbm.emit.c.filter_header import filter_header
-from mbm.emit.c.filter_main import main_file
+from mbm.emit.c.filter_main import main_file, test_file
 from mbm.emit.c.filter_memory import DerivedRoom, derived_rooms, places
 from mbm.emit.c.filter_source import filter_source
 from mbm.emit.c.filter_tables import tables_file
-from mbm.emit.c.filter_test import test_file
 from mbm.emit.data_files import table_text
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.markdown import code, prose

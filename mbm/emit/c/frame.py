@@ -1,22 +1,54 @@
-"""The frame of a solve in C: where the arrays of one data set stand in the workspace that the caller gives."""
+"""The frame of a solve in C: where the arrays of one data set stand in the workspace that the caller gives. How much
+memory the parts of a solve take.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.c.agreement import agreement_fields, agreement_room
+from mbm.emit.c.agreement import agreement_fields, agreement_room, range_fields, range_room
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.derived import capacity, estimates
-from mbm.emit.c.ranges import range_fields, range_room
-from mbm.emit.c.sizes import outputs_capacity, spare_size
 from mbm.emit.c.text import remark
 from mbm.emit.foreign import Foreign, told
 from mbm.emit.reading import every_value
+from mbm.emit.routines.noises import FOUND
+from mbm.emit.routines.sandwich import SUMS
 from mbm.emit.routines.untold import ASSUMPTIONS
 from mbm.emit.system import StaticSystem, kinds_of_units, weights_width
 from mbm.emit.types import BlockShape, Blueprint, Choice, ColumnValue, InputValue
 from mbm.problem.types import BlockRole
 from mbm.solver import description as at
+
+
+def row_scratch(blueprint: Blueprint) -> tuple[int, int]:
+    """Reals that a row wants: those that do not depend on n, and those for each of n."""
+    plain = lines = 0
+    for _, case in blueprint.cases:
+        outputs = case.kernel.outputs
+        own = len(case.variables) + len(case.parameters) + 2 * outputs + len(case.kernel.jacobian_rows)
+        plain, lines = max(plain, own), max(lines, 2 * outputs)
+    return plain, lines
+
+
+def lossy(blueprint: Blueprint) -> bool:
+    """Whether some clause has a loss."""
+    return any(block.loss is not None for block in blueprint.blocks)
+
+
+def spare_size(blueprint: Blueprint, static: StaticSystem) -> str:
+    """Reals of scratch besides the solver's, as C text with ``n``."""
+    plain, lines = row_scratch(blueprint)
+    matrices = f"4 * n * n + {SUMS} + n + " if lossy(blueprint) else ""
+    vectors = 2 if static.told else 0
+    return f"{matrices}{FOUND + plain} + {lines + vectors} * n"
+
+
+def outputs_capacity(blueprint: Blueprint, static: StaticSystem) -> int:
+    """Numbers that the kernels put out at a time, at most."""
+    chunk = static.prefix[at.Problem.chunk]
+    return max(chunk // c.kernel.outputs * (c.kernel.outputs + len(c.kernel.jacobian_rows)) for _, c in blueprint.cases)
+
 
 _HEAD = """/* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
 struct arena {

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.c.agreement import agreement_answer, agreement_beginning, agreement_function
+from mbm.emit.c.agreement import agreement_answer, agreement_beginning, agreement_function, range_beginning, range_solve
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.derived import estimates
+from mbm.emit.c.frame import lossy
 from mbm.emit.c.header import STATUSES
-from mbm.emit.c.ranges import range_beginning, range_solve
-from mbm.emit.c.sizes import lossy
 from mbm.emit.c.text import status_text
 from mbm.emit.routines.noises import SCATTER, SQUARES, TOLD
 from mbm.emit.routines.untold import ASSUMPTIONS

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from mbm.emit.answers import Agreement
 from mbm.emit.c.cells import input_name
-from mbm.emit.c.sizes import lossy, row_scratch
+from mbm.emit.c.frame import lossy, row_scratch
 from mbm.emit.c.tables import programs_used
 from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.python.kernels import derived_function, function, kernel_functions, rows_function

@@ -18,8 +18,7 @@ from mbm.estimation.uncertainty.student import coverage_factor
 from mbm.problem.types import Problem
 from mbm.report.budgets import faults
 from mbm.report.budgets.inputs import Errors, Source, sources
-from mbm.report.budgets.targets import Target, called, gradient_of, item_of, targets_of
-from mbm.report.budgets.types import Budget, BudgetRow, InputKind
+from mbm.report.budgets.types import Budget, BudgetRow, InputKind, Target, called, gradient_of, item_of, targets_of
 from mbm.report.elements import Scalar, factors, scalars, shown_sigma, unit_text
 from mbm.report.encode import number
 from mbm.report.intervals import Intervals, intervals

@@ -9,7 +9,7 @@ from mbm.problem.naming import key_text
 from mbm.report.budgets.types import Budget, BudgetRow
 from mbm.report.columns import Pad, aligned, laid_out, left, right
 from mbm.report.digits import measured, plain
-from mbm.report.interval_table import MOST_LINES
+from mbm.report.intervals import MOST_LINES
 from mbm.text.shown import Paint, Style, cut, joined
 
 HEADER = ("input", "kind", "n", "value", "u", "unit", "c", "|c|u", "share", "dof")

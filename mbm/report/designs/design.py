@@ -19,7 +19,7 @@ from mbm.expression.nodes import Number
 from mbm.expression.units import Unit, parse_unit
 from mbm.problem import faults as problem_faults
 from mbm.problem.types import Problem
-from mbm.report.budgets.targets import Target, called, gradient_of, item_of, targets_of
+from mbm.report.budgets.types import Target, called, gradient_of, item_of, targets_of
 from mbm.report.considered import Pair, moves_by_name, shares_of
 from mbm.report.designs import faults
 from mbm.report.designs.answer import Design

@@ -19,7 +19,7 @@ from mbm.report.correlations import Correlation, correlation_of
 from mbm.report.digits import plain
 from mbm.report.elements import number_text, solve_scalars, unit_text
 from mbm.report.encode import plain as plain_value
-from mbm.report.interval_table import lines_of
+from mbm.report.intervals import lines_of
 from mbm.report.many import MOST_SOLVES, statuses_in_words
 from mbm.report.noise import noise_sentences
 from mbm.report.page.pictures import residual_pictures, result_pictures

@@ -24,7 +24,7 @@ from mbm.report.columns import Pad, aligned, laid_out, left, wrapped
 from mbm.report.digits import measured, plain
 from mbm.report.document import document
 from mbm.report.elements import unit_text
-from mbm.report.interval_table import MOST_LINES
+from mbm.report.intervals import MOST_LINES
 from mbm.report.pickled import as_data
 from mbm.report.propagation.solve import Part, PropagatedSolve, Propagation, propagation_document
 from mbm.report.sentences import diagnostic_sentence

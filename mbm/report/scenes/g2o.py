@@ -17,8 +17,8 @@ from mbm.estimation.search.solution import Solution
 from mbm.expression.nodes import ColumnMember, Component, Expression, leaves
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.scenes import faults
-from mbm.report.scenes.rows import RowsOf
 from mbm.report.scenes.types import Files, numbers, words
+from mbm.report.scenes.views import RowsOf
 from mbm.report.types import Floats, Mask
 from mbm.rotations import (
     exponential,

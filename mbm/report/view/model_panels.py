@@ -12,8 +12,7 @@ from mbm.report.figures import BLUE, GREEN, GREY, ORANGE, RED
 from mbm.report.types import Floats
 from mbm.report.view import faults
 from mbm.report.view.hidden import Faces, Stretch
-from mbm.report.view.labels import Wanted, placed
-from mbm.report.view.rulers import Ruler, rulers
+from mbm.report.view.rulers import Ruler, Wanted, placed, rulers
 from mbm.report.view.types import Mark, Solid
 from mbm.report.view.viewpoint import View, outlines
 from mbm.text.types import MbmError

@@ -22,11 +22,10 @@ from mbm.problem.rows import Positions
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.report.types import Floats, Mask
-from mbm.report.view.images import with_groups
+from mbm.report.view.images import answer_lookup, values_of, with_groups
 from mbm.report.view.model_panels import Line
 from mbm.report.view.photographs import Photograph, path_of
 from mbm.report.view.seeings import ContourSeeing, CurveSeeing, LineSeeing, Seen
-from mbm.report.view.values import answer_lookup, values_of
 
 ASIDE = 1e-4
 """Of central differences, as a share of the spread of the points: rounding and what is left are below 1e-7 of it."""

@@ -13,13 +13,12 @@ from mbm.estimation.search.solution import Solution
 from mbm.problem.tables import Table
 from mbm.report.types import Floats, Mask
 from mbm.report.view.hidden import Faces
-from mbm.report.view.images import ImageRows, right_up_forward
+from mbm.report.view.images import ImageRows, answer_lookup, right_up_forward, values_of
 from mbm.report.view.model_panels import Line
 from mbm.report.view.rays import placed_by_rays
 from mbm.report.view.seeings import Sight
 from mbm.report.view.solids import solid_of
 from mbm.report.view.types import Solid
-from mbm.report.view.values import answer_lookup, values_of
 from mbm.report.view.viewpoint import outlines
 from mbm.text.types import MbmError
 from mbm.values import dataclass

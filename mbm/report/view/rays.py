@@ -17,9 +17,8 @@ from mbm.expression.algebra import add
 from mbm.expression.nodes import Column, ColumnMember, Component, leaves
 from mbm.problem.types import Equation, Problem, UnknownKind
 from mbm.report.types import Floats, Mask
-from mbm.report.view.images import ImageRows, points_seen
+from mbm.report.view.images import ImageRows, answer_lookup, points_seen, stepped, values_of
 from mbm.report.view.seeings import Seeing, Sight, equations_of
-from mbm.report.view.values import answer_lookup, stepped, values_of
 from mbm.values import dataclass
 
 STEP = 1e-5

@@ -21,11 +21,10 @@ from mbm.language.values import Transform
 from mbm.problem.types import Problem, UnknownKind
 from mbm.report.quantities import quantity_of
 from mbm.report.types import Floats
-from mbm.report.view.images import ImageRows, right_up_forward
+from mbm.report.view.images import ImageRows, answer_lookup, right_up_forward, stepped, values_of
 from mbm.report.view.rays import placed_by_rays
 from mbm.report.view.solids import solid_of
 from mbm.report.view.types import Mark, Solid, Stroke
-from mbm.report.view.values import answer_lookup, stepped, values_of
 from mbm.report.view.viewpoint import View
 from mbm.shapes.types import Moved, Node, Shape
 from mbm.text.types import MbmError

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 from mbm.report.figures import MOST_PANELS
 from mbm.report.map_panels import map_panels
-from mbm.report.maps import maps_of
+from mbm.report.pictures import maps_of
 from mbm.report.view import faults
 from mbm.report.view.answers import Viewed, view_of_result
 from mbm.report.view.beneath import beneath, path_in
-from mbm.report.view.images import ImageRows, image_rows
+from mbm.report.view.images import ImageRows, answer_lookup, image_rows
 from mbm.report.view.model_panels import draw_model
 from mbm.report.view.near_curves import contour_photographs, curve_photographs, line_photographs
 from mbm.report.view.overlay import draw_overlay, overlay_of
@@ -23,7 +23,6 @@ from mbm.report.view.photographs import Photograph, photographs, together
 from mbm.report.view.scene import Scene, scene_of, source_of
 from mbm.report.view.solids import solid_of
 from mbm.report.view.types import Solid
-from mbm.report.view.values import answer_lookup
 from mbm.report.view.viewpoint import View
 from mbm.text.faults import shown
 from mbm.text.types import Diagnostic, MbmError

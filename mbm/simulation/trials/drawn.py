@@ -32,8 +32,7 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.overrides import NORMAL_LAW, STUDENT, ConstantValue, Law
 from mbm.problem.tables import Column as TableColumn, Provenance, Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, Problem
-from mbm.simulation.laws import standard_variates
-from mbm.simulation.noise import stream
+from mbm.simulation.noise import standard_variates, stream
 from mbm.simulation.trials import faults
 from mbm.symbolic.types import ColumnInput
 from mbm.text.types import MbmError

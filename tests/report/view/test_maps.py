@@ -7,7 +7,7 @@ import pytest
 
 import mbm
 from mbm.report.map_panels import map_panels
-from mbm.report.maps import maps_of
+from mbm.report.pictures import maps_of
 from mbm.report.plots import draw
 from tests.report.view.pictured import PROBLEMS, of_folder, of_text
 
