@@ -53,7 +53,7 @@ def linear_solver(equations: Assembled, numbers: Floats, coordinates: Mask) -> C
     places = np.flatnonzero(coordinates)
     zero = numbers.copy()
     zero[layout.number[places]] = 0.0
-    partial = equations.freed(places, zero)
+    partial = equations if np.array_equal(places, equations.free) else equations.freed(places, zero)
     positive = layout.positive[places]
 
     def solved(others: Floats) -> Floats:

@@ -1,7 +1,8 @@
 """Where a solve begins: the starts that are given, and for unknowns without one what the equations themselves tell.
 
-In this order: closed forms; the middle of the range that is stated; linear least squares given the others; what
-contours of silhouettes tell; random points, with the unknowns that enter linearly solved for.
+In this order: linear least squares of equations with one minimum; closed forms; the middle of the range that is stated;
+linear least squares given the others; what contours of silhouettes tell; random points, with the unknowns that enter
+linearly solved for.
 """
 
 from __future__ import annotations
@@ -85,6 +86,9 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     open_ones = wanted & equations.sought()
     if not bool(open_ones.any()):
         return (Beginning(point=numbers, origin=GIVEN),)
+    one = _one_minimum(equations, np.where(open_ones, np.nan, numbers))
+    if one is not None:
+        return (one,)
     # Here and below: loaded where starts are missing only, so that other problems start at once.
     from mbm.estimation.search.aligning import aligned
     from mbm.estimation.starts.closed_forms.completion import completions
@@ -100,6 +104,23 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     most = min(int(np.isnan(c.numbers).sum()) for c in found)
     ends = [b for c in found if int(np.isnan(c.numbers).sum()) == most for b in _ended(equations, c, settings)]
     return _sorted(equations, ends)
+
+
+def _one_minimum(equations: Assembled, numbers: Floats) -> Beginning | None:
+    """The least squares solution for the ``numbers`` (N,) that are NaN, where it leads to the one minimum there is.
+
+    None: there may be several, or the equations are large.
+    """
+    layout = equations.layout
+    bounded = equations.positive | np.isfinite(equations.lower) | np.isfinite(equations.upper)
+    if not equations.linear or equations.likely or equations.constraints or bounded.any():
+        return None
+    missing = replace(layout, start=numbers).missing()
+    linear = affine_coordinates(equations, missing)
+    if equations.count * equations.dimension > LARGE or not np.array_equal(linear, missing):
+        return None
+    names = [each.unknown.name for each in layout.entries if missing[each.coordinates].any()]
+    return Beginning(point=solved_linearly(equations, numbers, linear), origin=f"linear: {', '.join(names)}")
 
 
 def _with_idle_ones(equations: Assembled) -> Floats:

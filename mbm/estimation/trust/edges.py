@@ -59,16 +59,20 @@ def at_edge(
     least = ordered.min(axis=-1, keepdims=True)
     tied = there & (ordered == least)
     count = tied.sum(axis=-1)
+    edge = sign * least[..., 0] + 0.0
+    told = (count > 1) | (least[..., 0] == 0.0)
+    if not told.any():
+        return edge, told
     depth = np.where(there, least - ordered - sign * raw, -np.inf) / deviations
     near = (depth > -NEAR * (1.0 + margin)).sum(axis=-1)
     size = np.where(there, np.abs(readings), 0.0).max(axis=-1, keepdims=True)
     noisy = (there & (np.abs(raw) > NO_DIFFERENCE * size)).any(axis=-1)
-    found = noisy & ((count > 1) | ((least[..., 0] == 0.0) & (near > 1)))
+    found = noisy & told & ((count > 1) | (near > 1))
     hidden = np.zeros(depth.shape)
     tied &= found[..., None]
     hidden[tied] = [_below(each) for each in depth[tied].tolist()]
     shift = np.sqrt(np.square(np.einsum("...mk,...m->...k", basis, hidden)).sum(axis=-1))
-    return sign * least[..., 0] + 0.0, np.asarray(found & (shift > SHIFTED * (1.0 - margin)))
+    return edge, np.asarray(found & (shift > SHIFTED * (1.0 - margin)))
 
 
 def _below(depth: float) -> float:
@@ -140,9 +144,11 @@ def readings_at_edges(
         alike = [each for other, (each, _) in read.items() if problem.blocks[other].factor_name == block.factor_name]
         for sign in SIDES:
             edge, suspect = at_edge(readings, minimum.residuals[places] * own, own, basis[places], sign)
+            if not suspect:
+                continue
             away = np.abs(np.concatenate(alike) - edge)
             count = int((readings == edge).sum())
-            if suspect and by_chance(count, len(readings), away[away > 0.0], float(np.median(own))) < SELDOM:
+            if by_chance(count, len(readings), away[away > 0.0], float(np.median(own))) < SELDOM:
                 yield faults.readings_at_edge(
                     block.span, block.name, (count, len(readings)), float(edge), lower=sign > 0
                 )

@@ -171,17 +171,17 @@ def uneven_noise(
 ) -> Iterator[Diagnostic]:
     """A warning for each observation whose errors are uneven; ``basis`` (m, k) are the directions of the fit."""
     owners = told_apart(problem, equations)
-    leverage = np.square(basis).sum(axis=1)
     for owner in owners:
         groups = [group for group in equations.groups if group.kernel.owner == owner]
-        places = np.concatenate([group.first + np.arange(group.rows) for group in groups])
-        if len(places) < TELLING_ROWS:
+        if sum(group.rows for group in groups) < TELLING_ROWS:
             continue
+        places = np.concatenate([group.first + np.arange(group.rows) for group in groups])
         sides = [measured_side(problem, group, tables) for group in groups]
         measured = np.concatenate([side[:, 0] for side in sides if side is not None])
         errors = np.concatenate([group.values(minimum.point)[:, 0] for group in groups])
         rows = np.concatenate([table_rows(problem, group, tables) for group in groups])
-        columns = measured + errors, errors, minimum.residuals[places], leverage[places], rows
+        leverage = np.square(basis[places]).sum(axis=1)
+        columns = measured + errors, errors, minimum.residuals[places], leverage, rows
         names = "fitted", "errors", "residuals", "leverage", "rows"
         clause = Clauses(**{name: each[None] for name, each in zip(names, columns, strict=True)})
         for _, grown, correlation in clause.uneven(len(owners)):
