@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
-from mbm.equations.types import Floats
+import numpy as np
+
+from mbm.equations.types import Floats, Indices
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -23,6 +25,38 @@ class Freedom:
         """The first ``count`` along the leading axis."""
         return Freedom(dof=self.dof[:count], inflation=self.inflation[:count])
 
+    @np.errstate(all="ignore")
+    def beside(self, sigma: Floats, parts: Floats, dof: Floats) -> Freedom:
+        """That of deviations ``sigma`` with more, independent ``parts`` (m, …) of their squares, known by ``dof`` (m,).
+
+        After Welch and Satterthwaite.
+        """
+        own, added = np.square(sigma * self.inflation), parts.sum(axis=0)
+        whole = np.square(sigma) + added
+        lost = np.square(own) / self.dof + np.tensordot(1.0 / dof, np.square(parts), axes=1)
+        return Freedom(
+            dof=np.where(lost > 0.0, np.square(own + added) / lost, np.where(whole > 0.0, np.inf, self.dof)),
+            inflation=np.where(whole > 0.0, np.sqrt((own + added) / whole), self.inflation),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Moved:
+    """What a standard deviation of each of m uncertain constants, known by ``dof`` (m,), does.
+
+    To the coordinates: ``coordinates`` (m, n), and ``free`` (m, n) as they would be without limits; and to numbers
+    that are looked at: ``own`` (m, k).
+    """
+
+    coordinates: Floats
+    free: Floats
+    own: Floats
+    dof: Floats
+
+    def at(self, places: Indices) -> Moved:
+        """Of some coordinates alone."""
+        return Moved(coordinates=self.coordinates[:, places], free=self.free[:, places], own=self.own, dof=self.dof)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Limited:
@@ -36,6 +70,11 @@ class Limited:
     upper: Floats
     step: Floats
     sigma: Floats
+
+    @property
+    def alone(self) -> Floats:
+        """The steps (n,) to where each would be if its own limit were not; NaN: not known."""
+        return np.where(np.isnan(self.step), 0.0, np.where(np.isfinite(self.step), self.step, np.nan))
 
     def first(self, count: int) -> Limited:
         """The first ``count`` along the leading axis."""
@@ -59,8 +98,12 @@ class Followed(Protocol):
         """Those of all numbers of a derived quantity."""
         ...
 
-    def widened(self, added: Floats) -> Followed:
-        """The same where the free coordinates would scatter by variances ``added`` (n,) more if no limit held them."""
+    def free_steps(self) -> Floats:
+        """The steps (n,) to where the free coordinates would be without the limits that hold them; NaN: not known."""
+        ...
+
+    def beside(self, moved: Moved) -> Followed:
+        """The same with uncertain constants, which move the free coordinates."""
         ...
 
 

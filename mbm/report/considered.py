@@ -14,6 +14,8 @@ from math import inf
 
 import numpy as np
 
+from mbm.equations.spreads import Freedom, Moved
+from mbm.estimation.uncertainty.derived import PINNED
 from mbm.estimation.uncertainty.student import coverage_factor
 from mbm.report.elements import difference, element_names
 from mbm.report.spreads import ConsideredConstant, Ends, Floats, Spread
@@ -56,17 +58,19 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
         return _without_sigmas(solve, reason) if solve.status.trusted else solve
     estimates, derived = _all_moves(solve, moved)
     dof = np.array([constant.dof for constant, _ in moved])
-    added = _let_go(solve, moved)
+    let_go = _let_go(solve, moved, estimates, dof)
     return replace(
         solve,
         estimates=tuple(
             replace(
-                item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof, added), reason=_reason(item, moves)
+                item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof, let_go), reason=_reason(item, moves)
             )
             for item, moves in zip(solve.estimates, estimates, strict=True)
         ),
         derived=tuple(
-            replace(item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof, added))
+            replace(
+                item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof, let_go), reason=_varies(item, moves)
+            )
             for item, moves in zip(solve.derived, derived, strict=True)
         ),
         covariance=_covariance(solve.covariance, solve.estimates, estimates),
@@ -138,62 +142,68 @@ def _reason(item: Estimate | DerivedValue, moves: Floats) -> str | None:
     return "constants with an uncertainty are not considered for directions" if np.isnan(moves).any() else item.reason
 
 
-@np.errstate(all="ignore")
-def _spread(item: Estimate | DerivedValue, moves: Floats, dof: Floats, let_go: Floats | None) -> Spread | None:
-    """Effective degrees of freedom after Welch and Satterthwaite, from those ``dof`` (constants,) of the constants.
+def _varies(item: DerivedValue, moves: Floats) -> str | None:
+    if item.reason is None or not np.nan_to_num(moves).any():
+        return item.reason
+    return item.reason.replace(PINNED, f"{PINNED}, and with uncertain constants")
 
-    ``let_go`` is what `_let_go` tells.
-    """
+
+@np.errstate(all="ignore")
+def _spread(item: Estimate | DerivedValue, moves: Floats, dof: Floats, let_go: Moved | None) -> Spread | None:
+    """The spread with the constants, known by ``dof`` (constants,), in it; ``let_go`` is what `_let_go` tells."""
     spread = item.spread
     if spread is None or item.sigma is None:
         return spread
-    cut = None if let_go is None or spread.released is None else spread.released.ends(let_go)
-    own, each = np.square(item.sigma * spread.inflation), np.square(moves)
-    added = each.sum(axis=0)
-    whole = np.square(item.sigma) + added
-    some = whole > 0.0
-    lost = np.square(own) / spread.dof + np.tensordot(1.0 / dof, np.square(each), axes=1)
+    cut = None
+    if let_go is not None and spread.released is not None:
+        cut = spread.released.ends(replace(let_go, own=np.nan_to_num(moves.reshape(len(moves), -1))))
+    each = np.square(moves)
+    freedom = Freedom(dof=spread.dof, inflation=spread.inflation).beside(item.sigma, each, dof)
     return replace(
         spread,
-        dof=np.where(lost > 0.0, np.square(own + added) / lost, np.where(some, inf, spread.dof)),
-        inflation=np.where(some, np.sqrt((own + added) / whole), spread.inflation),
-        ends=None if spread.ends is None else _wider(spread.ends, added, cut),
+        dof=freedom.dof,
+        inflation=freedom.inflation,
+        ends=None if spread.ends is None else _wider(spread.ends, each.sum(axis=0), cut),
     )
 
 
-def _let_go(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> Floats | None:
-    """The variances (M,) that constants add to coordinates as they are without the limits that hold them; None: no
+def _let_go(
+    solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]], estimates: Sequence[Floats], dof: Floats
+) -> Moved | None:
+    """What the constants do to the coordinates (M,), also as they are without the limits that hold them; None: no
     limits are near.
     """
-    pairs, shares = [pair for _, pair in moved], shares_of([constant for constant, _ in moved])
-    found = _without_limits(solve)
-    added = None if found is None else np.zeros(found.shape)
-    for pair, share in zip(pairs, shares.tolist(), strict=True):
+    if _without_limits(solve) is None:
+        return None
+    free = []
+    for (_, pair), share in zip(moved, shares_of([constant for constant, _ in moved]).tolist(), strict=True):
         below, above = (_without_limits(each) for each in pair)
-        if added is None or below is None or above is None:
+        if below is None or above is None:
             return None
-        added = added + np.square(np.nan_to_num((above - below) / (2 * share)))
-    return added
+        free.append((above - below) / (2 * share))
+    known = np.hstack([each.reshape(len(dof), -1) for each in estimates])
+    return Moved(
+        coordinates=np.nan_to_num(known), free=np.nan_to_num(np.stack(free)), own=np.zeros((len(dof), 0)), dof=dof
+    )
 
 
 def _without_limits(solve: SolveReport) -> Floats | None:
     """What the coordinates (M,) of a solve would be without limits."""
     released = [None if each.spread is None else each.spread.released for each in solve.estimates]
-    known = [each.values.ravel() for each in released if each is not None]
+    known = [each.values().ravel() for each in released if each is not None]
     return np.concatenate(known) if known and len(known) == len(released) else None
 
 
 def _wider(ends: Ends, added: Floats, cut: Ends | None) -> Ends:
     """The ends of profiles with an independent part of the variance ``added``; where limits decide, those of ``cut``,
-    in which it is (None: there are none).
+    in which it is (None: there are none), NaN where the linear interval is right.
     """
 
     def wider(level: float) -> tuple[Floats, Floats]:
         reach = coverage_factor(level, inf) * np.sqrt(added)
         own = np.stack(ends(level))
         others = own if cut is None else np.stack(cut(level))
-        decided = ~np.isnan(others).any(axis=0) & (others != own).any(axis=0)
-        below, above = np.where(decided, others, np.hypot(own, reach))
+        below, above = np.where((others == own).all(axis=0), np.hypot(own, reach), others)
         return below, above
 
     return wider

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.layout import Entry, half_turns
-from mbm.equations.spreads import Followed
+from mbm.equations.spreads import Followed, Moved
 from mbm.equations.types import NoiseState, Reason
 from mbm.estimation.search.solution import DerivedSolution, Solution, no_profiles
+from mbm.estimation.uncertainty.observability import limited
 from mbm.expression.dimension import Dimension
 from mbm.expression.units import Unit
 from mbm.problem.tables import Table
@@ -227,7 +228,7 @@ def _noise_alone(solution: Solution, found: DerivedSolution, missing: Mask) -> s
 
 def coordinate_spread(solution: Solution) -> Spread:
     """That of all coordinates (M,) of the unknowns."""
-    limits = solution.limited
+    limits, held = solution.limited, limited(solution.observability)
 
     def every(values: Floats, other: float) -> Floats:
         whole = np.full(len(solution.layout.number), other)
@@ -244,17 +245,22 @@ def coordinate_spread(solution: Solution) -> Spread:
         inflation=every(solution.freedom.inflation, 1.0),
         ends=_ends(solution, count, told),
     )
-    if limits is None:
+    if limits is None and not held:
         return found
     places = solution.layout.number[solution.free]
     values = np.where(places >= 0, solution.numbers[places], np.nan)
-    step = np.where(np.isnan(limits.step), 0.0, np.where(np.isfinite(limits.step), limits.step, np.nan))
-    return replace(
-        found,
-        released=_released(solution, every(values + step, np.nan), told),
-        lower=every(limits.lower, -np.inf),
-        upper=every(limits.upper, np.inf),
-    )
+
+    def without() -> Floats:
+        if not held:
+            return every(values, np.nan)
+        with solution.lock:
+            followed = solution.profiles()
+        return every(values + (np.nan if followed is None else followed.free_steps()), np.nan)
+
+    found = replace(found, released=_released(solution, count, without, told))
+    if limits is None:
+        return found
+    return replace(found, lower=every(limits.lower, -np.inf), upper=every(limits.upper, np.inf))
 
 
 def entry_spread(solution: Solution, every: Spread, entry: Entry, shape: tuple[int, ...]) -> Spread:
@@ -277,21 +283,24 @@ def derived_spread(solution: Solution, one: DerivedSolution, shape: tuple[int, .
         dof=one.freedom.dof,
         inflation=one.freedom.inflation,
         ends=_ends(solution, one.freedom.dof.size, told),
-        released=None
-        if solution.limited is None
-        else _released(solution, np.full(one.freedom.dof.shape, np.nan), told),
+        released=_released(solution, one.freedom.dof.size, lambda: one.values, told),
     ).shaped(shape)
 
 
-def _released(solution: Solution, values: Floats, ask: Callable[[Followed, float], tuple[Floats, Floats]]) -> Released:
-    def wider(added: Floats) -> Ends:
-        own = added[solution.free]
-        return _ends(solution, values.size, lambda found, level: ask(found.widened(own), level)) or no_ends
+def _released(
+    solution: Solution,
+    count: int,
+    values: Callable[[], Floats],
+    ask: Callable[[Followed, float], tuple[Floats, Floats]],
+) -> Released:
+    def beside(moved: Moved) -> Ends:
+        own = moved.at(solution.free)
+        return _ends(solution, count, lambda found, level: ask(found.beside(own), level)) or no_ends
 
     def no_ends(_: float) -> tuple[Floats, Floats]:
-        return np.full(values.size, np.nan), np.full(values.size, np.nan)
+        return np.full(count, np.nan), np.full(count, np.nan)
 
-    return Released(values, wider)
+    return Released(values, beside)
 
 
 def _ends(solution: Solution, count: int, ask: Callable[[Followed, float], tuple[Floats, Floats]]) -> Ends | None:

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.equations.spreads import Moved
 from mbm.scales import Scale
 from mbm.values import dataclass, replace
 
@@ -20,16 +21,16 @@ Ends: TypeAlias = Callable[[float], tuple[Floats, Floats]]
 @dataclass(frozen=True, slots=True, eq=False)
 class Released:
     """Values without the limits that hold them, the values themselves where none does (NaN: not known); and the ends
-    of intervals where the variances (M,) of all coordinates of the unknowns would be larger by so much without limits.
+    of intervals beside uncertain constants, which move all coordinates (M,) of the unknowns.
     """
 
-    values: Floats
-    ends: Callable[[Floats], Ends]
+    values: Callable[[], Floats]
+    ends: Callable[[Moved], Ends]
 
     def each(self, change: Callable[[Floats], Floats]) -> Released:
         """The same with all arrays changed alike."""
-        own = self.ends
-        return Released(change(self.values), lambda added: changed_ends(own(added), change))
+        values, ends = self.values, self.ends
+        return Released(lambda: change(values()), lambda moved: changed_ends(ends(moved), change))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

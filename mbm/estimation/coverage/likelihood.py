@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.spreads import Freedom, Limited
+from mbm.equations.spreads import Freedom, Limited, Moved
 from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.estimation.coverage.certain import Certain, certain
 from mbm.estimation.coverage.parabolas import Parabolas, Pieces, parabolas
@@ -34,6 +34,12 @@ from mbm.estimation.uncertainty.observability import limited, pinned_coordinates
 from mbm.estimation.uncertainty.student import Law, coverage_factors, shortest
 from mbm.values import dataclass
 
+OF_SUMS = 1e-3
+"""Share by which the end of a linear interval may be off where it takes nothing to find the right one."""
+
+ROUNDED_MOVES = 1e-3
+"""Share of what a constant does that is no part of its own: differences of solves are right to ten thousandths."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Own:
@@ -46,6 +52,12 @@ class Own:
     sigma: Floats
     freedom: Freedom
     level: float
+
+    def beside(self, moves: Floats, dof: Floats) -> Own:
+        """The same with uncertain constants that move them by ``moves`` (m, n), known by ``dof`` (m,)."""
+        parts = np.square(moves)
+        sigma = np.sqrt(np.square(self.sigma) + parts.sum(axis=0))
+        return replace(self, sigma=sigma, freedom=self.freedom.beside(self.sigma, parts, dof))
 
     @property
     def linear(self) -> Floats:
@@ -82,7 +94,7 @@ class Likelihood:
     ``alone`` (n,) are standard deviations of coordinates if all others are known; ``derived`` gives the quantities that
     are looked at, by their numbers. ``edges`` are limits of several coordinates, ``linear`` has the profiles where all
     is linear (None: it is not). Profiles are ``followed`` unless that would take too long, and not of coordinates (n,)
-    that are free in combination with others, ``combined``. Variances ``added`` (n,) are those of `widened`.
+    that are free in combination with others, ``combined``. What uncertain constants do is in ``moved``.
     """
 
     equations: Assembled
@@ -100,28 +112,29 @@ class Likelihood:
     derived: Callable[[int], Quantities | None]
     linear: Parabolas | None
     edges: Edges
-    added: Floats
+    moved: Moved
 
     @property
     def decisive(self) -> bool:
         """Whether the likelihood has a say in all intervals, not of what is derived near a limit alone."""
         return self.followed and (self.held or self.equations.likely)
 
-    def widened(self, added: Floats) -> Likelihood:
-        """The same with variances ``added`` (n,) to those of coordinates without the limits that hold them."""
-        limits = replace(self.limits, sigma=np.hypot(self.limits.sigma, np.sqrt(added)))
-        return replace(self, limits=limits, added=added)
+    def free_steps(self) -> Floats:
+        """The steps (n,) to where the coordinates would be without the limits that hold them; NaN: not known."""
+        return self.limits.alone if self.linear is None else self.linear.free_steps
 
     def put_in(self, own: Own) -> None:
         """Put in the ends of coordinates that a limit cuts or without a sigma, and of those that reach farther where a
         limit that holds something lets go of it.
         """
+        moved = self.moved
         released = np.isfinite(self.limits.step) & (self.limits.sigma > 0.0)
+        alone = replace(own, sigma=self.limits.sigma).beside(moved.free, moved.dof)
         for which in np.flatnonzero(released).tolist():
             # of what a limit holds, what is between the limits is left of its distribution without them
-            step, sigma = float(self.limits.step[which]), float(self.limits.sigma[which])
-            own.ends[0][which], own.ends[1][which] = self._shortest(own, which, step, sigma)
-        plain, cut = self.equations.layout.number[self.equations.free] >= 0, self._cut(own)
+            own.ends[0][which], own.ends[1][which] = self._shortest(alone, which, float(self.limits.step[which]))
+        wide = own.beside(moved.coordinates, moved.dof)
+        plain, cut = self.equations.layout.number[self.equations.free] >= 0, self._cut(wide)
         # what is near a limit of normal errors has the linear interval up to it
         wanted = plain & ~released & (cut if self.equations.likely else self.pinned)
         others = plain & ~(wanted | released) & (own.sigma > 0.0) & self.held
@@ -131,11 +144,15 @@ class Likelihood:
             profile = Profile(self.equations, self.minimum, which, self.variance, self.settings)
             law = own.law(which, scaled=self.scaled)
             limits = profile.value - self.limits.lower[which], self.limits.upper[which] - profile.value
-            pieces = self._pieces(np.eye(len(plain))[which], profile.value, law)
-            if wanted[which] or not _agrees(pieces or profile, law, own, which):
+            gradient, direct = np.eye(len(plain))[which], np.zeros(len(moved.dof))
+            if self.linear is not None:
+                law = self._law(law, self.linear.spread(gradient), moved.free @ gradient)
+            pieces = self._pieces(gradient, direct, profile.value, law)
+            if wanted[which] or not _agrees(pieces or profile, law, wide if pieces else own, which):
                 two = pieces.sides(law) if pieces else sides(profile, law, limits, float(own.sigma[which]))
-                ends = share_between(*two, law, own.level, self._certain(np.array([which])))
-                own.ends[0][which], own.ends[1][which] = ends
+                below, above = share_between(*two, law, own.level, self._certain(np.array([which])))
+                centre = pieces.centre if pieces else 0.0
+                own.ends[0][which], own.ends[1][which] = below - centre, above + centre
 
     def put_in_derived(self, owner: int, numbers: Own, own: Own) -> None:
         """The same of the ``numbers`` of a derived quantity, beside the coordinates of their ``own`` ends.
@@ -143,57 +160,87 @@ class Likelihood:
         A number that is made of one coordinate alone goes as far as that takes it. Nobody looks at one that equations
         make certain; one without a slope where several leave their limits at once has no interval.
         """
-        cut = self._cut(own) | self.edges.near(own.level, own.freedom)
+        moved = self.moved
+        every, wide = own.beside(moved.coordinates, moved.dof), numbers.beside(moved.own, moved.dof)
+        cut = self._cut(every) | self.edges.near(own.level, every.freedom)
         index = self.equations.layout.number[self.equations.free]
         found = self.derived(owner) if self.held or cut.any() else None
         if found is None:
             return
+        direct = moved.own - moved.coordinates @ found.gradient.T
+        alone = np.abs(direct) <= ROUNDED_MOVES * np.abs(moved.own)
         reached: dict[int, tuple[Floats, Floats]] = {}
         followed = 0
         for place in np.flatnonzero(np.isfinite(found.values)).tolist():
             touched = found.touched(place)
-            if not len(touched) or not (self.held or (bool(cut[touched].any()) and self._cuts(found, touched))):
+            single = len(touched) == 1 and bool(alone[:, place].all()) and index[touched[0]] >= 0
+            cuts = bool(cut[touched].any()) and (single or self._cuts(found))
+            if not len(touched) or not (self.held or cuts):
                 continue
             if np.isnan(numbers.sigma[place]) and bool(self.combined[touched].any()):
                 continue
             which = int(touched[0])
-            if len(touched) == 1 and index[which] >= 0:
+            if single:
                 told = bool(own.sigma[which] > 0.0) and bool(cut[which])
                 if which not in reached and (told or not np.isnan(own.ends[0][which])):
-                    reached[which] = found.reach(int(index[which]), *self._whole(own, which))
+                    reached[which] = found.reach(int(index[which]), *self._whole(every, which))
                 if which in reached:
                     for end, far in zip(numbers.ends, reached[which], strict=True):
                         end[place] = far[place]
-            elif self.followed and followed < MOST_FOLLOWED and numbers.sigma[place] != 0.0:
+            elif self.followed and followed < MOST_FOLLOWED and wide.sigma[place] != 0.0:
                 if not found.felt(place, self.equations, self.alone):
                     continue
                 told = bool(numbers.sigma[place] > 0.0)
                 fewest = int(touched[own.freedom.dof[touched].argmin()])
                 law = numbers.law(place, scaled=self.scaled) if told else own.law(fewest, scaled=self.scaled)
-                profile: Followed = QuantityProfile(
-                    self.equations, self.minimum, (found, place), self.variance, self.settings
+                gradient, first = found.gradient[place], float(wide.sigma[place])
+                if not first > 0.0:
+                    first = float(np.linalg.norm(gradient * self.alone))
+                spread = first if self.linear is None else self.linear.spread(gradient)
+                law = self._law(law, spread, direct[:, place] + moved.free @ gradient)
+                pieces = (
+                    self._pieces(gradient, direct[:, place], float(found.values[place]), law)
+                    if found.straight
+                    else None
                 )
-                pieces = self._pieces(found.gradient[place], profile.value, law) if found.straight else None
+                own_moves = np.where(alone[:, place], 0.0, direct[:, place]) / law.inflation
+                profile: Followed = pieces or QuantityProfile(
+                    self.equations,
+                    self.minimum,
+                    (found, place),
+                    (moved.free / law.inflation, own_moves),
+                    self.variance,
+                    self.settings,
+                )
                 followed += pieces is None
-                if told and _agrees(pieces or profile, law, numbers, place):
+                if told and _agrees(profile, law, wide, place):
                     continue
-                first = numbers.sigma[place] if told else np.linalg.norm(found.gradient[place] * self.alone)
                 if found.straight or self.equations.likely:
-                    two = pieces.sides(law) if pieces else sides(profile, law, (np.inf, np.inf), float(first))
-                    ends = share_between(*two, law, own.level, self._certain(touched))
+                    two = pieces.sides(law) if pieces else sides(profile, law, (np.inf, np.inf), first)
+                    below, above = share_between(*two, law, own.level, self._certain(touched))
                 else:
-                    ends = grown_enough(profile, law, own.level, float(first))
-                numbers.ends[0][place], numbers.ends[1][place] = ends
+                    below, above = grown_enough(profile, law, own.level, first)
+                numbers.ends[0][place], numbers.ends[1][place] = below - profile.centre, above + profile.centre
 
-    def _cuts(self, found: Quantities, touched: Indices) -> bool:
-        """Whether a limit that nothing is held by cuts what is made of coordinates: where the profile is known, and no
-        uncertain constant has a part in it.
+    def _cuts(self, found: Quantities) -> bool:
+        """Whether a limit that nothing is held by cuts what is made of several coordinates: where the profile is known,
+        beside uncertain constants, too.
         """
-        return not self.added.any() and (found.straight or len(touched) == 1)
+        return found.straight and (self.linear is not None or not len(self.moved.dof))
 
-    def _pieces(self, gradient: Floats, value: float, law: Law) -> Pieces | None:
-        """The profile of what has a gradient (n,) everywhere, in closed form; None: it has none."""
-        return None if self.linear is None else self.linear.along(gradient, value, law)
+    def _law(self, law: Law, spread: float, moves: Floats) -> Law:
+        """The same beside constants, which move by ``moves`` (m,) what else has the standard deviation ``spread``."""
+        freedom = Freedom(dof=np.array(law.dof), inflation=np.array(law.inflation))
+        return replace(law, dof=float(freedom.beside(np.array(spread), np.square(moves), self.moved.dof).dof))
+
+    def _pieces(self, gradient: Floats, direct: Floats, value: float, law: Law) -> Pieces | None:
+        """The profile of what has a gradient (n,) everywhere, and is moved ``direct``ly (m,) by constants, in closed
+        form; None: it has none.
+        """
+        if self.linear is None:
+            return None
+        linear = self.linear.beside(self.moved.free / law.inflation)
+        return linear.along(gradient, direct / law.inflation, value, law)
 
     def _certain(self, coordinates: Indices) -> float:
         return np.nan if self.certain is None else self.certain.of(coordinates)
@@ -202,22 +249,21 @@ class Likelihood:
     def _cut(self, own: Own) -> Mask:
         """Coordinates (n,) that limits hold or are near to, and those without a sigma."""
         places = self.equations.coordinates(self.minimum.point)
-        linear = own.linear * np.sqrt(1.0 + np.nan_to_num(self.added / np.square(own.sigma)))
-        below, above = (np.where(np.isnan(each), linear, each) for each in own.ends)
+        below, above = (np.where(np.isnan(each), own.linear, each) for each in own.ends)
         near = (places - below < self.limits.lower) | (places + above > self.limits.upper)
         return np.asarray(self.pinned | near | (np.isnan(own.sigma) & ~self.combined))
 
     def _whole(self, own: Own, which: int) -> tuple[float, float]:
         """How far the interval of a coordinate reaches, as it is stated."""
         if np.isnan(own.ends[0][which]):
-            return self._shortest(own, which, 0.0, float(np.hypot(own.sigma[which], np.sqrt(self.added[which]))))
+            return self._shortest(own, which, 0.0)
         return float(own.ends[0][which]), float(own.ends[1][which])
 
-    def _shortest(self, own: Own, which: int, step: float, sigma: float) -> tuple[float, float]:
+    def _shortest(self, own: Own, which: int, step: float) -> tuple[float, float]:
         """How far the shortest interval of a linear distribution between the limits reaches, which begins with a step
         from the estimate.
         """
-        scale = sigma * float(own.freedom.inflation[which])
+        scale = float(own.sigma[which] * own.freedom.inflation[which])
         place = float(self.equations.coordinates(self.minimum.point)[which])
         limits = [float(each[which]) - place for each in (self.limits.lower, self.limits.upper)]
         down, up = ((limit - step) / scale for limit in limits)
@@ -228,11 +274,12 @@ class Likelihood:
 
 def _agrees(profile: Followed, law: Law, own: Own, which: int) -> bool:
     """Whether the ends that a number has, or the linear ones, are those of its profile."""
+    share = OF_LIKELIHOODS if isinstance(profile, Profile) else OF_SUMS
     linear = float(own.linear[which])
     below, above = (linear if np.isnan(each[which]) else float(each[which]) for each in own.ends)
     reached = law.of_square(float(coverage_factors(own.level, np.array([law.dof]))[0]) ** 2)
     there = (law.surprise(profile.growth(step)) for step in (-below, above))
-    return all(abs(np.sqrt(each / reached) - 1.0) <= OF_LIKELIHOODS for each in there)
+    return all(abs(np.sqrt(each / reached) - 1.0) <= share for each in there)
 
 
 @np.errstate(all="ignore")
@@ -274,7 +321,7 @@ def likelihood(
         derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
         linear=parabolas(equations, minimum, outcome.covariance.variance) if followed else None,
         edges=_edges(equations, minimum, outcome.covariance.factor),
-        added=np.zeros(count),
+        moved=Moved(coordinates=np.zeros((0, count)), free=np.zeros((0, count)), own=np.zeros((0, 1)), dof=np.zeros(0)),
     )
 
 

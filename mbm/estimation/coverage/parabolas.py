@@ -6,6 +6,7 @@ are met to where they are not. The profile is the lowest of those that are there
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -37,33 +38,60 @@ PLACES = 400
 class Parabolas:
     """The cost about a minimum in coordinates w in which it is w², where the minimum is ``here`` (k,).
 
-    ``turn`` (k, n) leads there from steps of the coordinates, gradients go by its transposed inverse, ``back`` (n, k).
-    Limits are ``lines`` (c, k) · (w − here) ≤ ``room`` (c,).
+    ``back`` (n, k) leads from steps there to steps of the coordinates, whose limits are ``rows`` (c, n) · step ≤
+    ``room`` (c,).
     """
 
     here: Floats
     back: Floats
-    lines: Floats
+    rows: Floats
     room: Floats
     variance: float
 
-    def along(self, gradient: Floats, value: float, law: Law) -> Pieces | None:
-        """The profile of the quantity with a gradient (n,), as far as the law has to look; None: too many limits."""
+    @property
+    def free_steps(self) -> Floats:
+        """The steps (n,) to where the coordinates would be without limits."""
+        return np.asarray(-(self.back @ self.here))
+
+    def spread(self, gradient: Floats) -> float:
+        """The standard deviation that a quantity with a gradient (n,) would have without limits."""
+        return float(np.sqrt(self.variance * np.square(gradient @ self.back).sum()))
+
+    def beside(self, moves: Floats) -> Parabolas:
+        """The same with m coordinates w more: uncertain constants whose standard deviations are ``moves`` (m, n)."""
+        back = np.hstack([self.back, moves.T / np.sqrt(self.variance)])
+        return replace(self, here=np.append(self.here, np.zeros(len(moves))), back=back)
+
+    def along(self, gradient: Floats, direct: Floats, value: float, law: Law) -> Pieces | None:
+        """The profile of the quantity with a gradient (n,), as far as the law has to look; None: too many limits.
+
+        The last coordinates w change it ``direct``ly (m,), too.
+        """
         slope = gradient @ self.back
+        slope[len(slope) - len(direct) :] += direct / np.sqrt(self.variance)
+        every = self.rows @ self.back
         least = float(self.here @ self.here)
         reach = np.sqrt(least + self.variance * law.growth(MOST_LOOKED_AT))
-        length = np.sqrt(np.square(self.lines).sum(axis=1))
-        near = length * reach > self.room + self.lines @ self.here
+        length = np.sqrt(np.square(every).sum(axis=1))
+        near = length * reach > self.room + every @ self.here
         if int(near.sum()) > MOST_LIMITS or not float(slope @ slope) > 0.0:
             return None
-        lines, room = self.lines[near] / length[near, None], self.room[near] / length[near]
+        lines, room = every[near] / length[near, None], self.room[near] / length[near]
         found = [
             piece
             for count in range(len(room) + 1)
             for which in combinations(range(len(room)), count)
             if (piece := _piece(self.here, slope, lines, room, list(which))) is not None
         ]
-        return Pieces(value=value, pieces=np.array(found), least=least, variance=self.variance)
+        pieces = np.array(found)
+        costs, slopes, bends, first, last = pieces.T
+        steps = np.clip(-slopes / (2.0 * bends), first, last)
+        costs = costs + steps * (slopes + steps * bends)
+        # beside limits, constants need not be most probable where they are stated
+        best, centre = int(costs.argmin()), 0.0
+        if costs[best] < (1.0 - ALONG) * least:
+            least, centre = float(costs[best]), float(steps[best])
+        return Pieces(value=value, pieces=pieces, centre=centre, least=least, variance=self.variance)
 
 
 def _piece(
@@ -96,10 +124,13 @@ def _piece(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pieces:
-    """A profile that begins at ``value``: lowest of ``pieces`` (p, 5), as `_piece` gives them, above the ``least``."""
+    """A profile about a ``value``: lowest of ``pieces`` (p, 5), as `_piece` gives them, above the ``least``, which is a
+    step to the ``centre`` away.
+    """
 
     value: float
     pieces: Floats
+    centre: float
     least: float
     variance: float
 
@@ -125,14 +156,15 @@ class Pieces:
         low, high = (low, high) if sign > 0.0 else (-high, -low)
         root = np.sqrt(np.square(slope) - 4.0 * bend * (value - self.least - far))
         ends = np.minimum((root - sign * slope) / (2.0 * bend), high)
-        end = float(np.where(ends >= low, ends, 0.0).max(initial=0.0, where=np.isfinite(ends)))
+        begin = sign * self.centre
+        end = float(np.where(ends >= low, ends, begin).max(initial=begin, where=np.isfinite(ends))) - begin
         if not end > 0.0:
             return Side(places=np.zeros(1), surprise=np.zeros(1), endless=False)
         scale = np.sqrt(self.variance / float(bend.min()))
         places = scale * np.sinh(np.linspace(0.0, np.arcsinh(end / scale), PLACES))
         places[-1] = end
         inside = np.append(places[:-1], end * (1.0 - ALONG))
-        surprise = np.maximum.accumulate(law.surprises(self.growths(sign * inside)))
+        surprise = np.maximum.accumulate(law.surprises(self.growths(self.centre + sign * inside)))
         return Side(places=places, surprise=surprise, endless=False)
 
 
@@ -143,11 +175,11 @@ def parabolas(equations: Assembled, minimum: Minimum, variance: float) -> Parabo
         return None
     count, place = equations.dimension, equations.coordinates(minimum.point)
     lower, upper = box(equations)
-    lines, room, tied = [np.eye(count), -np.eye(count)], [upper - place, place - lower], np.zeros((0, count))
+    rows, room, tied = [np.eye(count), -np.eye(count)], [upper - place, place - lower], np.zeros((0, count))
     if minimum.constraints is not None:
         state = minimum.constraints
         tied = np.asarray(state.slopes)[state.equality]
-        lines.append(np.asarray(state.slopes)[~state.equality])
+        rows.append(np.asarray(state.slopes)[~state.equality])
         room.append(-np.where(state.forcing | state.active, 0.0, state.values)[~state.equality])
     basis = np.eye(count)
     if len(tied):
@@ -161,12 +193,12 @@ def parabolas(equations: Assembled, minimum: Minimum, variance: float) -> Parabo
     if decided_rank(len(norms), np.linalg.svd(triangle, compute_uv=False)) < len(norms):
         return None
     back = basis @ np.linalg.solve(triangle * norms, np.eye(len(norms)))
-    every, far = np.vstack(lines) @ back, np.concatenate(room)
-    felt = np.isfinite(far) & (np.abs(every).max(axis=1, initial=0.0) > 0.0)
+    far = np.concatenate(room)
+    limited = np.isfinite(far)
     return Parabolas(
         here=orthogonal.T @ minimum.residuals,
         back=back,
-        lines=every[felt],
-        room=np.maximum(far[felt], 0.0),
+        rows=np.vstack(rows)[limited],
+        room=np.maximum(far[limited], 0.0),
         variance=variance,
     )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations.spreads import Freedom
+from mbm.equations.spreads import Freedom, Moved
 from mbm.equations.types import Floats
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.curvature import Curvature, flat_reach, followed_ends, most_followed
@@ -54,10 +54,14 @@ class Profiles:
         """Those of all numbers of a derived quantity."""
         return self._once(owner, level, lambda: self._numbers(owner, level))
 
-    def widened(self, added: Floats) -> Profiles:
-        """The same where coordinates would scatter by variances ``added`` (n,) more if no limit held them."""
-        wider = None if self.likelihood is None else self.likelihood.widened(added)
-        return replace(self, likelihood=wider, _found={})
+    def free_steps(self) -> Floats:
+        """The steps (n,) to where the coordinates would be without the limits that hold them; NaN: not known."""
+        return np.zeros(len(self.sigma)) if self.likelihood is None else self.likelihood.free_steps()
+
+    def beside(self, moved: Moved) -> Profiles:
+        """The same with uncertain constants, which move the coordinates."""
+        likelihood = None if self.likelihood is None else replace(self.likelihood, moved=moved)
+        return replace(self, likelihood=likelihood, _found={})
 
     def _once(
         self, owner: int | None, level: float, find: Callable[[], tuple[Floats, Floats]]

@@ -85,7 +85,12 @@ class Followed(Protocol):
 
     @property
     def value(self) -> float:
-        """Where it begins."""
+        """What it is a profile about."""
+        ...
+
+    @property
+    def centre(self) -> float:
+        """The step to where it is least."""
         ...
 
     def growth(self, step: float) -> float:
@@ -160,7 +165,7 @@ def sides(profile: Followed, law: Law, limits: tuple[float, float], sigma: float
 
 def _surprise(profile: Followed, law: Law, sign: float, distance: float) -> float:
     """What is left at a distance; where a likelihood has no value, far out, as little as is ever looked at."""
-    found = law.surprise(profile.growth(sign * distance))
+    found = law.surprise(profile.growth(profile.centre + sign * distance))
     return found if found < 2.0 * MOST_LOOKED_AT else 2.0 * MOST_LOOKED_AT
 
 

@@ -15,6 +15,7 @@ from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.estimation.minimise.constrained.linearise import linearise, met
 from mbm.estimation.minimise.constrained.solve import function_constrained_minimum
 from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.minimise.native.minimum import native_minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
 from mbm.estimation.trust.curvature import MOST_DERIVED
@@ -44,12 +45,8 @@ class Profile:
         self._least = minimum.cost
         self._variance = variance
         self._points = {0.0: minimum.point}
-        self._value = float(minimum.point[self._number])
-
-    @property
-    def value(self) -> float:
-        """Where it begins."""
-        return self._value
+        self.value = float(minimum.point[self._number])
+        self.centre = 0.0
 
     def growth(self, step: float) -> float:
         """By how many variances the cost grows with a step of the coordinate, least over all others; infinite where
@@ -75,7 +72,7 @@ class Profile:
     def _found(self, start: Floats, there: float) -> tuple[float, Floats] | None:
         """The least cost (infinite: none) after a step, from a point near it, and where; None: nothing leads there."""
         start = start.copy()
-        start[self._number] = self._value + there
+        start[self._number] = self.value + there
         residuals = self._others.residuals(start)
         cost = float(residuals @ residuals)
         if not self._others.dimension:
@@ -154,16 +151,73 @@ def _distances(grid: Floats, reach: float) -> Floats:
     return reach * grid if np.isfinite(reach) else np.append(np.expm1(FAR * grid[:-1]), np.inf)
 
 
+class Constants:
+    """Uncertain constants beside the residuals (r,) of a cost of one variance: v (m,), of one standard deviation each.
+
+    These move residuals by −``moves`` v, with ``moves`` (r, m), and a quantity by ``direct`` (m,) v.
+    """
+
+    def __init__(self, moves: Floats, direct: Floats) -> None:
+        self.moves, self.direct = moves, direct
+        self.length = float(np.linalg.norm(direct))
+        along = direct / self.length if self.length > 0.0 else direct
+        self.pulled = moves @ along / (self.length or 1.0)
+        self._left, singular, _ = np.linalg.svd(moves - np.outer(moves @ along, along), full_matrices=False)
+        self._less = 1.0 - 1.0 / np.sqrt(1.0 + np.square(singular))
+
+    def without(self, values: Floats) -> Floats:
+        """The root (r, …) of the least cost over all v that do not move the quantity."""
+        return np.asarray(values - self._left @ ((self._left.T @ values).T * self._less).T)
+
+    def best(self, residuals: Floats) -> Floats:
+        """The v (m,) of the least cost."""
+        square = np.eye(len(self.direct)) + self.moves.T @ self.moves
+        return np.asarray(np.linalg.solve(square, self.moves.T @ residuals))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Brought(Forwarding):
-    """The ``equations`` with a constraint more: the number ``place`` of quantities changes by ``target``."""
+class Beside(Forwarding):
+    """The ``equations`` where constants are as probable as can be."""
 
     equations: Assembled
+    constants: Constants
+    lower: Floats
+    upper: Floats
+
+    @property
+    def linear(self) -> bool:
+        """As the equations are."""
+        return self.equations.linear
+
+    @property
+    def equality(self) -> Mask:
+        """Which constraints are equations."""
+        return self.equations.equality
+
+    def residuals(self, x: Floats) -> Floats:
+        """Whitened residuals."""
+        return self.constants.without(self.equations.residuals(x))
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Their derivatives."""
+        return self.constants.without(self.equations.jacobian(x))
+
+    def constraint_values(self, x: Floats) -> Floats:
+        """Those of the problem."""
+        return self.equations.constraint_values(x)
+
+    def constraint_jacobian(self, x: Floats) -> Floats:
+        """Their derivatives."""
+        return self.equations.constraint_jacobian(x)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Brought(Beside):
+    """The same with the number ``place`` of quantities changed by ``target``: a constraint more."""
+
     quantities: Quantities
     place: int
     target: float
-    lower: Floats
-    upper: Floats
 
     @property
     def linear(self) -> bool:
@@ -177,23 +231,68 @@ class Brought(Forwarding):
 
     def constraint_values(self, x: Floats) -> Floats:
         """Those of the problem, and what the quantity lacks."""
-        return np.append(
-            self.equations.constraint_values(x), self.quantities.changes(x[None])[0, self.place] - self.target
-        )
+        return np.append(self.equations.constraint_values(x), -self.lacking(x))
 
     def constraint_jacobian(self, x: Floats) -> Floats:
         """Their derivatives."""
-        return np.vstack([self.equations.constraint_jacobian(x), self.quantities.slope(self.place, x)])
+        return np.vstack([self.equations.constraint_jacobian(x), self.slope(x)])
+
+    def lacking(self, x: Floats) -> float:
+        """What the quantity lacks."""
+        return self.target - float(self.quantities.changes(x[None])[0, self.place])
+
+    def slope(self, x: Floats) -> Floats:
+        """The gradient (n,) of the quantity."""
+        return self.quantities.slope(self.place, x)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MadeUp(Brought):
+    """The same where constants move the quantity directly: they make up for what it lacks, a residual more."""
+
+    @property
+    def count(self) -> int:
+        """One more."""
+        return self.equations.count + 1
+
+    @property
+    def equality(self) -> Mask:
+        """Which constraints are equations."""
+        return self.equations.equality
+
+    def constraint_values(self, x: Floats) -> Floats:
+        """Those of the problem."""
+        return self.equations.constraint_values(x)
+
+    def constraint_jacobian(self, x: Floats) -> Floats:
+        """Their derivatives."""
+        return self.equations.constraint_jacobian(x)
+
+    def residuals(self, x: Floats) -> Floats:
+        """Whitened residuals."""
+        lacking, constants = self.lacking(x), self.constants
+        own = self.equations.residuals(x) - constants.pulled * lacking
+        return np.append(constants.without(own), lacking / constants.length)
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Their derivatives."""
+        slope, constants = self.slope(x), self.constants
+        own = self.equations.jacobian(x) + np.outer(constants.pulled, slope)
+        return np.vstack([constants.without(own), -slope / constants.length])
 
 
 class QuantityProfile(Profile):
-    """The same of the number ``place`` of derived quantities."""
+    """The same of the number ``place`` of derived quantities, with uncertain constants.
+
+    Their standard deviations are ``moves`` (m, n) of the coordinates without limits, and (m,) of the number itself.
+    """
 
     def __init__(
         self,
         equations: Assembled,
         minimum: Minimum,
         which: tuple[Quantities, int],
+        moves: tuple[Floats, Floats],
         variance: float,
         settings: Settings,
     ) -> None:
@@ -202,18 +301,36 @@ class QuantityProfile(Profile):
         self._least = minimum.cost
         self._variance = variance
         self._points = {0.0: minimum.point}
-        self._value = float(self._quantities.values[self._place])
+        self.value = float(self._quantities.values[self._place])
+        self.centre = 0.0
+        free, direct = (each / np.sqrt(variance) for each in moves)
+        self._constants = Constants(np.nan_to_num(minimum.jacobian @ free.T), direct)
+        if len(free):
+            self._begin(minimum.point)
+
+    def _begin(self, point: Floats) -> None:
+        """Beside limits, constants need not be most probable where they are stated."""
+        equations = self._equations
+        every = Constants(self._constants.moves, np.zeros(len(self._constants.direct)))
+        beside = Beside(equations=equations, constants=every, lower=equations.lower, upper=equations.upper)
+        found = minimise(beside, point, self._settings)
+        best = every.best(equations.residuals(found.point))
+        change = float(self._quantities.changes(found.point[None])[0, self._place])
+        self._least, self.centre = found.cost, change + float(self._constants.direct @ best)
+        self._points[self.centre] = found.point
 
     def _found(self, start: Floats, there: float) -> tuple[float, Floats] | None:
-        brought = Brought(
+        brought = (MadeUp if self._constants.length > 0.0 else Brought)(
             equations=self._equations,
+            constants=self._constants,
+            lower=self._equations.lower,
+            upper=self._equations.upper,
             quantities=self._quantities,
             place=self._place,
             target=there,
-            lower=self._equations.lower,
-            upper=self._equations.upper,
         )
-        found = function_constrained_minimum(brought, start, self._settings)
+        least = function_constrained_minimum if brought.equality.size else native_minimum
+        found = least(brought, start, self._settings)
         good = found.bad_row is None and found.feasible
         return (found.cost if good else np.inf), found.point
 

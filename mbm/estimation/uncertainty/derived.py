@@ -110,7 +110,7 @@ class Propagation:
                 still |= held_too[lines] & ~part.any(axis=-1)
                 reason = PINNED if bool(still.any()) else reason
                 if derived.kind is None:
-                    held = cannot_vary(stated[lines], spread) | certain
+                    held = (cannot_vary(stated[lines], spread) & ~still) | certain
                     part, spread = np.where(held[..., None], 0.0, part), np.where(held, 0.0, spread)
                 sigma[chosen] = np.where(unknown[lines] | still, np.nan, spread)
                 found = self.outcome.freedoms.of(part)
