@@ -30,10 +30,10 @@ KNOWN_BEFORE = 1e-24
 """A variance that is this share of what it is the sum of, or was before an equality, is rounding: nothing is left."""
 
 
-def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) -> None:
+def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals, place: Integer) -> None:
     """The distribution where ``value + slopeᵀ d`` is not above zero, or is zero; d are coordinates about the mean.
 
-    An inequality cuts nothing of what nothing is known of yet.
+    An inequality cuts nothing of what nothing is known of yet. A smoother begins with the row that it is, at ``place``.
     """
     n = walk.chain.n
     unknown = open_square(walk, slope)
@@ -61,6 +61,8 @@ def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) 
             return
         shift = cut_mean(distance)
         left = sqrt(cut_variance(distance))
+        if walk.chain.cuts > 0:
+            put_row_of_cut(value, square, walk.cuts[2 * place :])
     else:
         walk.last_cost += distance * distance
         walk.last_equations += 1
@@ -77,6 +79,16 @@ def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals) 
                 column[i * n] = 0.0
         walk.step[j] = shift * walk.along[j]
     go_along(walk)
+
+
+def put_row_of_cut(mean: Real, variance: Real, row: Reals) -> None:
+    """The row that makes of a normal distribution what a cut at 0 leaves: precision, and precision times mean."""
+    deviation = sqrt(variance)
+    distance = -mean / deviation
+    shift = cut_mean(distance)
+    left = cut_variance(distance)
+    row[0] = shift * (shift - distance) / (left * variance)
+    row[1] = shift * (1.0 - distance * (shift - distance)) / (left * deviation)
 
 
 def open_square(walk: Walk, slope: ConstantReals) -> Real:
@@ -132,21 +144,22 @@ def go_along(walk: Walk) -> None:
     transport(walk.seen, walk.mean, walk.step, walk.open_count, walk.turn, walk.open)
 
 
-def cut_bounds(walk: Walk, first: Integer) -> None:
-    """Cuts by the bounds of all states, with ``first`` 1 of plain unknowns before."""
+def cut_bounds(walk: Walk, k: Integer) -> None:
+    """Cuts by the bounds of all states at step k; at the first with rows of plain unknowns before."""
     chain = walk.chain
     n = chain.n
+    at = k * chain.cuts
     bounds = walk.rows.constants[BOUNDS_AT:]
     for j in range(n):
         place = walk.seen.number_of[j]
-        if place >= 0 and (first == 1 or j >= chain.plain):
+        if place >= 0 and (k == chain.begin or j >= chain.plain):
             filled(n, 0.0, walk.limit_slopes)
             if isfinite(bounds[j]):
                 walk.limit_slopes[j] = -1.0
-                cut_along(walk, 0, bounds[j] - walk.point[place], walk.limit_slopes)
+                cut_along(walk, 0, bounds[j] - walk.point[place], walk.limit_slopes, at + 2 * j)
             if isfinite(bounds[n + j]):
                 walk.limit_slopes[j] = 1.0
-                cut_along(walk, 0, walk.point[place] - bounds[n + j], walk.limit_slopes)
+                cut_along(walk, 0, walk.point[place] - bounds[n + j], walk.limit_slopes, at + 2 * j + 1)
 
 
 def put_limits(walk: Walk, b: Integer, inputs: Reals) -> None:
@@ -195,14 +208,15 @@ def worst_violation(walk: Walk) -> Real:
     return found
 
 
-def cut_step(walk: Walk, first: Integer) -> None:
-    """All cuts of the step whose rows are loaded, in their order; each is linearised where those before have led."""
+def cut_step(walk: Walk, k: Integer) -> None:
+    """All cuts of step k, whose rows are loaded, in their order; each is linearised where those before have led."""
     chain = walk.chain
     problem = walk.seen
     walk.last_equations = 0
     if chain.cut == 1:
-        cut_bounds(walk, first)
+        cut_bounds(walk, k)
     inputs = 0
+    place = k * chain.cuts + 2 * chain.n
     for b in range(problem.residual_blocks + problem.constraint_blocks):
         block = problem.blocks[b]
         count = walk.rows.data.blocks[b].rows
@@ -211,7 +225,8 @@ def cut_step(walk: Walk, first: Integer) -> None:
                 equality = block.equality[c % block.outputs]
                 if chain.cut == 1 or equality == 1:
                     put_limits(walk, b, walk.rows.inputs[inputs:])
-                    cut_along(walk, equality, walk.limit_values[c], walk.limit_slopes[c * chain.n :])
+                    cut_along(walk, equality, walk.limit_values[c], walk.limit_slopes[c * chain.n :], place + c)
+            place += count * block.outputs
         inputs += groups_of(count) * (block.variables + block.parameters) * LANES
 
 

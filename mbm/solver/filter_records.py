@@ -38,7 +38,7 @@ class Chain:
     noises: Integer
     """Columns of the noise of a transition, q."""
     lines: Integer
-    """Most scalar rows of a step, at least n + q + 1."""
+    """Most scalar rows of a step, those of inequalities included, at least n + q + 1."""
     limits: Integer
     """Most scalar constraints in a block of a step, at least 1."""
     affine: Integer
@@ -51,6 +51,8 @@ class Chain:
     """The first step with rows: bounds of plain unknowns cut there only."""
     cut: Integer
     """1: inequalities and bounds cut the distribution after each update."""
+    cuts: Integer
+    """Most scalar inequalities of a step that a smoother has rows for, two bounds of each coordinate included; or 0."""
     kept: Integer
     """Steps whose policies are kept: T for a smoother, the lag and 2 more for one of fixed lag, else 1."""
     hypotheses: Integer
@@ -219,6 +221,12 @@ class Walk:
     """The mirrored continuation …"""
     mirror_factor: Reals = sized("n * n")
     """… with its factor."""
+    cuts: Reals = sized("2 * kept * cuts")
+    """The rows that stand for the inequalities of each step: precision, and precision times mean, of the value …"""
+    cut_values: Reals = sized("cuts")
+    """… which these are at a point, …"""
+    cut_slopes: Reals = sized("cuts * n")
+    """… with their slopes (cuts, n)."""
     limit_values: Reals = sized("limits")
     limit_slopes: Reals = sized("limits * n")
 

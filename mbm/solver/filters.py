@@ -50,7 +50,7 @@ def updated(walk: Walk, k: Integer, place: Integer, cost: Real) -> Integer:
     if update(walk) == 0:
         return 0
     violation = worst_violation(walk)
-    cut_step(walk, 1 if k == walk.chain.begin else 0)
+    cut_step(walk, k)
     put_hypothesis(walk, place, cost + walk.last_cost)
     walk.crowd_violations[place] = violation
     return 1
@@ -118,7 +118,7 @@ def filter_step(walk: Walk, k: Integer) -> Integer:
         return 0
     if update(walk) == 0:
         return 0
-    cut_step(walk, 1 if k == walk.chain.begin else 0)
+    cut_step(walk, k)
     return 1
 
 

@@ -12,6 +12,7 @@ from mbm.solver.filters import filter_steps
 from mbm.solver.lags import lag_scores
 from mbm.solver.minimal_pose import poses_of_many
 from mbm.solver.noise_roots import roots_of_covariances
+from mbm.solver.smoother_cuts import renew_cuts
 from mbm.solver.smoother_lag import lag_end, lag_steps
 from mbm.solver.smoothers import smooth_all
 from mbm.solver.spheres import places_of_many
@@ -32,7 +33,7 @@ def consensus_module(lanes: int) -> Module:
 
 def filters_module(lanes: int) -> Module:
     """Filters and smoothers likewise."""
-    roots = (begin_walk, filter_steps, smooth_all, lag_steps, lag_end, roots_of_covariances)
+    roots = (begin_walk, filter_steps, smooth_all, renew_cuts, lag_steps, lag_end, roots_of_covariances)
     return module_of("filters", roots, constants={"LANES": lanes})
 
 

@@ -45,6 +45,7 @@ from mbm.solver.linear_algebra import (
     solve_upper,
 )
 from mbm.solver.manifolds import retract
+from mbm.solver.smoother_cuts import cut_cost, cut_lines
 
 
 def begin_path(walk: Walk) -> None:
@@ -175,7 +176,7 @@ def forward(walk: Walk, first: Integer, last: Integer, free: Integer, part: Real
     for k in range(first, last + 1):
         own = walk.path_tried[slot_of(walk, k) * chain.numbers :]
         load_step(walk, k)
-        cost += step_cost(walk, own)
+        cost += step_cost(walk, own) + cut_cost(walk, k, own)
         if not isfinite(cost):
             return FIRST_COST
         if k < last:
@@ -262,6 +263,7 @@ def add_future(walk: Walk, k: Integer) -> None:
     n = walk.chain.n
     load_step(walk, k)
     m = step_lines(walk, path_of(walk, k))
+    m += cut_lines(walk, k, path_of(walk, k), walk.jacobian[m * (n + 1) :])
     to_columns(m, n + 1, m, walk.jacobian, walk.chunk)
     append_rows(n + 1, m, m, walk.chunk, walk.future)
 

@@ -35,7 +35,8 @@ def moved(
     """The states of one data set by the method that the problem asks for; the arguments are those of `estimate`.
 
     ``batch`` begins where a smoother ends if what is carried on from the first step is no start. A smoother of all
-    steps hands over to ``batch`` where inequalities and bounds matter, and where its path does not settle.
+    steps that is not cut hands over to ``batch`` where inequalities and bounds matter, and where its path does not
+    settle.
 
     Raises:
         MbmError: the problem has what filters do not take, or something has no start.
@@ -54,6 +55,8 @@ def moved(
     if sequence is None or not sequence.estimator.whole:
         return found
     settled = found.minimum.reason.converged
+    if sequence.estimator.cuts:
+        return found
     if settings.stopped() if not settled else meets_limits(problem, found):
         return found
     # What all rows say is beyond a limit, or the path got stuck: `batch` takes all rows as this smoother does.

@@ -60,6 +60,12 @@ class Local:
         return max(1, int((_outputs(self.equations.constraints) * rows).max(initial=1)))
 
     @property
+    def most_constraints(self) -> int:
+        """Most scalar constraints of a data set."""
+        own = self.counts[len(self.equations.groups) :]
+        return int((_outputs(self.equations.constraints) @ own).max(initial=0))
+
+    @property
     def linear(self) -> bool:
         """Whether residuals and constraints are affine in all that is free."""
         equations = self.equations
@@ -69,16 +75,13 @@ class Local:
         return not equations.lossy and all(affine(group, free) for group in groups)
 
 
-def local(
-    equations: Assembled, first: Indices, counts: Indices, cache: EvaluationCache, *, calls: int | None = None
-) -> Local:
+def local(equations: Assembled, first: Indices, counts: Indices, cache: EvaluationCache, *, calls: int) -> Local:
     """The equations, of which there may be none, with their data sets; rows of a group stand data set by data set.
 
-    ``calls`` of kernels are to come (None: one for each group of a data set).
+    ``calls`` of kernels are to come.
     """
     groups = (*equations.groups, *equations.constraints)
     code = native_code(cache)
-    calls = int(np.count_nonzero(counts)) if calls is None else calls
     kernels = kernels_of(
         code, groups, compiled=equations.machine_code is not None or _worth_compiling(groups, calls, code)
     )

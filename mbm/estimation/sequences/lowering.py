@@ -31,6 +31,9 @@ from mbm.symbolic.types import ColumnInput
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
+PASSES_OF_CUTS = 50
+"""Passes over all rows until the cuts of a smoother fit one another, as a guess: 55 frames of a hand took 80."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lowered:
@@ -97,8 +100,9 @@ def lowered(
     begin = int(np.argmax(counted > 0)) if bool((counted > 0).any()) else 0
     limits += [_by_step(group, equal, np.full(group.rows, begin), steps) for group, equal in undivided]
     limits.sort(key=lambda each: each.group.kernel.owner)
-    step = _local(equations, places, seen, limits, cache, transition=False)
-    transitions = _transitions(problem, equations, places, moving, tables, cache)
+    passes = PASSES_OF_CUTS if sequence.estimator.cuts and sequence.estimator.whole else 1
+    step = _local(equations, places, seen, limits, cache, passes)
+    transitions = _transitions(problem, equations, places, moving, tables, cache, passes)
     return Lowered(
         chained=Chained(
             seen=step,
@@ -160,7 +164,9 @@ def of_no_step(group: Group, block: Block, places: Places, sequence: Sequence, t
 
 
 def says_the_same(group: Group, block: Block, layout: Layout, sequence: Sequence) -> bool:
-    """Whether an equation says the same of what does not move in each row: it tells something once, by the first.
+    """Whether a constraint says the same of what does not move in each row: it tells something once, by the first.
+
+    Of inequalities a filter cuts by every row.
 
     Its rows then differ neither in numbers of a table nor in the members of families that they pick, however many
     there are.
@@ -169,7 +175,8 @@ def says_the_same(group: Group, block: Block, layout: Layout, sequence: Sequence
     same = not any(isinstance(each, ColumnInput) for each in group.kernel.parameters)
     same &= all(slot.member is None or slot.unknown in states for slot in group.kernel.variables)
     still = not any(moves(layout.entry(slot.unknown)) for slot in group.kernel.variables)
-    return same and still and block.constraint is ConstraintKind.EQUAL
+    once = block.constraint is ConstraintKind.EQUAL or sequence.estimator.whole
+    return same and still and once
 
 
 def steps_of(group: Group, block: Block, places: Places, sequence: Sequence, tables: Mapping[str, Table]) -> Indices:
@@ -215,10 +222,11 @@ def _local(
     rows: list[_Rows],
     limits: list[_Rows],
     cache: EvaluationCache,
+    passes: int,
     *,
-    transition: bool,
+    transition: bool = False,
 ) -> Local:
-    """The equations of a step, or of a transition."""
+    """The equations of a step, or of a transition, for so many passes over all rows."""
     layout = (transition_layout if transition else step_layout)(equations.layout, places)
     free = places.free
     if transition:
@@ -250,7 +258,7 @@ def _local(
     first, counts = np.zeros((2, len(every), steps), dtype=np.int64)
     for number, each in enumerate(every):
         first[number], counts[number] = each.first, each.counts
-    return local(whole, first, counts, cache)
+    return local(whole, first, counts, cache, calls=passes * int(np.count_nonzero(counts)))
 
 
 def _placed(rows: _Rows, places: Places, *, transition: bool) -> Group:
@@ -273,6 +281,7 @@ def _transitions(
     moving: list[_Rows],
     tables: Mapping[str, Table],
     cache: EvaluationCache,
+    passes: int,
 ) -> tuple[Local, Floats]:
     """The rows of transitions as they are, not whitened, and L of each."""
     found = Spreads(steps=len(places.numbers) - 1, rows=len(places.free) - places.still)
@@ -285,4 +294,4 @@ def _transitions(
         found.add(spread_of(stated, block.table, group.positions, tables, code), each.first, each.counts)
         ones = Whitener(0, group.kernel.outputs, np.ones((group.rows, group.kernel.outputs)))
         plain.append(replace(each, group=replace(group, whiteners=(ones,), losses=())))
-    return _local(equations, places, plain, [], cache, transition=True), found.matrices()
+    return _local(equations, places, plain, [], cache, passes, transition=True), found.matrices()

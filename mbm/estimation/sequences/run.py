@@ -191,7 +191,7 @@ def _rules(estimator: Estimator, settings: Settings, lossy: bool) -> Rules:
         iterations=1 if once else settings.max_iterations,
         cut=estimator.cuts or estimator.method is SequenceMethod.TRUNCATED,
         skip=estimator.skip,
-        tolerance=FINE if smooth and estimator.lag is None else COARSE,
+        tolerance=FINE if smooth and estimator.lag is None and not estimator.cuts else COARSE,
         smooth=smooth,
         hypotheses=estimator.hypotheses,
         lag=estimator.lag,

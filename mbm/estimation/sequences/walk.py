@@ -61,7 +61,8 @@ class Prior:
 class Rules:
     """How a walk goes: ``iterations`` of an update at most, ``smooth`` with a ``lag`` in steps (None: all of them).
 
-    ``cut``: inequalities cut; a cut beyond ``skip`` deviations is left out. ``tolerance`` in standard deviations.
+    ``cut``: inequalities cut; a cut beyond ``skip`` deviations is left out by a filter. A smoother that cuts takes
+    ``sweeps`` over all steps at most until the cuts fit one another. ``tolerance`` in standard deviations.
     So many ``hypotheses`` at most are followed by a filter. ``endless``: steps come one by one, and the sequence holds
     as many as there is room for.
     """
@@ -69,6 +70,7 @@ class Rules:
     iterations: int = 1
     cut: bool = False
     skip: float = 3.0
+    sweeps: int = 100
     tolerance: float = 1e-9
     smooth: bool = False
     hypotheses: int = 1
@@ -224,14 +226,14 @@ class Memory:
         """All steps, so many at a time; what is smoothed as a whole begins with the path of a filter."""
         steps = len(self.points)
         whole = self._rules.smooth and self._rules.lag is None
-        if whole and self.chain[Chain.linear]:
+        if whole and self.chain[Chain.linear] and not self._rules.cut:
             self.points[:] = self._prior.point
             made = steps
         else:
             made = self._steps("lag_steps" if self._rules.smooth and not whole else "filter_steps", stopped)
+        fitting = made == steps
         if whole and made == steps:
-            self._set_prior()
-            made = self.routine("smooth_all")
+            made, fitting = self._smoothed(stopped)
         self.raise_failure()
         whole_cost = self._real("left_cost") + self._real("last_cost")
         cost = whole_cost if self._rules.smooth else float(self.costs[:made].sum())
@@ -246,11 +248,25 @@ class Memory:
             cost=cost,
             made=made,
             failed=bool(self._get("failed")),
-            settled=bool(self._get("settled")) and not self._get("unsettled"),
+            settled=fitting and bool(self._get("settled")) and not self._get("unsettled"),
             equations=self._get("equations"),
             iterations=self._get("iterations"),
             evaluations=self._get("evaluations"),
         )
+
+    def _smoothed(self, stopped: Callable[[], bool]) -> tuple[int, bool]:
+        """Steps that are made of all at once from where `points` are, and whether cuts, if any cut, fit one another."""
+        steps, fitting = len(self.points), not self._rules.cut
+        self._set_prior()
+        made = self.routine("smooth_all")
+        for _ in range(self._rules.sweeps):
+            if fitting or made < steps or stopped():
+                break
+            fitting = self.routine("renew_cuts") == 1
+            if not fitting:
+                self._set_prior()
+                made = self.routine("smooth_all")
+        return made, fitting
 
     def raise_failure(self) -> None:
         """Raise what a function in Python raised that an equation calls, if one did."""
@@ -338,7 +354,8 @@ def chain_of(chained: Chained, rules: Rules) -> Indices:
     seen, moving = chained.seen, chained.moving
     n = seen.equations.dimension
     steps = chained.steps
-    lines = int(seen.residuals.max(initial=0))
+    cuts = 2 * n + seen.most_constraints if rules.cut and rules.smooth else 0
+    lines = int(seen.residuals.max(initial=0)) + cuts
     lag = steps if rules.lag is None else min(rules.lag, steps)
     kept = 1 if not rules.smooth else steps if rules.lag is None else lag + 2
     values = {
@@ -356,6 +373,7 @@ def chain_of(chained: Chained, rules: Rules) -> Indices:
         "iterations": 1 if chained.linear else rules.iterations,
         "begin": chained.begin,
         "cut": int(rules.cut),
+        "cuts": cuts,
         "kept": kept,
         "lag": lag,
         "held": steps,

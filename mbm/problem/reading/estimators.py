@@ -232,18 +232,18 @@ def read_estimator(work: Workspace, solves: list[Sequence]) -> Estimator:
 
 
 def checked_cuts(estimator: Estimator, span: Span) -> Estimator:
-    """The estimator, unless it is to cut distributions and is no filter.
+    """The estimator, unless it is to cut distributions and cannot.
 
     Raises:
-        MbmError: a smoother, or ``batch``.
+        MbmError: a smoother of fixed lag, or ``batch``.
 
     """
-    if not estimator.cuts or estimator.method not in (SequenceMethod.SMOOTHER, SequenceMethod.BATCH):
-        return estimator
     batch = estimator.method is SequenceMethod.BATCH
-    mend = "meets constraints at all steps at once" if batch else "reports how they are violated"
-    message = f"`:constraints truncate` cuts what a filter knows after each step; `{estimator.method.value}` {mend}"
-    raise MbmError(language_faults.bad_form(span, message, "(solve :method ekf :constraints truncate)"))
+    if not estimator.cuts or not (batch or estimator.lag):
+        return estimator
+    mend = "`batch` meets constraints" if batch else "one of fixed lag takes none"
+    message = f"`:constraints truncate` cuts what a filter, or the smoother of all steps, knows; {mend}"
+    raise MbmError(language_faults.bad_form(span, message, "(solve :method smoother :constraints truncate)"))
 
 
 def named_estimator(name: str) -> Estimator | None:

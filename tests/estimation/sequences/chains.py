@@ -30,7 +30,7 @@ def local_of(text, tables, once=(), backend="native"):
         block = stated.blocks[group.kernel.owner]
         if block.table not in own.spans and (block.role is not BlockRole.CONSTRAINT or block.name in once):
             bound.rows[number, 1:] = 0
-    return local(equations, bound.first, bound.rows, made.cache)
+    return local(equations, bound.first, bound.rows, made.cache, calls=0)
 
 
 def chained(seen, moving, spreads, *, still, still_numbers=None, once=(), rates=None, backend="native"):
