@@ -144,8 +144,7 @@ class CompiledProblem:
             name = without_variance_of(problem)
             if name is not None:
                 return without_variance(result, name)
-        constants = problem.constants
-        if not any(constant.sigmas for constant in constants):
+        if not any(constant.sigmas for constant in problem.constants):
             return result
         # Loaded by problems with uncertain constants only, so that the others start at once.
         from mbm.api.considered import with_constants
@@ -156,7 +155,7 @@ class CompiledProblem:
             other = compiled(self.origin, inputs, self.backend)
             return other._solved(begun, other._for(data))
 
-        return with_constants(result, constants, self.inputs, again)
+        return with_constants(result, problem, self.inputs, again)
 
     def _solved(self, settings: SolveSettings, now: Compilation) -> Result:
         """The report of a solve with constants as they are."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from mbm.compiler import Inputs
 from mbm.problem.overrides import ConstantValue, Override
 from mbm.problem.types import Problem
-from mbm.report.considered import considered, moved_by
+from mbm.report.bends import with_bends
+from mbm.report.considered import considered, share_of
 from mbm.report.spreads import ConsideredConstant
 from mbm.report.types import Result
 from mbm.scales import SI
@@ -26,11 +27,17 @@ def without_variance_of(problem: Problem) -> str | None:
     return next(iter([*constants, *priors]), None)
 
 
-def with_constants(
-    result: Result, constants: tuple[ConstantValue, ...], inputs: Inputs, again: Callable[[Inputs], Result]
-) -> Result:
-    """The ``result`` with the uncertainties of ``constants``, for which the problem is solved ``again`` with others."""
-    return considered(result, moved(constants, inputs, again))
+def with_constants(result: Result, problem: Problem, inputs: Inputs, again: Callable[[Inputs], Result]) -> Result:
+    """The ``result`` with the uncertainties of constants, for which the ``problem`` is solved ``again`` with others."""
+    constants = problem.constants
+    pairs = moved(constants, inputs, again)
+    places = list(_uncertain(constants))
+    spans = {each.name: each.span for each in problem.unknowns} | {each.name: each.span for each in problem.derived}
+
+    def solved(steps: Mapping[int, float]) -> Result:
+        return again(_moved(inputs, {places[i]: step for i, step in steps.items()}))
+
+    return with_bends(considered(result, pairs), result, pairs, solved, spans)
 
 
 def moved(
@@ -38,9 +45,10 @@ def moved(
 ) -> list[tuple[ConsideredConstant, Result, Result]]:
     """Each number of the uncertain ``constants``, and what is found ``again`` with it below and above its value."""
     found = []
-    for constant, element in _uncertain(constants):
-        below, above = (again(_moved(inputs, constant, element, side)) for side in (-1.0, 1.0))
-        found.append((_named(constant, element), below, above))
+    for place in _uncertain(constants):
+        named = _named(*place)
+        below, above = (again(_moved(inputs, {place: side * share_of(named)})) for side in (-1.0, 1.0))
+        found.append((named, below, above))
     return found
 
 
@@ -53,6 +61,7 @@ def _named(constant: ConstantValue, place: int) -> ConsideredConstant:
         unit=None if unit is None else unit.symbol,
         scale=SI if unit is None else unit.scale,
         dof=constant.dof,
+        law=constant.law,
     )
 
 
@@ -62,9 +71,10 @@ def _uncertain(constants: tuple[ConstantValue, ...]) -> Iterator[tuple[ConstantV
         yield from ((constant, place) for place, sigma in enumerate(constant.sigmas) if sigma > 0.0)
 
 
-def _moved(inputs: Inputs, constant: ConstantValue, place: int, side: float) -> Inputs:
-    values = list(constant.values)
-    value, sigma = constant.values[place], constant.sigmas[place]
-    values[place] += side * moved_by(value, sigma) * sigma
-    override = Override(name=constant.name, values=tuple(values), computed=True)
-    return replace(inputs, overrides={**inputs.overrides, constant.name: override})
+def _moved(inputs: Inputs, steps: Mapping[tuple[ConstantValue, int], float]) -> Inputs:
+    """Inputs with numbers of constants moved by so many standard deviations."""
+    values = {constant.name: list(constant.values) for constant, _ in steps}
+    for (constant, place), step in steps.items():
+        values[constant.name][place] += step * constant.sigmas[place]
+    given = {name: Override(name=name, values=tuple(own), computed=True) for name, own in values.items()}
+    return replace(inputs, overrides={**inputs.overrides, **given})

@@ -32,15 +32,15 @@ Pair = tuple[SolveReport, SolveReport]
 """A solve with a constant below and above its value."""
 
 
-def moved_by(value: float, sigma: float) -> float:
+def share_of(constant: ConsideredConstant) -> float:
     """The share of its standard deviation by which a constant is moved to both sides."""
-    return float(min(max(MOVED, LEAST_MOVED * abs(value) / sigma), 1.0))
+    return float(min(max(MOVED, LEAST_MOVED * abs(constant.value) / constant.sigma), 1.0))
 
 
 def considered(result: Result, moved: Sequence[tuple[ConsideredConstant, Result, Result]]) -> Result:
     """The ``result`` with the uncertainties of constants in it.
 
-    ``moved`` has each number of a constant, and the results of the same solves with it `moved_by` below and above.
+    ``moved`` has each number of a constant, and the results of the same solves with it `share_of` below and above.
     """
     if not moved:
         return result
@@ -106,7 +106,7 @@ def _all_moves(
 
 def shares_of(constants: Sequence[ConsideredConstant]) -> Floats:
     """The share of its standard deviation by which each of the constants is moved (constants,)."""
-    return np.array([moved_by(constant.value, constant.sigma) for constant in constants])
+    return np.array([share_of(constant) for constant in constants])
 
 
 def without_variance(result: Result, name: str) -> Result:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.spreads import Moved
+from mbm.problem.overrides import Law
 from mbm.scales import Scale
 from mbm.values import dataclass, replace
 
@@ -91,7 +92,7 @@ class ConsideredConstant:
 
     ``estimates`` and ``derived`` hold, for each of these and of the shape of its sigmas, the change that goes with one
     standard deviation of the constant. All in SI; ``unit`` with its ``scale`` is how it is shown (None: none is known).
-    ``dof`` are the degrees of freedom of ``sigma``.
+    ``dof`` are the degrees of freedom of ``sigma``, ``law`` is that of the constant.
     """
 
     name: str
@@ -100,5 +101,6 @@ class ConsideredConstant:
     unit: str | None
     scale: Scale
     dof: float
+    law: Law
     estimates: tuple[Floats, ...] = ()
     derived: tuple[Floats, ...] = ()

@@ -8,6 +8,7 @@ from benchmarks.coverage.judging import Kind
 from benchmarks.coverage.kinds import (
     assays,
     chemistry,
+    constants,
     constrained,
     curved,
     field,
@@ -24,6 +25,7 @@ KINDS: Mapping[str, Kind] = {
     **curved.KINDS,
     **geometric.KINDS,
     **constrained.KINDS,
+    **constants.KINDS,
     **robust.KINDS,
     **laboratory.KINDS,
     **assays.KINDS,

@@ -181,7 +181,7 @@ def _nonlinear(equations: Assembled, ends: IntervalEnds) -> tuple[Diagnostic, ..
     owners: dict[str, list[str]] = {}
     for place in ends.doubtful:
         coordinate = int(equations.free[place])
-        text = _ends(layout.name(coordinate), float(ends.lower[place]), float(ends.upper[place]))
+        text = reaches(layout.name(coordinate), float(ends.lower[place]), float(ends.upper[place]))
         owners.setdefault(layout.owner(coordinate).unknown.name, []).append(text)
     return tuple(faults.too_nonlinear(layout.entry(name).unknown.span, texts) for name, texts in owners.items())
 
@@ -199,11 +199,11 @@ def _nonlinear_derived(propagation: Propagation, derived: tuple[DerivedEnds, ...
         for i in one.ends.doubtful:
             row, place = divmod(int(one.known[i]), size)
             name = scalar_name(stated.name, keys[row], _index(stated.shape, place))
-            texts.append(_ends(name, float(one.ends.lower[i]), float(one.ends.upper[i])))
+            texts.append(reaches(name, float(one.ends.lower[i]), float(one.ends.upper[i])))
         for which in one.flat.tolist():
             row, place = divmod(which, size)
             name = scalar_name(stated.name, keys[row], _index(stated.shape, place))
-            texts.append(f"`{name}` beyond its width of 0, as the derivative is zero there")
+            texts.append(still(name))
         if texts:
             yield faults.too_nonlinear(stated.span, texts)
 
@@ -213,7 +213,12 @@ def _index(shape: tuple[int, ...], place: int) -> tuple[int, ...]:
     return tuple(int(i) + 1 for i in np.unravel_index(place, shape)) if shape else ()
 
 
-def _ends(name: str, lower: float, upper: float) -> str:
+def still(name: str) -> str:
+    """A number whose derivative is zero."""
+    return f"`{name}` beyond its width of 0, as the derivative is zero there"
+
+
+def reaches(name: str, lower: float, upper: float) -> str:
     """``b2`` 2.1 times as far above, 0.8 times as far below."""
     return f"`{name}` {_reach(lower)} below and {_reach(upper)} above"
 
