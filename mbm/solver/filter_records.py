@@ -117,6 +117,10 @@ class Walk:
     evaluations: Integer
     settled: Integer
     """1: the iteration has ended where the cost is least."""
+    stretched: Integer
+    """1: its last step was longer than a whole one."""
+    vertex: Real
+    """The part of a step at which the cost was least on the way of the last one that told."""
 
     spread: ConstantReals
     """L of the transition that is loaded."""

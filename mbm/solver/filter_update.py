@@ -33,6 +33,16 @@ ROUNDING_OF_COST = 1e-14
 
 MOST_HALVINGS = 30
 
+TOLD = 1e-10
+"""Share of the cost that a promise has to be for the cost after a step to tell the curvature on the way; what was told
+before holds for shorter steps."""
+
+ALMOST = 0.7
+"""Share of a step, or of the one that is best, from which on the other is not tried."""
+
+SHORTEST, LONGEST = 0.1, 16.0
+"""Parts of a step that are tried at once."""
+
 FIRST_COST = 1e300
 """Where costs are not finite."""
 
@@ -118,6 +128,35 @@ def cost_of_share(walk: Walk, free: Integer, size: Integer) -> Real:
     return found if isfinite(found) else FIRST_COST
 
 
+def best_part(walk: Walk, cost: Real, found: Real, promise: Real) -> Real:
+    """The part of a step that leads to the vertex of the parabola on the way; 1 where that is not worth a trial.
+
+    The step promises to lower the ``cost`` by ``promise``, and it is ``found`` at its end. Gauss-Newton's steps go too
+    far where residuals bend the cost upwards, and not far enough where losses leave less curvature than weight. A long
+    step leaves to the next one, a whole one, what bends as promised: else the two would correct one another for ever.
+    """
+    stretched = walk.stretched
+    walk.stretched = 0
+    part = walk.vertex
+    if found >= FIRST_COST:
+        return 1.0
+    if promise > TOLD * cost:
+        curvature = 2.0 + (found - cost) / promise
+        part = LONGEST if curvature * LONGEST < 1.0 else max(1.0 / curvature, SHORTEST)
+        if stretched == 0:
+            walk.vertex = part
+    if stretched == 1:
+        part = min(part, 1.0)
+    return 1.0 if part > ALMOST and part * ALMOST < 1.0 else part
+
+
+def cost_of_part(walk: Walk, free: Integer, size: Integer, part: Real) -> Real:
+    """The cost after a ``part`` of the step ``along`` that leads to `wanted`; `share` is there then."""
+    for j in range(size):
+        walk.share[j] = walk.wanted[j] - (1.0 - part) * walk.along[j]
+    return cost_of_share(walk, free, size)
+
+
 def shortened_share(walk: Walk, free: Integer, size: Integer, cost: Real) -> Real:
     """The cost after a step from `share` towards `wanted` that lowers it; `FIRST_COST` where none does.
 
@@ -125,14 +164,20 @@ def shortened_share(walk: Walk, free: Integer, size: Integer, cost: Real) -> Rea
     """
     times_upper(size, walk.square, walk.along, walk.singular_step)
     promise = dot(size, walk.singular_step, walk.singular_step)
-    part = 1.0
+    whole = cost_of_part(walk, free, size, 1.0)
+    part = best_part(walk, cost, whole, promise)
+    found = whole
+    if part != 1.0:
+        found = cost_of_part(walk, free, size, part)
+        if found >= whole and promise > TOLD * cost:
+            part = 1.0
+            found = cost_of_part(walk, free, size, part)
+    walk.stretched = 1 if part > 1.0 else 0
     for _ in range(MOST_HALVINGS):
-        for j in range(size):
-            walk.share[j] = walk.wanted[j] - (1.0 - part) * walk.along[j]
-        found = cost_of_share(walk, free, size)
         if found <= (1.0 + ROUNDING_OF_COST) * cost - 2.0 * ENOUGH_DECREASE * part * promise:
             return found
         part *= 0.5
+        found = cost_of_part(walk, free, size, part)
     for j in range(size):
         walk.share[j] = walk.wanted[j] - walk.along[j]
     place_share(walk, size)
@@ -143,6 +188,8 @@ def descend(walk: Walk, m: Integer, free: Integer, size: Integer, start: Real) -
     """The cost where Gauss-Newton's method ends, from `share` on: its cost is ``start``, its m lines are known."""
     lines = m
     cost = start
+    walk.stretched = 0
+    walk.vertex = 1.0
     for _ in range(walk.chain.iterations):
         set_triangle_of(walk, lines, free, size)
         walk.iterations += 1

@@ -30,6 +30,8 @@ from mbm.solver.filter_update import (
     FIRST_COST,
     MOST_HALVINGS,
     ROUNDING_OF_COST,
+    TOLD,
+    best_part,
     set_new_factor,
     turn_open,
 )
@@ -60,26 +62,36 @@ def begin_path(walk: Walk) -> None:
 def shortened_path(walk: Walk, first: Integer, last: Integer, free: Integer) -> Integer:
     """Try parts of a step until one lowers the cost enough: 1, it is the path now; 0, none does."""
     promise = walk.promise
-    part = 1.0
-    for _ in range(MOST_HALVINGS):
+    whole = forward(walk, first, last, free, 1.0)
+    if walk.loose == 1:
+        if whole >= FIRST_COST:
+            return 0
+        walk.last_cost = whole
+        swap_paths(walk)
+        return 1
+    part = best_part(walk, walk.last_cost, whole, promise)
+    cost = whole
+    if part != 1.0:
         cost = forward(walk, first, last, free, part)
-        if walk.loose == 1 and cost < FIRST_COST:
-            walk.last_cost = cost
-            swap_paths(walk)
-            return 1
+        if cost >= whole and promise > TOLD * walk.last_cost:
+            part = 1.0
+            cost = forward(walk, first, last, free, part)
+    walk.stretched = 1 if part > 1.0 else 0
+    for _ in range(MOST_HALVINGS):
         if cost <= (1.0 + ROUNDING_OF_COST) * walk.last_cost - 2.0 * ENOUGH_DECREASE * part * promise:
             walk.last_cost = cost
             swap_paths(walk)
             return 1
-        if walk.loose == 1:
-            return 0
         part *= 0.5
+        cost = forward(walk, first, last, free, part)
     return 0
 
 
 def smooth(walk: Walk, first: Integer, last: Integer) -> Integer:
     """The path of least cost over some steps: how many open vectors it determines; -1: none is found."""
     walk.settled = 0
+    walk.stretched = 0
+    walk.vertex = 1.0
     free = 0
     for _ in range(walk.chain.iterations):
         loose = walk.loose
