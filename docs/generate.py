@@ -13,9 +13,9 @@ from pathlib import Path
 from types import ModuleType
 
 import mbm
-from mbm.data.columns import MOST_COLUMNS
+from mbm.data.cells import MOST_COLUMNS
 from mbm.data.images.photographs import PER_PIXEL
-from mbm.data.union.patterns import MOST_MATCHES
+from mbm.data.union.tables import MOST_MATCHES
 from mbm.equations.selection import MAXIMUM_SOLVES, MAXIMUM_WINDOWS
 from mbm.estimation.minimise.minimise import DENSE_LIMIT
 from mbm.expression.units import PLAIN, PREFIXES, REFUSED, TAKE_PREFIXES, WITH_ZERO
@@ -41,11 +41,10 @@ from mbm.registry.standard import standard_registry
 from mbm.shapes.library import LibraryModel
 from mbm.shapes.meshes.types import MOST as MOST_VERTICES
 from mbm.shapes.vocabulary import FEATURE_FUNCTIONS
-from mbm.text.atoms import LONGEST_NUMBER
 from mbm.text.characters import LARGEST_TEXT, MOST_WORDS
 from mbm.text.faults import MOST_FAULTS
 from mbm.text.printer import LONGEST
-from mbm.text.reader import DEEPEST
+from mbm.text.reader import DEEPEST, LONGEST_NUMBER
 from mbm.text.types import LONGEST_MESSAGE, Code
 
 DOCS = Path(__file__).parent

@@ -1,11 +1,13 @@
-"""What ``mbm design`` does: exact measurements are made at a point, solved, and what they tell is looked at."""
+"""What ``mbm design`` does: exact measurements are made at a point, solved, and what they tell is looked at. What
+``Problem.design`` may be asked to choose.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import islice
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypedDict
 
 import numpy as np
 
@@ -37,6 +39,26 @@ if TYPE_CHECKING:
     from mbm.report.designs.types import DesignWish
     from mbm.report.types import Result
     from mbm.simulation.types import Simulation
+
+
+class Wishes(TypedDict, total=False):
+    """Keywords of ``Problem.design``.
+
+    ``criterion`` is ``"c"`` (least variance of one number: the default for one), ``"A"`` (least sum of variances) or
+    ``"D"`` (least determinant of the covariance). ``choose`` is how many candidates to choose, ``budget`` what they may
+    cost, ``repeats`` whether one may be chosen again. ``sigma`` is a wanted standard deviation, a number in the unit of
+    the quantity or a text such as ``"1mm"``. ``observation`` names the clause whose rows the candidates are, ``seed``
+    what the search for sets draws from, ``solve`` which of many solves is planned, from 1.
+    """
+
+    criterion: str
+    choose: int
+    budget: float
+    repeats: bool
+    sigma: float | str
+    observation: str
+    seed: int
+    solve: int
 
 
 class Opened(Protocol):

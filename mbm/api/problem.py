@@ -22,8 +22,8 @@ from mbm.text.types import Diagnostic, MbmError, Severity, Source
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.api.designs import Wishes
     from mbm.api.pickled import Written
-    from mbm.api.wishes import Wishes
     from mbm.estimation.starts.closed_forms.types import ClosedForm
     from mbm.language.program import Program
     from mbm.problem.elaborated import Elaborated
@@ -281,7 +281,7 @@ class Problem:
             at: as for ``simulate``. None: the estimates if all is measured, else the starts.
             data: see ``compile``; what is measured may be missing.
             constants: see ``compile``.
-            wish: what to choose: see `mbm.api.wishes.Wishes`.
+            wish: what to choose: see `mbm.api.designs.Wishes`.
 
         Raises:
             MbmError: the problem or the data are wrong; `not-designed`, `no-candidates`, `unknown-quantity`.

@@ -55,7 +55,7 @@ class Scenes:
     def check(self, reads: Iterable[Read]) -> None:
         """As of a file."""
         from mbm.files.folders import check_folder
-        from mbm.files.manifest import WRITE
+        from mbm.files.names import WRITE
         from mbm.report.scenes.formats import check_format
 
         check_format(self.form)

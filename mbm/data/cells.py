@@ -1,4 +1,5 @@
-"""Cells → Column: texts of a file, Python values or a NumPy array become a column of numbers or of texts.
+"""Cells → Column: texts of a file, Python values or a NumPy array become a column of numbers or of texts. Columns side
+by side: their names, their common length, and tables written record by record.
 
 A column is numeric if all its cells are, else text. Truth values that a format or Python has as such are numbers, 1 and
 0, if nothing but gaps is beside them; the words ``true`` and ``false`` of text formats are texts. A gap is neutral: it
@@ -8,8 +9,9 @@ becomes NaN among numbers, an empty text among texts; a column of gaps only is o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from numbers import Integral, Real
+from pathlib import Path
 from types import NoneType
 from typing import Any, TypeAlias
 
@@ -17,8 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.data import faults
+from mbm.data.content import check_table
+from mbm.data.types import RawTable
 from mbm.problem.tables import GAP_WORDS, Column, Numbers
-from mbm.text.types import DataPlace, MbmError
+from mbm.text.faults import worth_reading
+from mbm.text.types import DataPlace, Diagnostic, MbmError, Place
 
 Cell: TypeAlias = Real | float | str | None
 """A number, a text, or None for a gap."""
@@ -156,3 +161,76 @@ def _to_text(cell: Cell) -> str:
         return format(int(cell), "d") if abs(int(cell)) < 10**308 else format(_to_float(cell), "g")
     number = float(cell)
     return format(number, ".0f") if number.is_integer() and abs(number) < LARGEST_EXACT else repr(number)
+
+
+MOST_COLUMNS = 50_000
+"""Columns of a table: each is a value of its own with a name that is looked up."""
+
+
+def check_names(names: Sequence[object], place: Place) -> tuple[str, ...]:
+    """The names of a table's columns, if they are texts, not empty, and all different.
+
+    Raises MbmError: no-columns, too-many-columns, or the first few of bad-column-name, duplicate-column.
+    """
+    if not names:
+        raise MbmError(faults.no_columns(place))
+    if len(names) > MOST_COLUMNS:
+        raise MbmError(faults.too_many_columns(place, len(names), MOST_COLUMNS))
+    found: list[Diagnostic] = []
+    good: dict[str, None] = {}
+    for position, name in enumerate(names, start=1):
+        if not isinstance(name, str) or not name:
+            found.append(faults.bad_column_name(place, position, name))
+        elif name in good:
+            found.append(faults.duplicate_column(place, name))
+        else:
+            good[str(name)] = None
+    if found:
+        raise MbmError(*worth_reading(found))
+    return tuple(good)
+
+
+def check_lengths(lengths: Mapping[str, int], place: DataPlace) -> int:
+    """The number of rows that all columns have. ``lengths`` gives the cells of each column, at least one column.
+
+    Raises MbmError unequal-lengths.
+    """
+    first, rows = next(iter(lengths.items()))
+    for name, length in lengths.items():
+        if length != rows:
+            raise MbmError(faults.unequal_lengths(place, first, rows, name, length))
+    return rows
+
+
+def columns_of_records(records: Sequence[Mapping[Any, object]], path: str) -> tuple[Column, ...]:
+    """The columns of records, in the order in which their names first occur; a field left out is a gap.
+
+    Raises MbmError: no-columns, too-many-columns, bad-column-name, too-much-memory, bad-cell.
+    """
+    names = check_names(list(dict.fromkeys(name for record in records for name in record)), DataPlace(file=path))
+    check_table(Path(path), len(records) * len(names))
+    return tuple(column_from_values(name, [record.get(name) for record in records], path) for name in names)
+
+
+def counted_table(path: str, digest: str | None, columns: Sequence[Column]) -> RawTable:
+    """A table of an origin without a header: its rows count from 1.
+
+    Raises MbmError unequal-lengths.
+    """
+    lengths = {column.name: column_length(column) for column in columns}
+    rows = check_lengths(lengths, DataPlace(file=path))
+    return RawTable(path=path, sha256=digest, columns=tuple(columns), file_rows=row_numbers(1, rows))
+
+
+def column_length(column: Column) -> int:
+    """The number of cells of a column."""
+    if column.texts is not None:
+        return len(column.texts)
+    return 0 if column.numbers is None else len(column.numbers)
+
+
+def row_numbers(first: int, rows: int) -> NDArray[np.int64]:
+    """``rows`` whole numbers from ``first`` on, read-only."""
+    numbers = np.arange(first, first + rows, dtype=np.int64)
+    numbers.setflags(write=False)
+    return numbers

@@ -21,8 +21,7 @@ from mbm.data import faults
 from mbm.data.content import COMPRESSED, PER_ROW
 from mbm.data.shaping import shape, table_from_given, table_from_inline
 from mbm.data.types import AnyReader, ImageReader, ManyReader, RawTable, Reader, asked
-from mbm.data.union.patterns import is_pattern, matching
-from mbm.data.union.tables import piece_of_file, piece_of_table, united
+from mbm.data.union.tables import is_pattern, matching, piece_of_file, piece_of_table, united
 from mbm.files.faults import too_many_files, unreadable_file
 from mbm.files.journal import note, table_role
 from mbm.files.memory import PER_VALUE, check_memory, largest_file

@@ -16,8 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.data import faults
-from mbm.data.cells import column_from_array, column_from_values, frozen, mixed_column
-from mbm.data.columns import check_names, columns_of_records, counted_table, row_numbers
+from mbm.data.cells import (
+    check_names,
+    column_from_array,
+    column_from_values,
+    columns_of_records,
+    counted_table,
+    frozen,
+    mixed_column,
+    row_numbers,
+)
 from mbm.data.types import GivenColumns, RawTable
 from mbm.problem.tables import GAP_WORDS, Column, ColumnDeclaration, InlineTable, Table, TableDeclaration
 from mbm.text.types import DataPlace, Diagnostic, Label, MbmError, Span

@@ -6,12 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mbm.emit.answers import Answers
-from mbm.emit.expressions import program_of
 from mbm.emit.foreign import Foreign
-from mbm.emit.identifiers import Identifiers
-from mbm.emit.places import Places
-from mbm.emit.reading import counted_tables, used_columns
-from mbm.emit.reserved import (
+from mbm.emit.identifiers import (
     CASE_FORMS,
     CONSTANT_FORM,
     DERIVED_CASE_FORMS,
@@ -20,7 +16,11 @@ from mbm.emit.reserved import (
     TABLE_FORMS,
     TAKEN,
     UNKNOWN_FORMS,
+    Identifiers,
 )
+from mbm.emit.places import Places
+from mbm.emit.reading import counted_tables, used_columns
+from mbm.emit.statements import program_of
 from mbm.emit.types import (
     BlockCase,
     BlockShape,

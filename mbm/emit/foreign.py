@@ -1,6 +1,6 @@
 """Text that a problem or its data brought: only functions that escape it may put it into generated text.
 
-Each language has one place for that: `mbm.emit.c.text`, `mbm.emit.python.text`, `mbm.emit.casadi.text` (JSON),
+Each language has one place for that: `mbm.emit.c.text`, `mbm.emit.python.text`, `mbm.emit.casadi.files` (JSON),
 `mbm.emit.markdown`, `mbm.emit.data_files` (CSV), and `mbm.emit.identifiers` for names of any of them. Nobody else
 may look into a `Foreign`.
 """

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import field
 
 from mbm.emit.foreign import Foreign, told
-from mbm.emit.identifiers import Identifiers
-from mbm.emit.reserved import FAMILY_FORMS, LINK_FORMS
+from mbm.emit.identifiers import FAMILY_FORMS, LINK_FORMS, Identifiers
 from mbm.emit.types import (
     Choice,
     ColumnValue,

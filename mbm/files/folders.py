@@ -11,8 +11,7 @@ from stat import S_ISDIR, S_ISLNK, S_ISREG
 
 from mbm.files import faults
 from mbm.files.journal import THE_PROBLEM, Read
-from mbm.files.manifest import Maker, is_unchanged, listed, manifest_text
-from mbm.files.names import Names, folded, is_plain
+from mbm.files.names import Maker, Names, folded, is_plain, is_unchanged, listed, manifest_text
 from mbm.files.targets import WRITABLE, Target, refuse_read
 from mbm.files.writing import discard, put, stage
 from mbm.text.types import Diagnostic, MbmError

@@ -22,7 +22,7 @@ from mbm.report.constraints import (
     constraint_reports,
     violated_sentence,
 )
-from mbm.report.covariances import derived_covariance, estimates_covariance
+from mbm.report.correlations import derived_covariance, estimates_covariance
 from mbm.report.freedom import common_directions, free_directions
 from mbm.report.later import guarded
 from mbm.report.noise import noise_reports, noise_units

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from mbm.files.writing import checked_target, write_whole
 from mbm.report import panels
-from mbm.report.budgets.panels import budget_panels
+from mbm.report.budgets.text import budget_panels
 from mbm.report.figures import MOST_PANELS, figure_bytes, format_of, panelled
 from mbm.report.map_panels import map_panels
 from mbm.report.types import Result

@@ -10,8 +10,7 @@ from posixpath import normpath, relpath
 from mbm.data.content import BLANKS, COMPRESSED, read_text
 from mbm.data.pose_graphs import with_measurements
 from mbm.data.writers import WRITERS
-from mbm.files.manifest import SIMULATE
-from mbm.files.names import Names, file_name, is_plain
+from mbm.files.names import SIMULATE, Names, file_name, is_plain
 from mbm.files.reading import read_file
 from mbm.files.targets import SOURCE_ENDING
 from mbm.language.program import Program

@@ -18,7 +18,7 @@ from mbm.expression.evaluate import Values, evaluate
 from mbm.problem.faults.noise import bad_noise
 from mbm.problem.overrides import ARCSINE, LOGNORMAL, NORMAL, RECTANGULAR, STUDENT, TRAPEZOIDAL, TRIANGULAR, Law
 from mbm.problem.types import Equation, NoiseKind
-from mbm.simulation.places import Rows
+from mbm.simulation.rows import Rows
 from mbm.simulation.types import Outliers
 from mbm.text.types import Diagnostic, MbmError
 

@@ -23,10 +23,9 @@ from mbm.problem.types import Block, BlockRole, Problem, RowValues, UncertainCol
 from mbm.simulation import faults
 from mbm.simulation.measured import Measured, measured_equations, refuse_other_uses
 from mbm.simulation.noise import outliers, root, stream
-from mbm.simulation.places import Rows
 from mbm.simulation.priors import drawn_from_priors
-from mbm.simulation.readings import counts_itself, drawn_off, limits
-from mbm.simulation.rows import solved_rows, spread_of
+from mbm.simulation.rows import Rows, solved_rows, spread_of
+from mbm.simulation.shared import counts_itself, drawn_off, limits
 from mbm.simulation.stated import refuse_lost_noise, violated
 from mbm.simulation.types import NOT_KNOWN, Cells, KnownNoise, NoiseFinder, Simulating, Simulation, Truth, ValuesFinder
 from mbm.text.types import Diagnostic, MbmError

@@ -18,7 +18,7 @@ from mbm.problem.rows import row_values, rows_of
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Problem
 from mbm.simulation import faults
-from mbm.simulation.places import Rows
+from mbm.simulation.rows import Rows
 from mbm.text.types import MbmError
 
 TOLERANCE = 1e-6

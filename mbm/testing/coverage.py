@@ -29,7 +29,7 @@ from mbm.report.options import SimulationSettings
 from mbm.report.simulated import Simulated, Simulator
 from mbm.report.types import DerivedValue, Estimate, Floats, Kind, SolveReport
 from mbm.rotations import hamilton, vector_of_quaternion
-from mbm.simulation.places import Rows
+from mbm.simulation.rows import Rows
 from mbm.simulation.types import Truth
 from mbm.values import dataclass
 

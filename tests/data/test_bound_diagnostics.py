@@ -13,7 +13,7 @@ import pytest
 
 import mbm.data.readers.parquet
 from mbm.cli.main import run
-from mbm.data.columns import MOST_COLUMNS
+from mbm.data.cells import MOST_COLUMNS
 from mbm.data.loader import MOST_FILES
 
 PROBLEM = "(problem p (data d {source}) (unknowns (a :init 1)) (observe d (= x a) :sigma 1))\n"

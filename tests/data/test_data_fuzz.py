@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from mbm.data.columns import column_length
+from mbm.data.cells import column_length
 from mbm.data.readers import READERS
 from mbm.data.shaping import table_from_given
 from mbm.text.types import MbmError

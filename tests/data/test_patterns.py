@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mbm.data.union.patterns import matching, shot_of
+from mbm.data.union.tables import matching, shot_of
 from mbm.text.types import MbmError, Source, Span
 
 PLACE = Span(source=Source(name="p.mbm", text="(data d)"), start=0, end=8)

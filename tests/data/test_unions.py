@@ -10,7 +10,7 @@ import pytest
 
 import mbm
 from mbm.cli.main import run
-from mbm.data.union.patterns import MOST_MATCHES
+from mbm.data.union.tables import MOST_MATCHES
 from mbm.text.types import MbmError
 
 LINE = "(unknowns (a :init 0)) (observe d (= y a) :sigma 1)"

@@ -10,10 +10,9 @@ import sys
 
 import pytest
 
-from mbm.emit.identifiers import Identifiers, identifier
+from mbm.emit.identifiers import CASE_FORMS, DERIVED_CASE_FORMS, MACROS, PROBLEM_FORMS, TAKEN, Identifiers, identifier
 from mbm.emit.python.program import PROGRAM, SHOWING
 from mbm.emit.python.runtime import HEAD, TAIL
-from mbm.emit.reserved import CASE_FORMS, DERIVED_CASE_FORMS, MACROS, PROBLEM_FORMS, TAKEN
 from mbm.emit.routines.modules import known
 from mbm.machine.python import PRELUDE
 from tests.emit.making import of_text, run, written

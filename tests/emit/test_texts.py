@@ -15,7 +15,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from mbm.emit.c import text as c
-from mbm.emit.casadi.text import document
+from mbm.emit.casadi.files import document
 from mbm.emit.data_files import field
 from mbm.emit.foreign import Foreign, told
 from mbm.emit.identifiers import Identifiers, identifier

@@ -13,8 +13,7 @@ from hypothesis import given, strategies as st
 from mbm.files import folders
 from mbm.files.folders import check_folder, write_folder, write_new_folder
 from mbm.files.journal import THE_PROBLEM, Journal, Read, note, noting
-from mbm.files.manifest import LARGEST, Maker
-from mbm.files.names import Names, file_name, folded, is_plain
+from mbm.files.names import LARGEST, Maker, Names, file_name, folded, is_plain
 from mbm.text.types import MbmError
 
 MAKER = Maker(command="mbm make", manifest=".made")

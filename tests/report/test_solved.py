@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.report.covariances import LARGEST_COVARIANCE
+from mbm.report.correlations import LARGEST_COVARIANCE
 
 TWO_MINIMA = """
 (problem p

@@ -78,7 +78,7 @@ def _latex(answer: BudgetAnswer) -> bytes:
 
 
 def _drawn(answer: BudgetAnswer) -> Any:
-    from mbm.report.budgets.panels import draw
+    from mbm.report.budgets.text import draw
 
     return draw(answer.budgets, answer.result.problem)
 

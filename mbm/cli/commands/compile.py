@@ -12,7 +12,7 @@ from mbm.cli.inputs import initial_values, named_paths, named_texts
 from mbm.cli.options import problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say
 from mbm.files.folders import check_folder, write_folder
-from mbm.files.manifest import COMPILE
+from mbm.files.names import COMPILE
 from mbm.text.shown import one_line
 
 TARGETS = ("c", "python", "casadi")

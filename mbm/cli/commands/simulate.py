@@ -15,7 +15,7 @@ from mbm.cli.options import allow_external_option, problem_at, reads_so_far, ter
 from mbm.cli.output import say
 from mbm.files.folders import check_folder, write_folder
 from mbm.files.journal import note, option_role
-from mbm.files.manifest import SIMULATE
+from mbm.files.names import SIMULATE
 from mbm.text.shown import one_line
 from mbm.text.types import MbmError
 

@@ -54,7 +54,7 @@ def command(**given: Any) -> int:
 
 def _say(answer: TrajectoryAnswer, screen: Terminal) -> None:
     from mbm.report.table import table
-    from mbm.report.trajectories.table import text
+    from mbm.report.trajectories.types import text
 
     if answer.status.value != "ok":
         say(table(answer.result, width=screen.width, color=screen.color), color=screen.color)

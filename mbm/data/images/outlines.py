@@ -19,8 +19,8 @@ from mbm.text.types import DataPlace, MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.data.images.edges import Choice
     from mbm.data.images.fitting import Fitted, Grey, Image
-    from mbm.data.images.segmentation import Choice
 
 PER_DIFFERENCE = 2 * PER_PIXEL
 """Bytes for a pixel of an image, its background, and their difference."""
@@ -77,7 +77,7 @@ def read_outlines(paths: Mapping[str, Path], shown: str, wanted: Wanted) -> RawT
 
 
 def _seen(name: str, path: Path, background: Grey | None, wanted: Wanted, room: Room) -> _Seen:
-    from mbm.data.images.segmentation import NoObjectError  # which loads SciPy
+    from mbm.data.images.edges import NoObjectError  # which loads SciPy
 
     file = image_file(path, PER_PIXEL if background is None else PER_DIFFERENCE)
     edges: tuple[Fitted, ...] = ()
@@ -103,8 +103,7 @@ def _levels(file: ImageFile, background: Grey | None, wanted: Wanted) -> Sequenc
 
 
 def _edges(levels: Sequence[Image], wanted: Wanted) -> tuple[Fitted, ...]:
-    from mbm.data.images.edges import refined, smoothed  # which loads SciPy
-    from mbm.data.images.segmentation import object_outlines
+    from mbm.data.images.edges import object_outlines, refined, smoothed  # which loads SciPy
 
     lines = object_outlines(levels[-1], wanted.choice)
     return refined(levels, [smoothed(line) for line in lines], wanted.spacing)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.data.cells import frozen
-from mbm.data.columns import row_numbers
+from mbm.data.cells import frozen, row_numbers
 from mbm.data.content import read_bytes
 from mbm.data.faults import EMPTY_FILE
 from mbm.data.images import faults
@@ -19,7 +18,7 @@ from mbm.data.images.header import size_of
 from mbm.data.images.opencv import decoded
 from mbm.data.images.together import Room, in_threads
 from mbm.data.types import RawTable
-from mbm.data.union.patterns import shot_of
+from mbm.data.union.tables import shot_of
 from mbm.files.memory import check_memory
 from mbm.problem.tables import Column, ColumnGroup, Part, Provenance
 from mbm.text.types import DataPlace, Diagnostic, MbmError

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from mbm.data.columns import row_numbers
+from mbm.data.cells import row_numbers
 from mbm.data.readers import colmap_binary, colmap_text
 from mbm.data.readers.colmap_models import PARAMETERS
 from mbm.data.readers.colmap_records import NO_POINT, Cameras, Images, Integers, Origin, Points, positions_of

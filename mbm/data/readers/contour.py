@@ -19,8 +19,8 @@ def read(paths: Mapping[str, Path], shown: str, arguments: Mapping[str, float | 
 
     Raises MbmError as `read_outlines` does.
     """
+    from mbm.data.images.edges import Choice  # which loads SciPy
     from mbm.data.images.outlines import Wanted, read_outlines
-    from mbm.data.images.segmentation import Choice  # which loads SciPy
 
     threshold, side, background = (arguments.get(name) for name in ("threshold", "object", "background"))
     choice = Choice(

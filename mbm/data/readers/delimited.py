@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.data import faults
-from mbm.data.cells import column_from_texts
-from mbm.data.columns import MOST_COLUMNS, check_names, column_length, row_numbers
+from mbm.data.cells import MOST_COLUMNS, check_names, column_from_texts, column_length, row_numbers
 from mbm.data.content import PER_ROW, cells_in, check_table, check_text, read_bytes, text_of
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mbm.data.columns import row_numbers
+from mbm.data.cells import row_numbers
 from mbm.data.content import BLANKS, read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import LARGEST_DEVIATION, Line, line_numbers, lines_of, number_columns, number_table

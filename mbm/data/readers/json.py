@@ -11,8 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mbm.data import faults
-from mbm.data.cells import column_from_values
-from mbm.data.columns import check_names, columns_of_records, counted_table
+from mbm.data.cells import check_names, column_from_values, columns_of_records, counted_table
 from mbm.data.content import read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable, Reader

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.data import faults
-from mbm.data.cells import column_from_array
-from mbm.data.columns import check_names, counted_table
+from mbm.data.cells import check_names, column_from_array, counted_table
 from mbm.data.content import PER_ROW, check_numbers, check_table, most_unpacked, read_bytes
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable, Reader

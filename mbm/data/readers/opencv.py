@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mbm.data.cells import column_from_values
-from mbm.data.columns import check_names, row_numbers
+from mbm.data.cells import check_names, column_from_values, row_numbers
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import number_columns
 from mbm.data.readers.yaml_nodes import Document, Entries, Items, Node, Scalar, entries_of, numbers_in, read_document

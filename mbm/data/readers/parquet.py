@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mbm.data.cells import column_from_array, column_from_values
-from mbm.data.columns import check_names, counted_table
+from mbm.data.cells import check_names, column_from_array, column_from_values, counted_table
 from mbm.data.content import PER_ROW, check_numbers, check_table, read_bytes
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable, Reader

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from mbm.data.columns import row_numbers
+from mbm.data.cells import row_numbers
 from mbm.data.content import check_table, most_unpacked, read_bytes
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import number_columns

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.text import bare, comment, remark, wrapped
 from mbm.emit.foreign import Foreign, Word, told
-from mbm.emit.reserved import RESERVED
+from mbm.emit.identifiers import RESERVED
 from mbm.emit.routines.derived import OPEN
 from mbm.emit.statements import ARITHMETIC, Dialect, called, statements
 from mbm.emit.system import StaticSystem, varies

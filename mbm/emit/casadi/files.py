@@ -1,15 +1,32 @@
-"""All files of the target ``casadi``: serialised functions, and a description of their inputs and outputs."""
+"""All files of the target ``casadi``: serialised functions, and a description of their inputs and outputs. Texts in
+JSON: the only way that a `Foreign` gets into the documents beside CasADi functions.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 
-from mbm.emit.casadi.text import document
 from mbm.emit.foreign import Foreign, told
 from mbm.emit.markdown import prose
 from mbm.emit.types import BlockCase, Blueprint, ColumnValue, InputValue, OutputFile
 from mbm.emit.words import described
 from mbm.kernels.serialised import serialised_kernel, serialised_whole
+
+
+def document(value: object, *, indent: int | None = None) -> str:
+    """A document with a line break at its end; what is not printable is written by its number."""
+    text = json.dumps(_plain(value), indent=indent, ensure_ascii=False)
+    return "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text) + "\n"
+
+
+def _plain(value: object) -> object:
+    """The value with texts for what is foreign, names of members too."""
+    if isinstance(value, Foreign):
+        return value.unescaped
+    if isinstance(value, dict):
+        return {_plain(key): _plain(held) for key, held in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def casadi_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:

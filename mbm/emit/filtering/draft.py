@@ -11,10 +11,9 @@ from mbm.emit.answers import Answers, Whole
 from mbm.emit.blueprint import Drafting, LossScale
 from mbm.emit.filtering.types import FilterBlueprint, FilterGroup, FilterPlan, WindowShape
 from mbm.emit.foreign import Foreign
-from mbm.emit.identifiers import Identifiers
+from mbm.emit.identifiers import FILTER_CASE_FORMS, FILTER_DERIVED_FORMS, FILTER_FORMS, TAKEN_IN_FILTERS, Identifiers
 from mbm.emit.places import Places
 from mbm.emit.reading import counted_tables, used_columns
-from mbm.emit.reserved import FILTER_CASE_FORMS, FILTER_DERIVED_FORMS, FILTER_FORMS, TAKEN_IN_FILTERS
 from mbm.emit.routines.modules import known
 from mbm.emit.types import (
     BlockCase,

@@ -10,8 +10,8 @@ from textwrap import wrap
 
 from mbm.emit.c.cells import input_name
 from mbm.emit.foreign import Foreign, Word, told
+from mbm.emit.identifiers import RESERVED
 from mbm.emit.python.text import WIDTH, docstring, literal, remark
-from mbm.emit.reserved import RESERVED
 from mbm.emit.statements import ARITHMETIC, Dialect, Shape, called, statements
 from mbm.emit.types import BlockCase, Blueprint, Choice, ColumnValue, InputValue, Key, LiteralKey, RowPrograms
 from mbm.machine.program import Operator, Program

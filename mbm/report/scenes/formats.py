@@ -76,6 +76,6 @@ def write(result: Result, form: str, folder: Path, *, force: bool, reads: tuple[
 
     """
     from mbm.files.folders import write_folder
-    from mbm.files.manifest import WRITE
+    from mbm.files.names import WRITE
 
     write_folder(folder, list(files_of(result, form).items()), WRITE, force=force, reads=reads)
