@@ -24,7 +24,7 @@ from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.estimation.coverage.certain import Certain, certain
 from mbm.estimation.coverage.parabolas import Parabolas, Pieces, parabolas
 from mbm.estimation.coverage.shares import Followed, grown_enough, share_between, sides
-from mbm.estimation.coverage.within_limits import Profile, Quantities, QuantityProfile, quantities
+from mbm.estimation.coverage.within_limits import Coordinates, Profile, Quantities, QuantityProfile, quantities
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
 from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED, OF_LIKELIHOODS
@@ -33,6 +33,9 @@ from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.observability import limited, pinned_coordinates
 from mbm.estimation.uncertainty.student import Law, coverage_factors, shortest
 from mbm.values import dataclass
+
+END_AT = 1e-9
+"""Share of an interval by which its end may differ from a limit that it ends at."""
 
 OF_SUMS = 1e-3
 """Share by which the end of a linear interval may be off where it takes nothing to find the right one."""
@@ -133,7 +136,8 @@ class Likelihood:
         for which in np.flatnonzero(released).tolist():
             # of what a limit holds, what is between the limits is left of its distribution without them
             own.ends[0][which], own.ends[1][which] = self._shortest(alone, which, float(self.limits.step[which]))
-        wide = own.beside(moved.coordinates, moved.dof)
+        wide, places = own.beside(moved.coordinates, moved.dof), self.equations.coordinates(self.minimum.point)
+        lower, upper = self.limits.lower - places, self.limits.upper - places
         plain, cut = self.equations.layout.number[self.equations.free] >= 0, self._cut(wide)
         # what is near a limit of normal errors has the linear interval up to it
         wanted = plain & ~released & (cut if self.equations.likely else self.pinned)
@@ -141,18 +145,17 @@ class Likelihood:
         if not self.followed:
             return
         for which in [*np.flatnonzero(wanted).tolist(), *np.flatnonzero(others)[:MOST_FOLLOWED].tolist()]:
-            profile = Profile(self.equations, self.minimum, which, self.variance, self.settings)
-            law = own.law(which, scaled=self.scaled)
-            limits = profile.value - self.limits.lower[which], self.limits.upper[which] - profile.value
             gradient, direct = np.eye(len(plain))[which], np.zeros(len(moved.dof))
-            if self.linear is not None:
-                law = self._law(law, self.linear.spread(gradient), moved.free @ gradient)
-            pieces = self._pieces(gradient, direct, profile.value, law)
-            if wanted[which] or not _agrees(pieces or profile, law, wide if pieces else own, which):
-                two = pieces.sides(law) if pieces else sides(profile, law, limits, float(own.sigma[which]))
+            law = own.law(which, scaled=self.scaled)
+            spread = float(self.alone[which]) if self.linear is None else self.linear.spread(gradient)
+            law = self._law(law, spread, moved.free @ gradient)
+            pieces = self._pieces(gradient, direct, places[which], law)
+            profile: Followed = pieces or self._profile(which, direct, law)
+            if wanted[which] or not _agrees(profile, law, wide, which):
+                limits = [far - profile.centre for far in (lower[which], upper[which])]
+                two = pieces.sides(law) if pieces else sides(profile, law, (-limits[0], limits[1]), wide.sigma[which])
                 below, above = share_between(*two, law, own.level, self._certain(np.array([which])))
-                centre = pieces.centre if pieces else 0.0
-                own.ends[0][which], own.ends[1][which] = below - centre, above + centre
+                own.ends[0][which], own.ends[1][which] = below - profile.centre, above + profile.centre
 
     def put_in_derived(self, owner: int, numbers: Own, own: Own) -> None:
         """The same of the ``numbers`` of a derived quantity, beside the coordinates of their ``own`` ends.
@@ -215,7 +218,7 @@ class Likelihood:
                 followed += pieces is None
                 if told and _agrees(profile, law, wide, place):
                     continue
-                if found.straight or self.equations.likely:
+                if found.straight or not np.isnan(self._certain(touched)):
                     two = pieces.sides(law) if pieces else sides(profile, law, (np.inf, np.inf), first)
                     below, above = share_between(*two, law, own.level, self._certain(touched))
                 else:
@@ -226,7 +229,16 @@ class Likelihood:
         """Whether a limit that nothing is held by cuts what is made of several coordinates: where the profile is known,
         beside uncertain constants, too.
         """
-        return found.straight and (self.linear is not None or not len(self.moved.dof))
+        return self.equations.likely or (found.straight and (self.linear is not None or not len(self.moved.dof)))
+
+    def _profile(self, which: int, direct: Floats, law: Law) -> Profile:
+        """That of a coordinate."""
+        if not len(direct):
+            return Profile(self.equations, self.minimum, which, self.variance, self.settings)
+        numbers = self.equations.layout.number[self.equations.free]
+        one = Coordinates(numbers=numbers, values=self.minimum.point[numbers]), which
+        moves = self.moved.free / law.inflation, direct
+        return QuantityProfile(self.equations, self.minimum, one, moves, self.variance, self.settings)
 
     def _law(self, law: Law, spread: float, moves: Floats) -> Law:
         """The same beside constants, which move by ``moves`` (m,) what else has the standard deviation ``spread``."""
@@ -250,7 +262,8 @@ class Likelihood:
         """Coordinates (n,) that limits hold or are near to, and those without a sigma."""
         places = self.equations.coordinates(self.minimum.point)
         below, above = (np.where(np.isnan(each), own.linear, each) for each in own.ends)
-        near = (places - below < self.limits.lower) | (places + above > self.limits.upper)
+        rounding = END_AT * (below + above)
+        near = (places - below < self.limits.lower + rounding) | (places + above > self.limits.upper - rounding)
         return np.asarray(self.pinned | near | (np.isnan(own.sigma) & ~self.combined))
 
     def _whole(self, own: Own, which: int) -> tuple[float, float]:

@@ -138,7 +138,7 @@ def _reach(surprise: Callable[[float], float], first: float, most: float) -> flo
         near, far = (near, (step, found)) if found > most else ((step, found), far)
         if near[0] > WITHOUT_END:
             return np.inf
-        if far[0] - near[0] <= AS_FAR * near[0] or far[0] < NO_SIDE * first:
+        if far[0] - near[0] <= NO_SIDE * near[0] or far[0] < NO_SIDE * first:
             break
         if np.isinf(far[0]):
             step = near[0] * min(LONGEST, max(2.0, np.sqrt(most / max(near[1], PLATEAU))))

@@ -146,6 +146,22 @@ class Quantities:
         return -moved.min(axis=0), moved.max(axis=0)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Coordinates:
+    """The free coordinates as quantities: their ``numbers`` (n,) among all, with ``values`` (n,) at the estimates."""
+
+    numbers: Indices
+    values: Floats
+
+    def changes(self, points: Floats) -> Floats:
+        """How far they are (P, n) from their values at points (P, N)."""
+        return np.asarray(points[:, self.numbers] - self.values)
+
+    def slope(self, place: int, _: Floats) -> Floats:
+        """The gradient (n,) of one of them."""
+        return np.asarray(np.eye(len(self.numbers))[place])
+
+
 def _distances(grid: Floats, reach: float) -> Floats:
     """Places up to a distance, which may be infinite."""
     return reach * grid if np.isfinite(reach) else np.append(np.expm1(FAR * grid[:-1]), np.inf)
@@ -215,7 +231,7 @@ class Beside(Forwarding):
 class Brought(Beside):
     """The same with the number ``place`` of quantities changed by ``target``: a constraint more."""
 
-    quantities: Quantities
+    quantities: Quantities | Coordinates
     place: int
     target: float
 
@@ -291,7 +307,7 @@ class QuantityProfile(Profile):
         self,
         equations: Assembled,
         minimum: Minimum,
-        which: tuple[Quantities, int],
+        which: tuple[Quantities | Coordinates, int],
         moves: tuple[Floats, Floats],
         variance: float,
         settings: Settings,

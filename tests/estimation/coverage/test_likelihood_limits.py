@@ -326,3 +326,37 @@ def test_many_estimates_at_limits_have_their_intervals() -> None:
     end = -0.1 + 0.2 * norm.isf(0.05 * left)
     assert result["a"][1].interval() == pytest.approx([0.0, end], rel=1e-6)
     assert result["twice"].interval() == pytest.approx([0.0, 2 * end], rel=1e-6)
+
+
+@pytest.mark.parametrize("each", ["", "(for-each k)"])
+def test_near_a_limit_what_is_derived_of_counts_keeps_to_it(each: str) -> None:
+    """A signal beside a background, both not below 0: sums of the profile over a grid, and where it has fallen."""
+    text = f"""(problem p (data d external) (unknowns (s :in (0 100)) (b :in (0 100))) {each}
+        (observe d (= n (+ s (/ b 3))) :distribution poisson) (observe d (= m b) :distribution poisson)
+        (derive (rate (/ s 10)) (root (sqrt (+ s 1))) (net (- s (* 0.5 b))) (ratio (/ s b))))"""
+    found = mbm.loads(text).solve(data={"d": {"n": np.array([5.0]), "m": np.array([9.0]), "k": np.zeros(1)}}).solves[0]
+    assert np.isfinite(found["s"].sigma)
+    low, high = found["s"].interval()
+    assert low == 0.0
+    assert found["rate"].interval() == pytest.approx([0.0, high / 10], rel=1e-9, abs=1e-9)
+    assert found["root"].interval() == pytest.approx([1.0, np.sqrt(high + 1)], rel=1e-9)
+
+    background = np.linspace(0.01, 40.0, 4001)
+
+    def surprise(signal: np.ndarray) -> float:
+        """At its least over the backgrounds for which the signal is not below 0."""
+        mean = signal + background / 3
+        with np.errstate(invalid="ignore", divide="ignore"):
+            both = mean - 5.0 * np.log(mean) + background - 9.0 * np.log(background)
+        return float(np.where(signal >= 0.0, both, np.inf).min())
+
+    grid = np.linspace(-19.0, 14.0, 3301)
+    net = np.array([surprise(each + 0.5 * background) for each in grid])
+    left = np.exp(net.min() - net)
+    order = np.argsort(-left, kind="stable")
+    inside = grid[order[: int(np.searchsorted(np.cumsum(left[order]), 0.95 * left.sum())) + 1]]
+    # grids have steps of 0.01
+    assert found["net"].interval() == pytest.approx([inside.min(), inside.max()], abs=0.06)
+    least = net.min()
+    end = brentq(lambda ratio: surprise(ratio * background) - least - 0.5 * norm.ppf(0.975) ** 2, 0.3, 5.0)
+    assert found["ratio"].interval() == pytest.approx([0.0, end], rel=NEAR, abs=1e-4)
