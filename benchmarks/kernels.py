@@ -15,7 +15,7 @@ from mbm.kernels.native.engine import compiled, vector_library
 from mbm.kernels.native.kernels import KernelCode
 from mbm.kernels.native.normal import Unit, normal_kernels, normal_rows
 from mbm.kernels.types import Kernel
-from mbm.machine import blocks_of_rows
+from mbm.machine import straight_line
 from mbm.machine.kinds import LANES
 from mbm.machine.program import Program
 from mbm.solver.description import NO_LOSS
@@ -86,7 +86,7 @@ def of_blocks(kernel: Kernel, rows: int) -> list[float]:
     """Seconds for blocks of rows: machine code, only its stores, and normal equations summed without a Jacobian."""
     program, blocks = kernel.jacobian_program, -(-rows // LANES)
     code = KernelCode(None).of([kernel], rows)
-    store = compiled(blocks_of_rows.module_of({"store": storing(program)}, vector_library()), None, 1)
+    store = compiled(straight_line.module_of({"store": storing(program)}, vector_library()), None, 1)
     units = tuple(Unit(first=o, last=o + 1, loss=NO_LOSS) for o in range(kernel.outputs))
     sums = normal_kernels({0: kernel}, {0: units}, None)
     inputs = np.random.default_rng(1).uniform(0.5, 1.5, (blocks, len(program.inputs), LANES))
@@ -110,7 +110,7 @@ def of_blocks(kernel: Kernel, rows: int) -> list[float]:
 
 def compiling(kernel: Kernel) -> list[float]:
     """Seconds until values and Jacobian are machine code: made fast, running fast."""
-    text = blocks_of_rows.module_of({"v": kernel.value_program, "j": kernel.jacobian_program}, vector_library())
+    text = straight_line.module_of({"v": kernel.value_program, "j": kernel.jacobian_program}, vector_library())
     return [best(lambda level=level: compiled(text, None, level), 3) for level in (0, 1)]
 
 

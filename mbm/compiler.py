@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from mbm.equations.interruption import Interruption
     from mbm.kernels.called_functions import CalledFunctions
     from mbm.kernels.types import KernelSet
-    from mbm.language.program import Program
+    from mbm.language.session import Program
     from mbm.problem.builder import Loader
     from mbm.problem.checks import Mentioned
     from mbm.problem.dependence import Facts
@@ -81,7 +81,7 @@ class SolveSettings:
 def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = None) -> Program:
     """Characters → definitions of the file and of those it uses."""
     from mbm.language.limits import recursion_room
-    from mbm.language.program import read_program
+    from mbm.language.session import read_program
     from mbm.problem.vocabulary import SPECIAL_FORMS
 
     with recursion_room(registry.limits):

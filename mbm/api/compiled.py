@@ -278,7 +278,7 @@ class CompiledProblem:
 
         """
         from mbm.emit import faults
-        from mbm.kernels.functions import function_of
+        from mbm.kernels.serialised import function_of
 
         found: dict[str, Any] = {}
         for kernel in self._latest().kernels.kernels:

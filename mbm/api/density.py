@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from mbm.api.arguments import steps_of
 from mbm.equations.assembly import Assembled
-from mbm.problem.likely import called, likelihood_of
+from mbm.problem.bounded import called, likelihood_of
 from mbm.problem.types import BlockRole, Problem
 from mbm.simulation.trials import faults
 from mbm.text.types import Diagnostic, MbmError

@@ -17,9 +17,9 @@ from mbm.api.planned import Plan, Planner
 from mbm.compiler import Inputs, SolveSettings
 from mbm.equations.selection import Selection, selections
 from mbm.expression.nodes import Apply, Expression, Number, Operation
+from mbm.problem.bounded import called, likelihood_of
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.joining import prepare
-from mbm.problem.likely import called, likelihood_of
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Block, Equation, EquationCase, Method, NoiseKind, Problem
 from mbm.report.designs import faults
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from mbm.equations.binding import EvaluationCache
     from mbm.equations.types import Floats
     from mbm.kernels.types import KernelSet
-    from mbm.language.program import Program
+    from mbm.language.session import Program
     from mbm.problem.tables import TableDeclaration
     from mbm.registry.standard import Registry
     from mbm.report.designs.answer import Design

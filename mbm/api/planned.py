@@ -11,7 +11,7 @@ import numpy as np
 
 from mbm import compiler
 from mbm.compiler import Inputs
-from mbm.language.program import Program
+from mbm.language.session import Program
 from mbm.problem.clauses import effective_clauses, select_problem
 from mbm.problem.tables import EXTERNAL, Column, Provenance, Table, TableDeclaration
 from mbm.registry.standard import Registry

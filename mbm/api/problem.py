@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mbm.api.designs import Wishes
     from mbm.api.pickled import Written
     from mbm.estimation.starts.closed_forms.types import ClosedForm
-    from mbm.language.program import Program
+    from mbm.language.session import Program
     from mbm.problem.elaborated import Elaborated
     from mbm.report.answer import Solved
     from mbm.report.designs.answer import Design

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from mbm import compiler
 from mbm.api import arguments
+from mbm.problem.bounded import called, likelihood_of
 from mbm.problem.clauses import select_problem
-from mbm.problem.likely import called, likelihood_of
 from mbm.problem.types import Method, Problem
 from mbm.report.propagation.answer import Propagated
 from mbm.report.propagation.solve import PropagatedSolve, parts_of, scalars_of

@@ -24,7 +24,7 @@ from mbm.registry.standard import Registry
 
 if TYPE_CHECKING:
     from mbm.equations.binding import Kind
-    from mbm.language.program import Program
+    from mbm.language.session import Program
 
 
 class Reading:

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from mbm.equations.binding import Kind
     from mbm.kernels.store import Store
     from mbm.kernels.types import KernelSet
-    from mbm.language.program import Program
-    from mbm.language.session import ReadFile
+    from mbm.language.session import Program, ReadFile
     from mbm.problem.dependence import Facts
     from mbm.problem.tables import Table
     from mbm.registry.standard import Registry

@@ -10,9 +10,9 @@ from mbm.emit import faults
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import GivenTable, Target
 from mbm.expression.nodes import Column, Expression, externals, leaves
+from mbm.problem.bounded import called, likelihood_of
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import Gauge
-from mbm.problem.likely import called, likelihood_of
 from mbm.problem.naming import PRIOR
 from mbm.problem.requests import divided_by
 from mbm.problem.sequence.types import Sequence as SequenceOfSteps, SequenceMethod

@@ -8,10 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.binding import EvaluationCache, Group, Slots, StatedNoise
-from mbm.equations.gathering import Gathered, MemberPicker, aggregate_entry, picked_members
+from mbm.equations.gathering import (
+    Gathered,
+    MemberPicker,
+    Sampled,
+    aggregate_entry,
+    picked_members,
+    sampled_inputs,
+    samplings,
+)
 from mbm.equations.layout import Entry, Layout
 from mbm.equations.likelihoods import readings
-from mbm.equations.sampling import Sampled, sampled_inputs, samplings
 from mbm.equations.types import Indices, Mask
 from mbm.equations.whitening import Whitener, whitener
 from mbm.expression.nodes import Column as ColumnNode, ColumnMember, Component, Member, leaves

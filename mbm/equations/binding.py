@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from mbm.equations.gathering import Gathered
+from mbm.equations.gathering import Gathered, Sampled
 from mbm.equations.layout import Layout
 from mbm.equations.layouts import Layouts
 from mbm.equations.likelihoods import Readings
-from mbm.equations.sampling import Sampled
 from mbm.equations.scatter import Scatter, scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener

@@ -9,8 +9,15 @@ from dataclasses import field, replace
 import numpy as np
 
 from mbm.equations import faults
-from mbm.equations.formulas import of_arrays
-from mbm.equations.manifolds import Curved, bounded_coordinates, held_numbers, moved, numbers_of_stated, stated_width
+from mbm.equations.manifolds import (
+    Curved,
+    bounded_coordinates,
+    held_numbers,
+    moved,
+    numbers_of_stated,
+    of_arrays,
+    stated_width,
+)
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem import faults as problem_faults
 from mbm.problem.manifold import Piece

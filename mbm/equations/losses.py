@@ -14,7 +14,7 @@ from math import lgamma, log, sqrt
 
 import numpy as np
 
-from mbm.equations.formulas import of_arrays
+from mbm.equations.manifolds import of_arrays
 from mbm.equations.types import Floats
 from mbm.problem.kinds import LossKind
 from mbm.problem.types import Loss

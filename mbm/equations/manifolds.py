@@ -5,6 +5,9 @@ Conventions as `mbm.problem.manifold`: ``R Exp(ω)`` with unit quaternions (w, x
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
@@ -14,6 +17,15 @@ from mbm.rotations import cross_matrix, hamilton, quaternion_of_matrix, quaterni
 from mbm.solver.charts import SMALL_ANGLE
 from mbm.solver.manifolds import SEAM
 from mbm.values import dataclass
+
+
+@cache
+def of_arrays(formula: Callable[..., float]) -> Callable[..., Floats]:
+    """A formula of the solver for arrays."""
+    # Loaded where one is evaluated here: few solves need what the compiled solver does not do itself.
+    from mbm.machine.elementwise import elementwise
+
+    return elementwise(formula)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from mbm.problem.families import distinct, stacked
+from mbm.problem.joining import distinct, stacked
 from mbm.problem.rows import Positions
 from mbm.problem.sequence.tables import transitions_table
 from mbm.problem.sequence.types import Sequence

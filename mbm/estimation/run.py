@@ -14,11 +14,11 @@ import numpy as np
 from mbm.equations import faults
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.gathering import samplings
 from mbm.equations.interruption import Interruption
-from mbm.equations.sampling import samplings
 from mbm.equations.selection import Selection, selections
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.intervals.types import Enclosure
+from mbm.estimation.intervals.network import Enclosure
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.estimation.sequences.filtering import moved
 from mbm.estimation.settings import Forms, Settings, settings_of, standard_forms

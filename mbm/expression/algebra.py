@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 
-from mbm.expression.dimension import NONE, Dimension
 from mbm.expression.nodes import (
     CONDITIONS,
     Angles,
@@ -22,6 +21,7 @@ from mbm.expression.nodes import (
     Operation,
     postorder,
 )  # fmt: skip
+from mbm.expression.units import NONE, Dimension
 from mbm.text.types import Span
 
 ZERO, ONE, TWO = (Number(value, NONE) for value in range(3))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from fractions import Fraction
 from math import lcm, prod
 
-from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import (
     Apply,
     Column,
@@ -23,6 +22,7 @@ from mbm.expression.nodes import (
     nearest,
     postorder,
 )
+from mbm.expression.units import Dimension
 from mbm.text.build import numeral, sequence, symbol, text
 from mbm.text.types import Bracket, Form, Keyword, Span, Text
 

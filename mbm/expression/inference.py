@@ -13,9 +13,9 @@ from fractions import Fraction
 from typing import TypeAlias
 
 from mbm.expression.algebra import UndefinedValueError, constant_value
-from mbm.expression.dimension import NONE, Dimension, Exponent, whole
 from mbm.expression.nodes import Apply, Column, Component, Constant, Dimensions, Expression, Number, leaves, postorder
 from mbm.expression.rows import RowChoice
+from mbm.expression.units import NONE, Dimension, Exponent, whole
 from mbm.text.types import Span
 from mbm.values import dataclass
 

@@ -13,8 +13,8 @@ from enum import Enum, StrEnum
 from fractions import Fraction
 from typing import Self, TypeAlias
 
-from mbm.expression.dimension import Dimension
 from mbm.expression.rows import Row, RowChoice
+from mbm.expression.units import Dimension
 from mbm.machine.program import Operator
 from mbm.text.types import Form, Span
 from mbm.values import dataclass

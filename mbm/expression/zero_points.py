@@ -13,7 +13,6 @@ from fractions import Fraction
 from typing import TypeAlias, TypeGuard
 
 from mbm.expression.algebra import UndefinedValueError, constant_value
-from mbm.expression.dimension import Dimension, base
 from mbm.expression.nodes import (
     Apply,
     Column,
@@ -26,6 +25,7 @@ from mbm.expression.nodes import (
     leaves,
     postorder,
 )
+from mbm.expression.units import Dimension, base
 
 Weights: TypeAlias = frozenset[float] | None
 """The weights that an expression may have; None: any."""

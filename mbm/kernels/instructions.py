@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import casadi
 
-from mbm.kernels.functions import CODES
 from mbm.kernels.lowering import UnsupportedOperationError
+from mbm.kernels.serialised import CODES
 from mbm.machine.program import Instruction, Operator, Program
 
 _OPERATORS: Mapping[int, Operator] = {

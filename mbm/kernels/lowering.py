@@ -11,7 +11,7 @@ import casadi
 import sympy
 
 from mbm.expression.nodes import External, Outlined
-from mbm.kernels.functions import applied
+from mbm.kernels.serialised import applied
 from mbm.symbolic.conversion import ELEMENTARY, Called, Finite, Held
 from mbm.values import dataclass
 

@@ -16,9 +16,9 @@ from fractions import Fraction
 from itertools import groupby, pairwise
 
 from mbm.expression.algebra import ONE, ZERO, add, apply, divide, multiply, negate, subtract
-from mbm.expression.dimension import NONE
+from mbm.expression.derivative import Formula, depending, substituted
 from mbm.expression.nodes import Apply, Expression, Number, Operation, Parameter
-from mbm.expression.substitution import Formula, depending, substituted
+from mbm.expression.units import NONE
 from mbm.language import faults
 from mbm.language.values import Array, Placeable, Transform
 from mbm.language.vocabulary.vectors import move_point

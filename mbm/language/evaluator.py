@@ -8,13 +8,11 @@ from dataclasses import replace
 from typing import TypeVar
 
 from mbm.expression.algebra import UndefinedValueError
-from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Column, Component, Number, Opaque, nearest
-from mbm.expression.units import parse_unit, refused_unit
+from mbm.expression.units import NONE, parse_unit, refused_unit
 from mbm.language import faults
-from mbm.language.coerce import assemble, integer, opaque_element, scalar
 from mbm.language.limits import ITEMS_PER_STEP, Budget, Limits
-from mbm.language.scope import EmptyScope
+from mbm.language.scope import EmptyScope, assemble, integer, opaque_element, scalar
 from mbm.language.values import (
     FORMS,
     SCALARS,

@@ -13,10 +13,9 @@ from functools import partial, reduce
 from itertools import pairwise
 
 from mbm.expression.algebra import ONE, ZERO, add, apply, differences, divide, dot, multiply, negate, subtract
-from mbm.expression.derivative import derivatives
-from mbm.expression.dimension import NONE
+from mbm.expression.derivative import Formula, derivatives
 from mbm.expression.nodes import Apply, Expression, Number, Operation
-from mbm.expression.substitution import Formula
+from mbm.expression.units import NONE
 from mbm.language.curves import (
     Chord,
     CurveValue,

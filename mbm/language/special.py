@@ -11,10 +11,9 @@ from mbm.expression.algebra import number, total
 from mbm.expression.forms import to_form
 from mbm.expression.nodes import Apply
 from mbm.language import faults
-from mbm.language.coerce import condition, conditional, integer, is_form, list_items, scalar, vector
 from mbm.language.functions import UserFunction, parse_parameters
 from mbm.language.limits import ITEMS_PER_STEP
-from mbm.language.scope import LocalScope
+from mbm.language.scope import LocalScope, condition, conditional, integer, is_form, list_items, scalar, vector
 from mbm.language.values import (
     SCALARS,
     Array,

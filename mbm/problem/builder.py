@@ -9,8 +9,7 @@ from mbm.expression.nodes import Number
 from mbm.language import faults as language_faults
 from mbm.language.functions import bind_definition, parse_definition
 from mbm.language.limits import Limits
-from mbm.language.program import ProblemDefinition, Program
-from mbm.language.session import Session, open_session
+from mbm.language.session import ProblemDefinition, Program, Session, open_session
 from mbm.language.values import FunctionTable, Vocabulary
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
@@ -27,11 +26,10 @@ from mbm.problem.reading.aggregates import OVER_ROWS, Gatherer, Writer
 from mbm.problem.reading.cameras import read_camera
 from mbm.problem.reading.constants import constant_values, read_constants
 from mbm.problem.reading.constraints import model_constraints, read_constraints
-from mbm.problem.reading.declarations import Declaration, declare_unknowns
+from mbm.problem.reading.declarations import Declaration, declare_unknowns, meant, names_in, read_window
 from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.dynamics import read_dynamics
 from mbm.problem.reading.estimators import read_estimator
-from mbm.problem.reading.named_columns import meant, names_in, read_window
 from mbm.problem.reading.noise_structure import check_structures, with_scales
 from mbm.problem.reading.observations import read_observation, with_shared_errors
 from mbm.problem.reading.pairs import read_pair
@@ -49,13 +47,12 @@ from mbm.problem.reading.sources import (
 )
 from mbm.problem.reading.states import Declared, declare_states, first_states
 from mbm.problem.reading.unknowns import given_start, read_unknown
-from mbm.problem.sampling import refuse_corrected
 from mbm.problem.scopes import ProblemScope
 from mbm.problem.sequence.dimensions import open_rates
 from mbm.problem.sequence.types import Sequence as Steps
 from mbm.problem.tables import PairDeclaration, Table, TableDeclaration
 from mbm.problem.types import Block, Derived, Method, Problem, Request, TablePlan, Unknown
-from mbm.problem.vocabulary import FUNCTIONS, SPECIAL_FORMS, Earlier, looking_back, previous
+from mbm.problem.vocabulary import FUNCTIONS, SPECIAL_FORMS, Earlier, looking_back, previous, refuse_corrected
 from mbm.shapes.model import ModelLog, model_maker
 from mbm.text.types import Diagnostic, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass

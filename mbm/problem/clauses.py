@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
-from mbm.language.program import ProblemDefinition, Program
+from mbm.language.session import ProblemDefinition, Program
 from mbm.problem import faults
 from mbm.text.suggest import closest, listed, suggestion
 from mbm.text.types import Diagnostic, Form, Keyword, MbmError, Numeral, Sequence, Span, Symbol, Text

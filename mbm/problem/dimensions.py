@@ -7,10 +7,9 @@ from dataclasses import replace
 from itertools import chain
 
 from mbm.expression.algebra import ONE, number
-from mbm.expression.dimension import NONE, Dimension
 from mbm.expression.inference import Clash, Declared, Inference, origin
 from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, leaves
-from mbm.expression.units import parse_unit
+from mbm.expression.units import NONE, Dimension, parse_unit
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate, AggregateKind
 from mbm.problem.previous import column_before

@@ -28,8 +28,8 @@ from mbm.expression.nodes import (
 )
 from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
-from mbm.language.coerce import condition, scalar, vector
 from mbm.language.limits import Limits
+from mbm.language.scope import condition, scalar, vector
 from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, StaticColumnNeeded, Value, describe
 from mbm.problem import faults
 from mbm.problem.aggregates import WrittenOut

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.expression.dimension import NONE
-from mbm.expression.units import parse_unit
+from mbm.expression.units import NONE, parse_unit
 from mbm.problem import faults
 from mbm.problem.rows import MAXIMUM_REPORTED, by_key, later_rows, starts_anew
 from mbm.problem.tables import TIME, CellKey, Column, Numbers, Origin, PairDeclaration, StepKind, Table

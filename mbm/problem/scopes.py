@@ -10,8 +10,7 @@ from mbm.expression.nodes import Column, ColumnMember, Member, Number, Sampling
 from mbm.expression.rows import Row, RowChoice
 from mbm.expression.units import parse_unit
 from mbm.language import faults
-from mbm.language.coerce import scalar
-from mbm.language.scope import LocalScope, opened
+from mbm.language.scope import LocalScope, opened, scalar
 from mbm.language.values import Array, Evaluator, Scope, StaticColumnNeeded, TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
 from mbm.problem.aggregates import AggregateKind

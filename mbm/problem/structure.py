@@ -14,9 +14,9 @@ import numpy as np
 from mbm.expression.nodes import Column, ColumnMember, Component, External, LiteralMember, externals, leaves
 from mbm.expression.rows import RowChoice, chosen_place
 from mbm.problem import faults
+from mbm.problem.bounded import percentages
 from mbm.problem.checks import used_rows
 from mbm.problem.kinds import Relation
-from mbm.problem.likely import percentages
 from mbm.problem.rows import decided, row_values, rows_of
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import EquationCase, Problem, Unknown, UnknownKind

@@ -10,10 +10,9 @@ from collections.abc import Mapping
 from enum import StrEnum
 from math import prod
 
-from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import Expression
 from mbm.expression.projection import Projection
-from mbm.expression.units import Unit
+from mbm.expression.units import Dimension, Unit
 from mbm.problem.aggregates import Aggregate, WrittenOut
 from mbm.problem.grids import Grid
 from mbm.problem.kinds import ConsensusKind, ConstraintKind, ConstraintMethod, Gauge, LossKind, Relation

@@ -9,11 +9,11 @@ import numpy as np
 from mbm.emit import faults
 from mbm.emit.answers import Agreement
 from mbm.equations.assembly import Assembled, loss_lines
-from mbm.estimation.consensus.binding import without_losses
 from mbm.estimation.consensus.forms import KnownForm, known_form
 from mbm.estimation.consensus.parts import Part, parts_of
 from mbm.estimation.consensus.rules import NO_FORM, rules_of
 from mbm.estimation.consensus.types import Asked, observed, with_loss
+from mbm.estimation.consensus.units import without_losses
 from mbm.estimation.settings import Settings
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import ConsensusKind

@@ -10,10 +10,9 @@ from mbm.estimation.solve.choice import chosen_solver
 from mbm.estimation.starts.closed_forms.types import ClosedForm
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet, WithoutMachineCode
-from mbm.problem.bounded import refuse_mixed_bounds
+from mbm.problem.bounded import called, likelihood_of, refuse_mixed_bounds
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import ConsensusKind, ConstraintKind
-from mbm.problem.likely import called, likelihood_of
 from mbm.problem.naming import PRIOR
 from mbm.problem.overrides import ConstantValue
 from mbm.problem.requests import Contractor, Enclosing

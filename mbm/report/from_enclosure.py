@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.layout import Entry, half_turns
-from mbm.estimation.intervals.types import Enclosure, Ranges
+from mbm.estimation.intervals.network import Enclosure, Ranges
 from mbm.problem.types import Derived, Problem, UnknownKind
 from mbm.report.numbers import nothing_known
 from mbm.report.quantities import derived_quantity, keys_over, quantity_of, repeated

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.equations.layout import Entry
 from mbm.equations.types import Reason
-from mbm.estimation.intervals.types import Enclosure
+from mbm.estimation.intervals.network import Enclosure
 from mbm.estimation.search.search import Alternative as OtherMinimum
 from mbm.estimation.search.solution import Failure, Hypothesis, Skipped, Solution
 from mbm.estimation.sequences.faults import BEYOND_BOUNDS

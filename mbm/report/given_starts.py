@@ -8,8 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from mbm.expression.dimension import NONE
-from mbm.expression.units import parse_unit
+from mbm.expression.units import NONE, parse_unit
 from mbm.problem.naming import key_text
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Family, Problem, Unknown, UnknownKind

@@ -18,7 +18,7 @@ from mbm.expression.nodes import Column, Component, Expression, Leaf, externals,
 from mbm.expression.rows import RowChoice
 from mbm.expression.units import parse_unit
 from mbm.problem.joining import grid_rows
-from mbm.problem.modelled import columns_of, observations_of
+from mbm.problem.residual_units import columns_of, observations_of
 from mbm.problem.rows import column_numbers, lookup
 from mbm.problem.tables import ROW, Table
 from mbm.problem.types import BlockRole, Derived, Problem, UnknownKind

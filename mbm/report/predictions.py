@@ -15,7 +15,7 @@ from mbm.estimation.search.solution import Solution, no_profiles
 from mbm.estimation.uncertainty.student import coverage_factors
 from mbm.expression.nodes import Component, leaves
 from mbm.expression.units import scale_of
-from mbm.problem.modelled import Modelled, columns_of, observations_of
+from mbm.problem.residual_units import Modelled, columns_of, observations_of
 from mbm.problem.tables import Column, Provenance, Table
 from mbm.problem.types import Derived, Equation, NoiseKind, Problem
 from mbm.report import faults

@@ -17,8 +17,7 @@ from mbm.equations.spreads import Followed, Moved
 from mbm.equations.types import NoiseState, Reason
 from mbm.estimation.search.solution import DerivedSolution, Solution, no_profiles
 from mbm.estimation.uncertainty.observability import limited
-from mbm.expression.dimension import Dimension
-from mbm.expression.units import Unit
+from mbm.expression.units import Dimension, Unit
 from mbm.problem.tables import Table
 from mbm.problem.types import Derived, Problem, Unknown, UnknownKind
 from mbm.report.elements import GEOMETRIC, coordinate_factors, element_names

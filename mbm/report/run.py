@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.estimation.intervals.types import Enclosure
+from mbm.estimation.intervals.network import Enclosure
 from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.problem.overrides import Overrides

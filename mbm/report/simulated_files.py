@@ -13,7 +13,7 @@ from mbm.data.writers import WRITERS
 from mbm.files.names import SIMULATE, Names, file_name, is_plain
 from mbm.files.reading import read_file
 from mbm.files.targets import SOURCE_ENDING
-from mbm.language.program import Program
+from mbm.language.session import Program
 from mbm.problem.clauses import effective_clauses, select_problem
 from mbm.problem.reading.noise_structure import READER as MATRIX, matrix_forms, matrix_table
 from mbm.problem.tables import Column, TableDeclaration

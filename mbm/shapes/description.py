@@ -8,9 +8,8 @@ from types import MappingProxyType
 
 from mbm.expression.nodes import Apply, Column, Parameter, leaves
 from mbm.language import faults as language_faults
-from mbm.language.coerce import condition, scalar, vector
 from mbm.language.curves import CurveValue, in_space
-from mbm.language.scope import LocalScope
+from mbm.language.scope import LocalScope, condition, scalar, vector
 from mbm.language.special import clauses_of_cond, cond_condition, let_scope
 from mbm.language.values import (
     FORMS,

@@ -10,9 +10,9 @@ from collections.abc import Hashable, Iterator
 from dataclasses import field
 
 from mbm.expression.algebra import ONE, add, multiply, subtract
+from mbm.expression.derivative import substituted
 from mbm.expression.nodes import Apply, Constant, Expression, Figure, Leaf, Number, Parameter, Sheet, postorder
 from mbm.expression.projection import by_axes
-from mbm.expression.substitution import substituted
 from mbm.language import faults as language_faults
 from mbm.language.curves import Point
 from mbm.language.values import Array, Call, CameraValue

@@ -6,12 +6,11 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-from mbm.language.coerce import scalar
 from mbm.language.evaluator import FormEvaluator
 from mbm.language.functions import Parameters, bind
 from mbm.language.limits import Limits
-from mbm.language.program import ModelDefinition, read_program
-from mbm.language.scope import EmptyScope
+from mbm.language.scope import EmptyScope, scalar
+from mbm.language.session import ModelDefinition, read_program
 from mbm.language.values import Call, Evaluator, Value, Vocabulary
 from mbm.shapes.model import arrived_arguments, call_model
 from mbm.shapes.types import ModelFunction, Shape

@@ -14,13 +14,12 @@ from fractions import Fraction
 from itertools import pairwise
 
 from mbm.expression.algebra import ONE, ZERO, add, apply, cross, divide, dot, multiply, negate, subtract
-from mbm.expression.derivative import derivatives
-from mbm.expression.dimension import NONE
+from mbm.expression.derivative import derivatives, substituted
 from mbm.expression.nodes import Expression, Number, Operation, Parameter, nearest
-from mbm.expression.substitution import substituted
+from mbm.expression.units import NONE
 from mbm.language import faults
-from mbm.language.coerce import scalar
 from mbm.language.curves import CurveValue, Piece, Point, in_space
+from mbm.language.scope import scalar
 from mbm.language.values import Value
 from mbm.language.vocabulary.curves import curve_of
 from mbm.language.vocabulary.vectors import norm_of

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 from mbm.expression.algebra import number
 from mbm.language import faults
-from mbm.language.coerce import integer
-from mbm.language.scope import LocalScope
+from mbm.language.scope import LocalScope, integer
 from mbm.language.values import Evaluator, Scope
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 

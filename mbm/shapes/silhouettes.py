@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from mbm.expression.nodes import Apply, Expression, Operation, Outlined, Output
 from mbm.language import faults
-from mbm.language.coerce import vector
+from mbm.language.scope import vector
 from mbm.language.values import Array, Builtin, Call, CameraValue, Placeable, Transform, Value, describe
 from mbm.language.vocabulary.lines import image_of
 from mbm.shapes.figures import Drawn, drawn

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.language import faults as language_faults
-from mbm.language.coerce import integer, list_items, vector
+from mbm.language.scope import integer, list_items, vector
 from mbm.language.values import Array, Evaluator, Scope
 from mbm.shapes import faults
 from mbm.shapes.repetition import repetitions

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 from mbm.expression.forms import to_form
 from mbm.language import faults as language_faults
-from mbm.language.coerce import list_items, symbol_name
+from mbm.language.scope import list_items, symbol_name
 from mbm.language.special import SPECIAL_FORMS
 from mbm.language.values import (
     SCALARS,
@@ -41,13 +41,25 @@ from mbm.language.vocabulary import (
 )
 from mbm.shapes import faults, silhouettes
 from mbm.shapes.description import swept_shape
-from mbm.shapes.features import Place, enter, find_parts, frame_feature, numbered, part_names, resolve, root
+from mbm.shapes.features import (
+    Place,
+    Segment,
+    element_segment,
+    enter,
+    find_parts,
+    flat_segments,
+    frame_feature,
+    number_segment,
+    numbered,
+    part_names,
+    resolve,
+    root,
+    segments_of,
+)
 from mbm.shapes.heads import SWEEP_USAGES
 from mbm.shapes.library import library_models
 from mbm.shapes.meshes.form import MeshMaker
-from mbm.shapes.model import Model
-from mbm.shapes.opaque import opaque_argument
-from mbm.shapes.paths import Segment, element_segment, flat_segments, number_segment, segments_of
+from mbm.shapes.model import Model, opaque_argument
 from mbm.shapes.types import ModelFunction, Projection, Shape, Step
 from mbm.text.build import call as list_form, sequence
 from mbm.text.suggest import closest

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import fabs, inf, isfinite, sqrt
 
 from mbm.machine.kinds import LANES
 from mbm.machine.records import view
 from mbm.machine.words import ConstantReals, Integer, Integers, Real
-from mbm.solver.active_bounds import release_inactive
 from mbm.solver.constraint_values import tell_equations
 from mbm.solver.constraints import begin_rounds, next_round, set_held
 from mbm.solver.covariance import set_covariance, undetermined
-from mbm.solver.decisions import PUSHED, takes_over, usual_cost, worth_following
+from mbm.solver.decisions import IDLE, PUSHED, ROUNDED_PUSH, takes_over, usual_cost, worth_following
 from mbm.solver.description import (
     BOUNDS_AT,
     COMPARED,
@@ -42,7 +41,7 @@ from mbm.solver.description import (
     Problem,
 )
 from mbm.solver.equations import cost_at_point, load_rows
-from mbm.solver.linear_algebra import add_multiple, copied, filled
+from mbm.solver.linear_algebra import add_multiple, column_product, copied, filled, gradient_of
 from mbm.solver.manifolds import coordinates_of
 from mbm.solver.range_form import best_of_ranges
 from mbm.solver.sequential import begin_steps, sequential_step
@@ -50,6 +49,33 @@ from mbm.solver.stationary import forget_stationary
 from mbm.solver.sweeps import sweep
 from mbm.solver.trust_region import begin, constraint_count, iterate, solve_directly
 from mbm.solver.workspace import Linearisation, RangeForm, Solves, Work, share_out
+
+
+def release_inactive(
+    n: Integer, triangle: ConstantReals, x: ConstantReals, cost: Real, pulls: ConstantReals, sides: Integers
+) -> None:
+    """``sides`` (n,) become 0 where the slope ``Jᵀ r`` is nothing beside the length of its column and ``cost`` = rᵀ r.
+
+    ``triangle`` (n + 1, n + 1) of ``[J r]``; ``x`` (n,) are the coordinates, ``pulls`` (n,) what constraints add to
+    the slope.
+    """
+    width = n + 1
+    bounded = 0
+    for j in range(n):
+        if sides[j] != 0:
+            bounded += 1
+    if bounded == 0:
+        return
+    made_of = 0.0
+    for j in range(n):
+        made_of += column_product(j + 1, width, triangle[j:], triangle[j:]) * x[j] * x[j]
+    for j in range(n):
+        if sides[j] != 0:
+            length = column_product(j + 1, width, triangle[j:], triangle[j:])
+            slope = pulls[j] + gradient_of(n, j, triangle)
+            if fabs(slope) <= sqrt(length) * (IDLE * sqrt(cost) + ROUNDED_PUSH * sqrt(made_of)):
+                sides[j] = 0
+
 
 SURE = 1e4
 """A squared condition up to which sums of products give variances to 1e-10: with errors of a few eps √rows."""

@@ -12,8 +12,6 @@ from mbm.machine.records import view
 from mbm.machine.words import ConstantReals, Integer
 from mbm.solver.consensus_begin import begin_consensus
 from mbm.solver.consensus_fixed_point import finished, rival
-from mbm.solver.consensus_gnc import gnc_fit
-from mbm.solver.consensus_order import robust_variance, variances_at
 from mbm.solver.consensus_records import (
     ANSWERS,
     BY_MEDIAN,
@@ -25,10 +23,10 @@ from mbm.solver.consensus_records import (
     ConsensusWork,
     Verdict,
 )
-from mbm.solver.consensus_refine import NEARLY_STILL, TRIMMED, TRUNCATED, refined
-from mbm.solver.consensus_rows import linearised, squares_at
-from mbm.solver.consensus_scores import GNC, LMEDS
+from mbm.solver.consensus_refine import NEARLY_STILL, TRIMMED, TRUNCATED, gnc_fit, refined
+from mbm.solver.consensus_scores import GNC, LMEDS, robust_variance, variances_at
 from mbm.solver.consensus_trials import fit_trials, limit_by_noise, score_trials
+from mbm.solver.consensus_units import linearised, squares_at
 from mbm.solver.decisions import (
     CANDIDATES,
     FEW_STARTS,

@@ -16,12 +16,10 @@ from mbm.machine.kinds import LANES
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, call_kernel
 from mbm.solver.consensus_constraints import begin_on_constraints, put_on_constraints
 from mbm.solver.consensus_forms import points_in_closed_form, put_motion
-from mbm.solver.consensus_order import median
 from mbm.solver.consensus_records import NOWHERE, SPHERES, ConsensusWork, Rules, share_out_consensus
-from mbm.solver.consensus_rows import linearised, squares_at
-from mbm.solver.consensus_scores import GNC
+from mbm.solver.consensus_scores import GNC, median
 from mbm.solver.consensus_trials import begin_trials, empty_lists, seldom_in_vain, size_of_subsets
-from mbm.solver.consensus_units import list_units, norm_directions, set_rounding
+from mbm.solver.consensus_units import linearised, list_units, norm_directions, set_rounding, squares_at
 from mbm.solver.decisions import ATTEMPTS, FAR, MIRRORED
 from mbm.solver.description import Problem
 from mbm.solver.equations import load_rows

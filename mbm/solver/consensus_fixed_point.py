@@ -12,13 +12,12 @@ from __future__ import annotations
 from math import inf, isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real
-from mbm.solver.chi_square import consistency
+from mbm.solver.chi_square import consistency, mark_inliers, untruncated
 from mbm.solver.consensus_constraints import moved
-from mbm.solver.consensus_order import robust_variance, variances_at
 from mbm.solver.consensus_records import ConsensusWork, Fit
 from mbm.solver.consensus_refine import TRUNCATED, measure, refined, weighted_step
-from mbm.solver.consensus_rows import linearised, spread_weights
-from mbm.solver.consensus_truncation import mark_inliers, untruncated
+from mbm.solver.consensus_scores import robust_variance, variances_at
+from mbm.solver.consensus_units import linearised, spread_weights
 from mbm.solver.decisions import (
     APART,
     ARRIVED,

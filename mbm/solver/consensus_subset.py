@@ -10,7 +10,7 @@ from math import fabs, isfinite, sqrt
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.solver.consensus_constraints import moved
 from mbm.solver.consensus_records import ConsensusWork
-from mbm.solver.consensus_rows import linearised
+from mbm.solver.consensus_units import linearised
 from mbm.solver.decisions import (
     FIRST_DAMPING,
     FIT_STEPS,

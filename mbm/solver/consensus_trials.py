@@ -9,9 +9,7 @@ from math import inf, isfinite
 
 from mbm.machine.words import ConstantReals, Integer, Real
 from mbm.solver.consensus_forms import points_in_closed_form
-from mbm.solver.consensus_order import variances_at
 from mbm.solver.consensus_records import BY_MEDIAN, BY_RULE, BY_WIDE_LIMITS, LISTS, ConsensusWork
-from mbm.solver.consensus_rows import squares_at
 from mbm.solver.consensus_sample import (
     FEWEST_TRIALS,
     combinations_of,
@@ -24,8 +22,17 @@ from mbm.solver.consensus_sample import (
     trials_for_share,
     unit_added,
 )
-from mbm.solver.consensus_scores import LMEDS, RANSAC, inlier_count, least_median, outlier_count, truncated
+from mbm.solver.consensus_scores import (
+    LMEDS,
+    RANSAC,
+    inlier_count,
+    least_median,
+    outlier_count,
+    truncated,
+    variances_at,
+)
 from mbm.solver.consensus_subset import fitted_to_subset, gather_subset
+from mbm.solver.consensus_units import squares_at
 from mbm.solver.decisions import CANDIDATES, MOST_FITS, WIDE
 from mbm.solver.description import Problem
 from mbm.solver.linear_algebra import copied, numbered

@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.machine.words import Integer
-from mbm.solver.covariance import set_reduced, set_scales
+from mbm.solver.covariance import REPEATED, from_null_space, reflect_constraints, set_reduced, set_scales, to_null_space
 from mbm.solver.decisions import rounding_of_norm
 from mbm.solver.description import Problem
 from mbm.solver.linear_algebra import (
@@ -27,7 +27,6 @@ from mbm.solver.linear_algebra import (
     solve_upper,
     transposed,
 )
-from mbm.solver.null_space import REPEATED, from_null_space, reflect_constraints, to_null_space
 from mbm.solver.step_control import relative_offset
 from mbm.solver.steps import INDEPENDENT, without_dependent
 from mbm.solver.trust_region import constraint_count
@@ -36,8 +35,6 @@ from mbm.solver.workspace import Linearisation, Work
 SCALE = 11
 LINE = 12
 ALONG = 13
-GRADIENT = 14
-IMAGE_THERE = 10
 """Vectors of scratch: of the coordinates that may move, one after the other."""
 
 

@@ -1,19 +1,196 @@
-"""Covariance of the estimates from the triangle: ``(JᵀJ)⁻¹`` on the surface of the bounds and constraints that hold.
-
-JᵀJ is never formed. Only movements along the surface count: `tangent` turns the constraints that hold away.
-"""
+"""Covariance of the estimates: on the surface of bounds and constraints, and of what a deficient matrix determines."""
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import fabs, inf, sqrt
 
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
-from mbm.solver.decisions import ROUNDED_ROTATION, decided_rank
+from mbm.solver.decisions import EPSILON, ROUNDED_ROTATION, SHARE, decided_rank
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import append_rows, column_product, copied, corner, divided, dot, filled, inverted_upper
-from mbm.solver.null_space import from_null_space, reflect_constraints, to_null_space
-from mbm.solver.rank_deficient import set_determined, singular_values
+from mbm.solver.linear_algebra import (
+    add_multiple,
+    append_rows,
+    column_product,
+    copied,
+    corner,
+    divided,
+    dot,
+    filled,
+    inverted_upper,
+    rotate,
+    sum_of_products,
+)
 from mbm.solver.workspace import Work
+
+REPEATED = 1e-12
+"""The share of a constraint's slope that those before it leave, below which it says nothing new."""
+
+
+def reflect_constraints(
+    n: Integer,
+    count: Integer,
+    chosen: ConstantIntegers,
+    scale: ConstantReals,
+    holding: Integer,
+    held: ConstantReals,
+    slopes: ConstantReals,
+    reflections: Reals,
+) -> Integer:
+    """The ``reflections`` (reflected, count) for the constraints that hold, and how many there are.
+
+    ``slopes`` (holding, n); of the coordinates those ``chosen`` (count,) may move, each over its ``scale``. A
+    constraint holds where ``held`` is not 0.
+    """
+    reflected = 0
+    for c in range(holding):
+        if held[c] != 0.0 and reflected < count:
+            row = reflections[reflected * count :]
+            for k in range(count):
+                row[k] = slopes[c * n + chosen[k]] / scale[k]
+            length = sqrt(dot(count, row, row))
+            for q in range(reflected):
+                reflection = reflections[q * count :]
+                add_multiple(count, -dot(count, reflection, row), reflection, row)
+            filled(reflected, 0.0, row)
+            rest = sqrt(dot(count, row, row))
+            if rest > REPEATED * length:
+                row[reflected] += rest if row[reflected] >= 0.0 else -rest
+                factor = sqrt(2.0 / dot(count, row, row))
+                for k in range(reflected, count):
+                    row[k] *= factor
+                reflected += 1
+    return reflected
+
+
+def to_null_space(count: Integer, reflected: Integer, reflections: ConstantReals, vector: Reals) -> None:
+    """``vector`` (count,) becomes ``Qᵀ vector``: after the first ``reflected`` numbers its part along the surface."""
+    for q in range(reflected):
+        reflection = reflections[q * count :]
+        add_multiple(count, -dot(count, reflection, vector), reflection, vector)
+
+
+def from_null_space(count: Integer, reflected: Integer, reflections: ConstantReals, vector: Reals) -> None:
+    """``vector`` (count,) becomes ``Q vector``."""
+    for back in range(reflected):
+        reflection = reflections[(reflected - 1 - back) * count :]
+        add_multiple(count, -dot(count, reflection, vector), reflection, vector)
+
+
+SWEEPS = 40
+NEGLIGIBLE = 1e-28
+"""A product of two columns below this share of the largest square turns nothing that could be seen."""
+
+
+def singular_values(width: Integer, small: ConstantReals, lines: Reals, right: Reals, singular: Reals) -> None:
+    """The singular values (w,) of a triangle, the largest first, and the right singular vectors, one to a row.
+
+    ``small`` (w + 1, w + 1); ``lines`` (w, w) is scratch.
+    """
+    largest = 0.0
+    for k in range(width):
+        for i in range(width):
+            lines[k * width + i] = small[i * (width + 1) + k] if i <= k else 0.0
+            right[k * width + i] = 1.0 if i == k else 0.0
+        square = dot(width, lines[k * width :], lines[k * width :])
+        if square > largest:
+            largest = square
+    turning = 1
+    for _ in range(SWEEPS):
+        if turning == 0:
+            break
+        turning = 0
+        for k in range(width):
+            for i in range(k):
+                a = dot(width, lines[i * width :], lines[i * width :])
+                b = dot(width, lines[k * width :], lines[k * width :])
+                along = dot(width, lines[i * width :], lines[k * width :])
+                if fabs(along) > EPSILON * sqrt(a) * sqrt(b) and fabs(along) > NEGLIGIBLE * largest:
+                    turning = 1
+                    ratio = 0.5 * (b - a) / along
+                    tangent = 1.0 / (fabs(ratio) + sqrt(1.0 + ratio * ratio))
+                    if ratio < 0.0:
+                        tangent = -tangent
+                    cosine = 1.0 / sqrt(1.0 + tangent * tangent)
+                    rotate(width, cosine, cosine * tangent, lines[i * width :], lines[k * width :])
+                    rotate(width, cosine, cosine * tangent, right[i * width :], right[k * width :])
+    for k in range(width):
+        singular[k] = sqrt(dot(width, lines[k * width :], lines[k * width :]))
+    for k in range(width):
+        best = k
+        for i in range(k + 1, width):
+            if singular[i] > singular[best]:
+                best = i
+        if best != k:
+            value = singular[k]
+            singular[k] = singular[best]
+            singular[best] = value
+            rotate(width, 0.0, 1.0, right[k * width :], right[best * width :])
+
+
+def set_determined(
+    problem: Problem,
+    count: Integer,
+    reflected: Integer,
+    rank: Integer,
+    scale: ConstantReals,
+    singular: ConstantReals,
+    work: Work,
+    covariance: Reals,
+) -> None:
+    """The covariance (n, n) in the directions that are determined, and which coordinates the others touch, `touched`.
+
+    `inverse` has the right singular vectors along the surface; `part` becomes a factor of the
+    covariance, ``rank`` rows (n,), with the free directions below it, `loose` rows.
+    """
+    n = problem.n
+    width = count - reflected
+    chosen = work.chosen
+    factor = work.part
+    line = work.line
+    touched = work.touched
+    filled(n * n, 0.0, factor)
+    for a in range(width):
+        filled(count, 0.0, line)
+        copied(width, work.inverse[a * width :], line[reflected:])
+        from_null_space(count, reflected, work.reflections, line)
+        for k in range(count):
+            if a < rank:
+                factor[a * n + chosen[k]] = line[k] / (singular[a] * scale[k])
+            else:
+                factor[a * n + chosen[k]] = line[k] / scale[k]
+                touched[chosen[k]] += line[k] * line[k]
+    work.rank = rank
+    work.loose = width - rank
+    filled(n, 0.0, work.sizes)
+    for k in range(count):
+        work.sizes[chosen[k]] = 1.0 / scale[k]
+    for j in range(n):
+        touched[j] = 1.0 if touched[j] > SHARE * SHARE else 0.0
+    sum_of_products(rank, n, factor, factor, covariance)
+
+
+def determines(problem: Problem, gradient: ConstantReals, work: Work) -> Integer:
+    """1 where a quantity with the ``gradient`` (n,) does not feel the free directions of the last covariance."""
+    n = problem.n
+    loose = work.part[work.rank * n :]
+    length = 0.0
+    along = 0.0
+    for a in range(work.loose):
+        share = dot(n, loose[a * n :], gradient)
+        along += share * share
+    for j in range(n):
+        length += gradient[j] * work.sizes[j] * gradient[j] * work.sizes[j]
+    return 1 if along <= SHARE * SHARE * length else 0
+
+
+def mask_undetermined(problem: Problem, work: Work, covariance: Reals) -> None:
+    """NaN for what the free directions of the last covariance touch."""
+    n = problem.n
+    for i in range(n):
+        for k in range(n):
+            if work.touched[i] != 0.0 or work.touched[k] != 0.0:
+                covariance[i * n + k] = inf - inf
+
 
 SURE = 1e9
 """A condition up to which there is nothing to decide: no singular value is below 1e-9 of the largest."""

@@ -235,7 +235,6 @@ class DataSet:
 HEADER = slots_of(Problem)
 BLOCK = slots_of(Block)
 UNIT = slots_of(Unit)
-NONZERO = slots_of(Nonzero)
 PIECE = slots_of(Component)
 DATA_HEAD = slots_of(DataSet)
 DATA_BLOCK = slots_of(DataBlock)

@@ -6,7 +6,7 @@ row repeat it with weight 0.
 
 Blocks of few rows whose rows are fused in one function: their data, and whether a data set has just these rows.
 
-In the process only, where functions are made for a problem: see `mbm.machine.fused`.
+In the process only, where functions are made for a problem: see `mbm.machine.merged`.
 """
 
 from __future__ import annotations

@@ -10,8 +10,7 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.machine.words import Integer, Real, Reals
-from mbm.solver.filter_records import Walk
-from mbm.solver.filter_rows import step_lines
+from mbm.solver.filter_records import Walk, step_lines
 from mbm.solver.filter_update import see_along
 from mbm.solver.linear_algebra import add_multiple, column_product, copied, dot, filled
 from mbm.solver.manifolds import retract

@@ -9,8 +9,7 @@ from __future__ import annotations
 from math import fabs, isfinite
 
 from mbm.machine.words import ConstantReals, Integer, Reals, distinct_arrays
-from mbm.solver.filter_records import Walk
-from mbm.solver.filter_rows import whitened_lines
+from mbm.solver.filter_records import Walk, whitened_lines
 from mbm.solver.linear_algebra import add_multiple, append_rows, copied, dot, filled, rotate
 from mbm.solver.manifolds import retract
 

@@ -15,12 +15,11 @@ from math import isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real
 from mbm.solver.charts import transport
+from mbm.solver.covariance import singular_values
 from mbm.solver.filter_moves import to_columns
-from mbm.solver.filter_records import Walk
-from mbm.solver.filter_rows import plain_step_cost, step_cost, step_lines, widen_losses
+from mbm.solver.filter_records import Walk, plain_step_cost, step_cost, step_lines, widen_losses
 from mbm.solver.linear_algebra import add_multiple, append_rows, copied, corner, dot, filled, solve_upper, times_upper
 from mbm.solver.manifolds import retract
-from mbm.solver.rank_deficient import singular_values
 
 UNSEEN = 1e-10
 """A singular value of the rows in the open directions that is this share of the largest, or less, is rounding."""

@@ -15,8 +15,7 @@ from mbm.solver.filter_cuts import cut_step, worst_violation
 from mbm.solver.filter_keeping import keep_step
 from mbm.solver.filter_mirror import mirror
 from mbm.solver.filter_moves import predict
-from mbm.solver.filter_records import Walk
-from mbm.solver.filter_rows import load_move, load_step
+from mbm.solver.filter_records import Walk, load_move, load_step
 from mbm.solver.filter_update import update
 from mbm.solver.linear_algebra import copied
 

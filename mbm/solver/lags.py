@@ -1,4 +1,4 @@
-"""Products of successive residuals, with their moments under independent noise: `mbm.estimation.trust.lags`."""
+"""Products of successive residuals, with their moments under independent noise: `mbm.estimation.trust.coarse`."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from math import fabs, inf, isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
 from mbm.solver.constraint_manifold import set_forces, set_null_space
-from mbm.solver.covariance import set_reduced
+from mbm.solver.covariance import from_null_space, set_reduced, to_null_space
 from mbm.solver.description import Problem
 from mbm.solver.linear_algebra import (
     add_multiple,
@@ -28,7 +28,6 @@ from mbm.solver.linear_algebra import (
     solve_transposed,
     solve_upper,
 )
-from mbm.solver.null_space import from_null_space, to_null_space
 from mbm.solver.steps import down_of, up_of
 from mbm.solver.trust_region import constraint_count
 from mbm.solver.workspace import Linearisation, Work

@@ -7,12 +7,36 @@ from math import inf, isfinite
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
 from mbm.solver.description import Problem
 from mbm.solver.equations import cost_at_point
-from mbm.solver.known_rows import know_rows
 from mbm.solver.linear_algebra import add_multiple, copied
 from mbm.solver.manifolds import coordinates_of, place_coordinates
 from mbm.solver.spheres import places_of_ranges
 from mbm.solver.steps import project
 from mbm.solver.workspace import RangeForm, Rows, Work
+
+
+def know_rows(
+    width: Integer,
+    count: Integer,
+    rows: Integer,
+    given: ConstantReals,
+    maps: ConstantReals,
+    constants: ConstantReals,
+    step: Integer,
+    target: Reals,
+) -> None:
+    """What is known of a unit (width,) in each row, from the parameters ``given`` (rows, count).
+
+    ``maps`` (count, width) is that of the unit, ``constants`` (width,) are added; ``step`` is the distance from row to
+    row in ``target``. Most coefficients are 0, so that rows are looped over last.
+    """
+    for w in range(width):
+        for row in range(rows):
+            target[row * step + w] = constants[w]
+        for p in range(count):
+            factor = maps[p * width + w]
+            if factor != 0.0:
+                for row in range(rows):
+                    target[row * step + w] += factor * given[row * count + p]
 
 
 def load_ranges(problem: Problem, rows: Rows, start: ConstantReals, form: RangeForm) -> None:

@@ -17,8 +17,7 @@ from mbm.solver.constraint_values import evaluate_block
 from mbm.solver.description import BOUNDS_AT
 from mbm.solver.equations import groups_of
 from mbm.solver.filter_cuts import cut_mean, put_row_of_cut
-from mbm.solver.filter_records import Walk
-from mbm.solver.filter_rows import load_step
+from mbm.solver.filter_records import Walk, load_step
 from mbm.solver.linear_algebra import dot, filled
 
 RENEWED = 0.7

@@ -9,8 +9,7 @@ from __future__ import annotations
 from mbm.machine.words import Integer
 from mbm.solver.charts import step_between, transport
 from mbm.solver.filter_moves import add_noise, carried, carry_lines, move_on, predict
-from mbm.solver.filter_records import Walk
-from mbm.solver.filter_rows import load_move, load_step, plain_step_cost, step_cost, step_lines
+from mbm.solver.filter_records import Walk, load_move, load_step, plain_step_cost, step_cost, step_lines
 from mbm.solver.filter_update import COUNTED, set_new_factor, set_triangle_of, turn_open, update
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
 from mbm.solver.manifolds import retract

@@ -23,8 +23,7 @@ from mbm.machine.words import Integer, Real, Reals
 from mbm.solver.charts import step_between, transport
 from mbm.solver.filter_keeping import keep_step
 from mbm.solver.filter_moves import add_noise, carry_lines, move_on, to_columns
-from mbm.solver.filter_records import Walk
-from mbm.solver.filter_rows import load_move, load_step, step_cost, step_lines
+from mbm.solver.filter_records import Walk, load_move, load_step, step_cost, step_lines
 from mbm.solver.filter_update import (
     ENOUGH_DECREASE,
     FIRST_COST,

@@ -10,9 +10,9 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Integers, Real, Reals
+from mbm.solver.covariance import singular_values
 from mbm.solver.linear_algebra import add_multiple, append_rows, copied, dot, filled
 from mbm.solver.minimal_spheres import PARALLEL
-from mbm.solver.rank_deficient import singular_values
 from mbm.solver.workspace import MOST_PLACES, Ranges
 
 FLAT = 1e-6

@@ -42,9 +42,8 @@ from mbm.solver.description import (
 from mbm.solver.equations import cost_at_point
 from mbm.solver.kinks import settle_at_kink
 from mbm.solver.linear_algebra import filled
-from mbm.solver.linearisation import arrive, judge
+from mbm.solver.linearisation import arrive, judge, set_curvature
 from mbm.solver.manifolds import coordinates_of, place_coordinates, retract
-from mbm.solver.newton import set_curvature
 from mbm.solver.step_control import radius_after, remaining
 from mbm.solver.steps import project
 from mbm.solver.sweeps import set_triangle, summed, sweep

@@ -10,10 +10,8 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
 from mbm.machine.records import put
-from mbm.sparse.blocks.names import product_name
-from mbm.sparse.blocks.parts import Cross, Entries, Links, Nonzeros, Piece, Products, Rest
-from mbm.sparse.elimination import Elimination
-from mbm.sparse.normal import Contribution, Normal, NormalPattern
+from mbm.sparse.blocks.parts import Cross, Entries, Links, Nonzeros, Piece, Products, Rest, product_name
+from mbm.sparse.normal import Contribution, Elimination, Normal, NormalPattern
 from mbm.sparse.routines import HEAVY, Making, Routines, processors
 from mbm.sparse.structure import Structure, Values
 from mbm.values import dataclass

@@ -1,20 +1,23 @@
-"""A point of a sparse problem with everything computed there, and where steps from it may lead."""
+"""A point of a sparse problem with everything computed there, and where steps from it lead: limited, and Newton's."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf, sqrt
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from mbm.equations.metric import magnitudes
-from mbm.equations.types import Equations, Floats, Mask
+from mbm.equations.types import Equations, Floats, Indices, Mask
 from mbm.kernels.types import Backend
+from mbm.problem.types import Method
+from mbm.solver import description as of
 from mbm.solver.decisions import POSITIVE_KEPT, ROUNDING_OF_BOUNDS, rounding_of_norm
 from mbm.sparse.arithmetic import Arithmetic
 from mbm.sparse.normal import Normal
 from mbm.sparse.structure import Structure, Values
-from mbm.sparse.system import Plan
+from mbm.sparse.system import Factorised, Plan
 from mbm.values import dataclass
 
 
@@ -149,3 +152,113 @@ def counted_as(equations: Equations, layout: Structure, residual: int) -> int:
         return residual
     found = np.flatnonzero(layout.rows == residual)
     return int(found[0]) if found.size else equations.count - layout.count + residual
+
+
+RULES = tuple(Method(name) for name, number in of.RULES.items() if number != of.MARQUARDT)
+"""The methods whose steps are such."""
+
+
+def length_of(step: Floats, squares: Floats) -> float:
+    """The length of a step over the padded columns, with the metric's ``squares``."""
+    return sqrt(float(squares @ np.square(step)))
+
+
+def limited(rule: Method, plan: Plan, here: Place, step: Floats, squares: Floats, radius: float) -> Floats:
+    """The undamped ``step`` where it is no longer than ``radius``, else the one that the rule has inside it.
+
+    With bounds it is shortened: Powell's path might leave the box.
+    """
+    length = length_of(step, squares)
+    if length <= radius:
+        return step
+    if rule is not Method.DOGLEG or here.gaps is not None:
+        return step * (radius / length)
+    downhill = np.where(step == 0.0, 0.0, -here.gradient / squares)
+    image = plan.image(here.values, downhill)
+    curvature = float(image @ image)
+    slope = -float(here.gradient @ downhill)
+    cauchy = downhill * (slope / curvature if curvature > 0.0 else 0.0)
+    short = length_of(cauchy, squares)
+    if short >= radius:
+        return cauchy * (radius / short)
+    onward = step - cauchy
+    a, b = float(squares @ np.square(onward)), float(squares @ (cauchy * onward))
+    c = short * short - radius * radius
+    root = sqrt(max(b * b - a * c, 0.0))
+    share = -c / (b + root) if b > 0.0 else (root - b) / a if a > 0.0 else 0.0
+    return cauchy + min(share, 1.0) * onward
+
+
+PRODUCTS = 50
+"""Products with the Hessian in one step at most."""
+
+FORCING = 1e-6
+"""Share of the decrease that is left to the next step."""
+
+NUDGE = 1e-4
+"""Standard deviations over which gradients are compared: far above their rounding, far below what bends them."""
+
+
+def newton_step(equations: BlockEquations, found: Plan, here: Place, factors: Factorised) -> tuple[Floats, float]:
+    """Newton's step from a place over the padded columns, and the decrease of the cost that it promises.
+
+    ``factors`` are those of ``JᵀJ`` there. Where the Hessian is indefinite along Gauss-Newton's step, that one.
+    """
+    still = found.structure.dead | here.held
+
+    def pull(point: Floats) -> Floats:
+        return found.gradient(equations.block_jacobian(point, found.arithmetic), equations.residuals(point))
+
+    def along(force: Floats) -> Floats:
+        return factors.solve(np.where(still, 0.0, force)[:, None])[:, 0]
+
+    lengths = np.where(still, 0.0, np.sqrt(here.squares))
+    bent = products(equations, here.point, pull, (here.gradient, lengths), found.structure.free)
+    step, _ = conjugate(along, here.gradient, bent)
+    return step, -float(here.gradient @ step)
+
+
+def products(
+    equations: Equations,
+    point: Floats,
+    pull: Callable[[Floats], Floats],
+    here: tuple[Floats, Floats],
+    free: Indices,
+) -> Callable[[Floats], Floats]:
+    """The Hessian times a direction (columns,), by differences of the gradient that ``pull`` gives at a point.
+
+    ``here`` is the gradient at ``point``, and the lengths of the Jacobian's columns; ``free`` (n,) the estimated ones.
+    """
+    gradient, lengths = here
+
+    def bent(direction: Floats) -> Floats:
+        size = NUDGE / float((np.abs(direction) * lengths).max())
+        return (pull(equations.retract(point, size * direction[free])) - gradient) / size
+
+    return bent
+
+
+def conjugate(
+    along: Callable[[Floats], Floats], gradient: Floats, bent: Callable[[Floats], Floats]
+) -> tuple[Floats, float]:
+    """The step that conjugate gradients lead to, and the decrease that Gauss-Newton's would promise (Steihaug 1983).
+
+    ``along`` is what Gauss-Newton makes of a gradient (columns,), ``bent`` the Hessian times a direction.
+    """
+    force = -gradient
+    downhill = along(force)
+    promise = left = float(force @ downhill)
+    step, direction = np.zeros(len(force)), downhill
+    for _ in range(PRODUCTS):
+        if not left > FORCING * promise:
+            break
+        image = bent(direction)
+        curvature = float(direction @ image)
+        if not curvature > 0.0:
+            return (step, promise) if step.any() else (downhill, promise)
+        share = left / curvature
+        step, force = step + share * direction, force - share * image
+        downhill = along(force)
+        left, before = float(force @ downhill), left
+        direction = downhill + left / before * direction
+    return step, max(promise, 0.0)

@@ -14,9 +14,8 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.sparse.arithmetic import Arithmetic, arithmetic
-from mbm.sparse.elimination import Elimination, eliminable, elimination
 from mbm.sparse.frontal import FrontFactor, FrontSolver, front_solver, fronts, minimum_degree
-from mbm.sparse.normal import Normal, NormalPattern, normal_pattern
+from mbm.sparse.normal import Elimination, Normal, NormalPattern, eliminable, elimination, normal_pattern
 from mbm.sparse.routines import Making
 from mbm.sparse.structure import Structure, Values, distinct
 from mbm.values import dataclass

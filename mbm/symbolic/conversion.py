@@ -1,7 +1,4 @@
-"""Expressions → SymPy, node by node and unevaluated: SymPy's own simplifications would flatten the DAG.
-
-Equal subexpressions become one object on the way, so that later stages find them by identity.
-"""
+"""Sheets of silhouettes → SymPy."""
 
 from __future__ import annotations
 
@@ -25,6 +22,7 @@ from mbm.expression.nodes import (
     Opaque,
     Operation,
     Output,
+    Sheet,
     postorder,
 )
 from mbm.expression.rows import RowChoice
@@ -212,3 +210,11 @@ def _number(value: int | Fraction | float) -> sympy.Expr:
     if isinstance(value, Fraction):
         return sympy.Rational(value.numerator, value.denominator)
     return sympy.Float(value, precision=53)
+
+
+def converted(sheet: Sheet) -> tuple[tuple[sympy.Expr, ...], dict[int, sympy.Symbol]]:
+    """u, v and the depth, and the symbols of the sheet's constants by their position; those not met are absent."""
+    converter = Converter()
+    with as_written():
+        expressions = converter.convert(sheet.point)
+    return expressions, {int(name): symbol for name, (_, symbol) in converter.constants.items()}

@@ -6,7 +6,7 @@ import numpy as np
 
 from mbm.api import loads
 from mbm.equations.manifolds import moved
-from mbm.kernels.functions import function_of
+from mbm.kernels.serialised import function_of
 from mbm.kernels.types import Backend, Floats, Kernel, KernelSet
 from mbm.problem.manifold import Piece
 from mbm.testing.requirement import require, require_close

@@ -11,8 +11,7 @@ from mbm.api import loads
 from mbm.equations.types import Floats
 from mbm.estimation.solve.estimate import assemble
 from mbm.estimation.starts.closed_forms.completion import plans
-from mbm.estimation.starts.closed_forms.situation import Situation
-from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan
+from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan, Situation
 from mbm.testing.requirement import require, require_close
 from mbm.values import dataclass
 

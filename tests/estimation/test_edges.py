@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import norm, truncnorm
 
 import mbm
-from mbm.estimation.trust.edges import at_edge, by_chance, grid
+from mbm.estimation.trust.coarse import at_edge, by_chance, grid
 
 CODE = "readings-at-edge"
 MEAN = "(problem p (data d external) (unknowns (a)) (observe d (= y a) :sigma {}) {})"

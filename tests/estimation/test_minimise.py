@@ -221,7 +221,7 @@ def test_too_large_a_matrix_is_refused():
 def test_a_solve_loads_no_scipy():
     code = (
         "import sys; from mbm.estimation.minimise import minimise;"
-        "from mbm.estimation.uncertainty import covariance, observability, variance;"
+        "from mbm.estimation.uncertainty import observability, variance;"
         "variance.fit_statistics(3.0, 5, 2, True); sys.exit('scipy' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=False).returncode == 0

@@ -7,8 +7,7 @@ import pytest
 
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
-from mbm.estimation.uncertainty.covariance import covariance
-from mbm.estimation.uncertainty.observability import observability
+from mbm.estimation.uncertainty.observability import covariance, observability
 from mbm.estimation.uncertainty.variance import common_factor
 from mbm.problem.types import Method
 from tests.estimation.nist import MODELS, Regression, digits

@@ -13,8 +13,7 @@ import mbm
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
 from mbm.estimation.trust.nonlinearity import NORMAL_95, TOLERATED, IntervalEnds, interval_ends, surroundings
-from mbm.estimation.uncertainty.covariance import covariance
-from mbm.estimation.uncertainty.observability import observability
+from mbm.estimation.uncertainty.observability import covariance, observability
 from tests.estimation.nist import MODELS
 from tests.estimation.nist_typed import TYPED
 

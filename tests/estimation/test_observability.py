@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.estimation.uncertainty.covariance import covariance, propagate
 from mbm.estimation.uncertainty.freedom import free_combinations
-from mbm.estimation.uncertainty.observability import observability
+from mbm.estimation.uncertainty.observability import covariance, observability, propagate
 from tests.estimation.nist import Regression
 from tests.estimation.nist_typed import TYPED
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.estimation.native.interpreted import InterpretedCode
-from mbm.estimation.trust.lags import lag_scores
+from mbm.estimation.native.callbacks import InterpretedCode
+from mbm.estimation.trust.coarse import lag_scores
 
 X = np.linspace(0.0, 1.0, 30)
 RUNS = 400

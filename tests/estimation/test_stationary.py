@@ -8,7 +8,7 @@ import pytest
 import mbm
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
-from mbm.estimation.uncertainty.stationary import without_stationary
+from mbm.estimation.uncertainty.informed import without_stationary
 from mbm.report.types import SolveStatus
 from mbm.solver.decisions import MOST_GROUPS
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from mbm.expression.algebra import MAXIMUM_BITS, UndefinedValueError, apply, constant_value, number, wrap_angle
-from mbm.expression.dimension import NONE, base
 from mbm.expression.nodes import Apply, Column, Component, Constant, Number, Operation
+from mbm.expression.units import NONE, base
 from tests.expression.texts import expression
 
 M, S = base("m"), base("s")

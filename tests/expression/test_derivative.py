@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from mbm.expression.algebra import apply, number
-from mbm.expression.derivative import LEVEL, derivatives
+from mbm.expression.derivative import LEVEL, derivatives, substituted
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import CONDITIONS, Apply, Component, Operation, Parameter
-from mbm.expression.substitution import substituted
 
 ROUNDING = 1e-13  # a few operations on doubles
 S, X = Parameter("s"), Component("x")

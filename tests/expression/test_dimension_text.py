@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mbm.expression.algebra import apply
-from mbm.expression.dimension import _NAMES, NONE, base
 from mbm.expression.nodes import Number, Operation
-from mbm.expression.units import parse_unit
+from mbm.expression.units import _NAMES, NONE, base, parse_unit
 
 M, KG, S, A = (base(n) for n in ("m", "kg", "s", "A"))
 

@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given, reject, settings, strategies as st
 
 from mbm.expression.algebra import UndefinedValueError, apply
-from mbm.expression.dimension import NONE
 from mbm.expression.evaluate import evaluate
 from mbm.expression.forms import to_form
 from mbm.expression.inference import Declared, Inference
 from mbm.expression.nodes import Component, Constant, LiteralMember, Number, Operation
-from mbm.expression.units import parse_unit
+from mbm.expression.units import NONE, parse_unit
 from mbm.text.printer import print_form
 from mbm.text.types import MbmError, Source, Span
 from tests.expression.texts import COLUMNS, expression

@@ -7,10 +7,9 @@ from fractions import Fraction
 import pytest
 
 import mbm
-from mbm.expression.dimension import NONE, base
 from mbm.expression.inference import Declared, Inference
 from mbm.expression.nodes import Column, Component
-from mbm.expression.units import parse_unit
+from mbm.expression.units import NONE, base, parse_unit
 from tests.expression.texts import COLUMNS, expression
 
 M, KG, S = (base(n) for n in ("m", "kg", "s"))

@@ -8,8 +8,18 @@ import math
 import pint
 import pytest
 
-from mbm.expression.dimension import NONE, Dimension
-from mbm.expression.units import PLAIN, PREFIXES, REFUSED, TAKE_PREFIXES, WITH_ZERO, parse_unit, refused_unit, scale_of
+from mbm.expression.units import (
+    NONE,
+    PLAIN,
+    PREFIXES,
+    REFUSED,
+    TAKE_PREFIXES,
+    WITH_ZERO,
+    Dimension,
+    parse_unit,
+    refused_unit,
+    scale_of,
+)
 
 OURS_ALONE = {
     "px": "a pixel is a number here; Pint counts pixels as a dimension of their own",

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from mbm.kernels.functions import function_of
+from mbm.kernels.serialised import function_of
 from tests.symbolic.derivatives import single
 
 TEXTS = [

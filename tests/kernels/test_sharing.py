@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.kernels.functions import function_of
+from mbm.kernels.serialised import function_of
 from tests.symbolic.derivatives import single
 
 PROBLEMS = Path(__file__).parents[2] / "problems"

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Component, leaves
 from mbm.language.limits import Limits
-from mbm.language.program import read_program
-from mbm.language.session import open_session
+from mbm.language.session import open_session, read_program
 from mbm.language.values import Array, Call, CameraValue
 from mbm.shapes.model import make_model
 from mbm.shapes.silhouettes import FUNCTIONS

@@ -9,8 +9,8 @@ import pytest
 
 import mbm
 from mbm.expression.nodes import Number
-from mbm.language.coerce import integer
 from mbm.language.limits import Budget, Limits
+from mbm.language.scope import integer
 from mbm.text.reader import read
 from mbm.text.types import MbmError, Source
 

@@ -10,9 +10,8 @@ import pytest
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Component
 from mbm.language.limits import Limits
-from mbm.language.program import read_program
 from mbm.language.scope import LocalScope
-from mbm.language.session import open_session
+from mbm.language.session import open_session, read_program
 from mbm.language.values import Array, Value
 from mbm.shapes.model import make_model
 from mbm.shapes.vocabulary import vocabulary

@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from mbm.machine.fused import Part, fused
-from mbm.machine.merged import reduced
+from mbm.machine.merged import Part, fused, reduced
 from mbm.machine.program import Instruction, Operator, Program
 
 TURN = Program(

@@ -12,10 +12,10 @@ import pytest
 pytest.importorskip("llvmlite")
 
 from mbm.kernels.native.engine import compiled, vector_library
-from mbm.machine.blocks_of_rows import module_of
 from mbm.machine.kinds import LANES
 from mbm.machine.program import Instruction, Operator, Program
 from mbm.machine.sine_and_cosine import LARGEST, NAME
+from mbm.machine.straight_line import module_of
 
 BOTH = Program(
     values=3,

@@ -33,7 +33,7 @@ CALLERS = {
     "consensus minimal": ("consensus/agreeing.py", "consensus/native.py", "batches/consensus.py"),
     "kkt sequential quadratic polyhedron constraint active_set": ("minimise/constrained/solve.py",),
     "spheres range known_rows": ("minimise/native/range_maps.py",),
-    "loss": ("uncertainty/robust.py", "uncertainty/pools.py"),
+    "loss": ("uncertainty/sandwich.py",),
     "blocks/": ("minimise/sparse.py",),
     "": ("minimise/native/minimum.py", "batches/descent.py"),
 }

@@ -11,12 +11,12 @@ import pytest
 
 import mbm
 from mbm.cli.output import is_terminal
-from mbm.estimation.search import agreement
-from mbm.estimation.solve import confirmed as confirmation, estimate
+from mbm.estimation.search import twins
+from mbm.estimation.solve import estimate
 from mbm.problem.scopes import _exact
 from mbm.report.beginnings import with_beginnings
 from mbm.report.table import table
-from mbm.shapes.opaque import _key
+from mbm.shapes.model import _key
 from mbm.testing import coverage
 from mbm.text.printer import print_form
 from mbm.text.types import Source, Span
@@ -101,7 +101,7 @@ def test_derived_angles_agree_by_whole_turns_and_other_numbers_do_not():
         rows = SimpleNamespace(values=lambda point: point.reshape(1, 1))
         problem = SimpleNamespace(derived=(SimpleNamespace(angle=angle),))
         binder = SimpleNamespace(derived=lambda _kernels, _owner: (rows,))
-        same = agreement.derived_agreement(problem, binder, None)
+        same = twins.derived_agreement(problem, binder, None)
         return same(np.array([0.4]), np.array([0.4 + turned]))
 
     assert agree(angle=True, turned=2 * np.pi)
@@ -142,10 +142,12 @@ def test_starts_of_members_are_columns_of_their_table():
     assert begun.columns["u start 2"].numbers.tolist() == [2.0, 4.0]
 
 
-def test_ends_with_corrections_are_confirmed_and_no_others(monkeypatch):
+def test_ends_with_corrections_are_confirmed_and_no_others():
     asked = []
-    monkeypatch.setattr(confirmation, "confirmed", lambda equations, minimum: asked.append(equations) or "another")
-    exact, corrected = SimpleNamespace(implicit=None), SimpleNamespace(implicit=object())
-    assert estimate._confirmed(exact, "minimum") == "minimum"
-    assert estimate._confirmed(corrected, "minimum") == "another"
-    assert asked == [corrected]
+    end = SimpleNamespace(bad_row=None, point=np.zeros(2))
+    exact = SimpleNamespace(implicit=None)
+    corrected = SimpleNamespace(implicit=SimpleNamespace(forget=asked.append), residuals=lambda point: point)
+    assert estimate.confirmed(exact, end) is end
+    assert not asked
+    assert estimate.confirmed(corrected, end) is end
+    assert asked == [end.point]

@@ -9,9 +9,8 @@ import numpy as np
 import mbm
 from mbm.equations.assembly import Assembled
 from mbm.estimation.consensus.agreeing import agreed
-from mbm.estimation.consensus.binding import units_of
 from mbm.estimation.consensus.types import Agreed, Asked, observed
-from mbm.estimation.consensus.units import Units
+from mbm.estimation.consensus.units import Units, units_of
 from mbm.estimation.search.multistart import starting_points
 from mbm.estimation.settings import settings_of
 from mbm.estimation.solve.estimate import assemble

@@ -11,9 +11,8 @@ import pytest
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Column, Component, Constant, LiteralMember
 from mbm.language.limits import Limits, recursion_room
-from mbm.language.program import read_program
 from mbm.language.scope import LocalScope
-from mbm.language.session import open_session
+from mbm.language.session import open_session, read_program
 from mbm.language.values import Array, FamilyValue, Value
 from mbm.shapes.model import ModelLog, model_maker
 from mbm.shapes.types import Line, Plane

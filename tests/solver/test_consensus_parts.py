@@ -12,16 +12,15 @@ from scipy.stats import chi2, hypergeom
 
 from mbm.estimation.consensus.rules import KINDS, first_states
 from mbm.problem.kinds import ConsensusKind
-from mbm.solver.consensus_gnc import gnc_weight
-from mbm.solver.consensus_order import median, selected
 from mbm.solver.consensus_records import CANDIDATES
+from mbm.solver.consensus_refine import gnc_weight
 from mbm.solver.consensus_sample import (
     combinations_of,
     drawn_below,
     next_combination,
     trials_for_share,
 )
-from mbm.solver.consensus_scores import inlier_count, least_median, outlier_count, truncated
+from mbm.solver.consensus_scores import inlier_count, least_median, median, outlier_count, selected, truncated
 from mbm.solver.consensus_subset import solve_free
 from mbm.solver.consensus_trials import put_in_list
 

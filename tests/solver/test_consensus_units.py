@@ -11,10 +11,9 @@ from scipy.stats import chi2
 from mbm.machine.kinds import LANES
 from mbm.solver.consensus_fixed_point import contradicted, group_noise
 from mbm.solver.consensus_forms import points_in_closed_form
-from mbm.solver.consensus_order import robust_variance
 from mbm.solver.consensus_records import SPHERES
-from mbm.solver.consensus_rows import unruled_square
-from mbm.solver.consensus_units import norm_directions
+from mbm.solver.consensus_scores import robust_variance
+from mbm.solver.consensus_units import norm_directions, unruled_square
 from mbm.solver.decisions import CONTRADICTED, STATED
 
 

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from mbm.equations.losses import LossFunction
-from mbm.estimation.uncertainty.pools import pools
+from mbm.estimation.uncertainty.sandwich import pools
 from mbm.problem.kinds import LossKind
 from mbm.solver.loss_spread import curvature_factor, loss_trace, spread_factor
 

@@ -9,7 +9,7 @@ import pytest
 
 from mbm.machine.kinds import LANES
 from mbm.solver import consensus_begin, sweeps
-from mbm.solver.consensus_gnc import widen_limits
+from mbm.solver.consensus_refine import widen_limits
 from mbm.solver.covariance import set_scales
 from mbm.solver.equations import penalise_values, whiten_values
 from mbm.solver.slopes import whiten_matrices

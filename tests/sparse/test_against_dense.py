@@ -11,7 +11,7 @@ import mbm
 from mbm.estimation.minimise import sparsity
 from mbm.problem.types import Method
 from mbm.report.types import SolveStatus
-from mbm.sparse.limited import limited
+from mbm.sparse.place import limited
 
 STATIONS, POINTS = 5, 14
 SAME = 1e-8

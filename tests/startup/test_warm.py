@@ -167,7 +167,7 @@ def test_a_warm_solve_loads_nothing_that_compiles(backend: str, line: Path, cach
         "mbm.shapes",
         "mbm.language.vocabulary",
         "mbm.language.evaluator",
-        "mbm.language.program",
+        "mbm.language.session",
         "mbm.problem.reading",
         "mbm.problem.builder",
         "mbm.symbolic.model",

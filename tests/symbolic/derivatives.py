@@ -22,7 +22,7 @@ from mbm.estimation.search.starting import beginnings
 from mbm.estimation.settings import settings_of
 from mbm.estimation.solve.estimate import assemble
 from mbm.kernels.derive import kernel_of
-from mbm.kernels.functions import function_of
+from mbm.kernels.serialised import function_of
 from mbm.problem.manifold import Piece
 from mbm.rotations import hamilton
 from mbm.symbolic.conversion import Finite, Held

@@ -1,4 +1,4 @@
-"""What the closed form that fits subsets knows of the rows at hand, as `mbm.solver.known_rows` has it."""
+"""What the closed form that fits subsets knows of the rows at hand, as `mbm.solver.range_form` has it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from math import inf, sqrt
 from mbm.machine.words import ConstantIntegers, ConstantReals, Real, Reals
 from mbm.solver.consensus_records import SIGHTS, Rules
 from mbm.solver.description import Problem
-from mbm.solver.known_rows import know_rows
 from mbm.solver.linear_algebra import filled
+from mbm.solver.range_form import know_rows
 from mbm.solver.workspace import Rows
 
 

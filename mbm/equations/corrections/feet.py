@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.equations.corrections.search import Search, begun, swept
-from mbm.equations.corrections.steps import curved_up, step
+from mbm.equations.corrections.search import Search, begun, curved_up, step, swept
 from mbm.equations.corrections.types import Conditions, Feet, Local, entered
 from mbm.equations.types import Floats, Indices, Mask
 

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.coarse import misread
-from mbm.estimation.batches.degrees import counted_of, degrees_columns, informing_slopes
-from mbm.estimation.batches.doubts import doubtful, stationary
+from mbm.estimation.batches.components import counted_of, degrees_columns, informing_slopes
+from mbm.estimation.batches.doubts import doubtful, misread, stationary
 from mbm.estimation.batches.factor import (
     Factors,
     Spread,
@@ -23,10 +22,10 @@ from mbm.estimation.batches.factor import (
     rooted_slopes,
     sandwiches,
 )
-from mbm.estimation.batches.limited import held_back, limited_columns, near_limits
 from mbm.estimation.batches.portion import DerivedColumns, Portion, derived_columns, stated
 from mbm.estimation.batches.remarks import remarks
 from mbm.estimation.batches.stack import Stack
+from mbm.estimation.batches.surface import held_back, limited_columns, near_limits
 from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows, Which, places_of
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
 from mbm.estimation.trust.plausibility import IMPROBABLE, follows_statement
@@ -136,7 +135,7 @@ def _undoubted(
     fine = _all_finite([one.values for one in derived], portion.count)
     if surface is None:
         return fine & ~doubtful(problem, portion, ends, found, spread, derived, residuals, None)
-    from mbm.estimation.batches.bent import curved
+    from mbm.estimation.batches.doubts import curved
 
     fine &= ~held_back(surface[0])
     fine &= ~curved(portion, ends, surface[0], found, spread.deviation)

@@ -21,7 +21,6 @@ from mbm.estimation.batches.solve import minimum_at
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Columns, Which
 from mbm.estimation.minimise.native.system import NativeSystem
-from mbm.estimation.search.agreement import derived_agreement
 from mbm.estimation.search.beside import (
     BACK,
     BOTH_ZERO,
@@ -32,7 +31,7 @@ from mbm.estimation.search.beside import (
     minima_beside,
 )
 from mbm.estimation.search.facing import facing
-from mbm.estimation.search.twins import separation
+from mbm.estimation.search.twins import derived_agreement, separation
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.estimate import assemble
 from mbm.kernels.types import KernelSet

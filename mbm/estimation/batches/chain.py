@@ -19,7 +19,7 @@ from mbm.estimation.batches.factor import rooted_residuals
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Ends, Solver
-from mbm.estimation.search.carrying import DEVIATIONS
+from mbm.estimation.search.multistart import DEVIATIONS
 from mbm.estimation.settings import Settings
 from mbm.values import dataclass
 

@@ -108,7 +108,7 @@ def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats
     losses are estimated from what agrees, once and for all, as `robust.consensus.scaled` does; those of other noise
     from the residuals of the fits that follow.
     """
-    from mbm.estimation.consensus.binding import without_losses
+    from mbm.estimation.consensus.units import without_losses
     from mbm.solver import consensus_records as c
 
     plain = replace(stack, equations=without_losses(stack.equations))

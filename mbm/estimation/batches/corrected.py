@@ -12,12 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.binding import EvaluationCache
-from mbm.equations.corrections.components import Builder
 from mbm.equations.corrections.elimination import root
 from mbm.equations.corrections.feet import feet, first_feet
 from mbm.equations.corrections.measured import Measured, UncertainRows, measured, rows_of_groups
 from mbm.equations.corrections.search import FAR
-from mbm.equations.corrections.straight import eliminating
+from mbm.equations.corrections.straight import Builder, eliminating
 from mbm.equations.corrections.system import Conditions, OwnInputs
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.descent import solver_of

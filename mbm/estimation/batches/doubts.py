@@ -1,7 +1,4 @@
-"""Which of many solves might be doubted: looked at all together, and a little more strictly than one by one.
-
-What is found here is looked at again by `plausibility.doubts`, which decides; what is not found needs no second look.
-"""
+"""Which of many solves have constraints whose surface bends within their intervals."""
 
 from __future__ import annotations
 
@@ -11,11 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.metric import rounded_turns, turning
-from mbm.equations.surface import plainly_affine
+from mbm.equations.surface import exact_constraints, plainly_affine
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.factor import Factors, Spread, factors, rooted_slopes
 from mbm.estimation.batches.portion import DerivedColumns, Portion, stated
-from mbm.estimation.batches.types import Ends
+from mbm.estimation.batches.stack import Stack
+from mbm.estimation.batches.surface import Held
+from mbm.estimation.batches.types import Ends, Which
+from mbm.estimation.trust.coarse import LEAST_ROWS, SIGNS, at_edge, clauses_read, coarse, rounded_column
 from mbm.estimation.trust.curvature import MOST_DERIVED, UNMOVED, directions
 from mbm.estimation.trust.hidden import LEAST_REDUNDANCY, narrow, stated_noise, tail
 from mbm.estimation.trust.leverage import drawn
@@ -34,6 +34,7 @@ from mbm.solver.decisions import ABSURD, BEND_STEP, LEAST_SIZE, vanishing
 
 if TYPE_CHECKING:
     from mbm.estimation.batches.types import Tangents
+
 
 MARGIN = 1e-6
 """Share by which limits are narrowed here: far above what roundings in another order make of the same numbers."""
@@ -249,4 +250,92 @@ def stationary(portion: Portion, ends: Ends, found: Factors, jacobian: Floats) -
         each = zip(found.scale[:, place], size[:, place], bend, spread, strict=True)
         zero = np.array([vanishing(*one) for one in each], dtype=bool)
         wrong |= near[:, place] & (zero | ~np.isfinite(bend))
+    return wrong
+
+
+def misread(
+    problem: Problem, stack: Stack, which: Which, portion: Portion, residuals: Floats, basis: Floats, noise: Floats
+) -> Mask:
+    """Solves (K,) that `trust.coarse` or `trust.edges` may warn of; ``noise`` (K,) multiplies standard deviations."""
+    given = problem, stack, which, portion, residuals, basis, noise
+    return coarsely_read(*given) | read_at_edges(*given)
+
+
+@np.errstate(all="ignore")
+def coarsely_read(
+    problem: Problem, stack: Stack, which: Which, portion: Portion, residuals: Floats, basis: Floats, noise: Floats
+) -> Mask:
+    """Solves (K,) that `trust.coarse` may warn of; ``noise`` (K,) is what all standard deviations are multiplied by."""
+    found = np.zeros(portion.count, dtype=bool)
+    if portion.consensus or portion.equations.lossy or portion.equations.likely or portion.most < LEAST_ROWS:
+        return found
+    deviations: Floats | None = None
+    for number, (owner, solve, slots) in enumerate(portion.groups()):
+        name, table = rounded_column(problem, owner), problem.blocks[owner].table
+        positions = stack.equations.groups[number].positions
+        if name is None or table is None or positions is None or not len(solve):
+            continue
+        deviations = portion.deviations() if deviations is None else deviations
+        readings = np.full(residuals.shape, np.nan)
+        readings[solve, slots[:, 0]] = stack.tables[table].numbers(name)[positions[stack.lines(number, which)[1]]]
+        found |= coarse(readings, residuals * deviations, deviations * noise[:, None], basis, MARGIN)
+    return found
+
+
+@np.errstate(all="ignore")
+def read_at_edges(
+    problem: Problem, stack: Stack, which: Which, portion: Portion, residuals: Floats, basis: Floats, noise: Floats
+) -> Mask:
+    """Solves (K,) that `trust.edges` may warn of; arguments as `coarsely_read` has them."""
+    found = np.zeros(portion.count, dtype=bool)
+    clauses = {} if portion.consensus else clauses_read(problem, stack.equations)
+    if not clauses:
+        return found
+    deviations = portion.deviations()
+    for clause, (table, column) in clauses.items():
+        readings = np.full(residuals.shape, np.nan)
+        for number, (owner, solve, slots) in enumerate(portion.groups()):
+            positions = stack.equations.groups[number].positions
+            if owner == clause and positions is not None and len(solve):
+                readings[solve, slots[:, 0]] = stack.tables[table].numbers(column)[
+                    positions[stack.lines(number, which)[1]]
+                ]
+        raw, scaled = residuals * deviations, deviations * noise[:, None]
+        for sign in SIGNS:
+            found |= at_edge(readings, raw, scaled, basis, sign, MARGIN)[1]
+    return found
+
+
+BACK, NEARLY = 3, 0.03
+"""Steps back to a surface, and how far what they find may be from what more of them would."""
+
+
+@np.errstate(all="ignore")
+def curved(portion: Portion, ends: Ends, state: Held, found: Factors, noise: Floats) -> Mask:
+    """Solves (K,) whose surface may bend within their intervals, which then are looked at one by one.
+
+    The quick look of `nonlinearity` at coordinates, the ends brought back to the surface as `trust.surface` does it;
+    ``noise`` (K,) times the root that was ``found`` leads there. Not under losses.
+    """
+    wrong = np.zeros(portion.count, dtype=bool)
+    if portion.equations.lossy or bool(exact_constraints(portion.equations).all()):
+        return wrong
+    slopes = np.where(state.forcing[:, :, None], state.slopes, 0.0)
+    slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+    scale = np.where(found.scale > 0.0, found.scale, 1.0)
+    back = np.linalg.pinv(slopes / scale[:, None, :]) / scale[:, :, None]
+    for place in range(found.root.shape[1]):
+        length = np.sqrt(np.square(found.root[:, place]).sum(axis=1))
+        along = found.root[:, place] / np.where(length > 0.0, length, 1.0)[:, None]
+        far = NORMAL_95 * noise * length
+        for side in (-1.0, 1.0):
+            step = side * NORMAL_95 * noise[:, None] * np.matmul(found.root, along[:, :, None])[:, :, 0]
+            for _ in range(BACK):
+                points = portion.equations.retract(ends.points, step)
+                values = np.where(state.forcing, portion.constrained(points)[0], 0.0)
+                step = step - np.matmul(back, values[:, :, None])[:, :, 0]
+            residuals = portion.residuals(portion.equations.retract(ends.points, step))
+            grown = end_ratios(residuals, found.basis, along, ends.cost, np.square(noise))
+            ratio = step[:, place] / (side * far) * grown
+            wrong |= (length > 0.0) & ~(np.abs(ratio - 1.0) <= LOOKED_AT - NEARLY)
     return wrong

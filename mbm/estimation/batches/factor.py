@@ -12,10 +12,9 @@ import numpy as np
 from mbm.equations.losses import rooted, rooted_jacobian
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.portion import Portion
-from mbm.estimation.consensus.scores import STATED_CUT
-from mbm.estimation.consensus.units import limits
+from mbm.estimation.consensus.units import STATED_CUT, limits
 from mbm.estimation.trust.nonlinearity import ORTHONORMAL
-from mbm.estimation.uncertainty.pools import information, pools
+from mbm.estimation.uncertainty.sandwich import information, pools
 from mbm.solver.decisions import EXHAUSTED
 from mbm.values import dataclass
 

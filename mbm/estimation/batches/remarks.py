@@ -15,10 +15,20 @@ from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Remarks, Which
 from mbm.estimation.minimise.native.tails import solver_code
 from mbm.estimation.trust import faults
-from mbm.estimation.trust.lags import correlated, in_order, lag_scores
-from mbm.estimation.trust.outlying import has_noise, outlier, outlying_row, pool, suspects
+from mbm.estimation.trust.coarse import correlated, in_order, lag_scores
 from mbm.estimation.trust.plausibility import improbable, improbable_noise, overstated
-from mbm.estimation.trust.uneven import TELLING_ROWS, Clauses, table_rows, told_apart, uneven_clause
+from mbm.estimation.trust.uneven import (
+    TELLING_ROWS,
+    Clauses,
+    has_noise,
+    outlier,
+    outlying_row,
+    pool,
+    suspects,
+    table_rows,
+    told_apart,
+    uneven_clause,
+)
 from mbm.problem.types import Problem
 from mbm.text.types import Diagnostic
 

@@ -10,14 +10,13 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.stream_ends import NO_CODE, Rules, StreamEnds
-from mbm.estimation.consensus.binding import without_losses
 from mbm.estimation.consensus.consensus import SAMPLE
 from mbm.estimation.consensus.forms import KnownForm, known_form
 from mbm.estimation.consensus.native import Begun, ConsensusEnds, Rooms, consensus_many
 from mbm.estimation.consensus.parts import parts_of
 from mbm.estimation.consensus.rules import NO_FORM, Rules as ConsensusRules, rules_of
 from mbm.estimation.consensus.types import Asked, observed
-from mbm.estimation.consensus.units import consistency
+from mbm.estimation.consensus.units import consistency, without_losses
 from mbm.estimation.minimise.native.system import NativeSystem, system_of
 from mbm.estimation.native.code import AnyCode, native_code
 from mbm.estimation.search.starting import with_idle_ones

@@ -27,8 +27,8 @@ from mbm.estimation.batches.sets import Sets
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Block, Columns, Corrections
 from mbm.estimation.consensus.types import Prepared
-from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
 from mbm.estimation.search.challenge import Challenge
+from mbm.estimation.search.multistart import ORIGIN as LAST_WINDOW
 from mbm.estimation.search.search import Found
 from mbm.estimation.search.solution import Failure, Skipped, Solution
 from mbm.estimation.search.starting import GIVEN, partly_foreknown

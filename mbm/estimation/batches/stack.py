@@ -23,7 +23,7 @@ from mbm.estimation.batches.types import Errors, Which, places_of
 from mbm.expression.nodes import ColumnMember, Member
 from mbm.kernels.types import KernelSet
 from mbm.problem import faults as problem_faults
-from mbm.problem.families import distinct
+from mbm.problem.joining import distinct
 from mbm.problem.rows import Positions, member_cells
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Family, Problem

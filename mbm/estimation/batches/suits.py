@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mbm.equations.gathering import samplings
 from mbm.equations.layouts import columns_of, stated
-from mbm.equations.sampling import samplings
 from mbm.estimation.settings import Settings
 from mbm.expression.nodes import Column, Component, Expression, LiteralMember, Member, leaves
 from mbm.expression.rows import Row, RowChoice

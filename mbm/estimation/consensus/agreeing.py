@@ -8,12 +8,11 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.consensus.binding import without_losses
 from mbm.estimation.consensus.forms import KnownForm, known_form
-from mbm.estimation.consensus.held import with_held
 from mbm.estimation.consensus.native import Begun, ConsensusEnds, Rooms, consensus_many
 from mbm.estimation.consensus.rules import NO_FORM, Form, Rules, rules_of
-from mbm.estimation.consensus.types import Agreed, Asked
+from mbm.estimation.consensus.types import Agreed, Asked, with_held
+from mbm.estimation.consensus.units import without_losses
 from mbm.estimation.minimise.native.iteration import iteration_of
 from mbm.estimation.minimise.native.system import NativeSystem, never, system_of
 from mbm.estimation.native.code import native_code
@@ -126,7 +125,7 @@ def _handed(asked: Asked, plain: Assembled, *, kept: bool) -> _Handed:
         acting = asked.acting(plain)
         return _Handed(system=system, equations=plain, acting=acting, units=_units(plain, acting, taking_part=True))
     # Loaded by such equations only, so that others begin at once.
-    from mbm.estimation.minimise.native.picked_rows import picked_rows
+    from mbm.estimation.minimise.native.function import picked_rows
 
     picked = picked_rows(plain)
     iteration = iteration_of(plain, asked.settings, direct=False, strict=True)

@@ -24,13 +24,11 @@ from mbm.equations.excerpt import excerpt
 from mbm.equations.types import Floats, Noise, NoiseState
 from mbm.estimation.consensus import faults
 from mbm.estimation.consensus.agreeing import agreed, agreed_anywhere
-from mbm.estimation.consensus.binding import units_of, without_losses
-from mbm.estimation.consensus.held import held_by
 from mbm.estimation.consensus.parts import agree_in_parts, parts_of
 from mbm.estimation.consensus.rules import independent_columns
 from mbm.estimation.consensus.truncated import agree_by_losses, fitted
-from mbm.estimation.consensus.types import Agreed, Asked, Prepared, observed, with_loss
-from mbm.estimation.consensus.units import Units, consistency
+from mbm.estimation.consensus.types import Agreed, Asked, Prepared, held_by, observed, with_loss
+from mbm.estimation.consensus.units import Units, consistency, units_of, without_losses
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.search.starting import Beginning, with_idle_ones
 from mbm.estimation.settings import Settings

@@ -20,8 +20,8 @@ from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import completions
 from mbm.estimation.starts.closed_forms.relative_poses import related, relates
 from mbm.estimation.starts.closed_forms.rows import ENOUGH
-from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges
+from mbm.estimation.starts.closed_forms.types import Situation
 
 ORIGIN = "the foremost rows"
 

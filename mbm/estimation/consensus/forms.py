@@ -116,7 +116,7 @@ class KnownForm:
     def tables(
         self, equations: Assembled, ruled: tuple[bool, ...], *, open_ones: bool
     ) -> tuple[tuple[int, ...], tuple[float, ...]]:
-        """The maps as `mbm.solver.known_rows` has them, of the types of units in ruled groups: places, numbers.
+        """The maps as `mbm.solver.range_form` has them, of the types of units in ruled groups: places, numbers.
 
         ``open_ones``: with the coefficients of the fixed numbers, else for these as they are.
         """

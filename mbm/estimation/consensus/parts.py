@@ -14,9 +14,8 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.excerpt import excerpt
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.consensus.agreeing import agreed
-from mbm.estimation.consensus.binding import without_losses
 from mbm.estimation.consensus.types import Agreed, Asked
-from mbm.estimation.consensus.units import Units
+from mbm.estimation.consensus.units import Units, without_losses
 from mbm.estimation.minimise.minimise import minimise
 from mbm.solver.decisions import STATED
 from mbm.values import dataclass

@@ -40,8 +40,7 @@ def outliers(equations: Assembled, whole: Floats) -> Mask | None:
     """
     if equations.rows is None and not equations.lossy:
         return None
-    from mbm.estimation.consensus.scores import STATED_CUT
-    from mbm.estimation.consensus.units import limits
+    from mbm.estimation.consensus.units import STATED_CUT, limits
 
     found = np.zeros(equations.whole, dtype=bool)
     if equations.rows is not None:

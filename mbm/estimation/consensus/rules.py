@@ -11,9 +11,8 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.consensus.scores import STATED_CUT
 from mbm.estimation.consensus.types import Asked
-from mbm.estimation.consensus.units import CUT, limits, medians
+from mbm.estimation.consensus.units import CUT, STATED_CUT, limits, medians
 from mbm.machine.records import put, slots_of
 from mbm.problem.kinds import ConsensusKind
 from mbm.solver import consensus_records as c

@@ -21,20 +21,18 @@ from typing import cast
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.formulas import of_arrays
 from mbm.equations.losses import LossFunction
+from mbm.equations.manifolds import of_arrays
 from mbm.equations.types import Floats, Indices, Mask, Minimum
-from mbm.estimation.consensus.binding import without_losses
-from mbm.estimation.consensus.scores import cuts, limits_of, variances_at
 from mbm.estimation.consensus.types import Agreed, Asked
-from mbm.estimation.consensus.units import Units
+from mbm.estimation.consensus.units import Units, cuts, limits_of, variances_at, without_losses
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.settings import Settings
 from mbm.problem.kinds import LossKind
-from mbm.solver.consensus_gnc import gnc_weight
+from mbm.solver.chi_square import untruncated
 from mbm.solver.consensus_records import Units as SolverUnits
-from mbm.solver.consensus_truncation import untruncated
+from mbm.solver.consensus_refine import gnc_weight
 from mbm.solver.decisions import CONTROL_GROWTH, GRADUATED_ROUNDS, LEAST_SHARE, STATED
 from mbm.values import dataclass
 

@@ -1,17 +1,19 @@
-"""What outlier rules act on: units (one equation in one table row), their noise groups, and their robust scale.
-
-A unit of d independent components with variance 1 has a squared norm with the law χ²_d. Rules are stated for one
-component and carried over to d by the probability: all units of good measurements are cut as often.
-"""
+"""What outlier rules act on: units (one equation in one table row), their noise groups, and their limits."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from math import erfc, sqrt
 
 import numpy as np
 
+from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.minimise.sparsity import sparse_suits
+from mbm.problem.types import Block, Consensus, Problem
 from mbm.solver import chi_square
+from mbm.solver.decisions import CONSENSUS_ROUNDING, STATED
 from mbm.values import dataclass
 
 CUT = 2.5
@@ -140,4 +142,69 @@ def _distinct(values: Floats | Indices) -> list[float]:
     if values.size and bool((values == values[0]).all()):
         return [values[0].item()]
     found: list[float] = np.unique(values).tolist()
+    return found
+
+
+def units_of(equations: Assembled, problem: Problem, point: Floats, ruled: Callable[[Block], bool]) -> Units:
+    """The units of the blocks that ``ruled`` picks; ``point`` (N,) is where the rounding of residuals is judged."""
+    numbers = equations.units
+    act = np.zeros(equations.whole, dtype=bool)
+    group = np.full(equations.whole, STATED, dtype=np.int64)
+    for each in equations.groups:
+        block = problem.blocks[each.kernel.owner]
+        lines = slice(each.first, each.first + each.count)
+        act[lines] = ruled(block)
+        group[lines] = each.kernel.owner if block.unknown_factor else STATED
+    number, first, of_row, sizes = np.unique(numbers[act], return_index=True, return_inverse=True, return_counts=True)
+    rows = np.full(equations.whole, -1, dtype=np.int64)
+    rows[act] = of_row
+    terms = np.abs(equations.plain_residuals(point))
+    if not sparse_suits(equations):
+        terms = terms + np.abs(equations.plain_jacobian(point)) @ np.abs(equations.coordinates(point))
+    terms = np.where(np.isfinite(terms), terms, 0.0)[act]
+    return Units(
+        of_row=rows,
+        components=np.asarray(sizes, dtype=np.int64),
+        group=group[act][first],
+        number=np.asarray(number, dtype=np.int64),
+        rounding=np.square(CONSENSUS_ROUNDING * np.maximum.reduceat(terms, first)) if first.size else np.empty(0),
+    )
+
+
+def without_losses(equations: Assembled) -> Assembled:
+    """The same equations, every unit with its plain squares."""
+    return replace(equations, groups=tuple(replace(g, losses=()) for g in equations.groups))
+
+
+STATED_CUT = 3.0
+"""Stated standard deviations beyond which a unit is an outlier: 0.3 % of good units, at 1.5 % of the precision."""
+
+
+def cuts(units: Units, threshold: float | None) -> Floats:
+    """Squared limits (U,) for unit variance: at ``threshold`` deviations, else 3 stated or 2.5 robust ones."""
+    if threshold is not None:
+        return limits(units.components, threshold)
+    stated = limits(units.components, STATED_CUT)
+    return np.where(units.group == STATED, stated, limits(units.components, CUT))
+
+
+def limits_of(units: Units, consensus: Consensus) -> Floats:
+    """Squared limits (U,) for unit variance, as `:quantile` or `:threshold` state them, else as `cuts` has them."""
+    if consensus.quantile is None:
+        return cuts(units, consensus.threshold)
+    tail = 1.0 - consensus.quantile
+    return by_components(units.components, {d: quantile(tail, d) for d in np.unique(units.components).tolist()})
+
+
+def variances_at(squares: Floats, units: Units, dimension: int) -> Floats:
+    """The variance (U,) of each unit's noise at a point: 1 where it is stated, else the robust one of its group.
+
+    It is no smaller than what rounding makes of most of them: that of a unit that is grossly wrong says nothing.
+    """
+    found = np.ones(units.count)
+    for group in np.unique(units.group).tolist():
+        if group != STATED:
+            mine = units.group == group
+            least = float(np.median(units.rounding[mine]))
+            found[mine] = max(robust_variance(squares, units, dimension, mine), least, 1e-300)
     return found

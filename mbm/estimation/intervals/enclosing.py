@@ -14,10 +14,9 @@ from mbm.estimation.intervals import faults
 from mbm.estimation.intervals.building import network as network_of
 from mbm.estimation.intervals.contraction import FIXED, Boxes, contracted, evaluated
 from mbm.estimation.intervals.extremes import scalars_of
-from mbm.estimation.intervals.network import Network
+from mbm.estimation.intervals.network import Enclosure, Network, Ranges
 from mbm.estimation.intervals.points import meets
 from mbm.estimation.intervals.search import FINEST, Aims, Paving, components, paved, ranges
-from mbm.estimation.intervals.types import Enclosure, Ranges
 from mbm.problem.requests import Contractor, Enclosing
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem

@@ -1,17 +1,15 @@
-"""The equations of one solve as a network of primitive constraints: every intermediate value is a variable.
-
-Equal subexpressions are one node, whichever equations they come from, so that what one equation says of a value holds
-for all others. A node that the rows of a table share has one value, others one for each row.
-"""
+"""What interval methods answer."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from mbm.equations.layout import Layout
 from mbm.equations.types import Indices, Mask
 from mbm.estimation.intervals.arithmetic import Floats, Interval
 from mbm.expression.nodes import Operation
+from mbm.problem.tables import CellKey, Table
 from mbm.values import dataclass
 
 
@@ -82,3 +80,35 @@ class Network:
     def without_observations(self) -> Network:
         """The constraints alone."""
         return replace(self, demands=tuple(each for each in self.demands if not each.observed))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ranges:
+    """Bounds in SI: of all unknown numbers (N,), and of the scalars of derived quantities (Q,), infinite if there is
+    none; the wanted ones follow one another row by row.
+    """
+
+    low: Floats
+    high: Floats
+    derived_low: Floats
+    derived_high: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Enclosure:
+    """One solve by intervals.
+
+    ``whole`` (None: no vector meets all demands) bounds the set, ``pieces`` its separate parts (none, if it may hang
+    together). ``boxes`` were examined; ``reached``: the bounds are as narrow as was asked.
+    """
+
+    key: Mapping[str, CellKey]
+    tables: Mapping[str, Table]
+    layout: Layout
+    wanted: tuple[Wanted, ...]
+    whole: Ranges | None
+    pieces: tuple[Ranges, ...]
+    method: str
+    boxes: int
+    reached: bool
+    seconds: float

@@ -11,8 +11,7 @@ from mbm.estimation.intervals import extremes, points
 from mbm.estimation.intervals.arithmetic import PI_HIGH, UNIT, Floats
 from mbm.estimation.intervals.contraction import Boxes, contracted, joined
 from mbm.estimation.intervals.extremes import Probe, Reach
-from mbm.estimation.intervals.network import Network
-from mbm.estimation.intervals.types import Ranges
+from mbm.estimation.intervals.network import Network, Ranges
 from mbm.values import dataclass
 
 BISECTED_TOGETHER = 256

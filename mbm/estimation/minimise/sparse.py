@@ -24,8 +24,7 @@ from mbm.problem.types import Method
 from mbm.solver.decisions import LEAST_GAIN_RATIO, OFFSET_DECREASE, SLOW_OFFSET, UNDECIDED
 from mbm.solver.step_control import damping_factor, radius_after, remaining
 from mbm.sparse.equations import blocked
-from mbm.sparse.limited import RULES
-from mbm.sparse.place import BlockEquations, Place, counted_as, first_bad_slope, inside, moved, place_at
+from mbm.sparse.place import RULES, BlockEquations, Place, counted_as, first_bad_slope, inside, moved, place_at
 from mbm.sparse.system import BlockJacobian, DeferredMatrix, Plan, plan
 
 if TYPE_CHECKING:

@@ -11,10 +11,8 @@ from mbm.equations.types import Equations, Floats, Reason
 from mbm.problem.types import Method
 from mbm.solver.decisions import REACH
 from mbm.solver.step_control import relative_offset
-from mbm.sparse.limited import RULES, length_of, limited
-from mbm.sparse.newton import newton_step
 from mbm.sparse.normal import Normal
-from mbm.sparse.place import BlockEquations, Place, normal_at
+from mbm.sparse.place import RULES, BlockEquations, Place, length_of, limited, newton_step, normal_at
 from mbm.sparse.system import Factorised, Plan, factorised
 from mbm.values import dataclass
 

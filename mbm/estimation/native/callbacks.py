@@ -1,20 +1,20 @@
-"""Kernels that Python evaluates, for the compiled solver: a kernel is an address, whatever evaluates it.
-
-An exception cannot pass through compiled code: it is kept, no value is given from then on, so that the solve ends, and
-the caller raises it again.
-"""
+"""The compiled solver and Python: kernels that it evaluates, and the solver's text run by it."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
+from functools import cache
+from types import CodeType
 from typing import Any
 
 import numpy as np
 
 from mbm.equations.types import Floats
 from mbm.kernels.types import Stream
+from mbm.machine.interpreted import Interpreted, code_of
 from mbm.machine.kinds import LANES
+from mbm.solver.modules import consensus_module, filters_module, solver_module
 
 KERNEL = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
 """The signature of ``call_kernel``."""
@@ -110,3 +110,23 @@ def _rows(begin: int | None, width: int, blocks: int) -> Floats:
 def _by_lanes(values: Floats) -> Floats:
     """Rows (rows, width) as kernels give them."""
     return values.reshape(-1, LANES, values.shape[1]).transpose(0, 2, 1)
+
+
+class InterpretedCode(Interpreted):
+    """What `native.code.SolverCode` is, without machine code."""
+
+    fast = True
+    """Nothing faster is to come."""
+
+    def __init__(self, name: str = "solver") -> None:
+        """The module of that name."""
+        super().__init__(_code(name))
+
+    def expect(self, products: float) -> None:
+        """There is nothing to choose from."""
+
+
+@cache
+def _code(name: str) -> CodeType:
+    """The text of a module, compiled once for a process."""
+    return code_of({"solver": solver_module, "consensus": consensus_module, "filters": filters_module}[name](LANES))

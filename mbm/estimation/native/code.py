@@ -19,8 +19,7 @@ from mbm.machine.records import address, blank
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.estimation.native.callbacks import CallbackKernels
-    from mbm.estimation.native.interpreted import InterpretedCode
+    from mbm.estimation.native.callbacks import CallbackKernels, InterpretedCode
     from mbm.kernels.native.engine import Library
     from mbm.kernels.native.kernels import KernelCode, NativeKernels
     from mbm.kernels.native.normal import NormalKernels
@@ -190,7 +189,7 @@ class NativeCode:
 
             if hindrance(self.store) is not None:
                 # Loaded where there is nothing else.
-                from mbm.estimation.native.interpreted import InterpretedCode
+                from mbm.estimation.native.callbacks import InterpretedCode
 
                 return InterpretedCode(name)
         return SolverCode(self.store, name, text)

@@ -26,7 +26,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import completions
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES, origin, product, relates, stepped
-from mbm.estimation.starts.closed_forms.situation import Situation
+from mbm.estimation.starts.closed_forms.types import Situation
 from mbm.problem.types import UnknownKind
 from mbm.values import dataclass
 

@@ -11,9 +11,8 @@ from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.binding import INPUTS_AT_A_TIME, Group
 from mbm.equations.metric import minimum_norms
 from mbm.equations.types import Floats, Indices, Minimum
-from mbm.estimation.minimise.native.starts import StartEnds
-from mbm.estimation.search.agreement import Agreement
-from mbm.estimation.search.twins import Twin, separation, twin_of
+from mbm.estimation.minimise.native.minimum import StartEnds
+from mbm.estimation.search.twins import Agreement, Twin, separation, twin_of
 from mbm.estimation.search.valleys import Walks, flat
 from mbm.solver.decisions import DIFFERENCE
 from mbm.values import dataclass

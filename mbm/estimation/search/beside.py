@@ -17,11 +17,10 @@ from mbm.equations.metric import column_norms
 from mbm.equations.surface import exact_constraints, on_surface
 from mbm.equations.types import Fit, Floats, Mask, Minimum, Noise
 from mbm.estimation.minimise.minimise import minima
-from mbm.estimation.search.agreement import Agreement
 from mbm.estimation.search.basins import EQUAL, Basin, merged, same_minimum, without_twins
 from mbm.estimation.search.search import Alternative, other_minimum
 from mbm.estimation.search.starting import LARGE
-from mbm.estimation.search.twins import Twin, separation
+from mbm.estimation.search.twins import Agreement, Twin, separation
 from mbm.estimation.search.valleys import RANK, Walks, flat
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
@@ -158,7 +157,7 @@ def _ends(equations: Assembled, about: Centre, settings: Settings, problem: Prob
     """Where descents from points in other basins, perhaps, end."""
     if any(group.kernel.calls for group in equations.groups):
         # Loaded by silhouettes only, so that the others start at once.
-        from mbm.estimation.search.edge_on import minima_beyond
+        from mbm.estimation.search.contours import minima_beyond
 
         return minima_beyond(equations, about.minimum, settings, problem)
     trials = _promising(equations, about)
@@ -169,7 +168,7 @@ def _ends(equations: Assembled, about: Centre, settings: Settings, problem: Prob
 def _followed(equations: Assembled, about: Centre, settings: Settings, trials: Floats) -> Floats:
     """Where points (T, N) lead to in some steps, as far as it is elsewhere, and may cost little enough."""
     # Loaded where a point is followed only, so that other problems start at once.
-    from mbm.estimation.minimise.native.starts import ends_of_starts
+    from mbm.estimation.minimise.native.minimum import ends_of_starts
 
     minimum = about.minimum
     ends = ends_of_starts(equations, trials, AT_FIRST, settings)

@@ -21,8 +21,7 @@ from mbm.equations.types import Floats, Minimum
 from mbm.estimation.minimise.minimise import minimise, stopped
 from mbm.estimation.minimise.native.minimum import compared_minimum
 from mbm.estimation.minimise.sparsity import sparse_suits
-from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
-from mbm.estimation.search.multistart import GIVEN as GIVEN_START, RANDOM
+from mbm.estimation.search.multistart import GIVEN as GIVEN_START, ORIGIN as LAST_WINDOW, RANDOM
 from mbm.estimation.search.search import Found, Tally, alone, other_minimum
 from mbm.estimation.search.starting import GIVEN, Beginning, blank_numbers
 from mbm.estimation.settings import Settings
@@ -169,7 +168,7 @@ class Challenge:
         # Loaded where a start is challenged only, so that other problems start at once.
         from mbm.estimation.starts.closed_forms.completion import completions
         from mbm.estimation.starts.closed_forms.rows import ENOUGH
-        from mbm.estimation.starts.closed_forms.situation import Situation
+        from mbm.estimation.starts.closed_forms.types import Situation
 
         situations = [
             Situation(layout=self._equations.layout, groups=self._equations.groups, numbers=numbers, most=ENOUGH)

@@ -10,8 +10,8 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Minimum, Reason
 from mbm.estimation.minimise.minimise import minimise
-from mbm.estimation.search.agreement import Agreement
 from mbm.estimation.search.starting import Beginning
+from mbm.estimation.search.twins import Agreement
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Problem
 from mbm.values import dataclass

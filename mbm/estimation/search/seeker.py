@@ -18,11 +18,11 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.excerpt import excerpt
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.estimation.minimise.minimise import minima, minimise
-from mbm.estimation.minimise.native.starts import StartEnds, ends_of_starts, joined
-from mbm.estimation.search.agreement import Agreement
+from mbm.estimation.minimise.native.minimum import StartEnds, ends_of_starts, joined
 from mbm.estimation.search.basins import Basin, ends_apart, merged, ways_down, without_twins
 from mbm.estimation.search.dissection import MAXIMUM_ROWS, Dissection, Mention, Part, dissected
 from mbm.estimation.search.starting import Beginning
+from mbm.estimation.search.twins import Agreement
 from mbm.estimation.search.valleys import Walks
 from mbm.estimation.settings import Settings
 from mbm.problem.types import BlockRole, Problem

@@ -93,7 +93,7 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     from mbm.estimation.search.aligning import aligned
     from mbm.estimation.starts.closed_forms.completion import completions
     from mbm.estimation.starts.closed_forms.rows import ENOUGH
-    from mbm.estimation.starts.closed_forms.situation import Situation
+    from mbm.estimation.starts.closed_forms.types import Situation
 
     wanted_numbers = np.where(open_ones, np.nan, numbers)
     tied = aligned(equations, wanted_numbers, settings) if settings.closed_forms else ()
@@ -165,7 +165,7 @@ def _closed_form_alone(equations: Assembled, settings: Settings) -> tuple[Beginn
 
     """
     from mbm.estimation.starts.closed_forms.completion import completions
-    from mbm.estimation.starts.closed_forms.situation import Situation
+    from mbm.estimation.starts.closed_forms.types import Situation
 
     layout = equations.layout
     forms = sorted(settings.closed_forms, key=lambda form: form.name != settings.routine)

@@ -69,7 +69,7 @@ def _complete(equations: Assembled, numbers: Floats, settings: Settings, given: 
     """Whether closed forms give all numbers, if those of some unknowns are known."""
     from mbm.estimation.starts.closed_forms.completion import completions
     from mbm.estimation.starts.closed_forms.rows import ENOUGH
-    from mbm.estimation.starts.closed_forms.situation import Situation
+    from mbm.estimation.starts.closed_forms.types import Situation
 
     layout = equations.layout
     known = numbers.copy()

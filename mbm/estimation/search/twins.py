@@ -8,15 +8,43 @@ points: a symmetry holds everywhere, two solutions that happen to fit equally we
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import Enum
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.binder import Binder
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.search.agreement import NEAR
+from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import Piece
+from mbm.problem.types import Problem
 from mbm.values import dataclass
+
+Agreement = Callable[[Floats, Floats], bool]
+"""Whether two points (N,) have the same derived quantities."""
+
+NEAR = 1e-5
+"""Relative difference of numbers that are to be equal, at minima found independently."""
+
+
+def derived_agreement(problem: Problem, binder: Binder, kernels: KernelSet) -> Agreement:
+    """The comparison for a problem; angles agree by whole turns. The equations are bound when it is first asked."""
+
+    def agree(first: Floats, second: Floats) -> bool:
+        for owner, derived in enumerate(problem.derived):
+            for group in binder.derived(kernels, owner):
+                one, other = group.values(first).copy(), group.values(second).copy()
+                apart = one - other
+                if derived.angle:
+                    apart = np.remainder(apart + np.pi, 2 * np.pi) - np.pi
+                size = np.abs(one).max(axis=1, keepdims=True, initial=0.0) + derived.angle
+                if not bool((np.abs(apart) <= NEAR * size).all()):
+                    return False
+        return True
+
+    return agree
+
 
 AGREE = 1e-7
 """Relative difference of residuals that a symmetry may leave: rounding, magnified by the model."""

@@ -17,9 +17,8 @@ from mbm.estimation.search.starting import GIVEN, beginnings, blank_numbers
 from mbm.estimation.settings import Settings, settings_of
 from mbm.estimation.starts.closed_forms.completion import completions
 from mbm.estimation.starts.closed_forms.rows import ENOUGH
-from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.estimation.starts.closed_forms.standard import STANDARD
-from mbm.estimation.starts.closed_forms.types import ClosedForm
+from mbm.estimation.starts.closed_forms.types import ClosedForm, Situation
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.sequence.types import SequenceMethod

@@ -15,14 +15,9 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.likelihoods import log_likelihood
+from mbm.equations.metric import first_bad
 from mbm.equations.spreads import Influence, Limited
-from mbm.equations.types import (
-    Floats,
-    Indices,
-    Minimum,
-    Observability,
-    Reason,
-)
+from mbm.equations.types import Floats, Indices, Minimum, Observability, Reason
 from mbm.estimation.consensus.known_ranges import known_ranges
 from mbm.estimation.consensus.preparation import outliers, prepared, robust_cost, unit_weights
 from mbm.estimation.consensus.rivals import rivals
@@ -30,12 +25,13 @@ from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.coverage.limits import limited
 from mbm.estimation.coverage.profiles import Profiles, profiles
 from mbm.estimation.minimise.minimise import solver_name
-from mbm.estimation.search.agreement import derived_agreement
+from mbm.estimation.minimise.native.minimum import without_value
 from mbm.estimation.search.challenge import Challenge
 from mbm.estimation.search.multistart import starting_points
 from mbm.estimation.search.search import Alternative, Tally, search
 from mbm.estimation.search.solution import DerivedSolution, Solution
 from mbm.estimation.search.starting import GIVEN, SILHOUETTES
+from mbm.estimation.search.twins import derived_agreement
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, reached
@@ -44,10 +40,10 @@ from mbm.estimation.trust.curvature import Curvature, curvature
 from mbm.estimation.trust.plausibility import doubts
 from mbm.estimation.trust.unexamined import unexamined
 from mbm.estimation.uncertainty.derived import Propagation
+from mbm.estimation.uncertainty.freedom import with_motions
 from mbm.estimation.uncertainty.gauge import with_gauge
 from mbm.estimation.uncertainty.informed import informed
 from mbm.estimation.uncertainty.invariance import with_invariances
-from mbm.estimation.uncertainty.motion import with_motions
 from mbm.estimation.uncertainty.observability import limited as beside_limits, observed_at
 from mbm.estimation.uncertainty.statistics import Statistics, cost_of, plain_residuals, statistics
 from mbm.kernels.types import KernelSet
@@ -55,6 +51,34 @@ from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, UnknownKind
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass, once
+
+
+def confirmed(equations: Assembled, minimum: Minimum) -> Minimum:
+    """The minimum, if the corrections there are found without those of points before; else it has no finite value.
+
+    Searches go on from the corrections of the point before. Where only that finds them, what is asked at the minimum
+    later (the covariance, residuals without losses) would depend on what was asked between.
+    """
+    if equations.implicit is None or minimum.bad_row is not None:
+        return minimum
+    equations.implicit.forget(minimum.point)
+    residuals = equations.residuals(minimum.point)
+    if np.isfinite(residuals).all():
+        return minimum
+    if minimum.blocks is None:
+        lost = without_value(equations, minimum.point)
+    else:
+        # Loaded by sparse problems only, so that the others start at once.
+        from mbm.sparse.system import without_slopes
+
+        lost = replace(without_slopes(minimum), residuals=residuals, cost=np.nan, bad_row=first_bad(residuals))
+    return replace(
+        lost,
+        reason=Reason.NO_FINITE_STEP,
+        iterations=minimum.iterations,
+        evaluations=minimum.evaluations + 1,
+        offset=np.inf,
+    )
 
 
 def assemble(
@@ -128,8 +152,7 @@ def estimate(
         found = challenge.answered(search(equations, robust.starts, settings, problem, agrees))
         if SILHOUETTES in found.origin:
             # Loaded by starts from silhouettes only, so that the others start at once.
-            from mbm.estimation.search.edge_on import with_faces_turned
-            from mbm.estimation.search.turning import with_turns
+            from mbm.estimation.search.contours import with_faces_turned, with_turns
 
             found = with_turns(equations, found, settings, problem, agrees)
             found = with_faces_turned(equations, found, settings, problem, agrees)
@@ -164,7 +187,7 @@ def answered(
     """What is known at a minimum: the rank decision, the covariance, derived quantities, and what is to be doubted."""
     problem, equations, lock = run.problem, run.equations, run.binder.cache.lock
     weighted = end.equations
-    minimum = informed(weighted, _confirmed(weighted, end.minimum))
+    minimum = informed(weighted, confirmed(weighted, end.minimum))
     observed = decided(equations, weighted, minimum, run.settings, robust.informing)
     outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, robust.tested(minimum.residuals))
     unused = np.flatnonzero(~equations.used & ~equations.layout.fixed)  # coordinates that no equation depends on
@@ -287,16 +310,6 @@ def _as_counted(run: Run, end: Reached, others: Iterable[Alternative]) -> tuple[
 
 def _places_poses(equations: Assembled) -> bool:
     return any(each.unknown.kind is UnknownKind.POSE and each.members > 1 for each in equations.layout.entries)
-
-
-def _confirmed(equations: Assembled, minimum: Minimum) -> Minimum:
-    """The minimum, whose corrections of measured values are looked for again where there are some."""
-    if equations.implicit is None:
-        return minimum
-    # Loaded by such equations only, so that the others start at once.
-    from mbm.estimation.solve.confirmed import confirmed
-
-    return confirmed(equations, minimum)
 
 
 def decided(

@@ -14,9 +14,8 @@ from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.search.search import Alternative, Found, reweighted
 from mbm.estimation.settings import Settings
-from mbm.estimation.uncertainty.informed import informed
+from mbm.estimation.uncertainty.informed import informed, without_stationary
 from mbm.estimation.uncertainty.observability import observed_at
-from mbm.estimation.uncertainty.stationary import without_stationary
 from mbm.estimation.uncertainty.variance import common_factor, redundancy_numbers, starting_factors, variance_components
 from mbm.problem.factors import factor_groups
 from mbm.problem.types import Problem

@@ -9,9 +9,8 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Minimum
-from mbm.estimation.search.edge_on import steps_to
+from mbm.estimation.search.contours import TURN, steps_to
 from mbm.estimation.search.search import Alternative
-from mbm.estimation.search.turning import TURN
 from mbm.estimation.search.twins import separation
 from mbm.problem.manifold import Piece
 from mbm.values import dataclass

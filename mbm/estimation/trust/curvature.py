@@ -14,7 +14,6 @@ from mbm.equations.surface import OnSurface, on_surface
 from mbm.equations.types import Covariance, Floats, Indices, Minimum
 from mbm.estimation.search.search import Alternative
 from mbm.estimation.search.solution import DerivedSolution
-from mbm.estimation.trust.derived_profile import DerivedProfile
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
     LOOKED_AT,
@@ -29,7 +28,7 @@ from mbm.estimation.trust.nonlinearity import (
     residuals_at,
     surroundings,
 )
-from mbm.estimation.trust.profile import END_ACCURACY, Surface
+from mbm.estimation.trust.profile import END_ACCURACY, DerivedProfile, Surface
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.values import dataclass
 
@@ -109,7 +108,7 @@ def curvature(
         return None
     along = equations if surface is None else surface
     if equations.lossy:  # loaded by problems with losses only, so that the others start at once
-        from mbm.estimation.trust.fixed_weights import fixed_weights
+        from mbm.estimation.trust.leverage import fixed_weights
 
         fixed = fixed_weights(equations, minimum, estimated) if surface is None else None
         if fixed is None:

@@ -19,14 +19,11 @@ from mbm.equations.binding import Group, mentioned
 from mbm.equations.types import Covariance, Floats, Mask, Minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust import faults as trust_faults
-from mbm.estimation.trust.coarse import coarse_readings
+from mbm.estimation.trust.coarse import autocorrelation, coarse_readings, directions, readings_at_edges
 from mbm.estimation.trust.curvature import Curvature, DerivedEnds
-from mbm.estimation.trust.edges import readings_at_edges
 from mbm.estimation.trust.hidden import hidden_outliers
-from mbm.estimation.trust.lags import autocorrelation, directions
 from mbm.estimation.trust.nonlinearity import IntervalEnds
-from mbm.estimation.trust.outlying import outlying_rows
-from mbm.estimation.trust.uneven import uneven_noise
+from mbm.estimation.trust.uneven import outlying_rows, uneven_noise
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.statistics import Statistics
 from mbm.expression.evaluate import evaluate

@@ -13,9 +13,8 @@ from mbm.equations.layout import half_turns
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.search.solution import DerivedSolution
-from mbm.estimation.uncertainty.covariance import propagate
 from mbm.estimation.uncertainty.degrees import common
-from mbm.estimation.uncertainty.observability import limited, pinned, pinned_coordinates
+from mbm.estimation.uncertainty.observability import limited, pinned, pinned_coordinates, propagate
 from mbm.estimation.uncertainty.statistics import Statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of

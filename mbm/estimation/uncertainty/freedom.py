@@ -1,10 +1,12 @@
-"""Free directions → free combinations: the few unknowns that move together, and by how much each."""
+"""What a free combination is: a shift, a scaling, or a direction that is free to first order only."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from mbm.equations.types import Floats, FreeCombination, Mask
+from mbm.equations.types import Equations, Floats, FreeCombination, Mask, Minimum, Motion, Observability
 from mbm.solver.decisions import SHARE
 
 TIED = 1e-6
@@ -76,3 +78,66 @@ def touched_by(directions: Floats) -> Mask:
         return np.zeros(len(directions), dtype=bool)
     peaks = np.abs(directions).max(axis=0)
     return np.asarray((np.abs(directions) > SHARE * peaks).any(axis=1))
+
+
+FINITE = 0.1
+"""Distance of the trial movement: a tenth of the unknowns' size, far beyond first order."""
+
+UNCHANGED = 1e-6
+"""Change of the residuals, relative to what each coordinate alone would cause, that counts as none."""
+
+MOVED = 200
+"""Combinations that are looked at: of more of them is said what holds to first order."""
+
+
+def with_motions(equations: Equations, minimum: Minimum, observed: Observability) -> Observability:
+    """``observed`` with the motion of each combination, found by moving the point and looking at the residuals."""
+    if not observed.combinations:
+        return observed
+    found = [_classified(equations, minimum, c) for c in observed.combinations[:MOVED]]
+    return replace(observed, combinations=(*found, *observed.combinations[MOVED:]))
+
+
+def _classified(equations: Equations, minimum: Minimum, combination: FreeCombination) -> FreeCombination:
+    indices = np.asarray(combination.indices)
+    point = equations.coordinates(minimum.point)
+    size = float(np.abs(point[indices]).max(initial=0.0)) or 1.0
+    coefficients = np.asarray(combination.coefficients)
+    shifted = np.zeros(point.size)
+    shifted[indices] = FINITE * size * coefficients / float(np.abs(coefficients).max())
+    moves = _invisible(equations, minimum, indices, shifted)
+    scales = False
+    if combination.relative is not None:
+        scaled = np.zeros(point.size)
+        scaled[indices] = point[indices] * np.expm1(FINITE * np.asarray(combination.relative))
+        scales = _invisible(equations, minimum, indices, scaled)
+    # A scaling by one factor is a shift along the point itself. It is called a shift only where all unknowns are of
+    # one size and so move by one amount.
+    if moves and not (scales and float(np.ptp(coefficients)) > UNCHANGED):
+        return replace(combination, motion=Motion.SHIFT)
+    return replace(combination, motion=Motion.SCALE) if scales else combination
+
+
+def _invisible(equations: Equations, minimum: Minimum, indices: np.ndarray, step: Floats) -> bool:
+    moved = equations.retract(minimum.point, step)
+    expected = float(abs(minimum.jacobian[:, indices] * step[indices]).sum(axis=1).max(initial=0.0))
+    with np.errstate(all="ignore"):
+        change = equations.residuals(moved) - minimum.residuals
+    largest = float(np.abs(change).max(initial=0.0))
+    seen = not (np.isfinite(largest) and largest <= UNCHANGED * expected)
+    return not seen and not _forbidden(equations, minimum, indices, step, moved)
+
+
+def _forbidden(equations: Equations, minimum: Minimum, indices: np.ndarray, step: Floats, moved: Floats) -> bool:
+    """Whether a constraint that holds the estimates notices the movement."""
+    held = minimum.constraints
+    # Loaded where something is free only, so that other problems start at once.
+    from mbm.estimation.minimise.constrained.types import constrained
+
+    bound = constrained(equations)
+    if held is None or bound is None or not bool(held.forcing.any()):
+        return False
+    with np.errstate(all="ignore"):
+        change = np.abs(bound.constraint_values(moved) - held.values)[held.forcing]
+    expected = np.abs(held.slopes[held.forcing][:, indices] * step[indices]).sum(axis=1)
+    return not bool((change <= UNCHANGED * expected).all())

@@ -15,7 +15,7 @@ from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.losses import LossFunction
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum, Observability
 from mbm.estimation.uncertainty.freedom import free_combination, free_combinations
-from mbm.estimation.uncertainty.pools import Sums, Units, summed
+from mbm.estimation.uncertainty.sandwich import Sums, Units, summed
 from mbm.estimation.uncertainty.sparse import (
     NAMED,
     constrained,

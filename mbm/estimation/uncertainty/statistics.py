@@ -5,7 +5,7 @@ What the error of each measured value does to the estimates, to first order: the
 With the factor F of the covariance, Σ = F Fᵀ, and the whitened Jacobian J, an error of one standard deviation in row k
 moves the estimates by ``F Fᵀ Jₖᵀ/s``, where s is the standard deviation of residuals that `:sigma unknown` leaves. The
 squares of these add up to Σ, as ``FᵀJᵀJF = s²``. With losses the same holds of the sandwich, whose middle is a sum over
-rows (`mbm.estimation.uncertainty.robust`).
+rows (`mbm.estimation.uncertainty.sandwich`).
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ import numpy as np
 
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled, loss_lines
-from mbm.equations.formulas import of_arrays
 from mbm.equations.likelihoods import is_untested
+from mbm.equations.manifolds import of_arrays
 from mbm.equations.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
-from mbm.estimation.uncertainty.covariance import covariance, in_datum, propagate
 from mbm.estimation.uncertainty.degrees import Freedoms, freedoms
-from mbm.estimation.uncertainty.observability import observed_at
+from mbm.estimation.uncertainty.observability import covariance, in_datum, observed_at, propagate
 from mbm.estimation.uncertainty.variance import fit_statistics
 from mbm.problem.factors import factor_groups
 from mbm.problem.types import Problem
@@ -93,7 +92,7 @@ class RowInfluence:
                 return np.zeros((len(gradient), equations.count))
             image = gradient @ self.covariance.factor
             return np.asarray(image @ (minimum.jacobian @ self.covariance.factor).T / self.deviation)
-        from mbm.estimation.uncertainty.robust import bread
+        from mbm.estimation.uncertainty.sandwich import bread
 
         found = bread(
             loss_lines(equations),
@@ -240,7 +239,7 @@ def _estimated(
         from mbm.estimation.uncertainty.sparse_sandwich import sparse_sandwich
 
         return sparse_sandwich(equations, minimum, plain, observed, stated)
-    from mbm.estimation.uncertainty.robust import sandwich
+    from mbm.estimation.uncertainty.sandwich import sandwich
 
     slopes, place = equations.plain_jacobian(minimum.point), equations.coordinates(minimum.point)
     return sandwich(loss_lines(equations), plain, slopes, observed, stated, place)

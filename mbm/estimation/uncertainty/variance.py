@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mbm.equations.formulas import of_arrays
+from mbm.equations.manifolds import of_arrays
 from mbm.equations.types import Components, Fit, Floats, Indices, Mask, Noise, NoiseState, Observability, SparseJacobian
 from mbm.solver.chi_square import chi_square_tail
 from mbm.solver.noise_factors import (

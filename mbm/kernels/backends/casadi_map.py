@@ -10,7 +10,7 @@ import casadi
 import numpy as np
 
 from mbm.kernels.backends import numpy_stream
-from mbm.kernels.functions import function_of
+from mbm.kernels.serialised import function_of
 from mbm.kernels.types import Floats, Kernel, Stream, Tabulated
 from mbm.machine.program import Program
 from mbm.values import dataclass

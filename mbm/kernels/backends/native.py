@@ -15,7 +15,7 @@ from mbm.kernels.native.engine import Library, compiled, fetched, hindrance, kep
 from mbm.kernels.native.kernels import EVALUATIONS, FAST, MANY, PLAIN, KernelCode, NativeKernels
 from mbm.kernels.native.sources import source_digest
 from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream, Tabulated
-from mbm.machine import blocks_of_rows
+from mbm.machine import straight_line
 from mbm.machine.kinds import LANES
 from mbm.machine.program import Program
 from mbm.machine.records import address
@@ -208,7 +208,7 @@ class NativeBackend(MachineCode):
 
     def tabulated(self, programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
         """Programs as machine code, made now in one piece."""
-        text = blocks_of_rows.module_of(
+        text = straight_line.module_of(
             {f"program{k}": each for k, each in enumerate(programs.values())}, vector_library()
         )
         library = compiled(text, self.store, PLAIN)

@@ -18,7 +18,7 @@ LEVEL = 2
 
 
 def united_code(program: Program, numbers: int, residuals: int, store: Store | None) -> Library:
-    """The functions ``values`` and ``jacobian`` of what `mbm.machine.fused.fused` gives, see `straight_line`.
+    """The functions ``values`` and ``jacobian`` of what `mbm.machine.merged.fused` gives, see `straight_line`.
 
     Args:
         program: its last column of ``residuals`` outputs are the values.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mbm.kernels.native.engine import Library, compiled, vector_library
 from mbm.kernels.types import Kernel
-from mbm.machine import blocks_of_rows
+from mbm.machine import straight_line
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def level_for(kernel: Kernel, rows: int, *, often: bool = False) -> int:
 class NativeKernels:
     """Addresses of functions ``void f(const double *inputs, double *outputs, int64 blocks)`` over blocks of rows.
 
-    See `mbm.machine.blocks_of_rows`. The code lives as long as this does. Each kernel has a library and its number
+    See `mbm.machine.straight_line`. The code lives as long as this does. Each kernel has a library and its number
     there.
     """
 
@@ -86,6 +86,6 @@ class KernelCode:
         for k, kernel in enumerate(kernels):
             programs[f"values{k}"] = kernel.value_program
             programs[f"jacobian{k}"] = kernel.jacobian_program
-        library = compiled(blocks_of_rows.module_of(programs, vector_library()), self.store, level)
+        library = compiled(straight_line.module_of(programs, vector_library()), self.store, level)
         for k, kernel in enumerate(kernels):
             self._made[id(kernel), level] = kernel, library, k

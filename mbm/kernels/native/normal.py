@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING
 from mbm.kernels.native.engine import Library, compiled, vector_library
 from mbm.kernels.native.kernels import level_for
 from mbm.kernels.types import Kernel
-from mbm.machine.blocks_of_rows import close_function, close_loop, load, open_loop, place
 from mbm.machine.kinds import LANES
 from mbm.machine.program import Program
+from mbm.machine.straight_line import close_function, close_loop, load, open_loop, place
 from mbm.machine.vector_text import VECTOR, ZERO, Text
 from mbm.machine.vectors import outputs_of
 from mbm.solver.description import NO_LOSS

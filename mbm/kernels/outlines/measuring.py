@@ -15,9 +15,8 @@ from mbm.expression.nodes import Figure, Outlined
 from mbm.kernels.backends.numpy_stream import tabulated
 from mbm.kernels.outlines.arcs import areas_of_flats
 from mbm.kernels.outlines.distances import Feet, feet_of, slopes_of
-from mbm.kernels.outlines.extremes import SIDES, extent, extreme
 from mbm.kernels.outlines.marks import Marks, places_of
-from mbm.kernels.outlines.measures import Measured, area, centroid, perimeter
+from mbm.kernels.outlines.measures import SIDES, Measured, area, centroid, extent, extreme, perimeter
 from mbm.kernels.outlines.outline import Indices, NoOutline, Outline, outline_of
 from mbm.kernels.outlines.surveyor import Surveyor
 from mbm.kernels.types import Floats, SheetPrograms, Tabulate

@@ -21,7 +21,7 @@ from mbm.kernels.instructions import program_of
 from mbm.kernels.lowering import Choice, lower
 from mbm.kernels.types import SheetPrograms
 from mbm.machine.program import Program
-from mbm.symbolic.sheets import converted
+from mbm.symbolic.conversion import converted
 
 
 def programs_of(figure: Figure) -> tuple[SheetPrograms, ...]:

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 from mbm.expression import algebra
 from mbm.expression.algebra import apply
-from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Expression, Number, Operation
+from mbm.expression.units import NONE
 from mbm.language import faults
-from mbm.language.coerce import scalar, vector
+from mbm.language.scope import scalar, vector
 from mbm.language.values import SCALARS, Array, Builtin, Call, ListValue, Placeable, RotationValue, Value, describe
 from mbm.text.types import MbmError, Span
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 from fractions import Fraction
 
 from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, divide, dot, multiply, subtract
-from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.expression.projection import NEAR, Projection, by_axes
+from mbm.expression.units import NONE
 from mbm.language import faults
-from mbm.language.coerce import scalar
+from mbm.language.scope import scalar
 from mbm.language.values import Array, Call, CameraValue, Value, describe
 from mbm.text.types import MbmError, Span
 

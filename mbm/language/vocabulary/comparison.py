@@ -10,7 +10,7 @@ from itertools import pairwise
 from mbm.expression.algebra import fold_values, number, subtract, wrap
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
-from mbm.language.coerce import condition, scalar
+from mbm.language.scope import condition, scalar
 from mbm.language.values import Builtin, Call, Placeable, StaticColumnNeeded, TextColumn, Value, describe
 from mbm.text.types import MbmError, Span
 

@@ -8,11 +8,9 @@ The root is held, and one more step of Newton's method has its derivative (impli
 from __future__ import annotations
 
 from mbm.expression.algebra import ONE, ZERO, add, apply, divide, multiply, subtract
-from mbm.expression.derivative import derivatives
+from mbm.expression.derivative import Formula, depending, derivatives
 from mbm.expression.nodes import Expression, Number, Operation
-from mbm.expression.substitution import Formula, depending
 from mbm.language import faults
-from mbm.language.coerce import integer, scalar, vector
 from mbm.language.curves import (
     Chord,
     CurveValue,
@@ -28,6 +26,7 @@ from mbm.language.curves import (
     positive,
 )
 from mbm.language.nearest import Bracket, at_knots, distance, middle
+from mbm.language.scope import integer, scalar, vector
 from mbm.language.values import Array, Builtin, Call, Value, describe
 from mbm.language.vocabulary.curves import curve_of
 from mbm.text.types import MbmError, Span

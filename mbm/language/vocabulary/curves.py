@@ -13,12 +13,11 @@ from dataclasses import field
 from itertools import pairwise
 
 from mbm.expression.algebra import ZERO, add, differences, divide, multiply, negate, subtract, total
-from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Column, Component, Constant, Expression, Number, Parameter
+from mbm.expression.units import NONE
 from mbm.language import faults
-from mbm.language.coerce import list_items, scalar, vector
 from mbm.language.curves import CurveValue, Piece, Point, check_dimension
-from mbm.language.scope import LocalScope
+from mbm.language.scope import LocalScope, list_items, scalar, vector
 from mbm.language.values import Array, Builtin, Call, Macro, Value, describe
 from mbm.language.vocabulary.vectors import norm_of
 from mbm.text.types import Bracket, Form, Keyword, MbmError, Sequence, Span, Symbol

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mbm.expression.algebra import apply, subtract
 from mbm.expression.nodes import Expression, Operation
 from mbm.language import faults
-from mbm.language.coerce import vector
+from mbm.language.scope import vector
 from mbm.language.values import Array, Builtin, Call, Value, describe
 from mbm.language.vocabulary.vectors import pair_of_vectors
 from mbm.text.types import MbmError

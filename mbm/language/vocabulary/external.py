@@ -10,7 +10,7 @@ import re
 
 from mbm.expression.nodes import Apply, Expression, External, Operation, Output
 from mbm.language import faults
-from mbm.language.coerce import integer, scalar, vector
+from mbm.language.scope import integer, scalar, vector
 from mbm.language.values import (
     SCALARS,
     Array,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbm.expression.algebra import ZERO, multiply
 from mbm.expression.nodes import Expression
-from mbm.language.coerce import vector
+from mbm.language.scope import vector
 from mbm.language.values import SCALARS, Array, Builtin, Call, Placeable, Transform, Value
 from mbm.language.vocabulary.rigid import pose
 from mbm.language.vocabulary.rotations import as_rotation

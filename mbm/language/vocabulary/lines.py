@@ -24,8 +24,8 @@ from mbm.expression.algebra import (
 )
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
-from mbm.language.coerce import scalar, vector
 from mbm.language.curves import CurveValue, Piece
+from mbm.language.scope import scalar, vector
 from mbm.language.values import Array, Builtin, Call, ImageLineValue, Placeable, Value, describe
 from mbm.language.vocabulary.cameras import depth_of, project_point
 from mbm.language.vocabulary.vectors import norm_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbm.expression.algebra import number
 from mbm.language import faults
-from mbm.language.coerce import integer, list_items
+from mbm.language.scope import integer, list_items
 from mbm.language.values import Builtin, Call, Callable_, ListValue, Macro, Value, describe
 from mbm.text.types import Bracket, MbmError, Sequence
 

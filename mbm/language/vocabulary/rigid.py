@@ -22,8 +22,8 @@ from mbm.expression.algebra import (
     subtract,
     wrap,
 )
-from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
+from mbm.expression.units import NONE
 from mbm.language import faults
 from mbm.language.values import Array, PoseValue, RotationValue, Value, describe, described_with_space
 from mbm.language.vocabulary.vectors import norm_of, product, transposed

@@ -22,10 +22,10 @@ from mbm.expression.algebra import (
     negate,
     subtract,
 )
-from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation, nearest
+from mbm.expression.units import NONE
 from mbm.language import faults
-from mbm.language.coerce import scalar, vector
+from mbm.language.scope import scalar, vector
 from mbm.language.values import Array, Builtin, Call, PoseValue, RotationValue, Value, describe
 from mbm.language.vocabulary.rigid import (
     compose,

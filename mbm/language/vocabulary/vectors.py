@@ -8,7 +8,7 @@ from mbm.expression import algebra
 from mbm.expression.algebra import add, apply, dot, number
 from mbm.expression.nodes import Expression, Operation
 from mbm.language import faults
-from mbm.language.coerce import integer, matrix, vector
+from mbm.language.scope import integer, matrix, vector
 from mbm.language.values import (
     Array,
     Builtin,

@@ -19,7 +19,6 @@ import numpy as np
 
 from mbm.expression import algebra
 from mbm.expression.algebra import number
-from mbm.expression.dimension import NONE
 from mbm.expression.nodes import (
     Apply,
     Column,
@@ -31,14 +30,14 @@ from mbm.expression.nodes import (
     leaves,
 )
 from mbm.expression.rows import RowChoice
+from mbm.expression.units import NONE
 from mbm.language import faults as language_faults
-from mbm.language.coerce import condition, scalar, static_number
-from mbm.language.scope import LocalScope
+from mbm.language.scope import LocalScope, condition, scalar, static_number
 from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, StaticColumnNeeded, TableName, Value
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate, AggregateKind, WrittenOut
 from mbm.problem.elaboration import Workspace
-from mbm.problem.reading.named_columns import read_window
+from mbm.problem.reading.declarations import read_window
 from mbm.problem.requests import Window
 from mbm.problem.scopes import Here, ProblemScope, RowScope
 from mbm.problem.tables import ROW, Table

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from mbm.expression.algebra import ZERO
-from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, Member, Number
 from mbm.expression.projection import AXES, NEAR
+from mbm.expression.units import NONE
 from mbm.language import faults as language_faults
-from mbm.language.coerce import scalar, text, vector
+from mbm.language.scope import scalar, text, vector
 from mbm.language.values import SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
 from mbm.problem.clauses import Options, split_options
 from mbm.problem.elaboration import Workspace

@@ -6,12 +6,11 @@ import math
 from dataclasses import replace
 
 from mbm.expression.algebra import UndefinedValueError, constant_value
-from mbm.expression.dimension import Dimension
 from mbm.expression.inference import Declared, Inference
 from mbm.expression.nodes import Constant, Expression, Number, leaves, nearest
-from mbm.expression.units import Unit, parse_unit
+from mbm.expression.units import Dimension, Unit, parse_unit
 from mbm.language import faults as language_faults
-from mbm.language.coerce import static_number, vector
+from mbm.language.scope import static_number, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
 from mbm.problem import faults
 from mbm.problem.clauses import Options, split_options

@@ -10,8 +10,7 @@ from mbm.expression.algebra import number
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, leaves
 from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
-from mbm.language.coerce import difference, integer
-from mbm.language.scope import LocalScope
+from mbm.language.scope import LocalScope, difference, integer
 from mbm.language.values import Array, PoseValue, RotationValue, Scope
 from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults

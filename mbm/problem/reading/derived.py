@@ -7,7 +7,7 @@ import numpy as np
 from mbm.expression.nodes import Column, Constant, Expression, leaves
 from mbm.expression.units import Unit, parse_unit
 from mbm.language import faults as language_faults
-from mbm.language.coerce import integer, scalar, vector
+from mbm.language.scope import integer, scalar, vector
 from mbm.language.values import Array, ListValue, Placeable, PoseValue, RotationValue, Scope, TableName, Value
 from mbm.problem import faults
 from mbm.problem.clauses import split_options, stated_unit

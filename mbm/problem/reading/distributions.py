@@ -10,11 +10,11 @@ from math import exp, expm1, inf, log, sqrt
 from types import MappingProxyType
 
 from mbm.expression.algebra import UndefinedValueError, add, multiply, subtract
-from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Constant, Expression, Number, nearest
+from mbm.expression.units import NONE
 from mbm.language import faults as language_faults
-from mbm.language.coerce import static_number
 from mbm.language.functions import UserFunction, UserMacro
+from mbm.language.scope import static_number
 from mbm.language.values import Scope
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.overrides import ARCSINE, LOGNORMAL, NORMAL, RECTANGULAR, STUDENT, TRAPEZOIDAL, TRIANGULAR, Law

@@ -9,7 +9,7 @@ from mbm.expression.algebra import add, apply, differences, multiply, number, su
 from mbm.expression.nodes import Column, ColumnMember, Expression, Number, Operation, leaves
 from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
-from mbm.language.coerce import difference, vector
+from mbm.language.scope import difference, vector
 from mbm.language.values import Array, Scope, Value
 from mbm.language.vocabulary.rigid import direction_difference, geometric_difference
 from mbm.problem import faults

@@ -8,8 +8,8 @@ from mbm.expression.projection import Projection
 from mbm.expression.rows import RowChoice
 from mbm.expression.units import PLAIN, TAKE_PREFIXES, Unit
 from mbm.language import faults as language_faults
-from mbm.language.coerce import condition, conditional, difference, is_form, scalar, vector
 from mbm.language.functions import UserMacro
+from mbm.language.scope import condition, conditional, difference, is_form, scalar, vector
 from mbm.language.special import clauses_of_cond, cond_condition, let_scope
 from mbm.language.values import (
     SCALARS,

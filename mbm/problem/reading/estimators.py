@@ -12,10 +12,10 @@ from math import inf, isfinite
 from types import MappingProxyType
 from typing import TypeVar
 
-from mbm.expression.dimension import NONE as DIMENSIONLESS
 from mbm.expression.nodes import Apply, Constant, Number, nearest
+from mbm.expression.units import NONE as DIMENSIONLESS
 from mbm.language import faults as language_faults
-from mbm.language.coerce import integer, static_number
+from mbm.language.scope import integer, static_number
 from mbm.problem import faults
 from mbm.problem.clauses import split_options
 from mbm.problem.elaboration import Workspace, shaped

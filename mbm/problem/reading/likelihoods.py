@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from mbm.expression.algebra import ONE, UndefinedValueError
 from mbm.expression.nodes import Component, Expression, Number, leaves
-from mbm.language.coerce import scalar
-from mbm.language.scope import LocalScope
+from mbm.language.scope import LocalScope, scalar
 from mbm.language.values import Array, Scope, Value
 from mbm.problem import faults
 from mbm.problem.clauses import Options

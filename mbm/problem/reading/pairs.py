@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from mbm.expression.units import parse_unit
 from mbm.language import faults as language_faults
-from mbm.language.coerce import integer
+from mbm.language.scope import integer
 from mbm.problem import faults
 from mbm.problem.clauses import Options, split_options
 from mbm.problem.elaboration import Workspace
-from mbm.problem.reading.named_columns import stretch
+from mbm.problem.reading.declarations import stretch
 from mbm.problem.tables import POSITION, SOURCE, TIME, PairDeclaration, StepKind, Steps, Table
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 

@@ -19,7 +19,7 @@ from mbm.expression.algebra import add, constant_value, divide, negate, number, 
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Apply, Component, Constant, Expression, Number, Operation, externals, leaves
 from mbm.language import faults as language_faults
-from mbm.language.coerce import difference, scalar, vector
+from mbm.language.scope import difference, scalar, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
 from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults

@@ -9,12 +9,12 @@ from types import MappingProxyType
 
 from mbm.expression.nodes import nearest
 from mbm.language import faults as language_faults
-from mbm.language.coerce import static_number
+from mbm.language.scope import static_number
 from mbm.problem import faults
 from mbm.problem.clauses import only, split_options
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.kinds import ConstraintMethod, Gauge
-from mbm.problem.reading.declarations import Declaration
+from mbm.problem.reading.declarations import Declaration, named_column
 from mbm.problem.reading.estimators import (
     METHODS,
     TRUNCATE,
@@ -27,7 +27,6 @@ from mbm.problem.reading.estimators import (
     whole_within,
     word_of,
 )
-from mbm.problem.reading.named_columns import named_column
 from mbm.problem.reading.unknowns import stated_numbers
 from mbm.problem.requests import GivenStarts, RandomStarts
 from mbm.problem.types import Block, Method, Problem, Request

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from mbm.expression.dimension import NONE, Dimension, base
 from mbm.expression.nodes import Constant, Number, nearest
+from mbm.expression.units import NONE, Dimension, base
 from mbm.language import faults as language_faults
 from mbm.language.values import Evaluator, Scope, describe
 from mbm.problem.clauses import split_options

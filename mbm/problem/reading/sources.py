@@ -7,9 +7,8 @@ from dataclasses import field, replace
 from graphlib import CycleError, TopologicalSorter
 from typing import TypeAlias
 
-from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import Constant, Number, nearest
-from mbm.expression.units import Unit, parse_unit, scale_of
+from mbm.expression.units import Dimension, Unit, parse_unit, scale_of
 from mbm.language import faults as language_faults
 from mbm.language.values import Evaluator, Scope, describe
 from mbm.problem import faults

@@ -11,10 +11,9 @@ from mbm.language.values import Value
 from mbm.problem import faults
 from mbm.problem.clauses import Options, only, split_options
 from mbm.problem.elaboration import Workspace
-from mbm.problem.families import with_families
+from mbm.problem.joining import with_families
 from mbm.problem.naming import PRIOR
-from mbm.problem.reading.declarations import Declaration, components, read_declaration
-from mbm.problem.reading.named_columns import named_column, refuse_texts
+from mbm.problem.reading.declarations import Declaration, components, named_column, read_declaration, refuse_texts
 from mbm.problem.scopes import Entry, Steps
 from mbm.problem.sequence.types import INTERVAL, PREVIOUS, RATE, State
 from mbm.problem.tables import ROW

@@ -13,7 +13,7 @@ import numpy as np
 from mbm.expression.nodes import Apply, Column, Constant, Expression, Number, Operation, leaves, nearest
 from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
-from mbm.language.coerce import difference, static_number, vector
+from mbm.language.scope import difference, static_number, vector
 from mbm.language.values import (
     Array,
     RotationValue,

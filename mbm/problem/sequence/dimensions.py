@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from mbm.expression.dimension import NONE, Dimension
+from mbm.expression.derivative import substituted
 from mbm.expression.inference import Inference
 from mbm.expression.nodes import Column, Component, Constant, Expression, Number, leaves
-from mbm.expression.substitution import substituted
+from mbm.expression.units import NONE, Dimension
 from mbm.problem import faults
 from mbm.problem.sequence.types import INTERVAL, PREVIOUS, Sequence, Transition, TransitionKind
 from mbm.problem.types import Block, EquationCase, RowValues, Unknown, UnknownKind

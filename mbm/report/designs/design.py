@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.design.choice import Choice, Criterion, Wish, choose, objective, repeats_for
-from mbm.estimation.design.information import Expected, Information
+from mbm.estimation.design.choice import Choice, Criterion, Expected, Information, Wish, choose, objective, repeats_for
 from mbm.estimation.search.solution import Solution
-from mbm.expression.dimension import NONE, Dimension
 from mbm.expression.nodes import Number
-from mbm.expression.units import Unit, parse_unit
+from mbm.expression.units import NONE, Dimension, Unit, parse_unit
 from mbm.problem import faults as problem_faults
 from mbm.problem.types import Problem
 from mbm.report.budgets.types import Target, called, gradient_of, item_of, targets_of

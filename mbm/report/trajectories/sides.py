@@ -15,9 +15,9 @@ from mbm.equations.at_rows import AtRows, rows_at
 from mbm.equations.binding import Group
 from mbm.equations.layout import Layout
 from mbm.expression.algebra import number
+from mbm.expression.derivative import substituted
 from mbm.expression.nodes import Column, Expression, Leaf, leaves
 from mbm.expression.rows import RowChoice
-from mbm.expression.substitution import substituted
 from mbm.problem.tables import POSITION, Table
 from mbm.problem.types import Block, BlockRole, Equation, Problem
 from mbm.report.trajectories import faults

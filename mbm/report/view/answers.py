@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from mbm.estimation.batches.types import Block
-from mbm.estimation.intervals.types import Enclosure
+from mbm.estimation.intervals.network import Enclosure
 from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.problem.types import Problem

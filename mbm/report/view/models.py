@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from mbm.language.curves import CurveValue
 from mbm.language.functions import Optional, Parameters
 from mbm.language.limits import Limits, recursion_room
-from mbm.language.program import ModelDefinition, Program
-from mbm.language.session import Session, open_session
+from mbm.language.session import ModelDefinition, Program, Session, open_session
 from mbm.language.values import Callable_, Vocabulary
 from mbm.problem import faults as problem_faults
 from mbm.report.view import faults

@@ -13,8 +13,8 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from mbm.expression.nodes import Apply, Expression, Operation, Outlined, Parameter
-from mbm.language.coerce import vector
 from mbm.language.curves import CurveValue
+from mbm.language.scope import vector
 from mbm.language.values import (
     Array,
     Builtin,

@@ -19,8 +19,7 @@ from mbm.files.faults import unreadable_file
 from mbm.files.memory import check_memory, largest_file, text_memory
 from mbm.files.reading import read_bytes
 from mbm.language import faults as language_faults
-from mbm.language.program import Program
-from mbm.language.session import FileReader, ReadFile
+from mbm.language.session import FileReader, Program, ReadFile
 from mbm.language.values import Array, Call, Callable_
 from mbm.shapes import faults
 from mbm.shapes.meshes import obj, ply, stl

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from mbm.language.program import ProblemDefinition, Program
+from mbm.language.session import ProblemDefinition, Program
 from mbm.problem.clauses import effective_clauses
 from mbm.problem.overrides import ConstantValue
 from mbm.simulation.trials import faults

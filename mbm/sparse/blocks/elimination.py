@@ -1,6 +1,6 @@
 """Schur elimination member by member: inverse roots of the diagonal blocks, couplings, the reduced matrix.
 
-Notation as in `mbm.sparse.elimination`: ``A = L Lᵀ`` the diagonal blocks of the family that goes, ``W`` its
+Notation as in `mbm.sparse.normal`: ``A = L Lᵀ`` the diagonal blocks of the family that goes, ``W`` its
 coupling to the rest, ``Y = L⁻¹ W``, and ``S = B - YᵀY`` what the rest obeys. The couplings of member m stand together
 as a panel (SIZE, lengths[m]) at ``bases[m]`` of ``y``; *link* l is the part of a panel that belongs to one block of the
 rest, at ``places[l]`` (first row of the panel), ``wides[l]`` columns that are columns ``columns[l] …`` of the rest.
@@ -12,8 +12,7 @@ from __future__ import annotations
 from math import isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Reals, distinct_arrays
-from mbm.sparse.blocks.names import SIZE
-from mbm.sparse.blocks.parts import Cross, Entries, Links, Rest
+from mbm.sparse.blocks.parts import SIZE, Cross, Entries, Links, Rest
 
 WIDE = 8
 """Columns of a product that are worked on side by side."""

@@ -5,6 +5,14 @@ from __future__ import annotations
 from mbm.machine.records import record
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers
 
+SIZE = 3
+"""Columns of a member of the family that is eliminated; the texts are read with that of each problem in its place."""
+
+
+def product_name(outputs: int, right: int) -> str:
+    """The name of the routine that adds up products of blocks with right ones of shape (outputs, right)."""
+    return f"add_products_{outputs}_{right}"
+
 
 @record
 class Products:

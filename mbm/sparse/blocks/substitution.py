@@ -6,8 +6,7 @@ Links, panels and the other names are those of `mbm.sparse.blocks.elimination`.
 from __future__ import annotations
 
 from mbm.machine.words import ConstantReals, Integer, Reals, distinct_arrays
-from mbm.sparse.blocks.names import SIZE
-from mbm.sparse.blocks.parts import Entries, Links, Rest
+from mbm.sparse.blocks.parts import SIZE, Entries, Links, Rest
 
 WIDE = 4
 """Columns of a link that are worked on side by side."""

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbm
-from mbm.estimation.native.interpreted import InterpretedCode
+from mbm.estimation.native.callbacks import InterpretedCode
 from mbm.estimation.starts.closed_forms.intersection import meeting_points
 from mbm.estimation.starts.closed_forms.numerics.bearings import (
     plane_poses_from_bearings,

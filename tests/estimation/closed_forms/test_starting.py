@@ -13,8 +13,7 @@ import mbm
 from mbm.api.files import explain
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.multilateration import MULTILATERATION
-from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, Support
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation, Support
 from tests.estimation.closed_forms.numerics_cases import cloud, rotation
 
 TIMES = np.arange(12.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.estimation.starts.closed_forms.completion import _by_member
 from mbm.estimation.starts.closed_forms.minimal import MinimalSolver
-from mbm.estimation.starts.closed_forms.situation import _distinct
+from mbm.estimation.starts.closed_forms.types import _distinct
 
 
 def test_each_subset_of_known_units_has_its_point():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.equations.corrections import components, elimination
+from mbm.equations.corrections import elimination, straight
 from mbm.estimation.solve.estimate import assemble
 
 CHAIN = """
@@ -77,7 +77,7 @@ def test_costs_at_many_points_are_those_of_each(
 
 
 def test_what_is_too_large_to_solve_at_once_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(components, "LARGEST", 8)
+    monkeypatch.setattr(straight, "LARGEST", 8)
     with pytest.raises(mbm.MbmError) as refused:
         mbm.loads(CHAIN).solve(data=steps([(1, 2), (2, 3), (3, 4)]))
     assert [d.code.name for d in refused.value.diagnostics] == ["too-many-shared-errors"]

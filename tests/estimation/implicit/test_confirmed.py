@@ -11,8 +11,7 @@ from mbm.equations.types import Minimum, Reason
 from mbm.estimation.minimise import sparsity
 from mbm.estimation.minimise.sparse import sparse_minimum
 from mbm.estimation.settings import Settings
-from mbm.estimation.solve.confirmed import confirmed
-from mbm.estimation.solve.estimate import assemble
+from mbm.estimation.solve.estimate import assemble, confirmed
 
 # Exact but for the corrections of x: none meet it where a is above zero.
 ROOT = """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbm.equations.corrections.elimination import root
-from mbm.equations.corrections.steps import curved_up, step
+from mbm.equations.corrections.search import curved_up, step
 
 SHAPES = [(1, 2, False), (1, 3, True), (2, 3, False), (3, 3, True), (5, 2, True), (6, 1, True)]
 """Equations, corrections, and whether the equations have noise of their own: every way of solving."""

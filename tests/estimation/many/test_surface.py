@@ -8,8 +8,7 @@ import pytest
 from mbm.equations.metric import metric, scale_of
 from mbm.estimation.batches.factor import factors
 from mbm.estimation.batches.surface import Held, lengths, tangents
-from mbm.estimation.uncertainty.covariance import covariance
-from mbm.estimation.uncertainty.observability import Surface, observability
+from mbm.estimation.uncertainty.observability import Surface, covariance, observability
 
 
 def drawn(generator, solves=40, rows=9, width=5, most=4):

@@ -8,7 +8,7 @@ import pytest
 from mbm.equations.types import Reason
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.native import function
-from mbm.estimation.native.interpreted import InterpretedCode
+from mbm.estimation.native.callbacks import InterpretedCode
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Method
 from tests.estimation.classics import CLASSICS, Functions

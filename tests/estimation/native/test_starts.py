@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 import mbm
 from mbm.equations.excerpt import excerpt
 from mbm.estimation.minimise.minimise import minima, minimise
-from mbm.estimation.minimise.native import starts as native_starts, system as native_system
-from mbm.estimation.minimise.native.starts import ends_of_starts
+from mbm.estimation.minimise.native import minimum as native_starts, system as native_system
+from mbm.estimation.minimise.native.minimum import ends_of_starts
 from mbm.estimation.settings import Settings
 from tests.estimation.varied import PROBLEMS, points_about
 

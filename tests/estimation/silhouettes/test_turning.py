@@ -9,7 +9,7 @@ import pytest
 
 import mbm
 from mbm.equations.types import Reason
-from mbm.estimation.search import turning
+from mbm.estimation.search import contours
 from mbm.estimation.search.search import Found, Tally
 from tests.estimation.silhouettes.test_starts import BOX, CAMERA, CORNERS, PLACE, columns, outline, random_rotation
 
@@ -41,13 +41,13 @@ def tally(tried, converged, best_found):
     ],
 )
 def test_all_starts_are_counted_once(monkeypatch, first, second, best_found):
-    monkeypatch.setattr(turning, "ROUNDS", 1)
-    monkeypatch.setattr(turning, "rounding_at", lambda *_: 0.0)
-    monkeypatch.setattr(turning, "_astray", lambda *_: True)
-    monkeypatch.setattr(turning, "_turned", lambda *_: np.zeros((6, 1)))
-    monkeypatch.setattr(turning, "search", lambda *_: found(*second))
+    monkeypatch.setattr(contours, "ROUNDS", 1)
+    monkeypatch.setattr(contours, "rounding_at", lambda *_: 0.0)
+    monkeypatch.setattr(contours, "_astray", lambda *_: True)
+    monkeypatch.setattr(contours, "_turned", lambda *_: np.zeros((6, 1)))
+    monkeypatch.setattr(contours, "search", lambda *_: found(*second))
     settings = SimpleNamespace(starts=None, robust=None, stopped=lambda: False)
-    answer = turning.with_turns(None, found(*first), settings, None, None)
+    answer = contours.with_turns(None, found(*first), settings, None, None)
     before = 1 if first[1] is None else first[1].tried
     assert answer.minimum.cost == min(first[0], second[0])
     assert (answer.tally.tried, answer.tally.best_found) == (before + 6, best_found)
@@ -56,11 +56,11 @@ def test_all_starts_are_counted_once(monkeypatch, first, second, best_found):
 
 
 def test_where_nothing_turns_nothing_is_counted_twice(monkeypatch):
-    monkeypatch.setattr(turning, "_astray", lambda *_: True)
-    monkeypatch.setattr(turning, "_turned", lambda *_: np.zeros((0, 1)))
+    monkeypatch.setattr(contours, "_astray", lambda *_: True)
+    monkeypatch.setattr(contours, "_turned", lambda *_: np.zeros((0, 1)))
     settings = SimpleNamespace(starts=None, robust=None, stopped=lambda: False)
     first = found(5.0, tally(4, 4, 2))
-    assert turning.with_turns(None, first, settings, None, None) is first
+    assert contours.with_turns(None, first, settings, None, None) is first
 
 
 WAVE = np.sin(np.arange(100) / 10)
@@ -83,12 +83,12 @@ FEW_FAR = np.where(np.arange(100) % 20 == 0, 15.0, 1.0) * NOISE
 def test_residuals_that_are_no_noise(monkeypatch, residuals, astray):
     """Of as many as tell it; those of exact data are rounding."""
     every = np.concatenate(residuals)
-    monkeypatch.setattr(turning, "_along_contours", lambda *_: iter(residuals))
-    monkeypatch.setattr(turning, "rounding_at", lambda *_: 1e-11)
+    monkeypatch.setattr(contours, "_along_contours", lambda *_: iter(residuals))
+    monkeypatch.setattr(contours, "rounding_at", lambda *_: 1e-11)
     at = minimum(float(every @ every), every)
-    assert turning._astray(SimpleNamespace(count=len(every)), at) == astray
+    assert contours._astray(SimpleNamespace(count=len(every)), at) == astray
     unfinished = SimpleNamespace(residuals=every, reason=Reason.MAX_ITERATIONS, cost=at.cost)
-    assert not turning._astray(SimpleNamespace(count=len(every)), unfinished)
+    assert not contours._astray(SimpleNamespace(count=len(every)), unfinished)
 
 
 @pytest.mark.parametrize("rows", [0, 1])

@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("llvmlite")
 
 from mbm.kernels.native.engine import compiled, kept, vector_library
-from mbm.machine import blocks_of_rows, straight_line
+from mbm.machine import straight_line
 from mbm.machine.kinds import LANES
 from mbm.machine.program import Instruction, Operator, Program
 from mbm.machine.vector_text import Text
@@ -138,7 +138,7 @@ def library(request):
         return in_lines, kept(text.module(), text.module, None, 2, loops=False)
     programs = {f"op_{operator.value}": single(operator) for operator in Operator}
     given = None if request.param == "C library" else found
-    return in_blocks, compiled(blocks_of_rows.module_of(programs, given), None, 1)
+    return in_blocks, compiled(straight_line.module_of(programs, given), None, 1)
 
 
 def evaluated(library, operator, *columns):
@@ -265,7 +265,7 @@ def test_truths_add_up_and_masks_combine():
         ),
         outputs=(5, 8, -1, 2, 7),
     )
-    library = compiled(blocks_of_rows.module_of({"f": program}, None), None, 0)
+    library = compiled(straight_line.module_of({"f": program}, None), None, 0)
     inputs = np.array([[1.0, 2.0, 2.0, 3.0], [2.0, 2.0, 1.0, 0.0], [np.nan] * 4])
     outputs = np.empty((5, 4))
     call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from mbm.sparse.blocks import elimination, products, substitution
-from mbm.sparse.blocks.modules import blocks_module
-from mbm.sparse.blocks.names import product_name
-from mbm.sparse.blocks.parts import Products
+from mbm.sparse.blocks.parts import Products, product_name
+from mbm.sparse.routines import blocks_module
 
 ROUNDING = 1e-13
 """Sums of a few numbers of size 1."""

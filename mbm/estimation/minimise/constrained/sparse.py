@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.formulas import of_arrays
+from mbm.equations.manifolds import of_arrays
 from mbm.equations.metric import Forwarding
 from mbm.equations.types import Conflict, ConstraintState, Floats, Mask, Minimum, Reason
 from mbm.estimation.minimise.constrained.feasible import feasible_point
@@ -30,8 +30,7 @@ from mbm.solver.decisions import EXACT, FIRST_WEIGHT, HEAVIER, LOOSE, MET
 from mbm.solver.step_control import relative_offset
 from mbm.sparse.arithmetic import Arithmetic
 from mbm.sparse.equations import Blocked, blocked
-from mbm.sparse.newton import conjugate, products
-from mbm.sparse.place import inside
+from mbm.sparse.place import conjugate, inside, products
 from mbm.sparse.structure import Structure, Values
 from mbm.sparse.system import BlockJacobian, DeferredMatrix, Factorised, Plan, blocks_of, factorised, plan
 from mbm.values import dataclass

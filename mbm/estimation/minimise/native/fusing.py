@@ -14,7 +14,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.types import Indices
 from mbm.estimation.minimise.native.packing import Fused, triangle_kind
-from mbm.machine.fused import Part, fused
+from mbm.machine.merged import Part, fused
 from mbm.solver import description as of
 
 if TYPE_CHECKING:

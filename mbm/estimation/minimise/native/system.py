@@ -22,8 +22,7 @@ from mbm.estimation.minimise.native.packing import (
     system_arrays,
 )
 from mbm.estimation.minimise.native.range_maps import hand
-from mbm.estimation.minimise.native.suited import alike, handled
-from mbm.estimation.minimise.native.summing import sum_addresses, summable
+from mbm.estimation.minimise.native.suited import alike, handled, sum_addresses, summable
 from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code
 from mbm.estimation.settings import Settings
 from mbm.machine.records import address, inside, put, slot, view

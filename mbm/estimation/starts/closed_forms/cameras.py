@@ -18,7 +18,7 @@ from mbm.estimation.starts.closed_forms.numerics.planes import (
     likeliest_camera,
 )
 from mbm.estimation.starts.closed_forms.rows import Rows
-from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, Support
+from mbm.estimation.starts.closed_forms.types import Candidate, Situation, Support
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Component, Leaf, Number, Parameter, leaves
 from mbm.expression.projection import by_axes

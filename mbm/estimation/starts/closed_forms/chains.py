@@ -19,7 +19,7 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.frames import WholeFrame, some_rotation
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points, points_of
 from mbm.estimation.starts.closed_forms.rows import thinned
-from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation, Support
+from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Situation, Support
 from mbm.problem.types import UnknownKind
 from mbm.values import dataclass
 

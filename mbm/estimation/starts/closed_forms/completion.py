@@ -9,8 +9,7 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.starts.closed_forms.rows import finite
-from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, Support
-from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan
+from mbm.estimation.starts.closed_forms.types import Candidate, ClosedForm, Plan, Situation, Support
 from mbm.solver.decisions import plausible
 from mbm.values import dataclass
 

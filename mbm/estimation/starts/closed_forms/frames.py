@@ -10,7 +10,7 @@ import numpy as np
 
 from mbm.equations.types import Floats
 from mbm.estimation.starts.closed_forms.rows import finite
-from mbm.estimation.starts.closed_forms.situation import Candidate
+from mbm.estimation.starts.closed_forms.types import Candidate
 from mbm.problem.types import UnknownKind
 from mbm.rotations import cross_matrix, euler_angles, from_euler, planar, quaternion_of_matrix, vector_of_quaternion
 from mbm.values import dataclass

@@ -11,8 +11,7 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.chains import FRAME, REST, SAME_MOTION, put_pose
 from mbm.estimation.starts.closed_forms.products import Products, products_of
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
-from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation
 from mbm.rotations import nearest
 from mbm.values import dataclass
 

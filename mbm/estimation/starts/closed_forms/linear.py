@@ -14,8 +14,7 @@ import numpy as np
 from mbm.equations.binding import affine
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
-from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Plan, Situation
 from mbm.values import dataclass
 
 DETERMINED = 1e-12

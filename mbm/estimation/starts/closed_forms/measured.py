@@ -6,11 +6,10 @@ import numpy as np
 
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.starts.closed_forms.lines_of_sight import solved
+from mbm.estimation.starts.closed_forms.intersection import solved
 from mbm.estimation.starts.closed_forms.relative_poses import origin, relates, stepped
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
-from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation
 from mbm.values import dataclass
 
 NEWTON = 30

@@ -10,8 +10,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.completion import plans
-from mbm.estimation.starts.closed_forms.situation import Situation
-from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan
+from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan, Situation
 from mbm.values import dataclass
 
 

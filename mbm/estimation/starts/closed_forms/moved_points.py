@@ -11,7 +11,7 @@ import numpy as np
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.starts.closed_forms.frames import Frame, frames_of, some_rotation
 from mbm.estimation.starts.closed_forms.rows import Rows
-from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate
+from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate
 from mbm.rotations import cross_matrix
 from mbm.values import dataclass
 

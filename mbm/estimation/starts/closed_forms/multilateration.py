@@ -8,8 +8,7 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.starts.closed_forms.rows import Rows
-from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Plan, Situation
 from mbm.machine.records import put
 from mbm.solver.workspace import MOST_PLACES, SCRATCH, Ranges
 from mbm.values import dataclass

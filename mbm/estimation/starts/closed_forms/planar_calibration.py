@@ -38,8 +38,7 @@ from mbm.estimation.starts.closed_forms.chains import (
 )
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints
 from mbm.estimation.starts.closed_forms.rows import Rows
-from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Plan, Situation
 from mbm.values import dataclass
 
 AXES = ((0, 1, 2), (1, 2, 0))

@@ -9,8 +9,7 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.rows import Rows
-from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation
 from mbm.problem.manifold import Piece
 from mbm.values import dataclass
 

@@ -7,7 +7,7 @@ import numpy as np
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.native.code import AnyCode
 from mbm.estimation.starts.closed_forms.cameras import outlook
-from mbm.estimation.starts.closed_forms.lines_of_sight import directions
+from mbm.estimation.starts.closed_forms.intersection import directions
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points
 from mbm.estimation.starts.closed_forms.numerics.bearings import (
     plane_poses_from_bearings,
@@ -16,8 +16,7 @@ from mbm.estimation.starts.closed_forms.numerics.bearings import (
     poses_of_most,
 )
 from mbm.estimation.starts.closed_forms.rows import finite
-from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Plan, Situation
 from mbm.values import dataclass
 
 CENTRAL = 1e-7

@@ -8,8 +8,7 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose, put_pose, rows_of_products, without_poses
 from mbm.estimation.starts.closed_forms.products import products_in
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
-from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation
 from mbm.rotations import nearest
 from mbm.values import dataclass
 

@@ -25,7 +25,7 @@ from mbm.estimation.starts.closed_forms.numerics.bearings import poses_of_most
 from mbm.estimation.starts.closed_forms.pose_from_points import bearings_of, is_central
 from mbm.estimation.starts.closed_forms.rows import finite
 from mbm.estimation.starts.closed_forms.similarity import aligned, targets_of
-from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
+from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Situation
 from mbm.rotations import exponential, matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
 from mbm.values import dataclass
 

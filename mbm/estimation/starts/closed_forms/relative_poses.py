@@ -16,12 +16,11 @@ from mbm.equations.binding import Group
 from mbm.equations.layout import Entry
 from mbm.equations.manifolds import moved
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.starts.closed_forms.lines_of_sight import solved
+from mbm.estimation.starts.closed_forms.intersection import solved
 from mbm.estimation.starts.closed_forms.numerics.chordal import Frames, Motions, chordal
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
-from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, precision
 from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, shortest_ways
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation, precision
 from mbm.problem.manifold import Piece
 from mbm.problem.types import UnknownKind
 from mbm.rotations import hamilton, matrix_of_quaternion, planar, quaternion_of_matrix

@@ -8,8 +8,7 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.frames import Frame, frames_of, some_rotation
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points
 from mbm.estimation.starts.closed_forms.rows import Rows
-from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
-from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Plan, Situation
 from mbm.rotations import nearest
 from mbm.values import dataclass
 
