@@ -13,7 +13,7 @@ from math import fabs, inf, isfinite, sqrt
 from mbm.machine.words import ConstantReals, Integer, Reals
 from mbm.solver.consensus_records import ConsensusWork
 from mbm.solver.constraint_values import evaluate, tell_equations
-from mbm.solver.decisions import ROUNDING_OF_BOUNDS
+from mbm.solver.decisions import CONSTRAINT_SHARE, ROUNDING_OF_BOUNDS
 from mbm.solver.description import BOUNDS_AT, Problem
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled, multiplied
 from mbm.solver.manifolds import retract
@@ -21,9 +21,6 @@ from mbm.solver.trust_region import constraint_count
 
 NOT_TOLD = -1
 NO_VALUE = -1
-
-INDEPENDENT = 1e-9
-"""What is left of a constraint's derivative beside those of others, as a share of its own, if it says something new."""
 
 PUT_ROUNDS = 30
 """Newton steps to the constraints; one does where they are linear."""
@@ -67,7 +64,7 @@ def reduced_equations(problem: Problem, point: ConstantReals, work: ConsensusWor
         return NO_VALUE
     found = 0
     for _ in range(n):
-        largest = INDEPENDENT
+        largest = CONSTRAINT_SHARE
         first = NOT_TOLD
         column = 0
         for c in range(count):

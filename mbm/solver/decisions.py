@@ -21,6 +21,9 @@ ROUNDING_ERRORS = 4.0
 CONSENSUS_ROUNDING = 64.0 * EPSILON
 """The rounding error of a residual, by which units are told apart, in units of the terms that it is made of."""
 
+CONSTRAINT_SHARE = 1e-9
+"""What is left of a constraint's derivative beside those of others, as a share of its own, if it says something new."""
+
 ROUNDING_OF_BOUNDS = 4.0 * EPSILON
 """Relative error of a bound minus a number plus that number."""
 

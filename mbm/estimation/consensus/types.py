@@ -15,7 +15,7 @@ from mbm.equations.types import Floats, Indices, Mask, Minimum, Noise, Reason
 from mbm.estimation.search.starting import Beginning
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Block, BlockRole, Consensus, Problem
-from mbm.solver.consensus_constraints import INDEPENDENT
+from mbm.solver.decisions import CONSTRAINT_SHARE
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
@@ -76,7 +76,7 @@ def held_by(equations: Assembled, point: Floats, which: Mask, at_bound: Mask | N
     if not np.isfinite(left).all():
         return None
     columns: list[int] = []
-    while left.size and float(np.abs(left).max()) > INDEPENDENT:
+    while left.size and float(np.abs(left).max()) > CONSTRAINT_SHARE:
         row, column = np.unravel_index(int(np.argmax(np.abs(left))), left.shape)
         columns.append(int(column))
         left = left - np.outer(left[:, column], left[row]) / left[row, column]
