@@ -133,8 +133,11 @@ def tuned(weight: RelativeWeight, components: int, wanted: float = EFFICIENCY) -
     return high
 
 
-_gauss = cache(np.polynomial.legendre.leggauss)
-"""Nodes and weights; to make a hundred takes longer than the integral."""
+@cache
+def _gauss(count: int) -> tuple[Floats, Floats]:
+    """Nodes and weights; to make a hundred takes longer than the integral."""
+    found: tuple[Floats, Floats] = np.polynomial.legendre.leggauss(count)  # loaded here, for few losses ask for it
+    return found
 
 
 def _chi(scale: float, components: int) -> tuple[Floats, Floats]:
