@@ -12,9 +12,9 @@ from mbm.solver.filters import filter_steps
 from mbm.solver.lags import lag_scores
 from mbm.solver.minimal_pose import poses_of_many
 from mbm.solver.noise_roots import roots_of_covariances
+from mbm.solver.smoother_all import smooth_all
 from mbm.solver.smoother_cuts import renew_cuts
 from mbm.solver.smoother_lag import lag_end, lag_steps
-from mbm.solver.smoothers import smooth_all
 from mbm.solver.spheres import places_of_many
 from mbm.solver.tables import evaluate_rows
 

@@ -133,19 +133,6 @@ def spread_path(walk: Walk, first: Integer, last: Integer, free: Integer) -> Int
     return 1
 
 
-def smooth_all(walk: Walk) -> Integer:
-    """All steps, each given all rows, along the path that begins with the steps in `points`; how many were made."""
-    chain = walk.chain
-    begin_path(walk)
-    copied(chain.steps * chain.numbers, walk.points, walk.path)
-    filled(chain.steps * chain.noises, 0.0, walk.noises)
-    free = smooth(walk, 0, chain.steps - 1)
-    if free < 0 or spread_path(walk, 0, chain.steps - 1, free) == 0:
-        walk.failed = 1
-        return 0
-    return chain.steps
-
-
 def begin_forward(walk: Walk, first: Integer, free: Integer, part: Real) -> Real:
     """Let the path that is tried begin where a ``part`` of the step leads; what that adds to the cost."""
     n = walk.chain.n

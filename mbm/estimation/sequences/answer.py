@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.assembly import Assembled, loss_lines, rooted_residuals
 from mbm.equations.binding import Group
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Observability, Reason
@@ -86,7 +86,10 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
     counted = replace(equations, groups=groups)
     residuals = counted.plain_residuals(numbers)
     reason = _reason(walked)
-    fit = _fit(walked, reason)
+    # What losses leave of the squares of rows is in the cost of a walk, whatever these are beside the walk.
+    rooted = rooted_residuals(counted, residuals)
+    cost = track.cost + float(np.nansum(np.square(residuals) - np.square(rooted)))
+    fit = _fit(walked, reason, cost)
     hypotheses = _hypotheses(walked, free)
     lost = int(track.opens[max(track.made - 1, 0)])
     return Solution(
@@ -246,13 +249,13 @@ def _reason(walked: Walked) -> Reason:
     return Reason.ONE_STEP if walked.chained.linear else Reason.SMALL_OFFSET
 
 
-def _fit(walked: Walked, reason: Reason) -> Fit:
+def _fit(walked: Walked, reason: Reason, cost: float) -> Fit:
     """Cost and degrees of freedom: rows and equations, less the rank of what has no prior."""
     seen, track = walked.chained.seen, walked.track
     rows = int(seen.residuals[: track.made].sum())
     rank = int(walked.prior.open.sum()) - (int(track.opens[track.made - 1]) if track.made else 0)
     lossy = walked.solved.equations.lossy
-    found = fit_statistics(track.cost, rows, rank, noise_stated=not lossy, equalities=track.equations)
+    found = fit_statistics(cost, rows, rank, noise_stated=not lossy, equalities=track.equations)
     return found if reason.converged else Fit(cost=found.cost, dof=found.dof, sigma0=found.sigma0, chi2_p=None)
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.assembly import Assembled
+from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.excerpt import excerpt
@@ -48,7 +48,8 @@ def starts_of_all_steps(
     settings: Settings,
     cache: EvaluationCache,
 ) -> Mapping[str, Floats]:
-    """``starts`` with those of all unknowns where states carried on from the first step fit poorly, and others better.
+    """``starts`` with those of all unknowns where states carried on from the first step fit poorly, or losses may have
+    several minima, and others fit better.
 
     States with ``starts`` from outside begin there, and so do all others then. Constraints are left out.
     """
@@ -60,13 +61,17 @@ def starts_of_all_steps(
     if equations.linear or np.isnan(layout.start).any() or equations.implicit is not None:
         return starts
     carried = {e.unknown.name: layout.start[e.range] for e in layout.entries if e.unknown.is_state}
-    if not _poor(equations, layout.start):
+    convex = all(loss.convex for loss, _ in loss_lines(equations))
+    if convex and not _poor(equations, layout.start):
         return {**carried, **starts}
     best, settled = _smoothed(problem, kernels, tables, starts, settings, cache)
     if best is None or not settled or cost_at(equations, best) > POOR * equations.count:
         ends = [_grown(equations, binder, kernels, settings), best]
         found = [minimise(equations, point, _rough(settings)) for point in ends if point is not None]
         best = min(found, key=lambda end: end.cost).point if found else layout.start
+    elif not convex:
+        ended = minimise(equations, layout.start, _rough(settings))
+        best = ended.point if ended.cost < cost_at(equations, best) else best
     if not cost_at(equations, best) < cost_at(equations, layout.start):
         return {**carried, **starts}
     return {**{e.unknown.name: best[e.range] for e in layout.entries}, **starts}

@@ -25,6 +25,12 @@ BEYOND_BOUNDS = Code(
     "The solve is `infeasible`, as with the same limit in a constraint.",
     "Use `:constraints truncate`, by which bounds and inequalities cut, or `batch` or `(smoother)`, which meet them.",
 )
+INTERVAL_BEYOND_BOUNDS = Code(
+    "interval-beyond-bounds",
+    "An estimate keeps to `:in` or `positive`, but its 95 % interval reaches beyond: a filter that does not cut its "
+    "distribution takes no notice of bounds, and a smoother that does not has estimates alone meet them (a warning).",
+    "Use `:constraints truncate`, by which bounds cut the distribution, or `batch`, whose intervals keep to bounds.",
+)
 
 ANOTHER_HYPOTHESIS = Code(
     "another-hypothesis",
@@ -50,6 +56,18 @@ def beyond_bounds(span: Span | None, name: str, steps: int | None) -> Diagnostic
         message=f"`{name}` is outside its bounds{where}: this filter does not use them",
         place=span,
         hint=BEYOND_BOUNDS.mend,
+    )
+
+
+def interval_beyond_bounds(span: Span | None, name: str, steps: int | None) -> Diagnostic:
+    """An unknown whose 95 % interval reaches beyond its bounds: at so many steps (None: it is no state)."""
+    where = "" if steps is None else f" at {steps} step{'' if steps == 1 else 's'}"
+    return Diagnostic(
+        code=INTERVAL_BEYOND_BOUNDS,
+        severity=Severity.WARNING,
+        message=f"the 95 % interval of `{name}` reaches beyond its bounds{where}: they are not used for it",
+        place=span,
+        hint=INTERVAL_BEYOND_BOUNDS.mend,
     )
 
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.layout import within_turns
-from mbm.equations.types import Mask
+from mbm.equations.types import Floats, Mask
 from mbm.estimation.search.solution import Solution
 from mbm.estimation.sequences import faults
+from mbm.estimation.trust.nonlinearity import NORMAL_95
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.types import Problem
 from mbm.text.types import Diagnostic, MbmError
@@ -48,21 +49,28 @@ def meets_limits(problem: Problem, solution: Solution) -> bool:
     return not bool(_beyond(solution).any())
 
 
-def beyond_bounds(problem: Problem, solution: Solution) -> Iterator[Diagnostic]:
-    """A warning for each unknown that is somewhere beyond its bounds."""
+def beyond_bounds(solution: Solution, *, cut: bool) -> Iterator[Diagnostic]:
+    """A warning for each unknown that is somewhere beyond its bounds, or whose 95 % interval is, unless these ``cut``
+    its distribution.
+    """
     outside = _beyond(solution)
+    sigma = np.zeros(len(outside))
+    sigma[solution.free] = np.nan_to_num(solution.covariance.sigma)
+    reached = _beyond(solution, -NORMAL_95 * sigma) | _beyond(solution, NORMAL_95 * sigma)
     for entry in solution.layout.entries:
-        own = outside[entry.coordinates].reshape(entry.members, -1).any(axis=1)
-        if bool(own.any()):
-            steps = int(own.sum()) if entry.unknown.is_state else None
-            yield faults.beyond_bounds(entry.unknown.span, entry.unknown.name, steps)
+        for places, said in ((outside, faults.beyond_bounds), (reached & (not cut), faults.interval_beyond_bounds)):
+            own = places[entry.coordinates].reshape(entry.members, -1).any(axis=1)
+            if bool(own.any()):
+                steps = int(own.sum()) if entry.unknown.is_state else None
+                yield said(entry.unknown.span, entry.unknown.name, steps)
+                break
 
 
-def _beyond(solution: Solution) -> Mask:
-    """Coordinates (M,) whose number is beyond its bounds."""
+def _beyond(solution: Solution, moved: Floats | float = 0.0) -> Mask:
+    """Coordinates (M,) whose number is beyond its bounds, or would be if it were ``moved`` (M,)."""
     layout = solution.layout
     lower = np.where(layout.positive, np.maximum(layout.lower, 0.0), layout.lower)
     numbers = within_turns(solution.numbers, layout.number, layout.angle, layout.lower, layout.upper)
-    values = np.where(layout.number >= 0, numbers[layout.number], np.nan)
+    values = np.where(layout.number >= 0, numbers[layout.number], np.nan) + moved
     with np.errstate(invalid="ignore"):
         return np.asarray((values < lower) | (values > layout.upper))

@@ -149,9 +149,8 @@ def walked(
     walk = walk_of(ready, kernels, key=key, starts=starts, stopped=settings.stopped)
     walk = replace(walk, together=_together(ready, walk.track, settings))
     found = solution_of(walk, seconds=lambda: perf_counter() - began)
-    if ready.sequence.estimator.whole:
-        return found
-    return replace(found, diagnostics=(*found.diagnostics, *beyond_bounds(problem, found)))
+    said = beyond_bounds(found, cut=ready.rules.cut)
+    return replace(found, diagnostics=(*found.diagnostics, *said))
 
 
 def _together(ready: Begun, track: Track, settings: Settings) -> Observability | None:
