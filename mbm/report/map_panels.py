@@ -50,8 +50,7 @@ def draw_map(found: Map, axes_of: Floats, title: str, axes: Axes) -> None:
     axes.set_title(title, fontsize=10)
     unit = f" ({found.unit})" if found.unit else ""
     if axes_of.shape[1] == 2 or np.array_equal(axes_of, np.eye(3)[:2]):
-        axes.set_xlabel(f"x{unit}")
-        axes.set_ylabel(f"y{unit}")
+        axes.set(xlabel=f"x{unit}", ylabel=f"y{unit}")
     axes.set_aspect("equal", adjustable="datalim")
     axes.autoscale_view()
     finish(axes, legend=True)

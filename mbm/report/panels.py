@@ -91,8 +91,7 @@ def _draw_region(found: Region, axes: Axes) -> None:
     axes.plot(around[:, 0], around[:, 1], color=BLUE, linewidth=1.0)
     axes.plot(*found.centre, "+", color=BLUE, markersize=7)
     labels = [f"{name} ({unit})" if unit else name for name, unit in zip(found.names, found.units, strict=True)]
-    axes.set_xlabel(labels[0])
-    axes.set_ylabel(labels[1])
+    axes.set(xlabel=labels[0], ylabel=labels[1])
     axes.set_title(f"{found.names[0]} and {found.names[1]}: {plain(100 * found.level, 6)} % region", fontsize=10)
     finish(axes, legend=False)
 
@@ -113,8 +112,7 @@ def draw_data(data: PlotData, axes: Axes) -> None:
     if data.abscissa is None and data.measured.shape[1] == 2:
         axes.plot(data.measured[:, 0], data.measured[:, 1], "o", color=BLUE, markersize=4, label="measured")
         axes.plot(data.model[:, 0], data.model[:, 1], "x", color=RED, markersize=5, label="model")
-        axes.set_xlabel(data.labels[0])
-        axes.set_ylabel(data.labels[1])
+        axes.set(xlabel=data.labels[0], ylabel=data.labels[1])
         axes.set_aspect("equal", adjustable="datalim")
     else:
         _draw_over_abscissa(data, axes)
@@ -175,8 +173,7 @@ def draw_residuals(clause: str, rows: Sequence[ResidualRow], axes: Axes) -> None
     axes.set_ylim(-limit, limit)
     axes.locator_params(axis="x", integer=True)
     axes.set_title(f"residuals of {clause}", fontsize=10)
-    axes.set_xlabel("row")
-    axes.set_ylabel("residual / standard deviation")
+    axes.set(xlabel="row", ylabel="residual / standard deviation")
     finish(axes, legend=bool(component.max() > 1 or not used.all()))
 
 
@@ -208,8 +205,7 @@ def _draw_over_key(key: str, name: str, points: Sequence[tuple[object, Scalar]],
         axes.set_xticks(x, [cut(str(where), LONGEST_MARK) for where, _ in points], rotation=45, ha="right")
     unit = unit_text(points[0][1].quantity)
     axes.set_title(f"{name}: guaranteed bounds" if bounded else f"{name} ± standard deviation", fontsize=10)
-    axes.set_xlabel(key or "solve")
-    axes.set_ylabel(f"{name} ({unit})" if unit else name)
+    axes.set(xlabel=key or "solve", ylabel=f"{name} ({unit})" if unit else name)
     finish(axes, legend=False)
 
 
@@ -223,8 +219,10 @@ def _draw_ellipses(solves: Sequence[SolveReport], name: str, pair: tuple[int, in
             if estimate.quantity.name != name:
                 continue
             quantity = estimate.quantity
-            axes.set_xlabel(_axis_label(quantity.name, pair[0], unit_text(quantity)))
-            axes.set_ylabel(_axis_label(quantity.name, pair[1], unit_text(quantity)))
+            axes.set(
+                xlabel=_axis_label(quantity.name, pair[0], unit_text(quantity)),
+                ylabel=_axis_label(quantity.name, pair[1], unit_text(quantity)),
+            )
             for centre, covariance in zip(*_plane(solve, estimate, pair), strict=True):
                 axes.plot(*centre, marker, color=BLUE, markersize=size)
                 if np.all(np.isfinite(covariance)):

@@ -71,8 +71,8 @@ def main_file(blueprint: Blueprint) -> str:
     several = any(u.size > 1 or u.freedom > 1 or u.family is not None for u in blueprint.unknowns)
     if several or any(d.table or d.size > 1 for d in blueprint.derived):
         lines.append("    long c;")
-    printed = [line for unknown in blueprint.unknowns for line in _printed(blueprint, unknown)]
-    printed += [line for derived in blueprint.derived for line in _printed_derived(blueprint, derived)]
+    shapes: tuple[UnknownShape | DerivedShape, ...] = (*blueprint.unknowns, *blueprint.derived)
+    printed = [line for shape in shapes for line in _printed(blueprint, shape)]
     if any("snprintf(key" in bare(line) for line in printed):
         lines.append("    char key[32];")
     lines += [
@@ -131,30 +131,32 @@ def _solve_one(blueprint: Blueprint) -> Iterator[str]:
     )
 
 
-def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
-    many = unknown.size > 1 or unknown.freedom > 1
-    family = unknown.family is not None
-    yield f"    {remark(unknown.name)}"
+def _printed(blueprint: Blueprint, shape: UnknownShape | DerivedShape) -> Iterator[str]:
+    """The lines of an unknown or a derived quantity: of each member or row ``m`` each number ``c``."""
     pad = "    "
-    if family:
-        yield f"    for (m = 0; m < result->{unknown.identifier}_members; m++)"
-    if family or many:
-        yield f"{pad}for (c = 0; c < {unknown.size}; c++) {{"
+    if isinstance(shape, UnknownShape):
+        over, many, rows = shape.family is not None, shape.size > 1 or shape.freedom > 1, "members"
+        key, lines = _member_key(blueprint, shape) if over else ("NULL", [])
+    else:
+        over, many, rows = shape.table is not None, shape.size > 1, "rows"
+        key, lines = ("key", ['snprintf(key, sizeof key, "%ld", m + 1);']) if over else ("NULL", [])
+    yield f"    {remark(shape.name)}"
+    if over:
+        yield f"    for (m = 0; m < result->{shape.identifier}_{rows}; m++)"
+    if over or many:
+        yield f"{pad}for (c = 0; c < {shape.size}; c++) {{"
         pad += "    "
     if blueprint.for_each:
         yield from key_text(blueprint, pad)
-    key = "NULL"
-    if family:
-        key, lines = _member_key(blueprint, unknown)
-        yield from (pad + line for line in lines)
-    place = f"{'m' if family else '0'} * {unknown.size} + {'c' if family or many else '0'}"
-    yield f"{pad}csv_put_name(stdout, {literal(unknown.name)}, {key}, {'c + 1' if many else '0'});"
-    if unknown.dimension:
+    yield from (pad + line for line in lines)
+    place = f"{'m' if over else '0'} * {shape.size} + {'c' if over or many else '0'}"
+    yield f"{pad}csv_put_name(stdout, {literal(shape.name)}, {key}, {'c + 1' if many else '0'});"
+    if isinstance(shape, UnknownShape) and shape.dimension:
         # numbers of rotations and the like; their standard deviations belong to coordinates, which are others
-        yield f'{pad}printf(",%.17g,,\\n", result->{unknown.identifier}[{place}]);'
+        yield f'{pad}printf(",%.17g,,\\n", result->{shape.identifier}[{place}]);'
     else:
-        yield from _value(unknown.identifier, place, unknown.scale, unknown.unit, pad)
-    if family or many:
+        yield from _value(shape.identifier, place, shape.scale, shape.unit, pad)
+    if over or many:
         yield "    }"
 
 
@@ -164,30 +166,6 @@ def _value(identifier: str, place: str, scale: Scale, unit: Foreign, pad: str) -
         f'{pad}printf(",%.17g,", {in_unit(f"result->{identifier}[{place}]", scale)});',
         f"{pad}print_rest(result->{identifier}_sigma[{place}] / {number(scale.factor)}, {literal(unit)});",
     )
-
-
-def _printed_derived(blueprint: Blueprint, derived: DerivedShape) -> Iterator[str]:
-    over = derived.table is not None
-    many = over or derived.size > 1
-    yield f"    {remark(derived.name)}"
-    pad = "    "
-    if over:
-        yield f"    for (m = 0; m < result->{derived.identifier}_rows; m++)"
-    if many:
-        yield f"{pad}for (c = 0; c < {derived.size}; c++) {{"
-        pad += "    "
-    if blueprint.for_each:
-        yield from key_text(blueprint, pad)
-    key = "NULL"
-    if over:
-        key = "key"
-        yield f'{pad}snprintf(key, sizeof key, "%ld", m + 1);'
-    component = "c + 1" if derived.size > 1 else "0"
-    yield f"{pad}csv_put_name(stdout, {literal(derived.name)}, {key}, {component});"
-    place = f"{'m' if over else '0'} * {derived.size} + {'c' if many else '0'}"
-    yield from _value(derived.identifier, place, derived.scale, derived.unit, pad)
-    if many:
-        yield "    }"
 
 
 def _member_key(blueprint: Blueprint, unknown: UnknownShape) -> tuple[str, list[str]]:

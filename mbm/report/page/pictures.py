@@ -175,6 +175,5 @@ def _draw_leverage(pairs: Any, axes: Axes) -> None:
 
 
 def _titled(axes: Axes, below: str, beside: str) -> None:
-    axes.set_xlabel(below)
-    axes.set_ylabel(beside)
+    axes.set(xlabel=below, ylabel=beside)
     finish(axes, legend=False)

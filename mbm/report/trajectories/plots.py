@@ -44,8 +44,7 @@ def _unit(found: Trajectory) -> str:
 
 
 def _axes(axes: Axes, found: Trajectory) -> None:
-    axes.set_xlabel(f"x{_unit(found)}")
-    axes.set_ylabel(f"y{_unit(found)}")
+    axes.set(xlabel=f"x{_unit(found)}", ylabel=f"y{_unit(found)}")
     axes.set_aspect("equal", adjustable="datalim")
 
 
@@ -102,8 +101,7 @@ def _cumulative(axes: Axes, found: Trajectory) -> None:
     for each in found.rpe:
         label = f"steps of {each.step:g} {each.unit or 'rows'}"
         _share(axes, each.errors.translation / each.errors.factor, label)
-    axes.set_xlabel(f"error{_unit(found)}")
-    axes.set_ylabel("part of the errors below")
+    axes.set(xlabel=f"error{_unit(found)}", ylabel="part of the errors below")
     axes.set_ylim(0, 1)
     axes.legend(fontsize=8, loc="lower right")
     axes.set_title("cumulative", fontsize=9)
