@@ -28,6 +28,14 @@ SKEW = 1.0 / 36.0
 """Excess of a row beyond which χ² is not the distribution of its deviance: that of 5 counts."""
 
 
+SMALLEST = 1.0 / 6.0
+"""Mean excess of rows beyond which their deviance follows from their sum alone, as that of single trials does."""
+
+LARGER = 1.5
+"""Times the mean excess of small counts by which their deviance is larger than χ², at most: of 4 to 60 rows of 0.2 to 8
+counts, or of 3 to 20 trials, no more than 1.1 % are then beyond the 99 % of χ²."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Readings:
     """What a group with a likelihood has beside its residuals.
@@ -321,14 +329,26 @@ def untested(excess: Floats, rows: Floats) -> Mask:
     return np.asarray((excess > np.sqrt(0.5 * rows)) | (excess > SKEW * rows))
 
 
-def is_untested(equations: Members) -> bool:
-    """The same of one solve."""
+@np.errstate(all="ignore")
+def larger(excess: Floats, rows: Floats) -> Floats:
+    """By what factor (K,) deviances are larger than χ² at most, so that larger ones show that counts scatter too much.
+
+    NaN where nothing shows it: in limits, long tails, and single trials.
+    """
+    share = np.nan_to_num(excess / rows)
+    return np.where((share <= SMALLEST) & np.isfinite(excess), 1.0 + LARGER * share, np.nan)
+
+
+def excess_of(equations: Members) -> tuple[Floats, Floats]:
+    """The excess of one solve (1,), and in so many rows (1,)."""
     stated = [each for _, each in likely(equations.groups)]
-    if not stated:
-        return False
     excess = sum(float(each.excess.sum()) for each in stated)
-    rows = sum(len(each.excess) for each in stated)
-    return bool(untested(np.array([excess]), np.array([float(rows)]))[0])
+    return np.array([excess]), np.array([float(sum(len(each.excess) for each in stated))])
+
+
+def is_untested(equations: Members) -> bool:
+    """Whether χ² says nothing of one solve."""
+    return bool(untested(*excess_of(equations))[0])
 
 
 def _of_weights(group: Member) -> float:

@@ -37,6 +37,16 @@ def _doses(doses: Floats, animals: int) -> Kind:
     )
 
 
+def _differing(rows: int, noise: str, spread: float = 1.0) -> Kind:
+    """Of 20 trials 30 % succeed, in some rows more and in others fewer."""
+
+    def draw(rng: np.random.Generator, runs: int) -> Mapping[str, Any]:
+        share = 0.3 + spread * (rng.beta(3, 7, (runs, rows)) - 0.3)
+        return {"n": 1.0 * rng.binomial(20, share)}
+
+    return drawn(problem("(p :init 0.3)", f"(= n (* 20 p)) {noise}"), draw, {"p": 0.3})
+
+
 def _relative(share: float, model: str = "") -> Kind:
     text = problem("(a :init 2) (b :init 1)", f"{LINE} :sigma {model or f'(* {share} model)'}")
     return drawn(
@@ -166,6 +176,10 @@ KINDS: Mapping[str, Kind] = {
         lambda rng, runs: {"y": 1.0 * rng.binomial(20, 0.15, size=(runs, 1))},
         {"p": 0.15},
     ),
+    "shares that differ between 40 rows": _differing(40, ":distribution (binomial 20)"),
+    "shares that differ between 15 rows": _differing(15, ":distribution (binomial 20)"),
+    "shares that differ between 15 rows, unknown factor": _differing(15, ":sigma (unknown (sqrt model))"),
+    "shares of 15 rows": _differing(15, ":distribution (binomial 20)", spread=0.0),
     "line, 5 % of model": _relative(0.05),
     "line, 20 % of model": _relative(0.2),
     "line, unknown share of model": _relative(0.1, "(unknown model)"),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.components import counted_of, degrees_columns, informing_slopes
+from mbm.estimation.batches.components import Counted, counted_of, degrees_columns, informing_slopes
 from mbm.estimation.batches.doubts import doubtful, misread, stationary
 from mbm.estimation.batches.factor import (
     Factors,
@@ -28,7 +28,7 @@ from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.surface import held_back, limited_columns, near_limits
 from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows, Which, places_of
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
-from mbm.estimation.trust.plausibility import IMPROBABLE, follows_statement
+from mbm.estimation.trust.plausibility import IMPROBABLE, UNLIKELY, follows_statement
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.types import Block, BlockRole, Problem
 from mbm.solver.decisions import usual_cost
@@ -67,8 +67,8 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
     derived = tuple(derived_columns(each, owner, stack, reported, spread.factor) for owner, each in owners)
     solved &= spread.sound & np.isfinite(cost) & _all_finite([one.sigma for one in derived], len(which))
     sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
-    tails = _tails(stack, cost if lossy else counts.tested(scattered), freedom, solved & ~counts.untested & known)
-    chi2_p = np.full(len(which), np.nan) if lossy else tails
+    tails = _tails(stack, counts, cost if lossy else counts.tested(scattered), freedom, solved & known)
+    chi2_p = np.full(len(which), np.nan) if lossy else np.where(counts.untested, np.nan, tails)
     undoubted = _undoubted(problem, portion, ends, found, spread, derived, residuals, surface)
     undoubted &= ~(examined_alone | misread(problem, stack, which, portion, residuals, found.basis, noise))
     degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom, counts)
@@ -98,7 +98,7 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
         outliers=_outliers(problem, stack, which, portion, ends, residuals),
         counting=counting if lossy or ends.kept is not None else None,
         priors=_priors(problem, stack, portion, ends.points),
-        clean=solved & undoubted & ~(chi2_p < IMPROBABLE),
+        clean=solved & undoubted & (lossy | ~(tails < IMPROBABLE)),
         solved=solved,
         expected=(ends.cost < _usual_costs(freedom)) & known,
         challenged=_challenged(ends, other=lossy or stack.equations.likely or surface is not None),
@@ -287,14 +287,18 @@ def _outliers(
     return tuple(found)
 
 
-def _tails(stack: Stack, cost: Floats, freedom: Indices, solved: Mask) -> Floats:
-    """P(χ² > cost) (K,); NaN without degrees of freedom, where nothing is solved, or nothing follows stated noise."""
+def _tails(stack: Stack, counts: Counted, cost: Floats, freedom: Indices, solved: Mask) -> Floats:
+    """P(χ² > cost) (K,); NaN without degrees of freedom, where nothing is solved, or nothing follows stated noise.
+
+    Where χ² says nothing but that counts scatter too much, it is NaN where it does not say that.
+    """
     result = np.full(len(cost), np.nan)
     if stack.equations.lossy and not follows_statement(stack.equations):
         return result
-    asked = solved & (freedom > 0)
-    result[asked] = chi_square_tails(solver_code(stack.equations), cost[asked], freedom[asked])
-    return result
+    asked = solved & (freedom > 0) & ~np.isnan(counts.larger)
+    tested = (cost / counts.larger)[asked]
+    result[asked] = chi_square_tails(solver_code(stack.equations), tested, freedom[asked])
+    return np.where(counts.untested & ~(result < UNLIKELY), np.nan, result)
 
 
 def _all_finite(parts: Sequence[Floats], count: int) -> Mask:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.likelihoods import Readings, likely, untested
+from mbm.equations.likelihoods import Readings, larger, likely, untested
 from mbm.equations.manifolds import of_arrays
 from mbm.equations.spreads import Freedom
 from mbm.equations.types import Floats, Indices, Mask
@@ -243,14 +243,16 @@ def _converged(ends: Ends) -> Mask:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Counted:
-    """What K solves count: χ² and the number of its residuals, log L (None: no likelihood), whether χ² is none, how
-    many rows with an unknown scale are ``limits``, and the squares of residuals that are ``uncounted``.
+    """What K solves count: χ² and the number of its residuals, log L (None: no likelihood), whether χ² is none, by
+    what factor it is `larger`, how many rows with an unknown scale are ``limits``, and the squares of residuals that
+    are ``uncounted``.
     """
 
     cost: Floats
     rows: Indices
     log_likelihood: Floats | None
     untested: Mask
+    larger: Floats
     limits: Floats
     uncounted: Floats
 
@@ -272,8 +274,10 @@ def counted_of(stack: Stack, which: Which, residuals: Floats, rows: Indices) -> 
     squares = np.square(residuals)
     cost, none = squares.sum(axis=1), np.zeros(len(residuals), dtype=bool)
     if not stack.equations.likely:
-        zeros = np.zeros(len(cost))
-        return Counted(cost=cost, rows=rows, log_likelihood=None, untested=none, limits=zeros, uncounted=zeros)
+        zeros, ones = np.zeros(len(cost)), np.ones(len(cost))
+        return Counted(
+            cost=cost, rows=rows, log_likelihood=None, untested=none, larger=ones, limits=zeros, uncounted=zeros
+        )
     surprise, excess, lines, limits = (np.zeros(len(cost)) for _ in range(4))
     whole, taken = cost, np.zeros(len(cost), dtype=np.int64)
     every: dict[int, Readings] = {group.number: stated for group, stated in likely(stack.equations.groups)}
@@ -299,7 +303,13 @@ def counted_of(stack: Stack, which: Which, residuals: Floats, rows: Indices) -> 
         taken += count * outputs
     log_likelihood, none = -0.5 * whole - surprise, untested(excess, lines)
     return Counted(
-        cost=cost, rows=rows, log_likelihood=log_likelihood, untested=none, limits=limits, uncounted=whole - cost
+        cost=cost,
+        rows=rows,
+        log_likelihood=log_likelihood,
+        untested=none,
+        larger=np.where(none, larger(excess, lines), 1.0),
+        limits=limits,
+        uncounted=whole - cost,
     )
 
 

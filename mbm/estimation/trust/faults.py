@@ -34,7 +34,8 @@ IMPROBABLE_NOISE = Code(
     "improbable-noise",
     "Chi² is as large, or as small, as the stated noise makes it in one of a hundred solves: the noise is probably "
     "stated too small or too large, and so are the standard deviations, which follow it (a warning).",
-    "Check `:sigma`; let the residuals tell it with `:sigma (unknown FORM)`.",
+    "Check `:sigma`; let the residuals tell it with `:sigma (unknown FORM)`. Counts that scatter more than their "
+    "distribution lets them vary between rows: `:sigma (unknown (sqrt model))` in its place.",
 )
 UNEVEN_NOISE = Code(
     "uneven-noise",

@@ -16,7 +16,8 @@ import numpy as np
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, mentioned
-from mbm.equations.types import Covariance, Floats, Mask, Minimum
+from mbm.equations.likelihoods import excess_of, larger
+from mbm.equations.types import Covariance, Fit, Floats, Mask, Minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust import faults as trust_faults
 from mbm.estimation.trust.coarse import autocorrelation, coarse_readings, directions, readings_at_edges
@@ -132,8 +133,17 @@ def _tail(problem: Problem, equations: Assembled, outcome: Statistics) -> float 
     fit = outcome.fit
     if equations.lossy and not follows_statement(equations):
         return None
+    if fit.chi2_p is None and fit.sigma0 is not None and equations.likely:
+        return None if equations.lossy or problem.estimates_noise else _scattered(equations, fit)
     tested = not equations.lossy or equations.rows is not None or equations.likely or problem.estimates_noise
     return fit.chi2_p if tested or fit.sigma0 is None else chi_square_tail(fit.cost, fit.dof)
+
+
+def _scattered(equations: Assembled, fit: Fit) -> float | None:
+    """The same of counts that are too small for χ², which shows that they scatter too much, and no more."""
+    factor = float(larger(*excess_of(equations))[0])
+    tail = chi_square_tail(fit.cost / factor, fit.dof) if np.isfinite(factor) else 1.0
+    return tail if tail < UNLIKELY else None
 
 
 def improbable(tail: Floats, sigma0: Floats, *, lossy: bool) -> Mask:
