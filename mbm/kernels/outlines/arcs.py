@@ -33,6 +33,9 @@ RULED, UNEVEN, THINNED = 1e-6, 4.0, 8
 in another, so that Gauss points and polynomials do on the longer chords; and of how many nodes one is kept.
 """
 
+SPARSELY = 4
+"""Of so many nodes of a grid one tells the size of a surface."""
+
 POINT = 1e-10
 """Parameter beside a side that is a single point, where D would vanish all along."""
 
@@ -185,7 +188,7 @@ def _patch(surveyor: Surveyor, sheet: int, places: tuple[int, ...], numbers: Flo
         return None
     places3 = grid[..., :3]
     around = _around(places3)
-    size = np.ptp(places3.reshape(-1, 3), axis=0).max()
+    size = np.ptp(places3[::SPARSELY, ::SPARSELY].reshape(-1, 3), axis=0).max()
     extended = np.ptp(around, axis=1).max(axis=1) > SAME * size
     sides = tuple(side if long else None for side, long in zip(around, extended.tolist(), strict=True))
     if not extended.all():

@@ -18,8 +18,14 @@ from mbm.values import dataclass
 CHORDS = 2
 """Parts that a span of a curved arc is cut into for the search."""
 
-FEW_CHORDS, LOOKED_AT = 96, (3, 12)
-"""Chords of which all are looked at; and those of more that are looked at, first and where these leave doubt."""
+FEW_CHORDS = 64
+"""Chords of which all are looked at; of more it takes less time to choose."""
+
+SQUARES = 32
+"""Cells of points along the extent of an outline."""
+
+DEARER = 8
+"""Times as long as with all chords a distance takes from one that was chosen."""
 
 TOGETHER = 500_000
 """Distances of points from chords that are computed together."""
@@ -138,34 +144,54 @@ def _on_polynomials(points: Floats, coefficients: Floats, share: Floats) -> Floa
 def _nearest(points: Floats, starts: Floats, ways: Floats) -> Indices:
     """Which chord is nearest to each point.
 
-    Many chords are cut to about the same length, and those of the nearest middles looked at. What belongs to another
-    middle is no nearer than that less half a length; where this is less than what was found, more are looked at.
+    Points are taken cell by cell. Of many chords, those are looked at that may be nearest to one of a cell: no farther
+    from the points' middle than the one nearest to it and twice the distance of the farthest of them.
     """
     if len(starts) <= FEW_CHORDS:
-        return np.asarray(np.argmin(_squared_gaps(points, starts, ways), axis=0))
-    from scipy.spatial import cKDTree  # by outlines of many chords only
+        return _nearest_of_all(points, starts, ways)
+    points = np.where(np.isfinite(points), points, starts[0])  # to what is not finite any is
+    low, size = starts.min(axis=0), max(float(np.ptp(starts, axis=0).max()) / SQUARES, 1e-300)
+    column, row = np.clip((points - low) / size, -SQUARES, 2 * SQUARES).astype(np.int64).T
+    number = column * (4 * SQUARES) + row
+    order = np.argsort(number, kind="stable")
+    first = np.flatnonzero(np.diff(number[order], prepend=number.min() - 1))
+    count = np.diff(first, append=len(points))
+    middles = np.add.reduceat(points[order], first) / count[:, None]
+    away = np.square(points[order] - np.repeat(middles, count, axis=0)).sum(axis=1)
+    gaps = np.sqrt(_squared_gaps(middles, starts, ways)).T
+    most = gaps.min(axis=1) + 2 * np.sqrt(np.maximum.reduceat(away, first))
+    cell, chord = np.nonzero(gaps <= most[:, None] * (1 + 1e-12))
+    many = np.bincount(cell)
+    pairs = np.repeat(many, count)
+    if DEARER * pairs.sum() > len(points) * len(starts):
+        return _nearest_of_all(points, starts, ways)
+    begin = np.repeat(np.cumsum(many) - many, count)
+    best, ends = np.empty(len(points), dtype=np.int64), np.cumsum(pairs)
+    for some in np.split(np.arange(len(points)), np.searchsorted(ends, np.arange(TOGETHER, ends[-1], TOGETHER))):
+        if len(some):
+            best[order[some]] = _nearest_of(points[order[some]], starts, ways, chord, (begin[some], pairs[some]))
+    return best
 
-    lengths = np.hypot(*ways.T)
-    cuts = np.ceil(lengths / max(float(lengths.mean()), 1e-300)).astype(np.int64).clip(1)
-    owner = np.repeat(np.arange(len(cuts)), cuts)
-    share = (np.arange(len(owner)) - np.repeat(np.cumsum(cuts) - cuts, cuts) + 0.5) / cuts[owner]
-    middles, half = cKDTree(starts[owner] + share[:, None] * ways[owner]), float((lengths / cuts).max()) / 2
-    columns = (*starts.T.copy(), *ways.T.copy(), np.maximum(lengths**2, 1e-300))
-    best, left = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
-    for count in LOOKED_AT:
-        far, near = middles.query(points[left], k=count)
-        near = owner[near.T]
-        x, y, u, v, squares = (each[near] for each in columns)
-        x, y = points[left, 0] - x, points[left, 1] - y
-        share = np.clip((x * u + y * v) / squares, 0, 1)
-        squared, line = np.square(x - share * u) + np.square(y - share * v), np.arange(len(left))
-        nearest = np.argmin(squared, axis=0)
-        best[left] = near[nearest, line]
-        left = left[far[:, -1] - half < np.sqrt(squared[nearest, line])]
-        if not len(left):
-            return best
-    for some in np.array_split(left, len(left) * len(starts) // TOGETHER + 1):
-        best[some] = np.argmin(_squared_gaps(points[some], starts, ways), axis=0)
+
+def _nearest_of_all(points: Floats, starts: Floats, ways: Floats) -> Indices:
+    parts = np.array_split(points, len(points) * len(starts) // TOGETHER + 1)
+    return np.concatenate([np.argmin(_squared_gaps(each, starts, ways), axis=0) for each in parts])
+
+
+def _nearest_of(
+    points: Floats, starts: Floats, ways: Floats, chord: Indices, of_each: tuple[Indices, Indices]
+) -> Indices:
+    """Which chord is nearest to each point, of those that stand in ``chord`` from a place on, so many of each point."""
+    begin, pairs = of_each
+    place = np.cumsum(pairs) - pairs
+    line = np.repeat(np.arange(len(points)), pairs)
+    own = chord[np.arange(len(line)) + np.repeat(begin - place, pairs)]
+    (x, y), (u, v) = (points[line] - starts[own]).T, ways[own].T
+    share = np.clip((x * u + y * v) / np.maximum(u * u + v * v, 1e-300), 0, 1)
+    squared = np.square(x - share * u) + np.square(y - share * v)
+    found = np.flatnonzero(squared == np.minimum.reduceat(squared, place)[line])
+    best = np.empty(len(points), dtype=np.int64)
+    best[line[found]] = own[found]
     return best
 
 

@@ -27,6 +27,15 @@ def test_nearest_chords(count, uneven):
     np.testing.assert_allclose(found, expected, atol=1e-10)
 
 
+def test_points_that_are_nowhere_leave_the_others_alone():
+    turn = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    ways = np.roll(ring, -1, axis=0) - ring
+    points = np.array([[np.nan, 0.0], *(1.3 * (ring + ways / 2)), [np.inf, np.nan]])
+    assert _nearest(points, ring, ways)[1:-1].tolist() == list(range(300))
+    assert _nearest(np.tile(points[1], (3, 1)), ring, ways).tolist() == [0, 0, 0]
+
+
 def test_feet_on_polynomials():
     """Spans that turn by about half a rad, from values and derivatives at three places; the foot is a root."""
     rng = np.random.default_rng(5)
