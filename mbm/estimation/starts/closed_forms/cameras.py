@@ -25,7 +25,7 @@ from mbm.expression.projection import by_axes
 from mbm.rotations import nearest
 from mbm.values import dataclass
 
-ONE_FOCAL, CENTRE, DISTORTION = 2, (3, 4), 5
+ONE_FOCAL, DISTORTION = 2, 5
 """Kinds of a camera's numbers: 0 and 1 are focal lengths of the axes, this is one for both; 3 and 4 the centre."""
 
 

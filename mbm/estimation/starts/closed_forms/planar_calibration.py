@@ -18,7 +18,6 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.cameras import (
-    CENTRE,
     Camera,
     Lens,
     camera_numbers,
@@ -41,9 +40,21 @@ from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Plan, Situation
 from mbm.values import dataclass
 
-AXES = ((0, 1, 2), (1, 2, 0))
-"""Right, down, forward among x, y, z: OpenCV's cameras, and the paper's."""
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Axes:
+    """``turn`` (3, 3) leads from x, y, z of a camera to right, down, forward; ``signs`` (2,) of its image to these."""
+
+    turn: Floats
+    signs: Floats
+
+
+OPENCV = Axes(turn=np.eye(3), signs=np.ones(2))
+AXES = (
+    OPENCV,
+    Axes(turn=np.eye(3)[[1, 2, 0]], signs=np.ones(2)),  # the paper's, but for a half turn of the image
+    Axes(turn=np.diag([1.0, -1.0, -1.0]), signs=np.array([1.0, -1.0])),  # OpenGL's; its pinholes are turned OpenCV's
+)
 
 PLANAR = 1e-9
 """Extent of the points across their plane beside the largest."""
@@ -68,7 +79,7 @@ class View:
     image: Floats
     basis: Floats
     origin: Floats
-    axes: tuple[int, int, int]
+    axes: Axes
     eye: Eye | None
     places: Indices
     inverse: bool
@@ -161,7 +172,7 @@ def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> I
     lens, axes = next((kind for kind in kinds if _is_camera(found.moved, *kind)), (Lens.PINHOLE, None))
     eye = standing(found.moved) if axes is None else None
     if axes is not None:
-        seen = lens.image(PROBE[list(axes)]) - _sign(found.moved, axes) * found.moved.values(PROBE)
+        seen = lens.image(axes.turn @ PROBE) - axes.signs * _sign(found.moved, axes) * found.moved.values(PROBE)
     elif eye is not None:
         seen = eye.image(PROBE) - found.moved.values(PROBE)
     else:
@@ -184,7 +195,7 @@ def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> I
             image=seen[rows],
             basis=basis.T,
             origin=origin,
-            axes=axes or AXES[0],
+            axes=axes or OPENCV,
             eye=eye,
             places=np.empty(0, dtype=np.int64) if link is None else link.places(int(link.member[rows[0]])),
             inverse=link is not None and link.inverse,
@@ -193,18 +204,18 @@ def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> I
         )
 
 
-def _sign(moved: MovedPoints, axes: tuple[int, int, int]) -> float:
+def _sign(moved: MovedPoints, axes: Axes) -> float:
     """Whether the residual is model − measured (1) or the other way round (-1): what is farther right is seen so."""
-    change = moved.values(PROBE + np.eye(3)[axes[0]])[0, 0] - moved.values(PROBE)[0, 0]
+    change = moved.values(PROBE + axes.turn[0])[0, 0] - moved.values(PROBE)[0, 0]
     return 1.0 if change > 0 else -1.0
 
 
-def _is_camera(moved: MovedPoints, lens: Lens, axes: tuple[int, int, int]) -> bool:
+def _is_camera(moved: MovedPoints, lens: Lens, axes: Axes) -> bool:
     """Whether images move as those of an undistorted camera with focal length 1, this lens and these axes."""
-    sign, order = _sign(moved, axes), list(axes)
+    signs = _sign(moved, axes) * axes.signs
     first = moved.values(PROBE)
     for other in (np.array([0.6, -0.3, 1.1]), np.array([1.7, 0.2, 0.9])):
-        expected = sign * (lens.image(other[order]) - lens.image(PROBE[order]))
+        expected = signs * (lens.image(axes.turn @ other) - lens.image(axes.turn @ PROBE))
         if not np.allclose(moved.values(other) - first, expected, rtol=AGREEMENT, atol=AGREEMENT):
             return False
     return True
@@ -226,7 +237,8 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
         numbers, homographies = found
         # Images that a pinhole turns about its centre with positive numbers are those of the opposite centre.
         turned = first.ahead * first.sense if first.lens is Lens.PINHOLE else 1.0
-        numbers = numbers * np.where(np.isin(camera.kinds, CENTRE), turned, first.sense)
+        senses = np.array([first.sense] * 3 + [turned, turned * first.axes.signs[1], 1.0])
+        numbers = numbers * senses[list(camera.kinds)]
         mine = np.flatnonzero((places[:, data.columns] == camera.places).all(axis=1))
         result[np.ix_(mine, data.columns)] = numbers
         for view, each in zip(views, homographies, strict=True):
@@ -238,9 +250,8 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
 def _pose(view: View, homography: Floats) -> Floats:
     """The pose (7,) from a homography to the image of focal length 1; the plane is before the camera."""
     R, t = pose_of_plane(homography * np.array([[view.sense], [view.sense], [1.0]]), view.ahead)
-    order = np.argsort(view.axes)  # from right, down, forward to x, y, z
-    R = R[order] @ view.basis.T
-    t = t[order] - R @ view.origin
+    R = view.axes.turn.T @ R @ view.basis.T
+    t = view.axes.turn.T @ t - R @ view.origin
     if view.eye is not None:
         R, t = view.eye.R.T @ R, view.eye.R.T @ (t - view.eye.t)
     return FRAME.numbers(np.ones(()), R.T, -R.T @ t) if view.inverse else FRAME.numbers(np.ones(()), R, t)
