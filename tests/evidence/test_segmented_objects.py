@@ -113,6 +113,21 @@ def test_few_points_on_a_wrong_edge_are_noticed(tmp_path):
     assert all(check(tmp_path, "l-block", 1016, 1))
 
 
+def test_a_pose_that_the_search_misses_follows_from_those_that_look_the_same(tmp_path):
+    """Three of the four poses of this box are met: the fourth is one after the motion between two of them."""
+    R = Rotation.from_rotvec([2.4168, -0.4634, -0.7124]).as_matrix()
+    t = np.array([-0.0473, 0.0088, 0.5475])
+    found = solved(tmp_path, "box", R, t, np.random.default_rng(6))
+    alike = [
+        found.estimates[0].value,
+        *(a.estimates[0].value for a in found.alternatives if a.cost < 1.001 * found.cost),
+    ]
+    assert len(alike) == 4
+    for S in SAME["box"]:
+        attitudes = [Rotation.from_quat(np.roll(value[:4], -1)).as_matrix() for value in alike]
+        assert sum(np.linalg.norm(found - R @ S) < 0.01 for found in attitudes) == 1
+
+
 @pytest.mark.parametrize("seed", [1016, 1199])
 def test_a_box_of_which_a_face_is_seen_edge_on_is_found(tmp_path, seed):
     """The other side of edge-on costs little more; of the second the truth is there, 69 σ away: that is said.

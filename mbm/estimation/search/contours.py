@@ -1,10 +1,14 @@
-"""Fits to measured contours: the lower minima around one, and those on the other side of a face seen nearly edge-on."""
+"""Fits to measured contours: the lower minima around one, and those on the other side of a face seen nearly edge-on.
+
+And the poses in which an object looks the same, of those that the search has not met: the motion from one such pose to
+another is a symmetry of the object, wherever the two were found, and what it makes of the best looks the same as that.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import compress
+from itertools import compress, permutations
 
 import numpy as np
 
@@ -12,15 +16,18 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.metric import minimum_norms, rounding_at
 from mbm.equations.types import Floats, Mask, Minimum
 from mbm.estimation.minimise.minimise import minima
-from mbm.estimation.search.basins import equal_costs
-from mbm.estimation.search.search import Found, Tally, search
+from mbm.estimation.search.basins import equal_costs, same_minimum
+from mbm.estimation.search.search import Found, Tally, other_minimum, search
 from mbm.estimation.search.starting import Beginning
-from mbm.estimation.search.twins import Agreement
+from mbm.estimation.search.twins import Agreement, separation
+from mbm.estimation.search.valleys import Walks
 from mbm.estimation.settings import Settings
+from mbm.estimation.starts.random_starts import costs
 from mbm.estimation.starts.silhouettes.hulls import pictures_of
 from mbm.expression.nodes import Outlined
 from mbm.problem.manifold import Piece
-from mbm.problem.types import Problem
+from mbm.problem.types import Problem, UnknownKind
+from mbm.rotations import matrix_of_quaternion, quaternion_of_matrix, unit
 from mbm.solver.decisions import takes_over
 
 TURN = np.radians(5.0)
@@ -199,3 +206,70 @@ def steps_to(equations: Assembled, point: Floats, others: Floats) -> Floats:
 
 SMALL = 1e-4
 """Of a unit: how far coordinates move for the derivatives of numbers by them, which are constant to its square."""
+
+
+MOST = 24
+"""Rotations of a cube onto itself; beyond these an object is round, and its pose free."""
+
+ALIKE = 1e-2
+"""Of the cost: what a motion between two minima, each a little off its own, adds to that of a third."""
+
+POSE = 7
+"""Numbers of a pose of space."""
+
+
+def with_symmetric_ones(equations: Assembled, found: Found, settings: Settings, problem: Problem) -> Found:
+    """``found`` with those minima that look the same as the best and follow from the others."""
+    walks, known = Walks(equations, settings.stopped), [found.minimum, *(each.minimum for each in found.alternatives)]
+    added: list[Minimum] = []
+    more = True
+    while more and len(added) < MOST and not settings.stopped():
+        more = False
+        for point in _symmetric(equations, found.minimum, known):
+            other = next(iter(minima(equations, point[None], settings, problem.span)))
+            alike = other.reason.converged and equal_costs(other.cost, found.minimum.cost)
+            if alike and not any(same_minimum(walks, each, other) for each in known):
+                known.append(other)
+                added.append(other)
+                more = True
+                break
+    every = (*found.alternatives, *(other_minimum(equations, each, 1) for each in added))
+    return replace(
+        found,
+        alternatives=tuple(sorted(every, key=lambda a: a.minimum.cost)),
+        iterations=found.iterations + sum(each.iterations for each in added),
+        evaluations=found.evaluations + sum(each.evaluations for each in added),
+    )
+
+
+def _symmetric(equations: Assembled, best: Minimum, known: Sequence[Minimum]) -> Iterator[Floats]:
+    """The points (N,) to which motions between minima of one cost take the best one, if they cost hardly more."""
+    pairs = [(a.point, b.point) for a, b in permutations(known, 2) if equal_costs(a.cost, b.cost)]
+    for entry in equations.layout.entries:
+        if entry.unknown.kind is not UnknownKind.POSE or entry.unknown.size != POSE:
+            continue
+        for first in range(entry.offset, entry.offset + entry.count, POSE):
+            own = slice(first, first + POSE)
+            moved = [_composed(best.point[own], _composed(_inverse(a[own]), b[own])) for a, b in pairs]
+            points = np.tile(best.point, (len(moved), 1))
+            points[:, own] = np.array(moved).reshape(-1, POSE)
+            if len(points):
+                near = points[costs(equations, points) <= (1.0 + ALIKE) * best.cost]
+                yield from (point for point in near if not any(_is(equations, each, point) for each in known))
+
+
+def _is(equations: Assembled, minimum: Minimum, point: Floats) -> bool:
+    """Whether a point is no farther from a minimum than a motion between two others may be off."""
+    moved = separation(equations, minimum.point, point[None])[0] * minimum_norms(minimum)
+    return float(moved @ moved) <= ALIKE * minimum.cost
+
+
+def _composed(first: Floats, second: Floats) -> Floats:
+    """The pose (7,) that is the first after the second."""
+    turn, other = matrix_of_quaternion(unit(first[:4])), matrix_of_quaternion(unit(second[:4]))
+    return np.concatenate([quaternion_of_matrix(turn @ other), turn @ second[4:] + first[4:]])
+
+
+def _inverse(pose: Floats) -> Floats:
+    turn = matrix_of_quaternion(unit(pose[:4])).T
+    return np.concatenate([quaternion_of_matrix(turn), -turn @ pose[4:]])

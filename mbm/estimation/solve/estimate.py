@@ -152,10 +152,11 @@ def estimate(
         found = challenge.answered(search(equations, robust.starts, settings, problem, agrees))
         if SILHOUETTES in found.origin:
             # Loaded by starts from silhouettes only, so that the others start at once.
-            from mbm.estimation.search.contours import with_faces_turned, with_turns
+            from mbm.estimation.search.contours import with_faces_turned, with_symmetric_ones, with_turns
 
             found = with_turns(equations, found, settings, problem, agrees)
             found = with_faces_turned(equations, found, settings, problem, agrees)
+            found = with_symmetric_ones(equations, found, settings, problem)
     if _places_poses(equations) and found.origin != GIVEN:
         # Loaded by families of poses only, so that the others start at once.
         from mbm.estimation.search.rival_places import with_rival_places
