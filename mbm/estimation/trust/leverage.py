@@ -2,6 +2,10 @@
 
 What shows it is the residual from the fit without the row, over its standard deviation there, and how far the row moves
 that fit, in standard deviations of the estimates (Belsley, Kuh and Welsch 1980, Regression Diagnostics, chapter 2).
+
+Where a loss descends again, a row may hold alone what others would hold, whose weight it has taken: a false loop of a
+pose graph in the place of the two steps at the ends of a stretch. Without it the fit goes where these want it; if all
+rows together, that one too, cost less there, the minimum was not the least.
 """
 
 from __future__ import annotations
@@ -12,8 +16,12 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.excerpt import excerpt
+from mbm.equations.metric import cost_at
 from mbm.equations.surface import plainly_affine
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
+from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.settings import Settings
 from mbm.estimation.trust import faults
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
@@ -87,6 +95,19 @@ CHANCE = 0.01
 MOVED = 1.0
 """Standard deviations by which such a row moves the estimates from where the others have them."""
 
+ALONE, KEPT = 0.01, 0.25
+"""Share of what is known where a row is that others know, up to which it holds alone, and the weight of rows that are
+not left out: the others then have weights below a hundredth, at ten deviations of a Cauchy loss."""
+
+TRIED = 12
+"""Rows that are left out by turns, those that move the fit farthest first."""
+
+BETTER = 1.0
+"""How much less all rows cost at a better place, in squared standard deviations: more than a minimum is rounded by."""
+
+ROUGH = Settings(tolerance=1e-3, max_iterations=20)
+"""Of places that are compared."""
+
 
 @np.errstate(all="ignore")
 def drawn(residuals: Floats, basis: Floats, weights: Floats, rows: Indices, share: float = 0.0) -> Mask:
@@ -102,6 +123,26 @@ def drawn(residuals: Floats, basis: Floats, weights: Floats, rows: Indices, shar
     limit = np.sqrt(2.0 * np.log(np.maximum(rows, 2) / CHANCE))[..., None]
     found = (misfit > limit * (1.0 - share)) & (moved > MOVED * (1.0 - share)) & (weights > 0.0)
     return np.asarray(found | ((rest <= 0.0) & (leverage > 0.0)))
+
+
+@np.errstate(all="ignore")
+def _usurping(equations: Assembled, minimum: Minimum, basis: Floats, weights: Floats) -> Mask:
+    """Rows (m,) without which the fit goes to where all rows, these too, cost less; as `drawn` is given them."""
+    found = np.zeros(equations.count, dtype=bool)
+    if all(loss.convex for loss, _ in loss_lines(equations)):
+        return found
+    leverage = np.square(basis).sum(axis=1)
+    rest = 1.0 - weights * leverage
+    moved = weights * np.abs(equations.plain_residuals(minimum.point)) * np.sqrt(leverage) / rest
+    alone = (rest < ALONE) & (rest > 0.0) & (weights > KEPT) & (moved > MOVED)
+    units, cost = np.unique(equations.units), cost_at(equations, minimum.point)
+    farthest = dict.fromkeys(equations.units[alone][np.argsort(-moved[alone], kind="stable")].tolist())
+    for unit in list(farthest)[:TRIED]:
+        others = excerpt(replace(equations, numbers=minimum.point), equations.free, np.setdiff1d(units, [unit]))
+        there = minimise(others, minimum.point, ROUGH).point
+        if cost_at(equations, there) < cost - BETTER:
+            found |= equations.units == unit
+    return found
 
 
 @np.errstate(all="ignore")
@@ -123,6 +164,7 @@ def leverage(
     for _, lines in loss_lines(equations):
         lossy[lines] = True
     wrong = drawn(equations.plain_residuals(minimum.point), basis, weights, rows) & lossy
+    wrong |= _usurping(equations, minimum, basis, weights) & lossy
     shares = np.where(wrong, weights * np.square(basis).sum(axis=1), 0.0)
     wrong &= shares >= shares.max(initial=0.0) / 2.0  # the others are what these draw the fit away from
     told = []
