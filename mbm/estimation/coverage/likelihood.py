@@ -20,11 +20,12 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.spreads import Freedom, Limited, Moved
-from mbm.equations.types import Floats, Indices, Mask, Minimum
+from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
 from mbm.estimation.coverage.certain import Certain, certain
 from mbm.estimation.coverage.parabolas import Parabolas, Pieces, parabolas
+from mbm.estimation.coverage.quantities import Coordinates, Quantities, quantities
 from mbm.estimation.coverage.shares import Followed, grown_enough, share_between, sides
-from mbm.estimation.coverage.within_limits import Coordinates, Profile, Quantities, QuantityProfile, quantities
+from mbm.estimation.coverage.within_limits import Profile, QuantityProfile
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
 from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED, OF_LIKELIHOODS
@@ -96,8 +97,9 @@ class Likelihood:
     ``certain`` knows the probability of data that other values would make certain (None: none would).
     ``alone`` (n,) are standard deviations of coordinates if all others are known; ``derived`` gives the quantities that
     are looked at, by their numbers. ``edges`` are limits of several coordinates, ``linear`` has the profiles where all
-    is linear (None: it is not). Profiles are ``followed`` unless that would take too long, and not of coordinates (n,)
-    that are free in combination with others, ``combined``. What uncertain constants do is in ``moved``.
+    is linear (None: it is not); ``leaving`` (n, q) are steps in the directions that limits take away. Profiles are
+    ``followed`` unless that would take too long, and not of coordinates (n,) that are free in combination with others,
+    ``combined``. What uncertain constants do is in ``moved``.
     """
 
     equations: Assembled
@@ -115,6 +117,7 @@ class Likelihood:
     derived: Callable[[int], Quantities | None]
     linear: Parabolas | None
     edges: Edges
+    leaving: Floats
     moved: Moved
 
     @property
@@ -191,14 +194,15 @@ class Likelihood:
                     for end, far in zip(numbers.ends, reached[which], strict=True):
                         end[place] = far[place]
             elif self.followed and followed < MOST_FOLLOWED and wide.sigma[place] != 0.0:
-                if not found.felt(place, self.equations, self.alone):
+                felt, told = found.felt(place, self.equations, self.alone), bool(numbers.sigma[place] > 0.0)
+                beside = {} if felt else found.beside(place, self.equations, self.leaving)
+                if not felt and not beside:
                     continue
-                told = bool(numbers.sigma[place] > 0.0)
                 fewest = int(touched[own.freedom.dof[touched].argmin()])
                 law = numbers.law(place, scaled=self.scaled) if told else own.law(fewest, scaled=self.scaled)
                 gradient, first = found.gradient[place], float(wide.sigma[place])
                 if not first > 0.0:
-                    first = float(np.linalg.norm(gradient * self.alone))
+                    first = float(np.linalg.norm(gradient * self.alone)) if felt else min(map(abs, beside))
                 spread = first if self.linear is None else self.linear.spread(gradient)
                 law = self._law(law, spread, direct[:, place] + moved.free @ gradient)
                 pieces = (
@@ -214,6 +218,7 @@ class Likelihood:
                     (moved.free / law.inflation, own_moves),
                     self.variance,
                     self.settings,
+                    beside,
                 )
                 followed += pieces is None
                 if told and _agrees(profile, law, wide, place):
@@ -333,9 +338,16 @@ def likelihood(
         followed=followed,
         derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
         linear=parabolas(equations, minimum, outcome.covariance.variance) if followed else None,
+        leaving=_leaving(observed) * np.sqrt(outcome.covariance.variance),
         edges=_edges(equations, minimum, outcome.covariance.factor),
         moved=Moved(coordinates=np.zeros((0, count)), free=np.zeros((0, count)), own=np.zeros((0, 1)), dof=np.zeros(0)),
     )
+
+
+def _leaving(observed: Observability) -> Floats:
+    """Steps (n, q) of about a standard deviation each, of unit variance, in the directions that limits take away."""
+    space = np.eye(len(observed.fixed))[:, observed.fixed]
+    return (space if observed.limited_space is None else observed.limited_space) / observed.scale[:, None]
 
 
 def _edges(equations: Assembled, minimum: Minimum, factor: Floats) -> Edges:

@@ -14,7 +14,7 @@ from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.uncertainty.degrees import common
-from mbm.estimation.uncertainty.observability import limited, pinned, pinned_coordinates, propagate
+from mbm.estimation.uncertainty.observability import STILL, limited, pinned, pinned_coordinates, propagate
 from mbm.estimation.uncertainty.statistics import Statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of
@@ -106,7 +106,8 @@ class Propagation:
                     each.reshape(spread.shape)
                     for each in pinned(self.outcome.observed, part.reshape(spread.size, width))
                 )
-                still |= held_too[lines] & ~part.any(axis=-1)
+                constant = ~part.any(axis=-1) | (cannot_vary(stated[lines], spread) if derived.kind is None else False)
+                still |= held_too[lines] & constant & ~certain
                 reason = PINNED if bool(still.any()) else reason
                 if derived.kind is None:
                     held = (cannot_vary(stated[lines], spread) & ~still) | certain
@@ -153,6 +154,8 @@ class Propagation:
             return np.zeros(shape, dtype=bool)
         held = np.zeros(len(self.equations.layout.number), dtype=bool)
         held[self.equations.free] = pinned_coordinates(observed)
+        if observed.limited_space is not None:
+            held[self.equations.free] |= (np.abs(observed.limited_space) > STILL).any(axis=1)
         if group.gathered is not None:
             return np.full(shape, bool(held[group.reached[group.reached < len(held)]].any()))
         of_output = kernel.jacobian_rows[:, None] == np.arange(kernel.outputs)

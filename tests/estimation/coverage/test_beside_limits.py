@@ -278,6 +278,30 @@ def test_a_ratio_beside_what_a_limit_holds_ends_where_its_least_cost_has_grown(e
     assert found["inverse"].interval() == pytest.approx([1 / high, 1 / low], rel=NEAR)
 
 
+@pytest.mark.parametrize("more", ["", "(>= b -0.05)"])
+@pytest.mark.parametrize("last", [1.8, 2.0])
+@pytest.mark.parametrize("each", ["", "(for-each k)"])
+def test_what_has_no_slope_beside_a_limit_of_several_goes_as_far_as_its_profile(
+    more: str, last: float, each: str
+) -> None:
+    """The square of how far a + b, the line at 1, is from its limit, as far as least cost allows."""
+    x, y = np.arange(1.0, 5.0), np.array([2.1, 1.9, 2.2, last])
+    text = f"""(problem p (data d external) (unknowns (a) (b)) {each} (constraints (<= (+ a b) 2) {more})
+        (observe d (= y (+ a (* b x))) :sigma 0.2)
+        (derive (sum (+ a b)) (square (^ (- 2 (+ a b)) 2)) (more (+ 1 (^ (- 2 (+ a b)) 2)))))"""
+    found = mbm.loads(text).solve(data={"d": {"x": x, "y": y, "k": np.zeros(4)}}).solves[0]
+    slope, ahead = np.polyfit(x - 1.0, y, 1)
+    assert ahead > 2.0
+    scale = 0.2 * np.sqrt(1 / 4 + 1.5**2 / 5)
+    begin = ahead + scale * norm.ppf(0.05 * norm.cdf((2.0 - ahead) / scale))
+    assert found["sum"].interval() == pytest.approx([begin, 2.0], rel=NEAR)
+    # b is above its own limit wherever a + b is below 2, and so has no part in this
+    assert slope > -0.07 and np.isnan(found["more"].sigma) and np.isnan(found["sum"].sigma)
+    far = np.sqrt((ahead - 2.0) ** 2 + (norm.ppf(0.975) * scale) ** 2) - (ahead - 2.0)
+    assert found["square"].interval() == pytest.approx([0.0, far**2], rel=NEAR, abs=1e-6)
+    assert found["more"].interval() == pytest.approx([1.0, 1.0 + far**2], rel=NEAR)
+
+
 @pytest.mark.parametrize("limit", [-2.098, 0.429, 0.822, 2.342])
 def test_ends_at_a_limit_of_several_lie_within_it(limit: float) -> None:
     y = limit + 0.2 + 0.2 * X + np.array([0.1, -0.2, 0.15, -0.05])

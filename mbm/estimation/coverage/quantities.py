@@ -1,0 +1,153 @@
+"""Derived quantities and coordinates as numbers whose profiles are followed: values, gradients, and how far they go."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import Group, affine
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.search.solution import DerivedSolution
+from mbm.estimation.trust.curvature import MOST_DERIVED
+from mbm.estimation.uncertainty.derived import Propagation
+from mbm.estimation.uncertainty.observability import STILL
+from mbm.values import dataclass
+
+BETWEEN = 64
+"""Places on each side of an estimate at which quantities of it alone are looked at."""
+
+LEAVING = np.geomspace(0.03, 4.0, 8)
+"""Steps out of a limit, in standard deviations, where a quantity without a slope at the limit is looked at."""
+
+FAR = 100.0
+"""The logarithm of the farthest of them where that side has no end."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Quantities:
+    """The numbers (k,) of a derived quantity, of the ``group``, with their ``values`` (k,) at the estimates.
+
+    These are the ``point`` (N,). Reported angles are ``turned`` (N,) from those of the equations. ``gradient`` (k, n)
+    is that at the estimates, and ``columns`` (M,) the place of each coordinate among the free ones, -1 elsewhere.
+    ``straight``: it is the same everywhere.
+    """
+
+    group: Group
+    point: Floats
+    turned: Floats
+    values: Floats
+    gradient: Floats
+    columns: Indices
+    angle: bool
+    straight: bool
+
+    def touched(self, place: int) -> Indices:
+        """The free coordinates that a number is made of."""
+        row, output = divmod(place, self.group.kernel.outputs)
+        kernel = self.group.kernel
+        own = self.group.columns[row % len(self.group.columns), kernel.jacobian_columns[kernel.jacobian_rows == output]]
+        own = own if self.group.gathered is None else self.group.reached
+        found = self.columns[own[own < len(self.columns)]]
+        return np.unique(found[found >= 0])
+
+    @np.errstate(all="ignore")
+    def changes(self, points: Floats) -> Floats:
+        """How far they are (P, k) from their values at points (P, N)."""
+        moved = self.group.values_at(points + self.turned).reshape(len(points), -1) - self.values
+        return moved - 2 * np.pi * np.round(moved / (2 * np.pi)) if self.angle else moved
+
+    def slope(self, place: int, point: Floats) -> Floats:
+        """The gradient (n,) of one of them at a point (N,)."""
+        width = self.gradient.shape[1]
+        dense = self.group.dense_jacobian(point + self.turned, self.columns, width)
+        return np.asarray(dense.reshape(-1, width)[place])
+
+    def felt(self, place: int, equations: Assembled, alone: Floats) -> bool:
+        """Whether one of them has a slope: not one that is rounding beside what steps ``alone`` (n,) make of it.
+
+        Nothing leads away from where it has none, as a product of two numbers at 0.
+        """
+        steps = np.diag(alone)[self.touched(place)]
+        steps = np.vstack([steps, steps.sum(axis=0)])
+        points = equations.retract(np.tile(self.point, (2 * len(steps), 1)), np.vstack([steps, -steps]))
+        moved = np.abs(self.changes(points)[:, place])
+        slope = float(np.abs(self.gradient[place]) @ alone)
+        return slope > STILL * float(moved[np.isfinite(moved)].max(initial=0.0))
+
+    @np.errstate(all="ignore")
+    def beside(self, place: int, equations: Assembled, leaving: Floats) -> dict[float, Floats]:
+        """Points (N,) by how far one of them is from its value there, along the only one of the steps (n, q).
+
+        It has no slope, and several that leave their limits at once lead nowhere.
+        """
+        if leaving.shape[1] != 1:
+            return {}
+        steps = leaving.T * np.concatenate([LEAVING, -1.0 * LEAVING])[:, None]
+        points = equations.retract(np.tile(self.point, (len(steps), 1)), steps)
+        changes = self.changes(points)[:, place]
+        return {
+            float(change): point
+            for change, point in zip(changes, points, strict=True)
+            if abs(change) > 0.0 and _within(equations, point)
+        }
+
+    def reach(self, number: int, below: float, above: float) -> tuple[Floats, Floats]:
+        """How far they go (k,) below and above while one ``number`` goes so far; NaN where that is not known."""
+        grid = np.linspace(0.0, 1.0, BETWEEN)[1:]
+        far = np.concatenate([-1.0 * _distances(grid, below), _distances(grid, above)])
+        points = np.tile(self.point, (1 + len(far), 1))
+        points[1:, number] += far
+        moved = self.changes(points)
+        return -moved.min(axis=0), moved.max(axis=0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coordinates:
+    """The free coordinates as quantities: their ``numbers`` (n,) among all, with ``values`` (n,) at the estimates."""
+
+    numbers: Indices
+    values: Floats
+
+    def changes(self, points: Floats) -> Floats:
+        """How far they are (P, n) from their values at points (P, N)."""
+        return np.asarray(points[:, self.numbers] - self.values)
+
+    def slope(self, place: int, _: Floats) -> Floats:
+        """The gradient (n,) of one of them."""
+        return np.asarray(np.eye(len(self.numbers))[place])
+
+
+def _within(equations: Assembled, point: Floats) -> bool:
+    """Whether a point is within all limits."""
+    place = equations.coordinates(point)
+    limits = equations.constraint_values(point)[~equations.equality]
+    return bool((limits <= 0.0).all() and (equations.lower <= place).all() and (place <= equations.upper).all())
+
+
+def _distances(grid: Floats, reach: float) -> Floats:
+    """Places up to a distance, which may be infinite."""
+    return reach * grid if np.isfinite(reach) else np.append(np.expm1(FAR * grid[:-1]), np.inf)
+
+
+def quantities(propagation: Propagation, one: DerivedSolution, point: Floats) -> Quantities | None:
+    """The numbers of a derived quantity at the estimates ``point`` (N,).
+
+    None: they are rotations or the like, too many, or their rows follow several formulas.
+    """
+    equations, stated = propagation.equations, propagation.problem.derived[one.owner]
+    groups = propagation.binder.derived(propagation.kernels, one.owner)
+    several = len(groups) != 1 or groups[0].rows != len(one.values)
+    if stated.kind is not None or one.gradient is None or several or one.values.size > MOST_DERIVED:
+        return None
+    columns = np.full(len(equations.layout.number), -1, dtype=np.int64)
+    columns[equations.free] = np.arange(equations.dimension)
+    return Quantities(
+        group=groups[0],
+        point=point,
+        turned=equations.layout.reported(point) - point,
+        values=one.values.ravel(),
+        gradient=one.gradient,
+        columns=columns,
+        angle=stated.angle,
+        straight=not stated.angle and affine(groups[0], columns >= 0),
+    )
