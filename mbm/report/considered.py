@@ -4,6 +4,10 @@ The estimates are those of the values. Solved again with a constant moved by a s
 sides, half of the difference of the answers, divided by that share, is S u, with S the derivative of everything that is
 reported; the covariances gain (S u)(S u)ᵀ, which holds what the constant does to estimates, to derived quantities, and
 to both together.
+
+The residuals e move by D, the constants' part of them that the unknowns do not take up: they have the covariance
+M + D Dᵀ, with M the projector on what unknowns leave, and e in its range, so that eᵀ(I + D Dᵀ)⁻¹e is χ² with the
+degrees of freedom of the fit.
 """
 
 from __future__ import annotations
@@ -14,12 +18,16 @@ from math import inf
 
 import numpy as np
 
+from mbm.equations.faults import NOISE_AGAINST_DATA
 from mbm.equations.spreads import Freedom, Moved
+from mbm.estimation.trust.faults import IMPROBABLE_NOISE
+from mbm.estimation.trust.plausibility import noise_doubts
 from mbm.estimation.uncertainty.derived import PINNED
 from mbm.estimation.uncertainty.student import coverage_factor
 from mbm.report.elements import difference, element_names
 from mbm.report.spreads import ConsideredConstant, Ends, Floats, Spread
-from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Result, SolveReport
+from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Examined, Result, SolveReport
+from mbm.solver.chi_square import chi_square_tail
 
 MOVED = 0.01
 """Share of its standard deviation by which a constant is moved: what is not linear in it shrinks ten thousandfold, what
@@ -60,7 +68,7 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
     dof = np.array([constant.dof for constant, _ in moved])
     let_go = _let_go(solve, moved, estimates, dof)
     return replace(
-        solve,
+        _tested(solve, moved),
         estimates=tuple(
             replace(
                 item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof, let_go), reason=_reason(item, moves)
@@ -84,6 +92,48 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
             for i, (constant, _) in enumerate(moved)
         ),
     )
+
+
+def _tested(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> SolveReport:
+    """A solve whose χ² test minds what the constants do to residuals, and the doubts that follow from it."""
+    if solve.chi2_p is None or solve.dof is None or solve.made_from is None:
+        return solve
+    problem, solution = solve.made_from()
+    both = None if solution.influence is None else _residuals(solve, moved)
+    if both is None:
+        return solve
+    residuals, moves = both
+    parts = moves @ residuals
+    explained = float(parts @ np.linalg.solve(np.eye(len(moves)) + moves @ moves.T, parts))
+    squares = max(float(residuals @ residuals) - explained, 0.0)
+    tail, sigma0 = chi_square_tail(squares, solve.dof), float(np.sqrt(squares / solve.dof))
+
+    def examined() -> Examined:
+        found = solve.examined()
+        others = [each for each in found.diagnostics if each.code not in (NOISE_AGAINST_DATA, IMPROBABLE_NOISE)]
+        return replace(found, diagnostics=(*others, *noise_doubts(problem.span, sigma0, tail, lossy=False)))
+
+    return replace(solve, chi2_p=tail, examination=examined)
+
+
+def _residuals(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> tuple[Floats, Floats] | None:
+    """The residuals (m,) whose squares are tested, and what a standard deviation of each constant does to them
+    (constants, m); None where others are.
+    """
+
+    def residuals(each: SolveReport) -> Floats:
+        return np.zeros(0) if each.made_from is None else each.made_from()[1].minimum.residuals
+
+    own = residuals(solve)
+    pairs = [(residuals(below), residuals(above)) for _, (below, above) in moved]
+    if solve.dof is None or solve.chi2_p is None:
+        return None
+    if not np.isclose(chi_square_tail(float(own @ own), solve.dof), solve.chi2_p):
+        return None
+    if any(each.shape != own.shape for pair in pairs for each in pair):
+        return None
+    shares = shares_of([constant for constant, _ in moved])
+    return own, np.stack([(b - a) / (2 * share) for (a, b), share in zip(pairs, shares, strict=True)])
 
 
 def moves_by_name(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> dict[str, Floats]:

@@ -65,7 +65,7 @@ class Said(ABC):
     dof = Recorded[int | None]("Degrees of freedom of the fit.")
     sigma0 = Recorded[float | None]("The root of cost over degrees of freedom.")
     chi2_p = Recorded[float | None](
-        """The probability of a larger cost, if the stated noise is right; None with unknown noise."""
+        """The probability of a larger cost, if noise and constants are as stated; None with unknown noise."""
     )
     robust_cost = Recorded[float | None]("The sum of the losses; None without one.")
     log_likelihood = Recorded[float | None](

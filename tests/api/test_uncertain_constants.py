@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import t
+from scipy.stats import chi2, t
 
 import mbm
 from mbm.cli.main import run
@@ -166,3 +167,53 @@ def test_what_constants_add_is_the_derivative_times_their_deviation(u, i, wanted
     """GUM 5.1.6: of a quotient the relative variances add, however large; small ones to what rounding leaves."""
     found = mbm.loads(f"(problem p (constants (u {u}) (i {i})) (derive (r (/ u i))))").solve()["r"]
     assert found.sigma / found.value == pytest.approx(wanted, rel=relative)
+
+
+NOISE, UNSURE, RUNS = 0.1, 1.0, 1000
+
+
+@lru_cache
+def _parabolas() -> tuple[np.ndarray, np.ndarray, Any]:
+    """Lines beside a parabola, whose factor is ten times as uncertain as a reading: x, y, the answers."""
+    generator = np.random.default_rng(5)
+    x = np.linspace(0.0, 1.0, 12)
+    constants = 1.0 + UNSURE * generator.standard_normal((RUNS, 1))
+    y = 2.0 - x + constants * x**2 + NOISE * generator.standard_normal((RUNS, 12))
+    text = f"""(problem p (constants (c 1 :sigma {UNSURE})) (data d external) (unknowns (a) (b))
+      (observe d (= y (+ a (* b x) (* c (^ x 2)))) :sigma {NOISE}) (for-each k))"""
+    data = {"k": np.repeat(np.arange(RUNS), 12), "x": np.tile(x, RUNS), "y": y.ravel()}
+    return x, y, mbm.loads(text).solve(data={"d": data})
+
+
+def test_the_chi_square_test_minds_what_constants_do() -> None:
+    """The p-values are those of generalised least squares with the constant's part in the covariance of readings."""
+    x, y, found = _parabolas()
+    design = np.column_stack([np.ones(12), x])
+    inverse = np.linalg.inv(NOISE**2 * np.eye(12) + UNSURE**2 * np.outer(x**2, x**2))
+    left = (y - x**2).T
+    fitted = design @ np.linalg.solve(design.T @ inverse @ design, design.T @ inverse @ left)
+    squares = ((left - fitted) * (inverse @ (left - fitted))).sum(axis=0)
+    tails = np.array([each.chi2_p for each in found.solves])
+    np.testing.assert_allclose(tails, chi2.sf(squares, 10), rtol=1e-6)  # halves of differences over ± u/100, linear
+    doubted = [{each.code.name for each in solve.diagnostics} for solve in found.solves]
+    assert not any("noise-against-data" in each for each in doubted)
+    share = np.mean(["improbable-noise" in each for each in doubted])
+    assert share == pytest.approx(0.02, abs=0.014)  # a percent at each end, three deviations of a thousand runs
+
+
+def test_one_solve_says_the_same_of_chi_square() -> None:
+    """And the cost stays that of the value."""
+    x, y, many = _parabolas()
+    worst = int(np.argmax([each.cost for each in many.solves]))
+    rows = " ".join(f"({u} {v})" for u, v in zip(x.tolist(), y[worst].tolist(), strict=True))
+    one = mbm.loads(f"""(problem p (constants (c 1 :sigma {UNSURE})) (data d (table (x y) {rows})) (unknowns (a) (b))
+      (observe d (= y (+ a (* b x) (* c (^ x 2)))) :sigma {NOISE}))""").solve()
+    assert one.first.chi2_p == pytest.approx(many.solves[worst].chi2_p, rel=1e-6)
+    assert chi2.sf(one.first.cost, 10) < 1e-6 < one.first.chi2_p
+    assert "noise-against-data" not in [each.code.name for each in one.diagnostics]
+
+
+def test_noise_that_no_constant_explains_is_still_doubted() -> None:
+    text = TEXT.format(g="10 :sigma 0.5", c="1 :sigma 0.1", rows=ROWS, sigma="0.001")
+    found = mbm.loads(text).solve()
+    assert "noise-against-data" in [each.code.name for each in found.diagnostics]

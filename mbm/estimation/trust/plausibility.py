@@ -115,12 +115,16 @@ def _correlated(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic,
 def _noise(problem: Problem, equations: Assembled, outcome: Statistics) -> Iterator[Diagnostic]:
     """The χ² of the residuals against the stated noise."""
     fit, tail = outcome.fit, _tail(problem, equations, outcome)
-    if fit.sigma0 is None or tail is None:
-        return
-    if tail < IMPROBABLE and not equations.lossy:
-        yield faults.noise_against_data(problem.span, fit.sigma0, tail)
-    elif improbable(np.array(tail), np.array(fit.sigma0), lossy=equations.lossy):
-        yield improbable_noise(problem.span, fit.sigma0, tail)
+    if fit.sigma0 is not None and tail is not None:
+        yield from noise_doubts(problem.span, fit.sigma0, tail, lossy=equations.lossy)
+
+
+def noise_doubts(span: Span, sigma0: float, tail: float, *, lossy: bool) -> Iterator[Diagnostic]:
+    """What is said of residuals ``sigma0`` times as large as the stated noise; ``tail`` is P of a χ² as large."""
+    if tail < IMPROBABLE and not lossy:
+        yield faults.noise_against_data(span, sigma0, tail)
+    elif improbable(np.array(tail), np.array(sigma0), lossy=lossy):
+        yield improbable_noise(span, sigma0, tail)
 
 
 def follows_statement(equations: Assembled) -> bool:
