@@ -16,7 +16,7 @@ from mbm.report.blocks import BlockReports, ManyReports, kept
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import GEOMETRIC, plain_key, shown_sigma, written as written_geometry
 from mbm.report.encode import plain
-from mbm.report.filled import conditions, own_names, prior_names
+from mbm.report.filled import conditions, noise_at, own_names, prior_names
 from mbm.report.intervals import interval_document, intervals
 from mbm.report.numbers import NUMBERS
 from mbm.report.solve_document import constraint_document, corrections_document, raw_document, solve_document, solve_key
@@ -103,7 +103,6 @@ class _Filled:
         } | {number.name: number.columns(columns) for number in NUMBERS if self._model.get(number.name) is not None}
         self._observed = [i for i, b in enumerate(reports.problem.blocks) if b.role is BlockRole.OBSERVATION]
         self._priors, self._known = columns.priors.tolist(), reports.model.priors
-        self._noise = columns.noise.tolist()
         self._rms = np.where(columns.used == 0, np.array(None), columns.rms).tolist()
         self._rows, self._used = block.rows.tolist(), columns.used.tolist()
         items = [(item, _Item(item, reports.problem.request.coverage)) for item in reports.items]
@@ -168,15 +167,15 @@ class _Filled:
         corrections = self._reports.corrected(place)
         if corrections:
             written["corrections"] = corrections_document(corrections)
-        noises, residuals, raw = {}, {}, self._reports.raw_residuals(place)
+        residuals, raw = {}, self._reports.raw_residuals(place)
         for i, (name, summary) in zip(self._observed, model["residuals"].items(), strict=True):
-            noises[name] = None if model["noise"][name] is None else self._noise[place][i]
             found = self._block.columns.outliers[i]
             bad = [] if found is None else sorted(int(found.table.rows[position]) for position in found.of(place))
             own = {"rows": self._rows[place][i], "used": self._used[place][i], "rms": self._rms[place][i]}
             own |= raw_document(raw[name])
             residuals[name] = {**summary, **own, "outliers": bad}
-        written["noise"], written["residuals"] = noises, residuals
+        written["noise"] = noise_at(model["noise"], self._reports.problem, block.columns, place)
+        written["residuals"] = residuals
         written["priors"] = [
             {**prior, "name": name, "value": known.mean + away, "residual": away / known.sigma}
             for prior, known, name, away in zip(

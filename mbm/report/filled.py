@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -105,7 +106,6 @@ def filled(
     """
     columns, number = block.columns, block.which.start + place
     factor = columns.factor[place]
-    noise = {each.factor_name: float(columns.noise[place, i]) for i, each in enumerate(problem.blocks)}
     estimates = [item for item in items if isinstance(item, Estimate)]
     derived = [item for item in items if isinstance(item, DerivedValue)]
     images = [image[place] for _, _, image in columns.derived]
@@ -142,7 +142,7 @@ def filled(
         derived_covariance=_with_matrix(model.derived_covariance, np.vstack(images)) if images else None,
         observability=_observed(model.observability, columns, place),
         constraints=model.constraints if columns.limits is None else limit_reports(problem, columns.limits, place),
-        noise={name: None if estimated is None else noise[name] for name, estimated in model.noise.items()},
+        noise=noise_at(model.noise, problem, columns, place),
         summaries=once(lambda: dict(_summaries(model, problem, block, place))),
         corrections=corrections,
         priors=tuple(
@@ -157,6 +157,13 @@ def filled(
         pictures=guarded(block.lock, lambda: plot_data(problem, _solution(block, number))),
         maps=guarded(block.lock, lambda: maps_of(problem, _solution(block, number))),
     )
+
+
+def noise_at(model: Mapping[str, Any], problem: Problem, columns: Columns, place: int) -> dict[str, float | None]:
+    """The noise of a solve, by the names of factors; ``model`` says for another one which of them are estimated."""
+    names = (each.factor_name for each in problem.blocks)
+    found = dict(zip(names, columns.noise[place].tolist(), strict=True))
+    return {name: None if estimated is None else found[name] for name, estimated in model.items()}
 
 
 def _observed(model: Observability | None, columns: Columns, place: int) -> Observability | None:

@@ -163,6 +163,7 @@ PROBLEMS = {
         BOTH.format(more="", sigma="unknown", second="unknown", solve="").replace(":init [1.75m 1.75m 1m]", ":unit m"),
         both(),
     ),
+    "a named unknown noise": (BOTH.format(more="", sigma="(unknown 1 :as receivers)", second="2cm", solve=""), both()),
     "one unknown noise of two": (BOTH.format(more="", sigma="unknown", second="2cm", solve=""), both()),
     "unknown noise and a prior": (
         RANGES.format(more="(h :init 0.9m :sigma 3cm)", when="", sigma="unknown", top="h").replace(
