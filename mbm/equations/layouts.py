@@ -35,7 +35,7 @@ class Layouts:
 
 def reads_tables(unknown: Unknown) -> bool:
     """Whether members, starts, bounds or what is fixed follow from the rows of a table."""
-    return unknown.family is not None or any(columns_of(values) for values in stated(unknown))
+    return unknown.family is not None or any(map(varies, stated(unknown)))
 
 
 def limits(unknown: Unknown) -> tuple[RowValues, ...]:
@@ -54,6 +54,11 @@ def columns_of(values: RowValues) -> list[Column]:
     """The columns that an option reads."""
     nodes = tuple(node for case in values.cases for node in case.values)
     return [leaf for leaf in leaves(nodes) if isinstance(leaf, Column)]
+
+
+def varies(values: RowValues) -> bool:
+    """Whether an option may be another one in other rows: it reads columns, or depends on static ones."""
+    return len(values.cases) > 1 or bool(columns_of(values))
 
 
 def _same(some: Mapping[str, Floats], others: Mapping[str, Floats]) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.layout import Layout, stated_start, stated_values, within_turns
-from mbm.equations.layouts import columns_of, limits
+from mbm.equations.layouts import limits, varies
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.sets import Sets
 from mbm.estimation.batches.stack import Arranged, Stack, arranged, stack
@@ -141,9 +141,9 @@ def starting_points(
     points = np.tile(layout.start, (sets.count, 1))
     for entry in layout.entries:
         unknown = entry.unknown
-        varies = unknown.family is not None and unknown.family.rows in tables.families
+        own = unknown.family is not None and unknown.family.rows in tables.families
         values = stated_values(unknown)
-        if varies and values is not None and columns_of(values):
+        if own and values is not None and varies(values):
             numbers, known = stated_start(unknown, values, tables.tables)
             points[:, entry.range] = np.where(known, numbers, np.nan).reshape(sets.count, entry.count)
     return within_turns(points, layout.number, layout.angle, layout.lower, layout.upper)
@@ -181,7 +181,7 @@ def shapes(problem: Problem, tables: Arranged, solves: int) -> tuple[list[Indice
             cells = [cell.tobytes() for cell in option_cells(option, tables, fixed=option is unknown.fixed)]
             marks = np.column_stack([marks, _together(cells, owner, solves)])
         stated = stated_values(unknown)
-        if stated is not None and columns_of(stated):
+        if stated is not None and varies(stated):
             values, known = stated_start(unknown, stated, tables.tables)
             wrong = np.isnan(values) & known
             if unknown.kind is UnknownKind.POSITIVE:
@@ -219,7 +219,7 @@ def option_cells(option: RowValues, tables: Arranged, *, fixed: bool) -> np.ndar
 
 def _limits(unknown: Unknown) -> Iterator[RowValues]:
     """The options that solves which are made together have in common, where they may vary."""
-    return (option for option in limits(unknown) if columns_of(option))
+    return filter(varies, limits(unknown))
 
 
 def _together(cells: list[bytes], owner: Indices, solves: int) -> Indices:

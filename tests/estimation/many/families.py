@@ -163,6 +163,7 @@ SLID = (
     " (observe d (= y (+ {model} (b group))) :sigma {sigma}) (window time :length 1 :step 0.3 :min-rows {least}))"
 )
 PLAIN = BIASES.format(when="", sigma="0.1", more="")
+LOOSE = BIASES.format(when="", sigma="1", more="")
 FREE = LEVELLING.format(init="guess", fixed=":fixed (= datum 1)", sigma="2mm", more="").replace("mm", "e-3")
 PROBLEMS = {
     "biases": (PLAIN, biases()),
@@ -180,6 +181,14 @@ PROBLEMS = {
     "biases, priors of members": (
         BIASES.format(when="", sigma="0.1", more="").replace("d.group :init 0", "d.group :init 1 :sigma 2"),
         biases(unequal=True),
+    ),
+    "biases, one fixed by its name": (
+        LOOSE.replace("d.group :init 0", 'd.group :init 1 :fixed (= group "g1")'),
+        biases(),
+    ),
+    "biases, fixed at values by their names": (
+        LOOSE.replace("(b :per d.group :init 0)", '(b :per d.group :init (if (= group "g1") 1 2) :fixed true)'),
+        biases(),
     ),
     "levelling, priors of members": (FREE.replace(":fixed (= datum 1)", ":sigma (+ 0.5 datum)"), campaigns()),
     "own priors": (OWN.format(limits=":sigma (+ 0.8 low)"), stations()),
