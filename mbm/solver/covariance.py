@@ -208,7 +208,8 @@ def set_covariance(
     """The covariance (n, n), and the condition of the column-scaled triangle; infinite where it is deficient.
 
     The covariance is then that in the directions which are determined; `mask_undetermined` says for which coordinates
-    that is nothing. `rank` is how many directions along the surface are determined, `loose` how many are not.
+    that is nothing. `rank` is how many directions along the surface are determined, `loose` how many are not; `part`
+    becomes a factor of the covariance, `rank` rows (n,), with the free directions below it.
 
     ``triangle`` (n + 1, n + 1) of ``[J r]``; ``sides`` (n,) not 0 where a bound holds a coordinate. Of
     the first constraints, as many as ``holding`` says, hold where ``held[k]`` is their unit; 0: it does not.
@@ -250,7 +251,10 @@ def set_covariance(
         condition_of(count, width, small, part, inverse)
     if reflected > 0:
         back_from_null_space(count, reflected, reflections, work.line, part, inverse)
+    filled(n * n, 0.0, part)
     for i in range(count):
+        for k in range(width):
+            part[k * n + chosen[i]] = inverse[i * width + k] / scale[i]
         for k in range(i + 1):
             first = i if reflected == 0 else 0
             value = dot(width - first, inverse[i * width + first :], inverse[k * width + first :])

@@ -39,7 +39,7 @@ def lossy(blueprint: Blueprint) -> bool:
 def spare_size(blueprint: Blueprint, static: StaticSystem) -> str:
     """Reals of scratch besides the solver's, as C text with ``n``."""
     plain, lines = row_scratch(blueprint)
-    matrices = f"4 * n * n + {SUMS} + n + " if lossy(blueprint) else ""
+    matrices = f"4 * n * n + {SUMS} + " if lossy(blueprint) else ""
     vectors = 2 if static.told else 0
     return f"{matrices}{FOUND + plain} + {lines + vectors} * n"
 

@@ -311,9 +311,7 @@ def _found(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     if lossy(blueprint):
         yield from (
             f"    if (f->states[{at.REASON}] != {at.NOT_FINITE_AT_START}",
-            "        && !sandwich(f->system, &f->work.rows, f->point, f->sides,",
-            f"            f->states[{at.DEFICIENT}] != 0 ? f->work.rank : -1,",
-            "            f->work.part, f->spare, f->covariance))",
+            "        && !sandwich(f->system, &f->work, f->point, f->sides, f->spare, f->covariance))",
             f"        f->states[{at.DEFICIENT}] = 1;",
         )
     elif blueprint.agreement is not None and blueprint.agreement.kept:

@@ -290,8 +290,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         scatter = spread_of(-1, SCATTER) if SCALED else 0.0
         found = 1
         if LOSSY and states[REASON] != NOT_FINITE_AT_START:
-            rank = p.work.rank if states[DEFICIENT] else -1
-            found = sandwich(p.system, rows, point, sides, rank, p.work.part, p.spare, covariance)
+            found = sandwich(p.system, p.work, point, sides, p.spare, covariance)
         elif KEPT and states[REASON] != NOT_FINITE_AT_START:
             found = inform(p.system, p.kappa, p.work)
         states[DEFICIENT] |= not found

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from math import fabs, sqrt
+from math import fabs
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.solver.covariance import undetermined
+from mbm.solver.decisions import EXHAUSTED
 from mbm.solver.description import NO_LOSS, Problem, Unit
 from mbm.solver.linear_algebra import (
     add_multiple,
@@ -20,7 +21,7 @@ from mbm.solver.linear_algebra import (
 )
 from mbm.solver.loss_spread import curvature_factor, loss_trace, spread_factor
 from mbm.solver.losses import loss_weight
-from mbm.solver.workspace import Rows
+from mbm.solver.workspace import Work
 
 TOTAL = 0
 TRACES = 1
@@ -29,9 +30,6 @@ SPREAD = 3
 COUNT = 4
 STATED = 5
 SUMS = 6
-
-LEAST_PIVOT = 1e-15
-"""Of a matrix scaled to a unit diagonal: below, it is singular but for rounding."""
 
 
 def same_loss(constants: ConstantReals, unit: Unit, other: Unit) -> Integer:
@@ -60,15 +58,15 @@ def first_with_loss(problem: Problem, constants: ConstantReals, number: Integer,
 
 def add_to_pool(
     unit: Unit,
-    n: Integer,
+    rank: Integer,
     constants: ConstantReals,
     stated: Integer,
     residuals: ConstantReals,
-    slopes: ConstantReals,
+    along: ConstantReals,
     sums: Reals,
     information: Reals,
 ) -> None:
-    """Add what a unit with ``residuals`` (size,) and ``slopes`` (size, n) gives to the sums."""
+    """Add what a unit with ``residuals`` (size,) and derivatives ``along`` (size, rank) gives to the sums."""
     size = unit.last - unit.first
     kind = unit.loss
     square = dot(size, residuals, residuals)
@@ -87,24 +85,27 @@ def add_to_pool(
     sums[TRACES] += trace
     sums[SQUARED_TRACES] += trace * trace / float(size)
     for i in range(size):
-        for j in range(n):
-            add_multiple(n, weight * slopes[i * n + j], slopes[i * n :], information[j * n :])
+        row = along[i * rank :]
+        for a in range(rank):
+            add_multiple(rank, weight * row[a], row, information[a * rank :])
 
 
 def pool(
     problem: Problem,
-    rows: Rows,
+    work: Work,
     point: ConstantReals,
     loss: Unit,
     sums: Reals,
     information: Reals,
     scratch: Reals,
 ) -> None:
-    """The sums over all units with the loss of the unit ``loss``, and A (n, n)."""
+    """The sums over all units with the loss of the unit ``loss``, and A (r, r) along the r rows of `part`."""
     n = problem.n
+    rows = work.rows
+    rank = work.rank
     line = scratch[row_scratch(problem) :]
     filled(SUMS, 0.0, sums)
-    filled(n * n, 0.0, information)
+    filled(rank * rank, 0.0, information)
     for b in range(problem.residual_blocks):
         block = problem.blocks[b]
         lines = block.outputs
@@ -115,148 +116,74 @@ def pool(
                 for row in range(rows.data.blocks[b].rows):
                     if takes_part(problem, rows, b, row, unit) == 1:
                         evaluate_row(problem, rows, point, b, row, scratch, line, line[lines:])
-                        slopes = line[lines + unit.first * n :]
-                        add_to_pool(unit, n, rows.constants, stated, line[unit.first :], slopes, sums, information)
+                        for i in range(unit.last - unit.first):
+                            slopes = line[lines + (unit.first + i) * n :]
+                            for a in range(rank):
+                                scratch[i * rank + a] = dot(n, slopes, work.part[a * n :])
+                        own = line[unit.first :]
+                        add_to_pool(unit, rank, rows.constants, stated, own, scratch, sums, information)
 
 
-def inverted(n: Integer, matrix: Reals, scale: Reals, inverse: Reals) -> Integer:
-    """The inverse of a symmetric positive definite matrix, scaled to a unit diagonal; 0 where it is none.
+def inverted(n: Integer, matrix: Reals, inverse: Reals) -> Integer:
+    """The inverse of a symmetric matrix (n, n) that is positive definite beyond rounding of the identity; 0: it is not.
 
     ``matrix`` becomes its factor.
     """
-    for i in range(n):
-        if not matrix[i * n + i] > 0.0:
-            return 0
-        scale[i] = 1.0 / sqrt(matrix[i * n + i])
-    for i in range(n):
-        for j in range(n):
-            matrix[i * n + j] *= scale[i] * scale[j]
     if cholesky(n, matrix) == 0:
         return 0
-    for i in range(n):
-        if not matrix[i * n + i] * matrix[i * n + i] > LEAST_PIVOT:
-            return 0
     filled(n * n, 0.0, inverse)
+    trace = 0.0
     for i in range(n):
         row = inverse[i * n :]
-        row[i] = scale[i]
+        row[i] = 1.0
         solve_lower(n, matrix, row)
         solve_lower_transposed(n, matrix, row)
-        for j in range(n):
-            row[j] *= scale[j]
-    return 1
-
-
-def inverted_along(
-    n: Integer, rank: Integer, factor: ConstantReals, matrix: Reals, scale: Reals, part: Reals, inverse: Reals
-) -> Integer:
-    """``Fᵀ (F M Fᵀ)⁻¹ F`` of a symmetric M (n, n), F (rank, n): the inverse in the directions of F; 0: there is none.
-
-    ``matrix`` and ``part`` (n, n) are scratch afterwards.
-    """
-    product(rank, n, n, factor, matrix, part)
-    for a in range(rank):
-        for b in range(rank):
-            matrix[a * rank + b] = dot(n, part[a * n :], factor[b * n :])
-    if inverted(rank, matrix, scale, part) == 0:
-        return 0
-    product(rank, rank, n, part, factor, matrix)
-    sum_of_products(rank, n, factor, matrix, inverse)
-    return 1
-
-
-def freed_of(n: Integer, sides: ConstantIntegers, matrix: Reals) -> None:
-    """Rows and columns of coordinates that a bound holds become those of the identity."""
-    for i in range(n):
-        for j in range(n):
-            if sides[i] != 0 or sides[j] != 0:
-                matrix[i * n + j] = 1.0 if i == j else 0.0
+        trace += row[i]
+    return 1 if trace * EXHAUSTED < 1.0 else 0
 
 
 def sandwich(
-    problem: Problem,
-    rows: Rows,
-    point: ConstantReals,
-    sides: ConstantIntegers,
-    rank: Integer,
-    directions: ConstantReals,
-    spare: Reals,
-    covariance: Reals,
+    problem: Problem, work: Work, point: ConstantReals, sides: ConstantIntegers, spare: Reals, covariance: Reals
 ) -> Integer:
-    """The covariance (n, n), 0 for what bounds hold; answers 0 where there is none.
+    """The covariance (n, n) in the directions that are determined; answers 0 where losses leave some of them free.
 
-    ``rank`` below the number of coordinates: it is that in the ``directions`` (rank, n); -1: in all.
-    ``spare``: four matrices (n, n), a vector (n,), `SUMS` sums, and what a row wants.
+    It is calculated along the rows (r, n) of `part`, the factor of `set_covariance`, in which the normal equations are
+    the identity. ``spare``: four matrices (n, n), `SUMS` sums, and what a row wants.
     """
     n = problem.n
+    rank = work.rank
     curvature = spare[0:]
     spread = spare[n * n :]
     inverse = spare[2 * n * n :]
     information = spare[3 * n * n :]
     sums = spare[4 * n * n :]
-    scale = spare[4 * n * n + SUMS :]
-    scratch = spare[4 * n * n + SUMS + n :]
-    filled(n * n, 0.0, curvature)
-    filled(n * n, 0.0, spread)
-    good = 1
+    scratch = spare[4 * n * n + SUMS :]
+    constants = work.rows.constants
+    filled(rank * rank, 0.0, curvature)
+    filled(rank * rank, 0.0, spread)
     for around in range(2):
         for b in range(problem.residual_blocks):
             block = problem.blocks[b]
             for u in range(block.unit_count):
                 unit = block.units[u]
-                if first_with_loss(problem, rows.constants, b, u) == 1:
-                    pool(problem, rows, point, unit, sums, information, scratch)
+                if first_with_loss(problem, constants, b, u) == 1:
+                    pool(problem, work, point, unit, sums, information, scratch)
                     slope = 1.0
                     if unit.loss != NO_LOSS:
                         slope = curvature_factor(sums[TRACES], sums[TOTAL])
                     factor = slope
                     if around == 1 and unit.loss != NO_LOSS:
-                        factor = spread_of_loss(share_of_loss(n, slope, inverse, information, sides), sums)
+                        factor = spread_of_loss(slope * dot(rank * rank, inverse, information), sums)
                     target = curvature if around == 0 else spread
-                    add_multiple(n * n, factor, information, target)
-        if around == 0:
-            if rank < 0:
-                freed_of(n, sides, curvature)
-                good = inverted(n, curvature, scale, inverse)
-            else:
-                good = inverted_along(n, rank, directions, curvature, scale, information, inverse)
-            if good == 0:
-                undetermined(n, sides, covariance)
-                return 0
-    put_between(n, sides, inverse, spread, information, covariance)
-    return good
-
-
-def put_between(
-    n: Integer,
-    sides: ConstantIntegers,
-    inverse: ConstantReals,
-    spread: ConstantReals,
-    spare: Reals,
-    covariance: Reals,
-) -> None:
-    """``inverse spread inverse`` (n, n) of the coordinates that no bound holds; 0 for the others.
-
-    The inverse has nothing between the one and the others.
-    """
-    product(n, n, n, inverse, spread, spare)
-    product(n, n, n, spare, inverse, covariance)
-    for i in range(n):
-        for j in range(n):
-            if sides[i] != 0 or sides[j] != 0:
-                covariance[i * n + j] = 0.0
-
-
-def share_of_loss(
-    n: Integer, slope: Real, inverse: ConstantReals, information: ConstantReals, sides: ConstantIntegers
-) -> Real:
-    """The unknowns that a loss's units determine: ``slope tr H⁻¹A`` of the coordinates that no bound holds."""
-    share = 0.0
-    for i in range(n):
-        for j in range(n):
-            if sides[i] == 0 and sides[j] == 0:
-                share += slope * inverse[i * n + j] * information[j * n + i]
-    return share
+                    add_multiple(rank * rank, factor, information, target)
+        if around == 0 and inverted(rank, curvature, inverse) == 0:
+            undetermined(n, sides, covariance)
+            return 0
+    product(rank, rank, rank, inverse, spread, information)
+    product(rank, rank, rank, information, inverse, spread)
+    product(rank, rank, n, spread, work.part, information)
+    sum_of_products(rank, n, work.part, information, covariance)
+    return 1
 
 
 def spread_of_loss(share: Real, sums: ConstantReals) -> Real:
