@@ -168,13 +168,20 @@ def moved(problem: Problem, point: ConstantReals, step: Reals, work: ConsensusWo
 
 
 def begin_on_constraints(problem: Problem, work: ConsensusWork) -> None:
-    """The starts in the work put on the constraints, and how many coordinates these tell; none if that is all."""
+    """The starts in the work put on the constraints, and how many coordinates these tell.
+
+    None if that were all, but no step leads from the first start to where they hold.
+    """
     work.told = 0
     if problem.constraint_blocks > 0:
         tell_equations(problem, work.rows, work.equation)
         work.told = reduced_equations(problem, work.begun, work)
-        if work.told == NO_VALUE or work.told == problem.n:
+        if work.told == NO_VALUE:
             work.told = 0
+        copied(problem.numbers, work.begun, work.kept)
         for k in range(work.rules.starts):
             put_on_constraints(problem, work.begun[k * problem.numbers :], work)
+        if work.told == problem.n and not isfinite(work.begun[0]):
+            copied(problem.numbers, work.kept, work.begun)
+            work.told = 0
     work.left = problem.n - work.told

@@ -16,6 +16,11 @@ FREE = {
     "inequality": ("(a) (b)", "(+ a (* b x))", "(>= a 1.3)"),
     "bound": ("(a :in (1.3 2)) (b)", "(+ a (* b x))", ""),
     "both": ("(a :in (1.3 2)) (b) (c)", "(+ a (* b x) (* c x))", "(= b c)"),
+    "all": ("(a) (b)", "(+ a (* b x))", "(= a 1.3) (= (+ a b) 1.6)"),
+    "all curved": ("(a :init 1) (b :init 0.3)", "(+ a (* b x))", "(= (* a b) 0.39) (= (- a b) 1)"),
+    "all active": ("(a) (b)", "(+ a (* b x))", "(>= a 1.3) (>= b 0.3)"),
+    "all bounds": ("(a :in (1.3 2)) (b :in (0.3 1))", "(+ a (* b x))", ""),
+    "all of both": ("(a :in (1.3 2)) (b)", "(+ a (* b x))", "(= b 0.3)"),
 }
 PUT_IN = {
     "linear": ("(b)", "(+ (- 1.2 b) (* b x))"),
@@ -24,6 +29,7 @@ PUT_IN = {
     "inequality": ("(b)", "(+ 1.3 (* b x))"),
     "bound": ("(b)", "(+ 1.3 (* b x))"),
     "both": ("(b)", "(+ 1.3 (* 2 b x))"),
+    **dict.fromkeys(("all", "all curved", "all active", "all bounds", "all of both"), ("", "(+ 1.3 (* 0.3 x))")),
 }
 WAYS = {
     "huber": (":loss (huber 1.5)", ""),
@@ -43,8 +49,9 @@ def points(seed):
 
 def solved(unknowns, model, constraints, way, data):
     loss, request = WAYS[way]
+    unknowns = unknowns and f"(unknowns {unknowns})"
     text = (
-        f"(problem line (data d external) (unknowns {unknowns}) (observe d (= y {model}) :sigma unknown {loss})"
+        f"(problem line (data d external) {unknowns} (observe d (= y {model}) :sigma unknown {loss})"
         f"{constraints} {request})"
     )
     (found,) = json.loads(mbm.loads(text).solve(data={"d": data}).to_json())["solves"]
@@ -62,7 +69,8 @@ def test_noise_is_that_of_the_equation_put_in(kind, way):
         # 1e-8: steps to a curved constraint end where they no longer shrink
         assert found["noise"]["d"] == pytest.approx(expected["noise"]["d"], rel=1e-8)
         assert found["dof"] == expected["dof"]
-        other = next(iter(expected["estimates"].values()))["value"]
+        assert found["residuals"]["d"]["outliers"] == expected["residuals"]["d"]["outliers"]
+        other = next(iter(expected["estimates"].values()), {"value": 0.3})["value"]
         if kind != "curved":
             assert found["estimates"]["b"]["value"] == pytest.approx(other, rel=1e-7)
 
@@ -143,3 +151,45 @@ def test_where_constraints_tell_all_rows_are_rejected_all_the_same(robust):
         (constraints (= c 3)) (solve :robust {robust}))"""
     (found,) = json.loads(mbm.loads(text).solve(data={"d": {"z": z}}).to_json())["solves"]
     assert found["residuals"]["d"]["outliers"] == [3, 10]
+
+
+@pytest.mark.parametrize("loss", ["huber", "tukey"])
+@pytest.mark.parametrize(
+    ("unknown", "constraint"),
+    [("(c)", "(= c 1.1)"), ("(c)", "(>= c 1.1)"), ("(c :in (1.1 2))", ""), ("(c :init -0.1)", "(= (* c c) 1.21)")],
+)
+def test_one_limit_that_leaves_nothing_free_has_one_answer(unknown, constraint, loss):
+    """The noise about the limit is the scatter there, but for the three values that are fifty deviations off.
+
+    Of two solutions of an equation the one that rows agree with is meant, though the start is nearer to the other.
+    """
+    for seed in (0, 1, 2):
+        z = 1 + 0.1 * np.random.default_rng(seed).uniform(-1, 1, 12)
+        z[[1, 5, 9]] += 5
+        text = f"""(problem known (data d external) (unknowns {unknown}) (observe d (= z c) :sigma unknown :loss {loss})
+            {constraint and f"(constraints {constraint})"})"""
+        (found,) = json.loads(mbm.loads(text).solve(data={"d": {"z": z}}).to_json())["solves"]
+        scatter = np.sqrt(np.mean(np.square(np.delete(z, [1, 5, 9]) - 1.1)))
+        # the limits leave out less than 1e-4 of normal noise, whose share of the deviation is less than that
+        assert found["noise"]["d"] == pytest.approx(scatter, rel=1e-3)
+        assert found["residuals"]["d"]["outliers"] == [2, 6, 10]
+
+
+def test_a_single_row_that_the_constraint_contradicts_is_no_missing_row():
+    """Four of its deviations off the value that is known: nothing agrees, and no row is missing."""
+    text = """(problem known (data d external) (unknowns (c)) (observe d (= z c) :sigma 0.1)
+        (constraints (= c 1)) (solve :robust (ransac :threshold 3)))"""
+    (found,) = json.loads(mbm.loads(text).solve(data={"d": {"z": [1.4]}}).to_json())["solves"]
+    assert found["estimates"]["c"]["value"] == pytest.approx(1)
+    assert found["dof"] == 1
+
+
+@pytest.mark.parametrize("way", ["huber", "tukey"])
+def test_noise_about_a_known_line_is_that_of_its_rows(way):
+    """Nothing is unknown but the noise: that of the twelve rows that agree, by the deviation about the line."""
+    for seed in (0, 1, 2):
+        data = points(seed)
+        off = data["y"] - 1 - 0.2 * data["x"]
+        found = solved("", "(+ 1 (* 0.2 x))", "", way, data)
+        # limits of three deviations or more leave 0.973 of the normal law's variance, by which the sum is divided
+        assert found["noise"]["d"] == pytest.approx(np.sqrt(np.mean(np.square(off[np.abs(off) < 1]))), rel=0.014)

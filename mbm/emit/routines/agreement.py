@@ -86,7 +86,7 @@ def scale_losses(problem: Problem, rows: Rows, work: ConsensusWork, factors: Rea
         own = work.rules.ruled[b]
         lossy = block.units[0].loss != NO_LOSS
         if own.first_level >= 0 and own.group != STATED and lossy:
-            factor = factor_of_loss(own.group, problem.n, work.units)
+            factor = factor_of_loss(own.group, work.left, work.units)
             factors[block.noise] = factor
             for u in range(block.unit_count):
                 weigh_units(problem, rows, b, u, 1.0 / factor)

@@ -72,8 +72,6 @@ def agreeing(
     units = units_of(equations, problem, point, observed)
     asked = replace(asked, held=held_by(equations, point, equations.equality))
     left = asked.left(equations)
-    if not left:  # constraints tell all: rows are counted as without them
-        asked, left = replace(asked, held=None), equations.dimension
     if found is None and units.scalars <= left:
         if problem.sequence is not None and equations.dimension:
             raise MbmError(faults.no_subset(problem.sequence.span, consensus.kind.value))
@@ -166,7 +164,7 @@ def scaled(problem: Problem, equations: Assembled, settings: Settings, search: S
     asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=with_loss)
     starts = _told_apart(asked, equations, search)
     units = units_of(equations, problem, starts[0].point, with_loss)
-    if units.scalars == 0 or not equations.dimension:
+    if units.scalars == 0:
         return Prepared(equations=equations, starts=starts)
     starts = _fitted_plainly(problem, equations, settings, starts)
     asked = replace(asked, held=held_by(equations, starts[0].point, equations.equality))
@@ -215,12 +213,20 @@ def _all_agree(units: Units, point: Floats) -> Agreed:
 
 
 def _agreed(asked: Asked, equations: Assembled, units: Units, starts: tuple[Beginning, ...]) -> tuple[Asked, Agreed]:
-    """The units that agree, and what they were asked: with the limits that hold the fit to them put in."""
+    """The units that agree, and what they were asked: with the limits that hold the fit to them put in.
+
+    Equations that leave nothing free are put in as these are: the fit without them leads to the solution that is meant.
+    """
+    all_told = asked.held is not None and not asked.left(equations)
+    asked = replace(asked, held=None) if all_told else asked
     found = _in_pieces(asked, equations, units, np.stack([start.point for start in starts]))
-    if equations.equality.all() and not (np.isfinite(equations.lower) | np.isfinite(equations.upper)).any():
+    bounded = bool((np.isfinite(equations.lower) | np.isfinite(equations.upper)).any())
+    if equations.equality.all() and not bounded and not all_told:
         return asked, found
-    before = equations.equality, np.zeros(equations.dimension, dtype=bool)
+    before = equations.equality & (not all_told), np.zeros(equations.dimension, dtype=bool)
     for _ in range(HELD_ROUNDS):
+        if not found.inliers.any():
+            break
         end = fitted(asked, equations, units, found)
         forcing = equations.equality if end.constraints is None else end.constraints.forcing
         holding = forcing, end.at_bound != 0

@@ -127,7 +127,7 @@ def _each(
         if not len(mine):
             continue
         own = excerpt(equations, part.columns, np.unique(equations.units[part.rows]))
-        if units.components[mine].sum() <= len(part.columns):
+        if units.components[mine].sum() <= asked.left(own):
             plain = minimise(without_losses(own), point, asked.settings, asked.problem.span)
             point = plain.point if np.isfinite(plain.cost) else point
             continue

@@ -37,9 +37,8 @@ class Held:
         return equations.dimension - len(self._free(equations)) + int(np.isin(self.columns, equations.free).sum())
 
     def _free(self, equations: Assembled) -> Indices:
-        """The coordinates that bounds leave of those that some of the equations have free; all if that is none."""
-        found = equations.free[~np.isin(equations.free, self.bounded)]
-        return found if len(found) else equations.free
+        """The coordinates that bounds leave of those that some of the equations have free."""
+        return equations.free[~np.isin(equations.free, self.bounded)]
 
     def upon(self, equations: Assembled) -> Assembled:
         """Some of the equations over some coordinates, with what holds these as their constraints."""
