@@ -49,6 +49,8 @@ def picked_members(
     where = f"the family `{entry.unknown.name}`"
     if isinstance(member, LiteralMember):
         literal = entry.index.get(member.key)
+        if literal is None and positions is not None and len(positions) == 0:
+            return positions
         if literal is None:
             raise MbmError(problem_faults.dangling_key(entry.unknown.span, member.key, where, None, None))
         return literal

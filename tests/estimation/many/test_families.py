@@ -17,7 +17,7 @@ from mbm.report.exports import write_solves
 from mbm.report.solve_columns import solve_columns
 from mbm.report.solve_document import solve_document
 from mbm.text.types import Severity
-from tests.estimation.many.families import PROBLEMS, drifting
+from tests.estimation.many.families import BIASES, PROBLEMS, drifting
 from tests.estimation.many.test_together import DRAWN, numbers_apart
 
 pytestmark = pytest.mark.skipif(not available(), reason="without machine code solves are made one by one")
@@ -116,6 +116,21 @@ def test_solves_are_the_least_squares_of_their_rows():
         # a few roundings of normal equations with a condition below 100
         np.testing.assert_allclose([slope.value, *offsets.value], expected, rtol=0, atol=1e-12)
         np.testing.assert_allclose([slope.sigma, *offsets.sigma], sigma, rtol=1e-12)
+
+
+def test_a_text_that_equations_look_at_may_be_missing_in_a_solve():
+    """Of numpy, epoch by epoch: rows of one group, which every second epoch lacks, weigh a quarter of others."""
+    data = PROBLEMS["biases"][1]
+    columns = {name: np.asarray(column) for name, column in data["d"].items()}
+    text = BIASES.format(when="", sigma='(if (= group "g0") 0.2 0.1)', more="")
+    for solve in mbm.loads(text).solve(data=data).solves:
+        mine = columns["epoch"] == solve.key["epoch"]
+        group, slope, offsets = columns["group"][mine], *solve.estimates
+        design = np.column_stack([columns["x"][mine], *(group == key for key in offsets.keys)])
+        root = np.where(group == "g0", 5.0, 10.0)
+        expected, *_ = np.linalg.lstsq(root[:, None] * design, root * columns["y"][mine], rcond=None)
+        # a few roundings of normal equations with a condition below 100
+        np.testing.assert_allclose([slope.value, *offsets.value], expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("init", [{"slope": 0.2}, None])
