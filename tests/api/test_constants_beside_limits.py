@@ -133,3 +133,26 @@ def test_a_constant_widens_what_bends(form: str, function: Callable[[np.ndarray]
     )
     # ends are where the growth is right to 0.2 %
     assert found["bent"].interval() == pytest.approx([low, high], rel=5e-3)
+
+
+@pytest.mark.parametrize("each", ["", "(for-each k)"])
+@pytest.mark.parametrize("unknown", ["(a positive)", "(a :in (0 10))"])
+def test_a_constant_widens_what_bends_beside_an_estimate_at_its_limit(unknown: str, each: str) -> None:
+    """Where the quantity does not move with the constant, either, as long as the limit holds: a grid of (a, b)."""
+    forms = {"ratio": "(/ a (+ 4 b))", "product": "(* a b)", "left": "(/ (- 10 a) (+ 4 b))"}
+    text = LINE.format(unknown=unknown, limit="", each=each)
+    text = text.replace("(sum (+ a c))", " ".join(f"({name} {form})" for name, form in forms.items()))
+    found = mbm.loads(text).solve(data={"d": {"x": X, "y": Y, "k": np.zeros(5)}}).solves[0]
+    design = np.column_stack([np.ones(5), X])
+    covariance = 0.4**2 * np.linalg.inv(design.T @ design) + np.diag([0.3**2, 0.0])
+    centre = np.linalg.lstsq(design, Y - 0.1)[0]
+    a, b = np.meshgrid(np.linspace(0.0, 3.0, 2001), np.linspace(-0.5, 1.5, 2001), indexing="ij")
+    away = np.stack([a - centre[0], b - centre[1]])
+    cost = np.einsum("iab,ij,jab->ab", away, np.linalg.inv(covariance), away)
+    inside = cost < cost.min() + norm.ppf(0.975) ** 2
+    assert not inside[-1].any() and not inside[:, [0, -1]].any()
+    values = {"ratio": a / (4.0 + b), "product": a * b, "left": (10.0 - a) / (4.0 + b)}
+    for name, each_value in values.items():
+        ends = each_value[inside].min(), each_value[inside].max()
+        # ends are where the growth is right to 0.2 %
+        assert found[name].interval() == pytest.approx(ends, abs=5e-3 * (ends[1] - ends[0]))

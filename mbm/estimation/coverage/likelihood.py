@@ -173,8 +173,7 @@ class Likelihood:
         found = self.derived(owner) if self.held or cut.any() else None
         if found is None:
             return
-        direct = moved.own - moved.coordinates @ found.gradient.T
-        alone = np.abs(direct) <= ROUNDED_MOVES * np.abs(moved.own)
+        direct, alone = self._direct(found)
         reached: dict[int, tuple[Floats, Floats]] = {}
         followed = 0
         for place in np.flatnonzero(np.isfinite(found.values)).tolist():
@@ -229,6 +228,14 @@ class Likelihood:
                 else:
                     below, above = grown_enough(profile, law, own.level, first)
                 numbers.ends[0][place], numbers.ends[1][place] = below - profile.centre, above + profile.centre
+
+    def _direct(self, found: Quantities) -> tuple[Floats, Mask]:
+        """What constants do to numbers themselves (m, k), and where that is nothing."""
+        moved, slopes = self.moved, found.gradient.T
+        direct = moved.own - moved.coordinates @ slopes
+        # a number at its limit does not move at all: what is its own of that is rounding
+        whole = np.abs(moved.own) + np.abs(moved.free) @ np.abs(slopes)
+        return direct, np.asarray(np.abs(direct) <= ROUNDED_MOVES * whole)
 
     def _cuts(self, found: Quantities) -> bool:
         """Whether a limit that nothing is held by cuts what is made of several coordinates: where the profile is known,
