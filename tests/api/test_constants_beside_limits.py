@@ -156,3 +156,25 @@ def test_a_constant_widens_what_bends_beside_an_estimate_at_its_limit(unknown: s
         ends = each_value[inside].min(), each_value[inside].max()
         # ends are where the growth is right to 0.2 %
         assert found[name].interval() == pytest.approx(ends, abs=5e-3 * (ends[1] - ends[0]))
+
+
+@pytest.mark.parametrize("each", ["", "(for-each k)"])
+def test_a_constant_widens_the_intervals_of_two_estimates_at_their_limits(each: str) -> None:
+    """The shortest of what is left of the profile within both limits, of the normal distribution of all three."""
+    y = np.array([-0.3, 0.0, 0.2, 0.5, 0.5])
+    text = LINE.format(unknown="(a :in (0 10))", limit="", each=each).replace("(b)", "(b :in (0.3 0.9))")
+    found = mbm.loads(text).solve(data={"d": {"x": X, "y": y, "k": np.zeros(5)}}).solves[0]
+    assert [found[name].value for name in "ab"] == [0.0, 0.3]
+    design = np.column_stack([np.ones(5), X])
+    covariance = 0.4**2 * np.linalg.inv(design.T @ design) + np.diag([0.3**2, 0.0])
+    root = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    goal = root @ np.linalg.lstsq(design, y - 0.1)[0]
+    for which, name, ends in ((0, "a", (0.3, 0.9)), (1, "b", (0.0, 10.0))):
+        grid = np.linspace(0.0, 3.0, 3001) if name == "a" else np.linspace(0.3, 0.9, 3001)
+        gap, other = goal[:, None] - root[:, [which]] * grid, root[:, [1 - which]]
+        best = np.clip((other * gap).sum(axis=0) / np.square(other).sum(), *ends)
+        left = np.exp(-0.5 * np.square(gap - other * best).sum(axis=0))
+        inside = grid[: int(np.searchsorted(np.cumsum(left), 0.95 * left.sum())) + 1]
+        assert (np.diff(left) <= 0.0).all()  # the shortest begins at the limit
+        # what is left is summed up over 400 places, and over 3001
+        assert found[name].interval() == pytest.approx([grid[0], inside[-1]], abs=5e-3 * np.ptp(inside))
