@@ -20,7 +20,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.spreads import Freedom, Limited, Moved
-from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
+from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum, Observability
 from mbm.estimation.coverage.certain import Certain, certain
 from mbm.estimation.coverage.parabolas import Parabolas, Pieces, parabolas
 from mbm.estimation.coverage.quantities import Coordinates, Quantities, quantities
@@ -197,14 +197,14 @@ class Likelihood:
                         end[place] = far[place]
             elif self.followed and followed < MOST_FOLLOWED and wide.sigma[place] != 0.0:
                 felt, told = found.felt(place, self.equations, self.alone), bool(numbers.sigma[place] > 0.0)
-                beside = {} if felt else found.beside(place, self.equations, self.leaving)
-                if not felt and not beside:
+                paths = [] if felt and found.straight else found.paths(place, self.equations, self.leaving)
+                if not felt and (not paths or self.leaving.shape[1] != 1):
                     continue
                 fewest = int(touched[own.freedom.dof[touched].argmin()])
                 law = numbers.law(place, scaled=self.scaled) if told else own.law(fewest, scaled=self.scaled)
                 gradient, first = found.gradient[place], float(wide.sigma[place])
                 if not first > 0.0:
-                    first = float(np.linalg.norm(gradient * self.alone)) if felt else min(map(abs, beside))
+                    first = float(np.linalg.norm(gradient * self.alone)) if felt else min(map(abs, paths[0]))
                 spread = first if self.linear is None else self.linear.spread(gradient)
                 law = self._law(law, spread, direct[:, place] + moved.free @ gradient)
                 pieces = (
@@ -220,7 +220,7 @@ class Likelihood:
                     (moved.free / law.inflation, own_moves),
                     self.variance,
                     self.settings,
-                    beside,
+                    paths,
                 )
                 followed += pieces is None
                 if told and _agrees(profile, law, wide, place):
@@ -348,16 +348,21 @@ def likelihood(
         followed=followed,
         derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
         linear=parabolas(equations, minimum, outcome.covariance.variance) if followed else None,
-        leaving=_leaving(observed) * np.sqrt(outcome.covariance.variance),
+        leaving=_leaving(observed, minimum, outcome.covariance),
         edges=_edges(equations, minimum, outcome.covariance.factor),
         moved=Moved(coordinates=np.zeros((0, count)), free=np.zeros((0, count)), own=np.zeros((0, 1)), dof=np.zeros(0)),
     )
 
 
-def _leaving(observed: Observability) -> Floats:
-    """Steps (n, q) of about a standard deviation each, of unit variance, in the directions that limits take away."""
+def _leaving(observed: Observability, minimum: Minimum, covariance: Covariance) -> Floats:
+    """Steps (n, q) of about a standard deviation each in the directions that limits take away; all else follows."""
     space = np.eye(len(observed.fixed))[:, observed.fixed]
-    return (space if observed.limited_space is None else observed.limited_space) / observed.scale[:, None]
+    steps = (space if observed.limited_space is None else observed.limited_space) / observed.scale[:, None]
+    if steps.shape[1] and minimum.blocks is None and bool(np.isfinite(covariance.factor).all()):
+        image = minimum.jacobian @ covariance.factor
+        steps = steps - covariance.factor @ np.linalg.lstsq(image, minimum.jacobian @ steps)[0]
+        steps = steps / np.sqrt(np.square(minimum.jacobian @ steps).sum(axis=0))
+    return np.asarray(steps * np.sqrt(covariance.variance))
 
 
 def _edges(equations: Assembled, minimum: Minimum, factor: Floats) -> Edges:

@@ -7,6 +7,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, affine
 from mbm.equations.types import Floats, Indices
+from mbm.estimation.coverage.limits import box
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.curvature import MOST_DERIVED
 from mbm.estimation.uncertainty.derived import Propagation
@@ -16,8 +17,8 @@ from mbm.values import dataclass
 BETWEEN = 64
 """Places on each side of an estimate at which quantities of it alone are looked at."""
 
-LEAVING = np.geomspace(0.03, 4.0, 8)
-"""Steps out of a limit, in standard deviations, where a quantity without a slope at the limit is looked at."""
+LEAVING = np.geomspace(0.03, 4.0, 16)
+"""Steps out of a limit, in standard deviations, where what is least over all else is looked for, too."""
 
 FAR = 100.0
 """The logarithm of the farthest of them where that side has no end."""
@@ -75,21 +76,23 @@ class Quantities:
         return slope > STILL * float(moved[np.isfinite(moved)].max(initial=0.0))
 
     @np.errstate(all="ignore")
-    def beside(self, place: int, equations: Assembled, leaving: Floats) -> dict[float, Floats]:
-        """Points (N,) by how far one of them is from its value there, along the only one of the steps (n, q).
-
-        It has no slope, and several that leave their limits at once lead nowhere.
+    def paths(self, place: int, equations: Assembled, leaving: Floats) -> list[dict[float, Floats]]:
+        """Points (N,) by how far one of them is from its value there, along each of the steps (n, q) as far as that is
+        within all limits, and apart where the number turns round.
         """
-        if leaving.shape[1] != 1:
-            return {}
-        steps = leaving.T * np.concatenate([LEAVING, -1.0 * LEAVING])[:, None]
-        points = equations.retract(np.tile(self.point, (len(steps), 1)), steps)
-        changes = self.changes(points)[:, place]
-        return {
-            float(change): point
-            for change, point in zip(changes, points, strict=True)
-            if abs(change) > 0.0 and _within(equations, point)
-        }
+        found: list[dict[float, Floats]] = []
+        for step in [*leaving.T, *-leaving.T]:
+            points = equations.retract(np.tile(self.point, (len(LEAVING), 1)), step * LEAVING[:, None])
+            changes = self.changes(points)[:, place]
+            last, way = 0.0, 0.0
+            for change, point in zip(changes.tolist(), points, strict=True):
+                if change == 0.0 or not np.isfinite(change) or not _within(equations, point):
+                    continue
+                if (change - last) * way <= 0.0:
+                    found.append({})
+                found[-1][change] = point
+                last, way = change, change - last
+        return found
 
     def reach(self, number: int, below: float, above: float) -> tuple[Floats, Floats]:
         """How far they go (k,) below and above while one ``number`` goes so far; NaN where that is not known."""
@@ -121,7 +124,8 @@ def _within(equations: Assembled, point: Floats) -> bool:
     """Whether a point is within all limits."""
     place = equations.coordinates(point)
     limits = equations.constraint_values(point)[~equations.equality]
-    return bool((limits <= 0.0).all() and (equations.lower <= place).all() and (place <= equations.upper).all())
+    lower, upper = box(equations)
+    return bool((limits <= 0.0).all() and (lower <= place).all() and (place <= upper).all())
 
 
 def _distances(grid: Floats, reach: float) -> Floats:

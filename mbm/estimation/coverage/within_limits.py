@@ -6,8 +6,7 @@ estimates that a limit holds leave it where the cost wants it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -47,16 +46,20 @@ class Profile:
 
         Where there is none with the others as they are at the nearest step so far, shorter steps lead there.
         """
-        near, there = min(self._points, key=lambda each: abs(each - step)), step
+        return self._along(self._points, step)
+
+    def _along(self, points: dict[float, Floats], step: float) -> float:
+        """The same from the nearest of points, by their steps, which are kept."""
+        near, there = min(points, key=lambda each: abs(each - step)), step
         for _ in range(SHORTER_STEPS):
-            found = self._found(self._points[near], there)
+            found = self._found(points[near], there)
             if found is None:
                 there = 0.5 * (near + there)
                 continue
             cost, point = found
             if not np.isfinite(cost):
                 break
-            self._points[there] = point
+            points[there] = point
             if there == step:
                 return max(cost - self._least, 0.0) / self._variance
             near, there = there, step
@@ -212,7 +215,7 @@ class QuantityProfile(Profile):
     """The same of the number ``place`` of derived quantities, with uncertain constants.
 
     Their standard deviations are ``moves`` (m, n) of the coordinates without limits, and (m,) of the number itself.
-    Points ``beside`` are where to begin, too, by the step of the number.
+    Points along ``paths``, by the step of the number, are where to begin, too: what bends is reached in several ways.
     """
 
     def __init__(
@@ -223,19 +226,23 @@ class QuantityProfile(Profile):
         moves: tuple[Floats, Floats],
         variance: float,
         settings: Settings,
-        beside: Mapping[float, Floats] = MappingProxyType({}),
+        paths: Sequence[dict[float, Floats]] = (),
     ) -> None:
         self._equations, self._settings = equations, settings
         self._quantities, self._place = which
         self._least = minimum.cost
         self._variance = variance
-        self._points = {0.0: minimum.point, **beside}
+        self._points, self._paths = {0.0: minimum.point}, paths
         self.value = float(self._quantities.values[self._place])
         self.centre = 0.0
         free, direct = (each / np.sqrt(variance) for each in moves)
         self._constants = Constants(np.nan_to_num(minimum.jacobian @ free.T), direct)
         if len(free):
             self._begin(minimum.point)
+
+    def growth(self, step: float) -> float:
+        """The least of all ways."""
+        return min(self._along(points, step) for points in (self._points, *self._paths))
 
     def _begin(self, point: Floats) -> None:
         """Beside limits, constants need not be most probable where they are stated."""

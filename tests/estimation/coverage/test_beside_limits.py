@@ -330,3 +330,28 @@ def test_near_a_limit_sums_with_an_uncertain_constant_are_not_cut() -> None:
     far = 1.959963985 * 0.1 / np.sqrt(3)
     # 1e-6: half of a difference of two solves stands for the derivative by the constant
     assert mbm.loads(text).solve()["s"].interval() == pytest.approx([0.3 - far, 0.3 + far], rel=1e-6)
+
+
+def test_what_bends_beside_an_estimate_at_its_limit_is_looked_for_where_that_has_left_it_too() -> None:
+    """What varies with it to second order only, or where it is the larger one: a grid of both."""
+    forms = {
+        "bent": ("(+ b (* 5 (^ a 2)))", lambda a, b: b + 5 * a**2),
+        "length": ("(hypot a b)", np.hypot),
+        "larger": ("(max a (* 2 b))", lambda a, b: np.maximum(a, 2 * b)),
+    }
+    more = " ".join(f"({name} {form})" for name, (form, _) in forms.items())
+    y = np.array([1.4, 1.9, 1.7, 2.5])
+    text = LINE.format(unknown="(a positive)", limit="", each="", more=more)
+    found = mbm.loads(text).solve(data={"d": {"x": X, "y": y}}).solves[0]
+    design = np.column_stack([np.ones(4), X])
+    centre = np.linalg.lstsq(design, y)[0]
+    a, b = np.meshgrid(np.linspace(0.0, 4.0, 2001), np.linspace(-1.0, 1.5, 2001), indexing="ij")
+    away = np.stack([a - centre[0], b - centre[1]])
+    cost = np.einsum("iab,ij,jab->ab", away, design.T @ design / 0.3**2, away)
+    inside = cost < cost.min() + norm.ppf(0.975) ** 2
+    assert centre[0] < 0.0 and not inside[-1].any() and not inside[:, [0, -1]].any()
+    for name, (_, function) in forms.items():
+        values = function(a, b)[inside]
+        # ends are where the growth is right to 0.2 %
+        assert found[name].interval()[1] == pytest.approx(values.max(), abs=1e-2 * np.ptp(values))
+        assert found[name].interval()[1] > 1.05 * found["b"].interval()[1]
