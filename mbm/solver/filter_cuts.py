@@ -9,12 +9,12 @@ A normal distribution cut by a half space: its mean and variance across the cut 
 
 For ``x ~ N(0, 1)`` given ``x ≤ c``: mean ν = −φ(c)/Φ(c), variance τ = 1 + cν − ν². Equation (27) as printed divides 0
 by 0 for cuts far on the left, and τ cancels there: both come from the continued fraction of Mills' ratio instead,
-whose tail is what is left after the cancellation.
+whose tail is what is left after the cancellation. Between two limits both are sums over the interval.
 """
 
 from __future__ import annotations
 
-from math import exp, isfinite, sqrt
+from math import exp, inf, isfinite, sqrt
 
 from mbm.machine.kinds import LANES
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
@@ -62,7 +62,7 @@ def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals, 
         shift = cut_mean(distance)
         left = sqrt(cut_variance(distance))
         if walk.chain.cuts > 0:
-            put_row_of_cut(value, square, walk.cuts[2 * place :])
+            put_row_of_cut(value, square, inf, walk.cuts[2 * place :])
     else:
         walk.last_cost += distance * distance
         walk.last_equations += 1
@@ -81,14 +81,17 @@ def cut_along(walk: Walk, equality: Integer, value: Real, slope: ConstantReals, 
     go_along(walk)
 
 
-def put_row_of_cut(mean: Real, variance: Real, row: Reals) -> None:
-    """The row that makes of a normal distribution what a cut at 0 leaves: precision, and precision times mean."""
+def put_row_of_cut(mean: Real, variance: Real, width: Real, row: Reals) -> None:
+    """The row that makes of a normal distribution what is left of it from ``-width`` to 0: precision, and precision
+    times mean.
+    """
     deviation = sqrt(variance)
     distance = -mean / deviation
-    shift = cut_mean(distance)
-    left = cut_variance(distance)
-    row[0] = shift * (shift - distance) / (left * variance)
-    row[1] = shift * (1.0 - distance * (shift - distance)) / (left * deviation)
+    put_moments(distance, width / deviation, row)
+    below = row[0]
+    left = row[1]
+    row[0] = (1.0 - left) / (left * variance)
+    row[1] = (distance - below / left) / deviation
 
 
 def open_square(walk: Walk, slope: ConstantReals) -> Real:
@@ -243,6 +246,16 @@ NO_CUT = 38.0
 """Deviations beyond which nothing is cut off: φ is 0."""
 
 ROOT_TWO_PI = 2.5066282746310002
+LOST = 80.0
+"""Twice the logarithm of what is left out of a density: beyond ``exp(−40)`` of its largest between the limits."""
+
+PANELS = 64
+"""Of the quadrature between two limits: with five points each its error is below 1e-12, of what falls by e in a 40th
+of the way as of a bell that ends 9 deviations on both sides."""
+
+HALF_PANEL = 0.5 / PANELS
+"""As a share of the way."""
+
 SMALL_TERM = 1e-18
 """A term of the series is left out from this share of their sum on."""
 
@@ -291,3 +304,41 @@ def cut_variance(cut: Real) -> Real:
         return (-cut + 4.0 / second - 3.0 / third) / (second * first * first)
     mean = cut_mean(cut)
     return 1.0 + cut * mean - mean * mean
+
+
+def put_moments(cut: Real, width: Real, moments: Reals) -> None:
+    """Of N(0, 1) between ``cut − width`` and ``cut``: how far its mean is below ``cut``, and its variance.
+
+    Both come from sums of what is positive (Gauss and Legendre's rule of five points) over the way from the limit that
+    is nearer to where the density is greatest: however thin the interval is, and however far off, little cancels.
+    """
+    other = 1 if 2.0 * cut - width > 0.0 else 0
+    own = width - cut if other == 1 else cut
+    near = min(own, 0.0)
+    if width > own + sqrt(near * near + LOST):
+        moments[0] = own - cut_mean(own)
+        moments[1] = cut_variance(own)
+    else:
+        half = HALF_PANEL * width
+        total = 0.0
+        first = 0.0
+        second = 0.0
+        middle = half
+        for _ in range(PANELS):
+            for k in range(5):
+                inner = 1.0 if k > 2 else -1.0
+                node = sqrt(5.0 - 2.0 * inner * sqrt(10.0 / 7.0)) / 3.0
+                weight = 322.0 + 13.0 * inner * sqrt(70.0)
+                if k == 0:
+                    node = 0.0
+                    weight = 512.0
+                way = middle + (half * node if k % 2 == 0 else -half * node)
+                density = weight * exp(way * (own - 0.5 * way))
+                total += density
+                first += density * way
+                second += density * way * way
+            middle += 2.0 * half
+        moments[0] = first / total
+        moments[1] = second / total - moments[0] * moments[0]
+    if other == 1:
+        moments[0] = width - moments[0]

@@ -4,20 +4,21 @@ Given everything else, a scalar of a step is about normal; an inequality cuts it
 variance. The row that makes the one normal distribution the other is ``√τ (value − μ)`` with a precision τ ≥ 0. As
 all these rows depend on one another they are found anew until none changes: expectation
 propagation (Minka 2001; of truncated normal distributions Cunningham, Hennig and Lacoste-Julien 2011). Each inequality
-counts once, however often its row is found anew, and no order of theirs matters.
+counts once, however often its row is found anew, and no order of theirs matters. All those of one quantity at a step
+are one cut, between the limits that they leave it; where these contradict one another, between the two all the same.
 """
 
 from __future__ import annotations
 
-from math import fabs, isfinite, sqrt
+from math import fabs, inf, isfinite, sqrt
 
 from mbm.machine.kinds import LANES
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
 from mbm.solver.constraint_values import evaluate_block
 from mbm.solver.description import BOUNDS_AT
 from mbm.solver.equations import groups_of
-from mbm.solver.filter_cuts import cut_mean, put_row_of_cut
-from mbm.solver.filter_records import Walk, load_step
+from mbm.solver.filter_cuts import put_row_of_cut
+from mbm.solver.filter_records import Walk, load_step, step_cost
 from mbm.solver.linear_algebra import dot, filled
 
 RENEWED = 0.7
@@ -28,7 +29,14 @@ STILL_CUT = 1e-6
 """What new rows still change, of standard deviations or variances, when they are found."""
 
 OWN = 1e-9
-"""What all others know of a value, as a share of what its own row says, up to which it is rounding."""
+"""What all others know of a value, as a share of what its own row says, up to which it is rounding. What they know
+more surely than one over this to be beyond a limit, by the square of its deviations, contradicts it: it stays."""
+
+LEAST_WIDTH = 1e-6
+"""The least width of what limits leave, in deviations of what all others know: between equal ones it would be 0."""
+
+SAME_SLOPE = 1e-12
+"""A share by which slopes differ through rounding."""
 
 
 def put_cuts(walk: Walk, k: Integer, point: ConstantReals) -> None:
@@ -83,8 +91,11 @@ def cut_lines(walk: Walk, k: Integer, point: ConstantReals, lines: Reals) -> Int
     return done
 
 
-def cost_of_cuts(walk: Walk, k: Integer) -> Real:
-    """What the rows of the inequalities of step k add to the cost where `put_cuts` was."""
+def cut_cost(walk: Walk, k: Integer, point: ConstantReals) -> Real:
+    """What the rows of the inequalities of step k, whose rows are loaded, add to the cost at a point."""
+    if walk.chain.cuts == 0:
+        return 0.0
+    put_cuts(walk, k, point)
     total = 0.0
     for c in range(walk.chain.cuts):
         row = walk.cuts[2 * (k * walk.chain.cuts + c) :]
@@ -94,12 +105,51 @@ def cost_of_cuts(walk: Walk, k: Integer) -> Real:
     return total
 
 
-def cut_cost(walk: Walk, k: Integer, point: ConstantReals) -> Real:
-    """The same at a point; the rows of the step are loaded."""
-    if walk.chain.cuts == 0:
-        return 0.0
-    put_cuts(walk, k, point)
-    return cost_of_cuts(walk, k)
+def share_of(n: Integer, slope: ConstantReals, other: ConstantReals) -> Real:
+    """By what to multiply a slope that is not zero to get another one; 0: nothing does that."""
+    share = 0.0
+    for j in range(n):
+        if slope[j] != 0.0 and share == 0.0:
+            share = other[j] / slope[j]
+    for j in range(n):
+        if not fabs(other[j] - share * slope[j]) <= SAME_SLOPE * fabs(other[j]):
+            return 0.0
+    return share
+
+
+def limits_of_cut(walk: Walk, k: Integer, c: Integer, limits: Reals) -> Integer:
+    """Between which limits, low and high, all inequalities of step k hold the value of one; 0: one before it does so.
+
+    The rows of those behind it, of which it is the share that `share_of` says, become part of its own.
+    """
+    n = walk.chain.n
+    slope = walk.cut_slopes[c * n :]
+    if not dot(n, slope, slope) > 0.0:
+        return 0
+    for before in range(c):
+        if share_of(n, slope, walk.cut_slopes[before * n :]) != 0.0:
+            return 0
+    row = walk.cuts[2 * (k * walk.chain.cuts + c) :]
+    limits[0] = -inf
+    limits[1] = 0.0
+    for behind in range(c + 1, walk.chain.cuts):
+        share = share_of(n, slope, walk.cut_slopes[behind * n :])
+        if share != 0.0:
+            limit = walk.cut_values[c] - walk.cut_values[behind] / share
+            if share > 0.0:
+                limits[1] = min(limits[1], limit)
+            else:
+                limits[0] = max(limits[0], limit)
+            other = walk.cuts[2 * (k * walk.chain.cuts + behind) :]
+            row[0] += share * share * other[0]
+            row[1] += share * (other[1] + share * other[0] * limit)
+            other[0] = 0.0
+            other[1] = 0.0
+    if limits[0] > limits[1]:
+        contrary = limits[0]
+        limits[0] = limits[1]
+        limits[1] = contrary
+    return 1
 
 
 def renew_cut(walk: Walk, k: Integer, c: Integer) -> Real:
@@ -108,6 +158,9 @@ def renew_cut(walk: Walk, k: Integer, c: Integer) -> Real:
     """
     n = walk.chain.n
     slope = walk.cut_slopes[c * n :]
+    limits = walk.share
+    if limits_of_cut(walk, k, c, limits) == 0:
+        return 0.0
     row = walk.cuts[2 * (k * walk.chain.cuts + c) :]
     square = 0.0
     for i in range(n):
@@ -121,25 +174,35 @@ def renew_cut(walk: Walk, k: Integer, c: Integer) -> Real:
         row[1] = 0.0
         return 0.0
     others = 1.0 / square - row[0]
-    if not others > OWN * row[0]:
-        return 0.0
     mean = (walk.cut_values[c] / square - row[1]) / others
-    put_row_of_cut(mean, 1.0 / others, walk.wanted)
-    narrower = square * fabs(walk.wanted[0] - row[0])
-    row[0] += RENEWED * (walk.wanted[0] - row[0])
-    row[1] += RENEWED * (walk.wanted[1] - row[1])
-    aim = mean + cut_mean(-mean * sqrt(others)) / sqrt(others)
+    beyond = max(mean - limits[1], limits[0] - mean)
+    if not others > OWN * row[0] or (beyond > 0.0 and OWN * others * beyond * beyond > 1.0):
+        return 0.0
+    wanted = walk.wanted
+    width = max(limits[1] - limits[0], LEAST_WIDTH / sqrt(others))
+    high = limits[1] if width == limits[1] - limits[0] else 0.5 * (limits[0] + limits[1] + width)
+    put_row_of_cut(mean - high, 1.0 / others, width, wanted)
+    wanted[1] += wanted[0] * high
+    narrower = square * fabs(wanted[0] - row[0])
+    aim = (others * mean + wanted[1]) / (others + wanted[0])
+    part = 1.0 if OWN * wanted[0] > others else RENEWED
+    row[0] += part * (wanted[0] - row[0])
+    row[1] += part * (wanted[1] - row[1])
     return max(narrower, fabs(aim - walk.cut_values[c]) / sqrt(square))
 
 
 def renew_cuts(walk: Walk) -> Integer:
-    """New rows for all inequalities, by the answers for all steps; 1: they are found. The cost loses what they add."""
+    """New rows for all inequalities, by the answers for all steps; 1: they are found. The cost is without theirs."""
     chain = walk.chain
     most = 0.0
+    cost = dot(chain.n, walk.base_share, walk.base_share)
+    cost += dot((chain.steps - 1) * chain.noises, walk.noises, walk.noises)
     for k in range(chain.steps):
+        point = walk.points[k * chain.numbers :]
         load_step(walk, k)
-        put_cuts(walk, k, walk.points[k * chain.numbers :])
-        walk.last_cost -= cost_of_cuts(walk, k)
+        cost += step_cost(walk, point)
+        put_cuts(walk, k, point)
         for c in range(chain.cuts):
             most = max(most, renew_cut(walk, k, c))
+    walk.last_cost = cost
     return 1 if most <= STILL_CUT else 0
