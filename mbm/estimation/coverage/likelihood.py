@@ -198,7 +198,8 @@ class Likelihood:
             elif self.followed and followed < MOST_FOLLOWED and wide.sigma[place] != 0.0:
                 felt, told = found.felt(place, self.equations, self.alone), bool(numbers.sigma[place] > 0.0)
                 paths = [] if felt and found.straight else found.paths(place, self.equations, self.leaving)
-                if not felt and (not paths or self.leaving.shape[1] != 1):
+                lost = not felt and (not paths or self.leaving.shape[1] != 1)
+                if lost or found.beyond_all(place, paths):
                     continue
                 fewest = int(touched[own.freedom.dof[touched].argmin()])
                 law = numbers.law(place, scaled=self.scaled) if told else own.law(fewest, scaled=self.scaled)
@@ -232,6 +233,7 @@ class Likelihood:
                     below, above = grown_enough(profile, law, own.level, first)
                 numbers.ends[0][place], numbers.ends[1][place] = below - profile.centre, above + profile.centre
 
+    @np.errstate(all="ignore")
     def _direct(self, found: Quantities) -> tuple[Floats, Mask]:
         """What constants do to numbers themselves (m, k), and where that is nothing."""
         moved, slopes = self.moved, found.gradient.T

@@ -94,6 +94,13 @@ class Quantities:
                 last, way = change, change - last
         return found
 
+    def beyond_all(self, place: int, paths: list[dict[float, Floats]]) -> bool:
+        """Whether all values along one of the paths are lost in rounding beside that at the estimates, as of a quotient
+        by what is at 0: it has no value there.
+        """
+        value = float(self.values[place])
+        return any(all(abs(value + change) < STILL * abs(value) for change in path) for path in paths)
+
     def reach(self, number: int, below: float, above: float) -> tuple[Floats, Floats]:
         """How far they go (k,) below and above while one ``number`` goes so far; NaN where that is not known."""
         grid = np.linspace(0.0, 1.0, BETWEEN)[1:]

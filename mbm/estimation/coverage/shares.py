@@ -39,6 +39,9 @@ AIMED_AT = 16.0
 LONGEST, SHORTEST = 1e3, 0.125
 """The next step as a multiple of the last one at most, and at least."""
 
+AS_GOOD_AS_NONE = 1e5
+"""Multiple of the first distance beyond which an end without enough growth is one of the search, not of a limit."""
+
 STEPS = 60
 """Steps on the way to where nothing is left."""
 
@@ -148,7 +151,7 @@ def _reach(surprise: Callable[[float], float], first: float, most: float) -> flo
             step = float(near[0] + (wanted - low) / (high - low) * (far[0] - near[0]))
         else:
             step = 0.5 * (near[0] + far[0]) if near[0] > 0.0 else SHORTEST * far[0]
-    return near[0]
+    return near[0] if near[0] <= AS_GOOD_AS_NONE * first else np.inf
 
 
 def sides(profile: Followed, law: Law, limits: tuple[float, float], sigma: float) -> tuple[Side, Side]:

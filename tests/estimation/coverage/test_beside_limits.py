@@ -355,3 +355,22 @@ def test_what_bends_beside_an_estimate_at_its_limit_is_looked_for_where_that_has
         # ends are where the growth is right to 0.2 %
         assert found[name].interval()[1] == pytest.approx(values.max(), abs=1e-2 * np.ptp(values))
         assert found[name].interval()[1] > 1.05 * found["b"].interval()[1]
+
+
+@pytest.mark.parametrize("constant", ["", "(constants (g 0 :sigma 0.02))"])
+def test_a_quotient_by_an_estimate_at_its_limit_has_no_interval(constant: str) -> None:
+    """What is positive is held next to 0: the quotient by it is of the size of one over rounding there."""
+    moved = "(+ b g)" if constant else "b"
+    text = f"""(problem p {constant} (unknowns (a positive) (b)) (observe (= -0.1 a) (= 2 {moved}) :sigma 0.5)
+        (derive (quotient (/ b a)) (less (/ -1 (* a b))) (inverse (/ a b))))"""
+    found = mbm.loads(text).solve()
+    assert found["quotient"].value > 1e12
+    for name in ("quotient", "less"):
+        assert np.isnan(found[name].interval()).all()
+    assert np.isfinite(found["inverse"].interval()).all()
+
+
+def test_beside_a_limit_a_quotient_has_no_end_where_its_divisor_reaches_0() -> None:
+    """The cost grows by (1 / 0.8)² only, until (a + 1) / b is infinite."""
+    text = "(problem p (unknowns (a positive) (b)) (observe (= -0.1 a) (= 1 b) :sigma 0.8) (derive (q (/ (+ a 1) b))))"
+    assert mbm.loads(text).solve()["q"].interval()[1] == np.inf
