@@ -10,9 +10,10 @@ from mbm.problem.overrides import ConstantValue, Override
 from mbm.problem.types import Problem
 from mbm.report.bends import with_bends
 from mbm.report.considered import considered, share_of
-from mbm.report.spreads import ConsideredConstant
+from mbm.report.spreads import ConsideredConstant, Floats
 from mbm.report.types import Result
 from mbm.scales import SI
+from mbm.text.types import MbmError
 
 
 def without_variance_of(problem: Problem) -> str | None:
@@ -34,10 +35,13 @@ def with_constants(result: Result, problem: Problem, inputs: Inputs, again: Call
     places = list(_uncertain(constants))
     spans = {each.name: each.span for each in problem.unknowns} | {each.name: each.span for each in problem.derived}
 
-    def solved(steps: Mapping[int, float]) -> Result:
-        return again(_moved(inputs, {places[i]: step for i, step in steps.items()}))
+    def solved(steps: Floats) -> Result | None:
+        try:
+            return again(_moved(inputs, dict(zip(places, steps.tolist(), strict=True))))
+        except MbmError:
+            return None
 
-    return with_bends(considered(result, pairs), result, pairs, solved, spans)
+    return with_bends(considered(result, pairs), result, solved, spans)
 
 
 def moved(

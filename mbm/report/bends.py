@@ -1,30 +1,29 @@
 """Intervals of what bends with uncertain constants, or follows one whose law is not normal, after GUM Supplement 1.
 
-The response of a number to a constant is a polynomial through five solves: at the value, a little beside it, and at the
-ends of 95 % of the constant; that to two of them has the mixed derivative besides. Variates of all laws, the same in
-every solve (a Latin hypercube), then give the distribution of the number, whose quantiles are the interval.
+Where some solves with all constants moved together are not what the derivatives promise, the problem is solved at
+points all over the laws of the constants. Cubic radial basis functions go through what is found there (Powell 1992),
+and hold between these points, never beyond; variates of all laws then give the distribution of the number, whose
+quantiles are the interval.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from itertools import combinations
-from math import inf
+from math import erf, inf, sqrt
 from typing import TypeVar
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from mbm.equations.faults import too_nonlinear
 from mbm.equations.types import Indices, Mask
+from mbm.estimation.starts.random_starts import sobol
 from mbm.estimation.trust.nonlinearity import TOLERATED
 from mbm.estimation.trust.plausibility import reaches, still
 from mbm.estimation.uncertainty.student import coverage_factor, coverage_factors
 from mbm.problem.overrides import NORMAL_LAW, Law
-from mbm.report.considered import share_of
 from mbm.report.elements import difference, element_names
-from mbm.report.spreads import ConsideredConstant, Floats
+from mbm.report.spreads import Floats
 from mbm.report.types import DerivedValue, Estimate, Examined, Result, SolveReport
 from mbm.simulation.noise import standard_variates
 from mbm.text.types import Diagnostic, Span
@@ -32,40 +31,45 @@ from mbm.values import dataclass, replace
 
 Item = TypeVar("Item", Estimate, DerivedValue)
 
-Solved = Callable[[Mapping[int, float]], Result]
-"""The problem solved again with some constants, by their places, moved by so many standard deviations."""
+Solved = Callable[[Floats], Result | None]
+"""The problem solved again with all constants moved by so many standard deviations (n,); None: it cannot be."""
 
-BENT = 0.1
-"""Second derivative along a standard deviation of a constant, in standard deviations of the number, from which it is
-looked at: at it, an end of the 95 % interval is off by a tenth."""
+BENT = 0.2
+"""How far solves may be from what derivatives promise, in standard deviations of the number: it is a tenth of what
+intervals of 95 % reach."""
 
 BENT_BY_ROUNDING = 1e-9
-"""The same, as a share of the number, that may be a rounding of second differences."""
+"""The same, as a share of the number, that may be a rounding."""
 
 KURTOSIS = 0.3
 """Excess of the kurtosis of a number from which the laws of its constants count: a rectangular one that has half of the
 variance makes it so much flatter than normal."""
 
-POINTS = 16384
+VARIATES = 16384
 """Of the Latin hypercube: quantiles are off by some thousandths of a standard deviation."""
 
 DRAWN = 2**17
 """Variates by which the quantiles of a law are found."""
 
-TAIL = 0.025
+SOLVES = 128
+"""Points at which what bends is looked at: ends of products of three constants at zero, and of norms of six, are off by
+no more than 4 % of the interval's width; with twice as many by 2 %."""
+
+WIDER = 1.3
+"""How much wider than the constants these points are spread, as normal deviates: to 3.4 standard deviations."""
+
+FAILED = 0.05
+"""Share of these points at which nothing may be found: they are spread wider than the constants."""
 
 GOLDEN = 0.6180339887498949
 """By whose multiples steps differ that are made together, so that pairs do not cancel, as those of (a − c) b would."""
 
-SPREAD_OUT = 0.1
-"""Share of the limit of a mixed derivative that the mean of all pairs may have, as most may be zero."""
-
 
 @lru_cache(maxsize=32)
 def quantiles(law: Law) -> Floats:
-    """Those of a law of mean 0 and standard deviation 1 at the middles of `POINTS` shares."""
+    """Those of a law of mean 0 and standard deviation 1 at the middles of `VARIATES` shares."""
     drawn = standard_variates(law, np.random.default_rng(1), (DRAWN,))
-    return np.asarray(np.quantile(drawn, (np.arange(POINTS) + 0.5) / POINTS))
+    return np.asarray(np.quantile(drawn, (np.arange(VARIATES) + 0.5) / VARIATES))
 
 
 @lru_cache(maxsize=1024)
@@ -74,155 +78,156 @@ def _variates(law: Law, place: int) -> Floats:
     return np.asarray(np.random.default_rng(place).permutation(quantiles(law)))
 
 
-def ends_of(law: Law) -> tuple[float, float]:
-    """Those of the 95 % interval of a law of mean 0 and standard deviation 1."""
-    low, high = np.quantile(quantiles(law), (TAIL, 1.0 - TAIL))
-    return float(low), float(high)
+def _steps(laws: Sequence[Law], deviates: Floats) -> Floats:
+    """Steps of constants in standard deviations (k, n), at the shares of their laws that normal ``deviates`` have."""
+    shares = np.vectorize(lambda each: 0.5 * (1.0 + erf(each / sqrt(2.0))), otypes=[np.float64])(deviates)
+    middles = (np.arange(VARIATES) + 0.5) / VARIATES
+    return np.stack([np.interp(shares[:, j], middles, quantiles(law)) for j, law in enumerate(laws)], axis=1)
+
+
+def _looks(laws: Sequence[Law]) -> Floats:
+    """Four steps of all constants together (4, n), two and their opposites, about as far out as the 95 % are."""
+    count = len(laws)
+    turns = GOLDEN * np.arange(1, 2 * count + 1).reshape(2, count) % 1.0
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], (2, count))
+    deviates = signs * (0.5 + turns) * (1.0 + 1.0 / sqrt(count))
+    return _steps(laws, np.concatenate([deviates, -deviates]))
+
+
+def _points(laws: Sequence[Law]) -> Floats:
+    """The points all over the laws (N, n), more than the coefficients of a plane."""
+    count = len(laws)
+    grid = (np.arange(VARIATES) + 0.5) / VARIATES
+    shares = sobol(max(SOLVES, 2 * (count + 1)), count, 1)
+    return _steps(laws, WIDER * np.interp(shares, grid, quantiles(NORMAL_LAW)))
+
+
+def _interpolation(points: Floats, wanted: Floats) -> Floats:
+    """What leads from values at ``points`` (N, n) to those at ``wanted`` (V, n), within the box of these: (V, N)."""
+
+    def functions(at: Floats) -> Floats:
+        squares = np.square(at).sum(axis=1)[:, None] + np.square(points).sum(axis=1) - 2.0 * at @ points.T
+        return np.hstack([np.maximum(squares, 0.0) ** 1.5, np.ones((len(at), 1)), at])
+
+    count, width = points.shape
+    system = np.zeros((count + width + 1, count + width + 1))
+    system[:count] = functions(points)
+    system[count:, :count] = system[:count, count:].T
+    inside = np.clip(wanted, points.min(axis=0), points.max(axis=0))
+    return np.asarray(np.linalg.solve(system, functions(inside).T)[:count].T)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Responses:
-    """Of P numbers to n constants: first and second derivatives ``slopes`` and ``bends`` (n, P) along their standard
-    deviations, changes ``far`` (2, n, P) at the ends of their laws (NaN: not looked at), ``mixed`` (n, n, P) second
-    derivatives of pairs. ``dof`` (n,) are those of the constants.
+    """Of P numbers to n constants: derivatives ``slopes`` (n, P) along their standard deviations; at ``points`` (N, n)
+    the changes ``found`` (N, P), NaN where there are none. ``dof`` (n,) are those of the constants.
     """
 
     slopes: Floats
-    bends: Floats
-    far: Floats
-    mixed: Floats
+    points: Floats
+    found: Floats
     laws: Sequence[Law]
     dof: Floats
 
-    def curved(self, limit: Floats) -> Mask:
-        """Which numbers (P,) bend by more than a ``limit`` (P,)."""
-        return np.asarray((np.abs(self.bends) > limit).any(axis=0) | (np.abs(self.mixed) > limit).any(axis=(0, 1)))
+    def known(self) -> Mask:
+        """Which numbers (P,) are found at most of the points."""
+        return np.asarray(np.isfinite(self.found).sum(axis=0) > (1.0 - FAILED) * max(len(self.points), 1))
 
     def abnormal(self, places: Indices, sigma: Floats) -> Mask:
         """Which numbers, with standard deviations (k,), are not normal for the laws of their constants."""
         excess = np.array([0.0 if law == NORMAL_LAW else np.mean(quantiles(law) ** 4) - 3.0 for law in self.laws])
         return np.asarray(np.abs(excess) @ self.slopes[:, places] ** 4 > KURTOSIS * sigma**4)
 
-    def ends(self, place: int, level: float, below: float, above: float) -> tuple[float, float]:
-        """How far the interval of a number reaches, to whose own part ``below`` and ``above`` belong."""
-        normal = coverage_factor(level, inf)
+    def ends(self, places: Indices, curved: Mask, level: float, reach: Floats) -> Floats:
+        """How far intervals of numbers (k,) reach below and above (2, k), to whose own part ``reach`` (2, k) belongs.
+
+        Those that are ``curved`` (k,) follow what was found, the others their derivatives.
+        """
+        normal, middle = coverage_factor(level, inf), (1.0 - level) / 2.0
         own = _variates(NORMAL_LAW, len(self.laws))
-        total = own * np.where(own < 0.0, below, above) / normal
         factors = coverage_factors(level, self.dof) / normal
-        steps = [_variates(law, j) * factors[j] for j, law in enumerate(self.laws)]
-        for j, step in enumerate(steps):
-            total = total + self._response(j, place, step)
-        for i, j in combinations(range(len(steps)), 2):
-            total = total + self.mixed[i, j, place] * steps[i] * steps[j]
-        low, high = np.quantile(total, ((1.0 - level) / 2.0, (1.0 + level) / 2.0))
-        return -float(low), float(high)
-
-    def _response(self, j: int, place: int, step: Floats) -> Floats:
-        """The change of a number as a constant moves by ``step`` (p,); a parabola beyond what was solved."""
-        own = Polynomial([0.0, self.slopes[j, place], self.bends[j, place] / 2.0])
-        ends = np.array(ends_of(self.laws[j]))
-        rest = self.far[:, j, place] - own(ends)
-        if not np.isfinite(rest).all():
-            return np.asarray(own(step))
-        third, fourth = np.linalg.solve(np.stack([ends**3, ends**4], axis=1), rest)
-        own = own + Polynomial([0.0, 0.0, 0.0, third, fourth])
-        inside = np.clip(step, *ends)
-        beyond = step - inside
-        return np.asarray(own(inside) + own.deriv()(inside) * beyond + own.deriv(2)(inside) * beyond**2 / 2.0)
+        steps = np.stack([_variates(law, j) * factors[j] for j, law in enumerate(self.laws)], axis=1)
+        weights: dict[bytes, Floats] = {}
+        ends = np.empty((2, len(places)))
+        for k, place in enumerate(places.tolist()):
+            if curved[k]:
+                there = np.isfinite(self.found[:, place])
+                key = there.tobytes()
+                if key not in weights:
+                    weights[key] = _interpolation(self.points[there], steps)
+                known = self.found[there, place]
+                total = np.clip(weights[key] @ known, known.min(), known.max())
+            else:
+                total = steps @ self.slopes[:, place]
+            total = total + own * np.where(own < 0.0, reach[0, k], reach[1, k]) / normal
+            low, high = np.quantile(total, (middle, 1.0 - middle))
+            ends[:, k] = -low, high
+        return ends
 
 
-def with_bends(
-    linear: Result,
-    result: Result,
-    moved: Sequence[tuple[ConsideredConstant, Result, Result]],
-    solved: Solved,
-    spans: Mapping[str, Span],
-) -> Result:
+def with_bends(linear: Result, result: Result, solved: Solved, spans: Mapping[str, Span]) -> Result:
     """The ``linear`` answer with intervals that mind how numbers bend with constants, and doubts where they do.
 
-    ``result`` is that with exact constants, ``moved`` has each of them and the results with it `share_of` below and
-    above; doubts are said at the ``spans`` of what they speak of.
+    ``result`` is that with exact constants; doubts are said at the ``spans`` of what they speak of.
     """
-    constants = [constant for constant, _, _ in moved]
-    laws, shares = [each.law for each in constants], np.array([share_of(each) for each in constants])
-    places = [i for i, solve in enumerate(linear.solves) if solve.considered and not _held(solve)]
-    found = {}
+    places = [i for i, solve in enumerate(linear.solves) if solve.considered]
+    if not places:
+        return linear
+    constants = linear.solves[places[0]].considered
+    laws, dof = [each.law for each in constants], np.array([each.dof for each in constants])
+
+    def changes(points: Floats) -> dict[int, Floats]:
+        there = [solved(point) for point in points]
+        return {i: np.stack([_changes(result.solves[i], each, i) for each in there]) for i in places}
+
+    looks = _looks(laws)
+    seen = changes(looks)
+    slopes, curved = {}, {}
     for i in places:
-        here = result.solves[i]
-        back = np.stack([_changes(here, below.solves[i]) for _, below, _ in moved])
-        forth = np.stack([_changes(here, above.solves[i]) for _, _, above in moved])
-        share = shares[:, None]
-        found[i] = Responses(
-            slopes=(forth - back) / (2.0 * share),
-            bends=np.nan_to_num(forth + back) / share**2,
-            far=np.full((2, *back.shape), np.nan),
-            mixed=np.zeros((len(moved), *back.shape)),
-            laws=laws,
-            dof=np.array([each.dof for each in constants]),
-        )
-    limits = {i: _limit(linear.solves[i]) for i in places}
-    _mix(found, limits, result, shares, solved)
-    for j, law in enumerate(laws):
-        if any(bool((np.abs(found[i].bends[j]) > limits[i]).any()) for i in places):
-            there = [solved({j: end}) for end in ends_of(law)]
-            for i in places:
-                found[i].far[:, j] = [_changes(result.solves[i], each.solves[i]) for each in there]
+        moves = [(*each.estimates, *each.derived) for each in linear.solves[i].considered]
+        slopes[i] = np.stack([np.concatenate([part.ravel() for part in each]) for each in moves])
+        limit = _limit(linear.solves[i])
+        near = (np.abs(seen[i] - looks @ slopes[i]) <= limit).all(axis=0)
+        curved[i] = np.isfinite(limit) & ~near
+    points = _points(laws) if any(bool(each.any()) for each in curved.values()) else looks[:0]
+    found = changes(points) if len(points) else {i: seen[i][:0] for i in places}
     solves = list(linear.solves)
     for i in places:
-        solves[i] = _bent(solves[i], result.solves[i], found[i], limits[i], spans)
+        responses = Responses(slopes=slopes[i], points=points, found=found[i], laws=laws, dof=dof)
+        solves[i] = _bent(solves[i], result.solves[i], responses, curved[i], spans)
     return replace(linear, solves=tuple(solves))
 
 
-def _mix(
-    found: Mapping[int, Responses], limits: Mapping[int, Floats], result: Result, shares: Floats, solved: Solved
-) -> None:
-    """Put in the mixed derivatives: all pairs, if all constants moved together do other than one by one."""
-
-    def beside(steps: Mapping[int, float]) -> dict[int, Floats]:
-        """What constants that move by so many standard deviations do together beyond what they do alone."""
-        moved, which = solved(steps), list(steps)
-        own = np.array(list(steps.values()))[:, None]
-        return {
-            i: np.nan_to_num(
-                _changes(result.solves[i], moved.solves[i])
-                - (each.slopes[which] * own + each.bends[which] * own**2 / 2.0).sum(axis=0)
-            )
-            for i, each in found.items()
-        }
-
-    pairs = list(combinations(range(len(shares)), 2))
-    if not pairs or not any(bool((np.count_nonzero(each.slopes, axis=0) > 1).any()) for each in found.values()):
-        return
-    steps = {j: float(share * (1.0 + GOLDEN * (j + 1) % 1.0)) for j, share in enumerate(shares)}
-    size = sum(steps[i] * steps[j] for i, j in pairs)
-    every = beside(steps)
-    if not any(bool((np.abs(every[i]) > SPREAD_OUT * size * limits[i]).any()) for i in found):
-        return
-    for pair in pairs:
-        rest = every if len(pairs) == 1 else beside({j: steps[j] for j in pair})
-        for i, each in found.items():
-            each.mixed[pair] = rest[i] / (steps[pair[0]] * steps[pair[1]])
-
-
-def _held(solve: SolveReport) -> bool:
-    """Whether limits hold something: it bends there as it leaves them, which the ends of its interval mind already."""
-    return any(each.spread is not None and each.spread.released is not None for each in solve.estimates)
+def _limited(solve: SolveReport, item: Estimate | DerivedValue) -> Mask:
+    """Which numbers (k,) of a solve with limits have intervals that these decide: they bend as they leave them."""
+    spread, size = item.spread, np.asarray(item.sigma).size
+    if spread is None or all(each.spread is None or each.spread.released is None for each in solve.estimates):
+        return np.zeros(size, dtype=bool)
+    below, above = (each.ravel() for each in _reach(item, solve.coverage, linear=1.0))
+    decided = np.zeros(size, dtype=bool)
+    if spread.ends is not None:
+        decided |= np.isfinite(np.stack([each.ravel() for each in spread.ends(solve.coverage)])).any(axis=0)
+    values = np.asarray(item.value).ravel()
+    if spread.lower is not None and spread.upper is not None and values.size == size:
+        decided |= (values - below <= spread.lower.ravel()) | (values + above >= spread.upper.ravel())
+    return decided
 
 
 def _items(solve: SolveReport) -> tuple[Estimate | DerivedValue, ...]:
     return (*solve.estimates, *solve.derived)
 
 
-def _changes(here: SolveReport, there: SolveReport) -> Floats:
+def _changes(here: SolveReport, there: Result | None, place: int) -> Floats:
     """What leads from the numbers of a solve to those of another (P,); NaN where that is not trusted."""
-    pairs = zip(_items(here), _items(there), strict=True)
+    other = here if there is None else there.solves[place]
+    pairs = zip(_items(here), _items(other), strict=True)
     each = [difference(a.quantity, np.asarray(a.value), np.asarray(b.value)).ravel() for a, b in pairs]
     found = np.concatenate(each) if each else np.zeros(0)
-    return found if there.status.trusted else np.full_like(found, np.nan)
+    return found if there is not None and other.status.trusted else np.full(found.shape, np.nan)
 
 
 def _limit(solve: SolveReport) -> Floats:
-    """Second derivatives (P,) above which numbers bend; infinite where they have no standard deviation."""
+    """How far numbers (P,) may be from what derivatives promise; infinite where they have no standard deviation."""
 
     def limit(item: Estimate | DerivedValue) -> Floats:
         values = np.asarray(item.value, dtype=np.float64)
@@ -235,11 +240,11 @@ def _limit(solve: SolveReport) -> Floats:
 
 
 def _bent(
-    solve: SolveReport, exact: SolveReport, found: Responses, limit: Floats, spans: Mapping[str, Span]
+    solve: SolveReport, exact: SolveReport, found: Responses, curved: Mask, spans: Mapping[str, Span]
 ) -> SolveReport:
-    """A solve with such intervals; ``exact`` is that with exact constants."""
+    """A solve with such intervals of what is ``curved`` (P,) or not normal; ``exact`` is that with exact constants."""
     doubts: list[Diagnostic] = []
-    curved, first = found.curved(limit), 0
+    known, first = found.known(), 0
 
     def bent(item: Item, own: Item) -> Item:
         nonlocal first
@@ -248,14 +253,21 @@ def _bent(
         first += len(names)
         if item.sigma is None or item.spread is None:
             return item
-        which = np.isfinite(limit[places]) & (curved[places] | found.abnormal(places, item.sigma.ravel()))
-        if not which.any():
-            return item
-        ends = _Ends(item=item, own=own, found=found, places=places, which=which)
-        said = _missed(item, ends(solve.coverage), solve.coverage, names, which & curved[places])
+        sigma = item.sigma.ravel()
+        free = np.isfinite(sigma) & ~_limited(solve, item)
+        bends = free & curved[places]
+        which = (bends & known[places]) | (free & ~bends & found.abnormal(places, sigma))
+        said = [
+            f"`{names[k]}` an unknown way, as constants within their uncertainty leave it without a value"
+            for k in np.flatnonzero(bends & ~known[places]).tolist()
+        ]
+        if which.any():
+            ends = _Ends(item=item, own=own, found=found, places=places[which], which=which, curved=bends[which])
+            said += _missed(item, ends(solve.coverage), solve.coverage, names, which & bends)
+            item = replace(item, spread=replace(item.spread, ends=ends))
         if said:
             doubts.append(too_nonlinear(spans[item.quantity.name], said))
-        return replace(item, spread=replace(item.spread, ends=ends))
+        return item
 
     return replace(
         solve,
@@ -286,8 +298,8 @@ def _with(found: Examined, doubts: Sequence[Diagnostic]) -> Examined:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Ends:
-    """The ends of the intervals of an ``item``, whose own part is that of ``own``; ``places`` are those of its numbers
-    in ``found``, ``which`` (k,) those that bend.
+    """The ends of the intervals of an ``item``, whose own part is that of ``own``: others where ``which`` (K,) says so,
+    for numbers at ``places`` (k,) in ``found``, of which some are ``curved`` (k,).
     """
 
     item: Estimate | DerivedValue
@@ -295,15 +307,15 @@ class _Ends:
     found: Responses
     places: Indices
     which: Mask
+    curved: Mask
 
     def __call__(self, level: float) -> tuple[Floats, Floats]:
         """How far those of a level reach below and above, NaN where they are linear."""
-        below, above = (each.ravel().copy() for each in _reach(self.item, level, linear=np.nan))
-        mine = [each.ravel() for each in _reach(self.own, level, linear=1.0)]
-        for k in np.flatnonzero(self.which).tolist():
-            below[k], above[k] = self.found.ends(int(self.places[k]), level, float(mine[0][k]), float(mine[1][k]))
-        shape = np.asarray(self.item.sigma).shape
-        return below.reshape(shape), above.reshape(shape)
+        reach = np.stack([each.ravel() for each in _reach(self.item, level, linear=np.nan)])
+        mine = np.stack([each.ravel() for each in _reach(self.own, level, linear=1.0)])[:, self.which]
+        reach[:, self.which] = self.found.ends(self.places, self.curved, level, mine)
+        below, above = (each.reshape(np.asarray(self.item.sigma).shape) for each in reach)
+        return below, above
 
 
 @np.errstate(all="ignore")
