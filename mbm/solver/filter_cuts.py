@@ -242,8 +242,8 @@ DEEP = 450.0
 
 LEAST_DEEP = 12.0
 
-NO_CUT = 38.0
-"""Deviations beyond which nothing is cut off: φ is 0."""
+NO_CUT = 37.0
+"""Deviations beyond which nothing is cut off: φ is 1e-298, and 1/φ still a number (it is none from 37.7 on)."""
 
 ROOT_TWO_PI = 2.5066282746310002
 LOST = 80.0

@@ -8,7 +8,27 @@ import pytest
 
 from mbm.solver.filter_cuts import cut_mean, cut_variance, put_moments
 
-CUTS = (-1e5, -300.0, -40.0, -12.0, -8.0, -5.0, -3.0, -1.7, -1.0, -0.999, -0.3, 0.0, 1e-3, 0.8, 2.0, 3.0, 7.0, 20.0)
+CUTS = (
+    -1e5,
+    -300.0,
+    -40.0,
+    -12.0,
+    -8.0,
+    -5.0,
+    -3.0,
+    -1.7,
+    -1.0,
+    -0.999,
+    -0.3,
+    0.0,
+    1e-3,
+    0.8,
+    2.0,
+    3.0,
+    7.0,
+    20.0,
+    37.9,
+)
 
 
 @pytest.mark.parametrize("cut", CUTS)
@@ -61,3 +81,9 @@ def test_compiled_moments_between_two_limits_are_the_same(solver):
         solver("put_moments", cut, width, found)
         put_moments(cut, width, expected)
         np.testing.assert_allclose(found, expected, rtol=1e-13)
+
+
+def test_a_cut_beyond_all_that_is_there_cuts_nothing():
+    """Between 37.7 and 38 deviations 1/φ overflowed where the text is interpreted."""
+    assert cut_mean(37.9) == pytest.approx(0.0, abs=1e-300)
+    assert cut_variance(37.9) == pytest.approx(1.0, abs=1e-300)

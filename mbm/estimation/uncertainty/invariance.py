@@ -25,6 +25,10 @@ from mbm.values import dataclass
 SEEN = 10.0
 """Condition below which nothing is looked for: residuals are that much smaller than what moves, in any drive."""
 
+TURNS = 0.2
+"""Of a free movement one standard deviation turns the residuals, whose length is √cost, by 1/√cost rad, and moves some
+unknown by that share of its size. If all are known five times better, nothing is looked for."""
+
 SPACED = 1e-5
 """Share of its size by which a number goes either way for a difference of the gradient: truncated and rounded alike."""
 
@@ -57,7 +61,8 @@ MOST = 7
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Metric:
     """At a minimum ``image``, J, of steps (n,), its transpose ``back``, and (JᵀJ)⁺, which is ``solve``; and of points
-    half of the gradient of the cost (n,). The unknowns have the ``size`` (n,).
+    half of the gradient of the cost (n,). The unknowns have the ``size`` (n,), and standard deviations ``sigma`` (n,);
+    None: these are not known yet.
     """
 
     image: Callable[[Floats], Floats]
@@ -65,6 +70,7 @@ class _Metric:
     solve: Callable[[Floats], Floats]
     gradient: Callable[[Floats], Floats]
     size: Floats
+    sigma: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,6 +99,8 @@ def with_invariances(
     if equations.likely or equations.implicit is not None or not minimum.reason.converged or not minimum.cost > 0.0:
         return observed, point
     metric = _dense(equations, minimum, observed) if minimum.blocks is None else _sparse(equations, minimum, observed)
+    if metric.sigma is not None and not (metric.sigma / metric.size).max() * np.sqrt(minimum.cost) > TURNS:
+        return observed, point
     found: list[Floats] = []
     while len(found) < MOST:
         flat = _flattest(equations, metric, found, point)
@@ -117,6 +125,7 @@ def _dense(equations: Assembled, minimum: Minimum, observed: Observability) -> _
 
     return _Metric(
         size=_sizes(equations, minimum.point),
+        sigma=np.sqrt(np.einsum("ij,ij->i", factor, factor)),
         image=lambda step: np.asarray(minimum.jacobian @ step),
         back=lambda right: np.asarray(right @ minimum.jacobian),
         solve=lambda right: np.asarray(factor @ (right @ factor)),

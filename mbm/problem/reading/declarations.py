@@ -242,12 +242,17 @@ def family_of(work: Workspace, form: Form | None) -> Family | None:
 
 
 def _column_of(work: Workspace, form: Form) -> tuple[str, str] | None:
-    """The table and column that ``table.column`` names; None if that is no such name."""
-    if not isinstance(form, Symbol) or form.name in work.tables or "." not in form.name:
+    """The table and column that ``table.column`` names; None if that is no such name.
+
+    A family over the column before this one has entered a table of that name.
+    """
+    if not isinstance(form, Symbol) or "." not in form.name:
         return None
     name, column = form.name.split(".", 1)
     table = work.tables.get(name)
     if table is not None and column not in table.columns:
+        if form.name in work.tables:
+            return None
         raise MbmError(faults.unknown_column(form.span, column, name, tuple(table.columns)))
     return None if table is None else (name, column)
 

@@ -167,6 +167,12 @@ LOOSE = BIASES.format(when="", sigma="1", more="")
 FREE = LEVELLING.format(init="guess", fixed=":fixed (= datum 1)", sigma="2mm", more="").replace("mm", "e-3")
 PROBLEMS = {
     "biases": (PLAIN, biases()),
+    "biases, two families over one column": (
+        BIASES.format(when="", sigma="0.1", more="(observe d (= y (+ 1 (c group))) :sigma 0.3)").replace(
+            "(b :per d.group :init 0)", "(b :per d.group :init 0) (c :per d.group :init 0)"
+        ),
+        biases(unequal=True),
+    ),
     "biases, unequal": (PLAIN, biases(unequal=True)),
     "biases without a start": (PLAIN.replace(" :init 0)", ")"), biases(unequal=True)),
     "biases, unknown noise": (BIASES.format(when="", sigma="unknown", more=""), biases(unequal=True)),
