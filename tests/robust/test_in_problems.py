@@ -279,3 +279,27 @@ def test_a_row_that_is_left_out_stands_as_far_off_as_its_corrected_columns_leave
     far = np.abs(y - a - b * x) / np.hypot(0.1, 0.2 * b)
     # corrections are found to 1e-8 of a standard deviation
     np.testing.assert_allclose(np.abs([row.residual for row in rows]), far, rtol=0, atol=1e-6)
+
+
+def test_deviations_under_a_loss_hold_where_columns_nearly_cancel():
+    """Only the last row tells x and z apart: x is as uncertain as that row, by seven orders more than their sum."""
+    text = """(problem p (data d external) (unknowns (x :init 1) (z :init 1))
+      (observe d (= y (+ x z)) :sigma 1e-7 :loss huber) (observe last (= 5 x) :sigma 1))"""
+    y = 3.0 + 1e-8 * np.array([0.0, 5.0, -5.0, 2.0, -4.0])
+    solve = mbm.loads(text).solve(data={"d": {"y": y}}).solves[0]
+    # to first order 1: the rows under the loss add their own 1e-14; roundings are 1e-16 times the condition, 1e7
+    np.testing.assert_allclose([float(e.sigma) for e in solve.estimates], 1.0, rtol=1e-7)
+
+
+def test_deviations_of_a_polynomial_in_years_are_those_about_its_middle():
+    """The same curve in years and in years about the middle, where the condition is small."""
+    years = np.arange(1990.0, 2021.0)
+    t = (years - 2005.0) / 15.0
+    noise = np.random.default_rng(5).normal(size=len(t)) * np.where(np.arange(len(t)) % 9 == 4, 6.0, 1.0)
+    y = 3.0 + 0.5 * t + 2.0 * t**2 - 0.4 * t**3 + 0.05 * noise
+    text = """(problem p (data d external) (unknowns (a0) (a1) (a2) (a3))
+      (observe d (= y (+ a0 (* a1 x) (* a2 (^ x 2)) (* a3 (^ x 3)))) :sigma 0.05 :loss {loss}))"""
+    far = mbm.loads(text.format(loss="huber")).solve(data={"d": {"x": years, "y": y}}).solves[0]
+    near = mbm.loads(text.format(loss="huber")).solve(data={"d": {"x": t, "y": y}}).solves[0]
+    # the coefficient of the cube is the same but for the scale of x; the estimates agree to 1e-12 times the condition
+    assert float(far["a3"].sigma) * 15.0**3 == pytest.approx(float(near["a3"].sigma), rel=1e-4)

@@ -133,6 +133,8 @@ def summed(parts: Iterable[Units], residuals: Floats, stated: Floats) -> tuple[F
 class Bread:
     """What the sandwich is made of, along r directions, the columns of ``basis`` (n, r): H⁻¹ is ``inverse`` (r, r).
 
+    In the directions JᵀJ is the identity, but for what weights leave: the condition is then that of the weights.
+
     ``along`` (m, r) are the derivatives of the plain residuals, and ``spread`` (m,) their variances in G, so that
     ``G = Σ spread · aᵀa``. ``observed`` is the rank decision with what losses leave free as well.
     """
@@ -159,14 +161,16 @@ def bread(
     ``stated`` (m,) or was estimated;
     ``observed`` is the rank decision, in whose estimable subspace the covariance lives.
     """
-    basis = observed.row_space / observed.scale[:, None]
+    strengths = observed.singular_values[: observed.row_space.shape[1]]
+    basis = observed.row_space / strengths / observed.scale[:, None]
     along = np.where(np.isfinite(jacobian), jacobian, 0.0) @ basis
     units = ((loss, np.zeros(len(lines), dtype=np.int64), lines) for loss, lines in losses)
     found = pools(units, residuals[None], along[None], stated[None].astype(np.float64))
-    free = flat_directions(found.curvature[0], found.weighed[0], observed)
+    free = flat_directions(found.curvature[0], found.weighed[0])
     if free is not None:
-        observed, kept = flattened(observed, free, point)
+        kept = np.linalg.qr(free, mode="complete")[0][:, free.shape[1] :]
         basis, along, found = basis @ kept, along @ kept, found.within(kept)
+        observed = flattened(observed, free / strengths[:, None], point)
     inverse = np.asarray(np.linalg.pinv(found.curvature[0], hermitian=True), dtype=np.float64)
     return Bread(
         observed=observed, basis=basis, inverse=inverse, along=along, spread=found.row_spreads(inverse[None])[0]
@@ -190,34 +194,31 @@ def sandwich(
     return of_factor(factor, found.observed), found.observed
 
 
-def flat_directions(curvature: Floats, weighed: Floats, observed: Observability) -> Floats | None:
+def flat_directions(curvature: Floats, weighed: Floats) -> Floats | None:
     """Directions (r, k) along which ``curvature`` (r, r) is next to nothing of what is ``weighed`` (r, r); None: none.
 
-    Both in the coordinates of ``row_space``. Divided by the singular values they are well conditioned, as the
-    derivatives of the square-root form are never larger than the weights: ``w² s/ρ ≤ w``. Directions that
-    nothing weighs (a loss that ends may leave every row without weight) are among those found.
+    Both are well conditioned, as the derivatives of the square-root form are never larger than the weights:
+    ``w² s/ρ ≤ w``. Directions that nothing weighs (a loss that ends may leave every row without weight) are among those
+    found.
     """
-    strengths = observed.singular_values[: len(curvature)]
-    across = np.outer(strengths, strengths)
     if not (np.isfinite(curvature).all() and np.isfinite(weighed).all()):
         return None
-    weights, turned = np.linalg.eigh(weighed / across)
+    weights, turned = np.linalg.eigh(weighed)
     felt = weights > EPSILON * np.max(weights, initial=0.0)
     root = turned[:, felt] / np.sqrt(weights[felt])
-    shares, axes = np.linalg.eigh(root.T @ (curvature / across) @ root)
+    shares, axes = np.linalg.eigh(root.T @ curvature @ root)
     flat = ~(shares > EXHAUSTED)
     if felt.all() and not flat.any():
         return None
-    found = np.hstack([root @ axes[:, flat], turned[:, ~felt]]) / strengths[:, None]
-    return np.asarray(found / np.sqrt(np.square(found).sum(axis=0)), dtype=np.float64)
+    return np.hstack([root @ axes[:, flat], turned[:, ~felt]])
 
 
-def flattened(observed: Observability, free: Floats, point: Floats) -> tuple[Observability, Floats]:
-    """The rank decision with the directions ``free`` (r, k) of its row space, and the others (r, r − k) of that."""
+def flattened(observed: Observability, free: Floats, point: Floats) -> Observability:
+    """The rank decision without the directions ``free`` (r, k) of its row space."""
     count = free.shape[1]
-    turned = np.linalg.qr(free, mode="complete")[0]
+    turned = np.linalg.qr(free / np.sqrt(np.square(free).sum(axis=0)), mode="complete")[0]
     lost, kept = observed.row_space @ turned[:, :count], turned[:, count:]
-    changed = replace(
+    return replace(
         observed,
         row_space=observed.row_space @ kept,
         null_space=np.hstack([observed.null_space, lost]),
@@ -225,4 +226,3 @@ def flattened(observed: Observability, free: Floats, point: Floats) -> tuple[Obs
         estimable=observed.estimable & ~touched_by(lost),
         flat=count,
     )
-    return changed, kept
