@@ -23,6 +23,16 @@ def not_emitted(place: Place | None, what: str, why: str, instead: str = "use `m
     return Diagnostic(code=NOT_EMITTED, message=f"{what} cannot be compiled: {why}", place=place, hint=instead)
 
 
+def free_of_cost(place: Place) -> Diagnostic:
+    """Movements that no sum of squares notices, and that the derivatives of residuals do not show."""
+    return not_emitted(
+        place,
+        "a problem whose unknowns may move together at no cost",
+        "generated solvers look for what is free among the derivatives of residuals, and these change",
+        "fix one of the unknowns that `mbm solve` names, or give one a prior",
+    )
+
+
 def calls(external: External | Outlined) -> Diagnostic:
     """A function in Python, or an outline, which no generated code brings along."""
     if isinstance(external, Outlined):

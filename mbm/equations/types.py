@@ -287,7 +287,8 @@ class Observability:
     ``flat`` counts the directions that the equations determine, but along which robust losses leave the cost without
     curvature: they are in ``null_space`` and ``combinations``, though the rank counts them. ``limited_space`` (n, k) is
     an orthonormal basis of what inequalities that hold the estimates take away beside equations, scaled (None: nothing
-    is, or of sparse problems nobody looks).
+    is, or of sparse problems nobody looks). ``unnoticed`` counts the directions that residuals notice, but not the sum
+    of their squares: neither rank nor ``row_space`` has them.
     """
 
     dimension: int
@@ -308,6 +309,7 @@ class Observability:
     inverse: CovarianceFactor | None = field(default=None, repr=False)
     flat: int = 0
     limited_space: Floats | None = None
+    unnoticed: int = 0
 
     @property
     def observable(self) -> bool:

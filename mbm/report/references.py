@@ -8,6 +8,7 @@ from itertools import islice
 
 import numpy as np
 
+from mbm.emit import faults
 from mbm.emit.answers import FAILED, Agreement, Answers, DerivedRows, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.equations.assembly import Assembled
@@ -219,6 +220,8 @@ def _references(
                 raise
             yield _failed()
             continue
+        if solving and solution.observability.unnoticed:
+            raise MbmError(faults.free_of_cost(problem.unknowns[0].span))
         yield _reference(solution, solve if solving else None, own)
 
 

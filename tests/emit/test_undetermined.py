@@ -192,3 +192,17 @@ def test_folders_pass_their_own_test_where_sigmas_are_missing_or_none(target, tm
             pytest.skip("no make")
         found = run(*map(str, command), folder=folder)
         assert found.returncode == 0, found.stdout + found.stderr
+
+
+@pytest.mark.parametrize("target", ["c", "python"])
+def test_what_only_the_sum_of_squares_leaves_free_is_refused(target):
+    """Places about their only anchor may be turned, and residuals turn with them: the Jacobian does not show it."""
+    text = """(problem turn (data d (table (k r) (0 4.1) (1 3.4) (2 2.9) (3 2.6)))
+      (data f (table (a b c) (0 1 2) (1 2 3))) (data g (table (a b) (0 1) (1 2) (2 3)))
+      (unknowns (p (vector 2) :per d.k :init [(+ -4 k) 2]))
+      (observe d (= r (norm (p k))) :sigma 0.1) (observe g (= 1.1 (norm (- (p b) (p a)))) :sigma 0.1)
+      (observe f (= [0 0] (+ (p a) (- (p c) (* 2 (p b))))) :sigma 0.2) {more})"""
+    with pytest.raises(mbm.MbmError, match="may move together at no cost") as caught:
+        of_text(text.format(more=""), target)
+    assert [d.code.name for d in caught.value.diagnostics] == ["not-emitted"]
+    assert of_text(text.format(more="(observe g (= a b) :sigma 1)").replace("(= a b)", "(= 2 ((p 0) 2))"), target)

@@ -238,6 +238,7 @@ def _freed(equations: Assembled, minimum: Minimum, observed: Observability, dire
         null_space=np.hstack([observed.null_space, lost]),
         combinations=(*observed.combinations, *free_combinations(lost, scale, point)),
         estimable=observed.estimable & ~touched_by(lost),
+        unnoticed=count,
     )
     if observed.inverse is not None:
         from mbm.sparse.inverse import constrained_inverse, inverse_of
