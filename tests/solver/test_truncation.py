@@ -8,27 +8,7 @@ import pytest
 
 from mbm.solver.filter_cuts import cut_mean, cut_variance, put_moments
 
-CUTS = (
-    -1e5,
-    -300.0,
-    -40.0,
-    -12.0,
-    -8.0,
-    -5.0,
-    -3.0,
-    -1.7,
-    -1.0,
-    -0.999,
-    -0.3,
-    0.0,
-    1e-3,
-    0.8,
-    2.0,
-    3.0,
-    7.0,
-    20.0,
-    37.9,
-)
+CUTS = (-1e5, -300.0, -40.0, -12.0, -8.0, -5.0, -3.0, -1.7, -1.0, -0.999, -0.3, 0.0, 1e-3, 0.8, 2.0, 3.0, 7.0, 37.9)
 
 
 @pytest.mark.parametrize("cut", CUTS)
