@@ -275,20 +275,18 @@ class Observability:
     """The rank decision at a point.
 
     ``rank`` of ``dimension`` (the free coordinates only: those at a bound are ``fixed`` and not counted in either);
-    ``equalities`` of the rank are what independent equations among the constraints determine;
-    ``condition`` of the column-scaled Jacobian on its estimable part; ``singular_values`` of the scaled Jacobian,
-    descending; ``unused`` coordinates whose column is exactly zero; ``combinations`` that are free beside those;
-    ``scale`` (n,) the column norms (1 for empty columns); ``row_space`` (n, rank − equalities) and ``null_space``
-    (n, k) orthonormal bases in scaled coordinates ``scale · step``; ``estimable`` (n,) False where a free
-    combination or an unused coordinate touches; ``fixed`` (n,) the coordinates held at a bound. ``gauge`` names the
-    common motions among what is free; ``datum`` of their dimensions were settled by the minimum-norm datum, and are in
-    no ``null_space`` any more: ``datum_space`` (n, k) is an orthonormal basis of what was free before, not scaled.
+    ``equalities`` of the rank are what independent equations determine; ``condition`` of the column-scaled Jacobian
+    on its estimable part; ``singular_values`` of that, descending; ``unused`` coordinates whose column is exactly zero;
+    ``combinations`` that are free beside those; ``scale`` (n,) the column norms (1 for empty columns);
+    ``row_space`` (n, rank − equalities) and ``null_space`` (n, k) orthonormal bases in scaled coordinates
+    ``scale · step``; ``estimable`` (n,) False where a free combination or an unused coordinate touches; ``fixed`` (n,)
+    those held at a bound. ``gauge`` names the common motions among what is free; ``datum`` of their dimensions were
+    settled by the minimum-norm datum, and are in no ``null_space``: ``datum_space`` (n, k) has them, not scaled.
     ``inverse`` stands in for ``row_space`` (then empty) where there are very many coordinates.
     ``flat`` counts the directions that the equations determine, but along which robust losses leave the cost without
     curvature: they are in ``null_space`` and ``combinations``, though the rank counts them. ``limited_space`` (n, k) is
     an orthonormal basis of what inequalities that hold the estimates take away beside equations, scaled (None: nothing
-    is, or of sparse problems nobody looks). ``unnoticed`` counts the directions that residuals notice, but not the sum
-    of their squares: neither rank nor ``row_space`` has them.
+    is, or of sparse problems nobody looks). ``unnoticed`` directions change residuals, but not the sum of squares.
     """
 
     dimension: int
