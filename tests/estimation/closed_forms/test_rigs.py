@@ -87,6 +87,18 @@ def test_stereo_in_any_order(left: str, right: str, inverse: bool) -> None:
     np.testing.assert_allclose(got, [*LEFT.focal, *LEFT.centre, *RIGHT.focal, *RIGHT.centre], rtol=EXACT)
 
 
+def test_a_board_whose_corners_were_measured_somewhere_in_space() -> None:
+    """To a tenth of a millimetre: no plane holds them exactly, and no start needs more."""
+    data = stereo_data(0.2)
+    for table in (data["left"], data["right"]):
+        corners = np.stack([table[axis] for axis in "xyz"], axis=1) @ turn([0.7, -0.4, 0.3]).T + [3.0, -1.0, 2.0]
+        table |= dict(zip("xyz", np.round(corners, 4).T, strict=True))
+    found = mbm.loads(STEREO.format(left="(T photo)", right="(compose B (T photo))", more="")).solve(data=data)
+    assert found.status == "ok"
+    sigmas = np.asarray(found["B"].sigma)[-3:]
+    np.testing.assert_allclose(value(found, "B")[-3:], SIDE[1], atol=5 * float(sigmas.max()))
+
+
 def test_three_noisy_photographs_are_enough() -> None:
     """The cost is that of the right minimum: within five deviations of a χ² with as many degrees of freedom."""
     text = STEREO.format(left="(T photo)", right="(compose B (T photo))", more="")

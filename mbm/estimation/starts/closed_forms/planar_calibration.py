@@ -56,8 +56,9 @@ AXES = (
     Axes(turn=np.diag([1.0, -1.0, -1.0]), signs=np.array([1.0, -1.0])),  # OpenGL's; its pinholes are turned OpenCV's
 )
 
-PLANAR = 1e-9
-"""Extent of the points across their plane beside the largest."""
+PLANAR = 1e-3
+"""Extent of the points across their plane beside the largest, up to which a start takes them for plane: coordinates of
+boards are measured, and rounded."""
 
 PROBE = np.array([0.4, 0.7, 1.3])
 """A place to look at: before the camera, with either axes."""
