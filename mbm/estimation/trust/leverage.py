@@ -151,8 +151,6 @@ def _apart(problem: Problem, equations: Assembled, point: Floats, factor: Floats
     whichever is larger; distances by Student's law are those of the normal law that are as rare.
     """
     units = np.setdiff1d(equations.units, equations.units[without])
-    if not len(units):
-        return np.full(equations.count, np.nan)
     others = excerpt(replace(equations, numbers=point), equations.free, units)
     there = minimise(others, point, ROUGH).point
     residuals, slopes = equations.plain_residuals(there), equations.plain_jacobian(there) @ factor
