@@ -18,7 +18,7 @@ from mbm.estimation.batches.types import Ends, Which
 from mbm.estimation.trust.coarse import LEAST_ROWS, SIGNS, at_edge, clauses_read, coarse, rounded_column
 from mbm.estimation.trust.curvature import MOST_DERIVED, UNMOVED, directions
 from mbm.estimation.trust.hidden import LEAST_REDUNDANCY, narrow, stated_noise, tail
-from mbm.estimation.trust.leverage import NEAR, drawn
+from mbm.estimation.trust.leverage import drawn
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
     LOOKED_AT,
@@ -225,7 +225,7 @@ def _drawn(portion: Portion, residuals: Floats, weights: Floats, basis: Floats) 
     lossy = np.zeros(residuals.shape, dtype=bool)
     for _, solve, slots in portion.losses():
         lossy[solve[:, None], slots] = True
-    return np.asarray((drawn(residuals, basis, weights, portion.kept().sum(axis=1), NEAR + MARGIN) & lossy).any(axis=1))
+    return np.asarray((drawn(residuals, basis, weights, portion.kept().sum(axis=1), MARGIN) & lossy).any(axis=1))
 
 
 @np.errstate(all="ignore")
