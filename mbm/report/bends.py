@@ -176,8 +176,13 @@ def with_bends(linear: Result, result: Result, solved: Solved, spans: Mapping[st
     constants = linear.solves[places[0]].considered
     laws, dof = [each.law for each in constants], np.array([each.dof for each in constants])
 
+    stopped = {i: np.zeros(len(_limit(linear.solves[i])), dtype=bool) for i in places}
+
     def changes(points: Floats) -> dict[int, Floats]:
         there = [solved(point) for point in points]
+        for i in places:
+            if any(each is not None and _at_limits(each.solves[i]) != _at_limits(result.solves[i]) for each in there):
+                stopped[i] |= _told_by_data(result.solves[i])
         return {i: np.stack([_changes(result.solves[i], each, i) for each in there]) for i in places}
 
     looks = _looks(laws)
@@ -194,7 +199,7 @@ def with_bends(linear: Result, result: Result, solved: Solved, spans: Mapping[st
     solves = list(linear.solves)
     for i in places:
         responses = Responses(slopes=slopes[i], points=points, found=found[i], laws=laws, dof=dof)
-        solves[i] = _bent(solves[i], result.solves[i], responses, curved[i], spans)
+        solves[i] = _bent(solves[i], result.solves[i], responses, curved[i] & ~stopped[i], spans)
     return replace(linear, solves=tuple(solves))
 
 
@@ -211,6 +216,23 @@ def _limited(solve: SolveReport, item: Estimate | DerivedValue) -> Mask:
     if spread.lower is not None and spread.upper is not None and values.size == size:
         decided |= (values - below <= spread.lower.ravel()) | (values + above >= spread.upper.ravel())
     return decided
+
+
+def _at_limits(solve: SolveReport) -> bytes:
+    """Which estimates are at their limits. Others than these: a limit decides how far numbers follow constants."""
+    return b"".join(b"" if each.at_bound is None else np.asarray(each.at_bound).tobytes() for each in solve.estimates)
+
+
+def _told_by_data(solve: SolveReport) -> Mask:
+    """Which numbers (P,) of a solve with exact constants have standard deviations."""
+
+    def told(item: Estimate | DerivedValue) -> Mask:
+        values = np.asarray(item.value, dtype=np.float64)
+        if item.sigma is None:
+            return np.ones(np.shape(difference(item.quantity, values, values)), dtype=bool).ravel()
+        return np.asarray(np.ravel(item.sigma) != 0.0)
+
+    return np.concatenate([told(item) for item in _items(solve)])
 
 
 def _items(solve: SolveReport) -> tuple[Estimate | DerivedValue, ...]:

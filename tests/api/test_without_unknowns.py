@@ -47,7 +47,9 @@ def test_a_fixed_model_is_judged_by_its_residuals() -> None:
     cost = float(np.square(RESIDUALS / 0.1).sum())
     assert found.first.cost == pytest.approx(cost)
     assert found.first.dof == 4
-    assert found.first.chi2_p == pytest.approx(chi2.sf(cost, 4))
+    slopes = np.arange(1.0, 5.0) * 0.1 / 0.1  # of whitened residuals by the constant, times its standard deviation
+    told = np.linalg.solve(np.eye(4) + np.outer(slopes, slopes), RESIDUALS / 0.1)
+    assert found.first.chi2_p == pytest.approx(chi2.sf(RESIDUALS / 0.1 @ told, 4))  # generalised least squares
     np.testing.assert_allclose(found.residuals("t")["whitened"], -RESIDUALS / 0.1)
     np.testing.assert_allclose(found["m"].sigma, 0.1 * np.arange(1.0, 5.0))
 

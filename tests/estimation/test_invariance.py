@@ -92,3 +92,17 @@ def test_points_without_states_likewise():
     assert solve.status == "unobservable"
     assert turns(solve) == [("rotation", 1)]
     assert mbm.loads(text % ":gauge free").solve().solves[0].status == "converged"
+
+
+def test_a_number_that_is_zero_but_for_rounding_is_not_free():
+    """Steps were a share of its size, 1e-31: no gradient changed by them, and all unknowns were called free."""
+    solve = (
+        mbm.loads("""(problem growth (data plants (table (id) ("a") ("b") ("c")) :key id)
+      (data d (table (who day y) ("a" 1 2.1) ("b" 1 3.2) ("c" 1 4.1) ("a" 2 2.6) ("b" 2 3.4) ("c" 2 4.7)))
+      (unknowns (g :per plants) (o :per d.day) (k))
+      (observe d (= y (+ (exp (* 0.3 (g who))) (o day) k)) :sigma 0.1)
+      (constraints (normal k 0 1) (normal (o day) 0 1 :over d)))""")
+        .solve()
+        .solves[0]
+    )
+    assert solve.status == "converged"

@@ -32,6 +32,9 @@ unknown by that share of its size. If all are known five times better, nothing i
 SPACED = 1e-5
 """Share of its size by which a number goes either way for a difference of the gradient: truncated and rounded alike."""
 
+ROUNDED_AWAY = 1e-9
+"""Share of its error below which a number is 0 but for rounding."""
+
 MOST_STEPS = 40
 """Lanczos' steps; the zero stands apart from the others, and some ten find it."""
 
@@ -61,8 +64,8 @@ MOST = 7
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Metric:
     """At a minimum ``image``, J, of steps (n,), its transpose ``back``, and (JᵀJ)⁺, which is ``solve``; and of points
-    half of the gradient of the cost (n,). The unknowns have the ``size`` (n,), and standard deviations ``sigma`` (n,);
-    None: these are not known yet.
+    half of the gradient of the cost (n,). The unknowns have the ``size`` (n,) and
+    standard deviations ``sigma`` (n,); None: these are not known yet.
     """
 
     image: Callable[[Floats], Floats]
@@ -123,9 +126,10 @@ def _dense(equations: Assembled, minimum: Minimum, observed: Observability) -> _
         residuals, slopes = equations.linearised(point)
         return np.asarray(residuals @ slopes)
 
+    sigma = np.sqrt(np.einsum("ij,ij->i", factor, factor))
     return _Metric(
-        size=_sizes(equations, minimum.point),
-        sigma=np.sqrt(np.einsum("ij,ij->i", factor, factor)),
+        size=_sizes(equations, minimum.point, sigma),
+        sigma=sigma,
         image=lambda step: np.asarray(minimum.jacobian @ step),
         back=lambda right: np.asarray(right @ minimum.jacobian),
         solve=lambda right: np.asarray(factor @ (right @ factor)),
@@ -152,8 +156,9 @@ def _sparse(equations: Assembled, minimum: Minimum, observed: Observability) -> 
             whole[layout.rows] = right
         return np.asarray(plan.gradient(blocks.values, whole)[layout.free])
 
+    alike = np.abs(inverse.solve(back(np.cos(np.arange(equations.count)))[:, None])[:, 0])
     return _Metric(
-        size=_sizes(equations, minimum.point),
+        size=_sizes(equations, minimum.point, alike),
         back=back,
         image=lambda step: plan.image(blocks.values, layout.padded(step)),
         solve=lambda right: inverse.solve(right[:, None])[:, 0],
@@ -161,14 +166,18 @@ def _sparse(equations: Assembled, minimum: Minimum, observed: Observability) -> 
     )
 
 
-def _sizes(equations: Assembled, point: Floats) -> Floats:
-    """The largest number of the unknown that a coordinate (n,) belongs to; 1 for what turns, and where all are 0."""
+def _sizes(equations: Assembled, point: Floats, errors: Floats) -> Floats:
+    """The largest number of the unknown that a coordinate (n,) belongs to; 1 for what turns, and where all are 0.
+
+    Numbers that are nothing beside their ``errors`` (n,) are 0 but for rounding: these are their sizes.
+    """
     layout = equations.layout
     found = np.ones(len(layout.number))
     for entry in layout.entries:
         found[entry.coordinates] = float(np.abs(point[entry.range]).max(initial=0.0)) or 1.0
     found[(layout.number < 0) | layout.angle] = 1.0
-    return found[equations.free]
+    own = found[equations.free]
+    return np.where(own > ROUNDED_AWAY * errors, own, errors)
 
 
 @np.errstate(all="ignore")
