@@ -57,6 +57,9 @@ NONE_OF_IT = 1e-3
 ROUNDED = 1e-12
 """… and of the cost itself."""
 
+DECISIVE = 10.0
+"""Times that rounding of the cost by which it would have to grow, were the direction none: else nothing is shown."""
+
 MOST = 7
 """Motions of a space with its size: no more directions are looked for."""
 
@@ -230,6 +233,8 @@ def _apart(metric: _Metric, step: Floats, steps: list[Floats], images: list[Floa
 def _stays(equations: Assembled, minimum: Minimum, metric: _Metric, direction: Floats, settings: Settings) -> bool:
     """Whether a minimum as deep lies along the direction, which the way back to this one would lead away from."""
     part = min(AWAY, FARTHEST / float(np.abs(direction / metric.size).max()))
+    if not part**2 > DECISIVE * ROUNDED * minimum.cost:
+        return False
     begun = equations.retract(minimum.point, part * direction)
     ended = minimise(equations, begun, settings)
     gone = float(np.linalg.norm(ended.point - minimum.point) / np.linalg.norm(begun - minimum.point))
