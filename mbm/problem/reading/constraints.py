@@ -34,7 +34,6 @@ from mbm.values import dataclass
 
 T = TypeVar("T")
 
-USAGE = "(= a b …), (<= a b …), (normal form mean sigma) or (uniform form lo hi), each [:over TABLE] [:name n]"
 USAGE = (
     "(= a b …), (<= a b …), (uniform form lo hi), (normal form mean sigma) or another distribution, "
     "each [:over TABLE] [:name n]"
