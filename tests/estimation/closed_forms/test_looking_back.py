@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbm
+from tests.estimation.closed_forms.rigs import Camera, board, composed, held, numbers, photographed, turn
 
 FOCAL = 600.0
 BOARD = np.array([(0.05 * i, 0.05 * j, 0.0) for j in range(4) for i in range(5)])
@@ -17,8 +18,8 @@ PLACES = ((0.02, -0.1, -0.7), (-0.1, 0.05, -0.8), (0.0, 0.0, -0.9), (0.05, -0.05
 def images() -> dict[str, np.ndarray]:
     """By the formula of BAL's page, −f x/z."""
     found: dict[str, list] = {name: [] for name in ("photo", "x", "y", "u", "v")}
-    for number, (turn, place) in enumerate(zip(TURNS, PLACES, strict=True)):
-        moved = BOARD @ Rotation.from_rotvec(turn).as_matrix().T + place
+    for number, (vector, place) in enumerate(zip(TURNS, PLACES, strict=True)):
+        moved = BOARD @ Rotation.from_rotvec(vector).as_matrix().T + place
         seen = -FOCAL * moved[:, :2] / moved[:, 2:]
         for name, values in zip(found, (np.full(len(BOARD), number), *BOARD[:, :2].T, *seen.T), strict=True):
             found[name].extend(values.tolist())
@@ -50,14 +51,14 @@ def test_a_board_before_a_camera_that_looks_along_minus_z(camera, unknown):
 def turned_boards(seed: int, centre: np.ndarray) -> dict[str, np.ndarray]:
     """Five images of a board that is turned by some 0.4 rad about its middle, 0.6 to 1 before the camera."""
     generator = np.random.default_rng(seed)
-    board = np.array([(0.05 * i - 0.125, 0.05 * j - 0.1, 0.0) for j in range(5) for i in range(6)])
+    points = np.array([(0.05 * i - 0.125, 0.05 * j - 0.1, 0.0) for j in range(5) for i in range(6)])
     found: dict[str, list] = {name: [] for name in ("photo", "x", "y", "u", "v")}
     for number in range(5):
-        turn = Rotation.from_rotvec(0.4 * generator.normal(size=3)).as_matrix()
-        moved = board @ turn.T + [0.0, 0.0, 0.6 + 0.1 * number]
+        turned = Rotation.from_rotvec(0.4 * generator.normal(size=3)).as_matrix()
+        moved = points @ turned.T + [0.0, 0.0, 0.6 + 0.1 * number]
         seen = FOCAL * moved[:, :2] / moved[:, 2:] * [1, -1] + centre  # y up
         seen += 0.1 * generator.normal(size=seen.shape)
-        for name, values in zip(found, (np.full(len(board), number), *board[:, :2].T, *seen.T), strict=True):
+        for name, values in zip(found, (np.full(len(points), number), *points[:, :2].T, *seen.T), strict=True):
             found[name].extend(values.tolist())
     return {name: np.array(values) for name, values in found.items()}
 
@@ -83,3 +84,62 @@ def test_the_centre_of_such_a_camera_is_found(camera, limits, focal, seed):
     assert float(solved["depth"].value) > 0.3  # of 0.6 ± the board's half
     for name, value in (("fx", focal), ("fy", focal), ("cx", 320.0), ("cy", -240.0)):
         assert abs(float(solved[name].value) - value) < 5 * float(solved[name].sigma)
+
+
+CONVENTIONS = {
+    "opencv": (np.eye(3), (1.0, 1.0)),
+    "opengl": (np.diag([1.0, -1.0, -1.0]), (1.0, -1.0)),
+    "paper": (np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), (-1.0, -1.0)),
+}
+"""How each turns a camera with z forward and y down, and the signs of its image then."""
+
+PAIR = """(problem pair (data photos external :key photo) (data left external) (data right external)
+  (camera l {l} :center {cl}) (camera r {r} :center {cr})
+  (unknowns (B (pose 3)) (T (pose 3) :per photos) {more})
+  (observe left (= [u v] (project l (transform (T photo) [x y z]))) :sigma 0.2)
+  (observe right (= [u v] (project r (transform (compose B (T photo)) [x y z]))) :sigma 0.2))"""
+
+
+def pair(left: str, right: str, bend: float = 0.0) -> tuple[dict, list, list]:
+    """Images by two cameras of two conventions, without noise; the second one's pose, and the centres.
+
+    The board is plane, or with ``bend`` curved.
+    """
+    generator = np.random.default_rng(4)
+    cameras, side = [Camera(), Camera(focal=(700.0, 705.0))], (turn([0.02, 0.15, 0.01]), np.array([-0.12, 0.003, 0.01]))
+    points = board() + bend * np.sin(20 * board()[:, [1, 2, 0]])
+    boards = held(generator, 5)
+    tables = photographed(cameras, [(np.eye(3), np.zeros(3)), side], boards, [range(5)] * 2, 0.0, generator, points)
+    data = {"photos": {"photo": np.arange(5.0)}} | {
+        name: table.columns() for name, table in zip(("left", "right"), tables, strict=True)
+    }
+    (first, down), (second, up) = CONVENTIONS[left], CONVENTIONS[right]
+    for name, signs in (("left", down), ("right", up)):
+        data[name] |= {"u": signs[0] * data[name]["u"], "v": signs[1] * data[name]["v"]}
+    expected = composed((second, np.zeros(3)), side, (first.T, np.zeros(3)))
+    centres = [f"({320 * s[0]} {240 * s[1]})" for s in (down, up)]
+    return data, numbers(expected), centres
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.03])
+@pytest.mark.parametrize(
+    ("left", "right"), [("opencv", "opengl"), ("opengl", "opencv"), ("paper", "opengl"), ("opengl", "opengl")]
+)
+def test_known_cameras_of_two_conventions(left, right, bend):
+    """A second camera that looks along −z ended at χ² of a million."""
+    data, expected, (cl, cr) = pair(left, right, bend)
+    cameras = {"l": f":axes {left} :focal (800 810)", "r": f":axes {right} :focal (700 705)", "cl": cl, "cr": cr}
+    solved = mbm.loads(PAIR.format(more="", **cameras)).solve(data=data)
+    assert solved.first.cost < 1e-6
+    np.testing.assert_allclose(solved["B"].value, expected, atol=1e-6)
+
+
+def test_focal_lengths_in_a_column_say_where_a_camera_looks():
+    data, expected, (cl, cr) = pair("opencv", "opengl")
+    data["cams"] = {"cam": np.array([1.0]), "f": np.array([-700.0]), "g": np.array([-705.0])}
+    text = PAIR.replace("(camera r", "(data cams external :key cam) (camera r :per cams").replace(
+        "project r", "project (r 1)"
+    )
+    solved = mbm.loads(text.format(more="", l=":focal (800 810)", r=":focal (f g)", cl=cl, cr=cr)).solve(data=data)
+    assert solved.first.cost < 1e-6
+    np.testing.assert_allclose(solved["B"].value, expected, atol=1e-6)

@@ -7,7 +7,7 @@ from enum import Enum
 
 import numpy as np
 
-from mbm.equations.at_rows import looks_back, pinholes
+from mbm.equations.at_rows import DIVIDES_BY_DEPTH, looks_back
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose
@@ -17,51 +17,70 @@ from mbm.estimation.starts.closed_forms.numerics.planes import (
     homography,
     likeliest_camera,
 )
-from mbm.estimation.starts.closed_forms.rows import Rows
+from mbm.estimation.starts.closed_forms.rows import Piece, Rows
 from mbm.estimation.starts.closed_forms.types import Candidate, Situation, Support
 from mbm.expression.evaluate import evaluate
-from mbm.expression.nodes import Component, Leaf, Number, Parameter, leaves
+from mbm.expression.nodes import Column, Component, Constant, Leaf, Parameter, externals
 from mbm.expression.projection import by_axes
 from mbm.rotations import nearest
+from mbm.symbolic.types import ColumnInput, ConstantInput, Slot
 from mbm.values import dataclass
 
 ONE_FOCAL, DISTORTION = 2, 5
 """Kinds of a camera's numbers: 0 and 1 are focal lengths of the axes, this is one for both; 3 and 4 the centre."""
 
 
-def negative(situation: Situation, places: Indices, coordinates: Indices) -> bool:
-    """Whether numbers at ``places`` (k,) are below zero: as they are known, as they are stated, or by their limits."""
+def usual(situation: Situation, places: Indices, coordinates: Indices) -> Floats:
+    """The numbers at ``places`` (k,) as they are known, or as they are stated; else ±1, as their limits allow."""
     layout = situation.layout
     stated = np.where(layout.guessed[places], np.nan, layout.start[places])
     numbers = np.where(np.isnan(situation.numbers[places]), stated, situation.numbers[places])
-    return bool(((numbers < 0) | (layout.upper[coordinates] <= 0)).all())
+    return np.where(np.isnan(numbers), np.where(layout.upper[coordinates] <= 0, -1.0, 1.0), numbers)
 
 
-def outlook(situation: Situation, rows: Rows) -> Floats | None:
-    """The way (3,) in which the pinhole cameras of rows look, in their frames; None where that is not known.
+def outlook(situation: Situation, rows: Rows) -> Floats:
+    """The ways (n, 3) in which the cameras of rows look, in their frames; NaN where that is not known.
 
     Unknown focal lengths are taken to be positive where nothing says that they are negative.
     """
+    return np.concatenate([np.empty((0, 3)), *(_ways(situation, piece) for piece in rows.pieces)])
 
-    def sign(leaf: Leaf) -> float:
-        if not isinstance(leaf, Component):
-            return 1.0
-        entry = situation.layout.entry(leaf.unknown)
-        if entry.unknown.freedom != entry.unknown.size:
-            return 1.0
-        own = np.arange(entry.members) * entry.unknown.size + entry.unknown.indices().index(leaf.index)
-        return -1.0 if negative(situation, entry.offset + own, entry.first + own) else 1.0
 
+def _ways(situation: Situation, piece: Piece) -> Floats:
+    """`outlook` of one equation in some rows (r, 3)."""
+    nowhere = np.full((len(piece.lines), 3), np.nan)
+    owner = [k for k, each in enumerate(piece.group.whiteners) if (each.first, each.last) == (piece.first, piece.last)]
+    camera = piece.group.equations[owner[0]].projection if owner and piece.group.equations else None
+    if camera is None or camera.model not in (DIVIDES_BY_DEPTH, Lens.FISHEYE.value) or any(externals(camera.focal)):
+        return nowhere
     axes = tuple(Parameter(name) for name in "xyz")
     frame: dict[Leaf, Floats] = dict(zip(axes, np.eye(3), strict=True))
-    ways = set()
-    for camera in dict.fromkeys(each for piece in rows.pieces for each in pinholes(piece.group)):
-        if not all(isinstance(leaf, Component | Number) for leaf in leaves(camera.focal)):
-            return None
-        ahead = -1.0 if bool(looks_back(*evaluate(camera.focal, sign))) else 1.0
-        depth = evaluate(by_axes(axes, camera.axes)[2:], frame.__getitem__)[0]
-        ways.add(tuple((ahead * np.asarray(depth)).tolist()))
-    return np.array(ways.pop()) if len(ways) == 1 else None
+    ahead = np.asarray(evaluate(by_axes(axes, camera.axes)[2:], frame.__getitem__)[0])
+    if camera.model == Lens.FISHEYE.value:
+        return np.tile(ahead, (len(piece.lines), 1))
+    focal = evaluate(camera.focal, lambda leaf: _at_rows(situation, piece, leaf))
+    back = np.broadcast_to(looks_back(*focal), (len(piece.lines),))
+    return np.where(back[:, None], -ahead, ahead)
+
+
+def _at_rows(situation: Situation, piece: Piece, leaf: Leaf) -> Floats:
+    """What a leaf is in some rows (r,): an unknown as `usual`; NaN if the equation does not take it as it is."""
+    group, layout = piece.group, situation.layout
+    if isinstance(leaf, Component):
+        entry = layout.entry(leaf.unknown)
+        slot = Slot(leaf.unknown, entry.unknown.indices().index(leaf.index), leaf.member)
+        if slot in group.kernel.variables and entry.unknown.freedom == entry.unknown.size:
+            places = group.index[piece.lines, group.kernel.variables.index(slot)]
+            return usual(situation, places, entry.first + places - entry.offset)
+    for number, parameter in enumerate(group.kernel.parameters):
+        if isinstance(leaf, Column) and isinstance(parameter, ColumnInput):
+            given = (parameter.table, parameter.name, parameter.row, parameter.member)
+            same = leaf.identity == given and leaf.sampling is parameter.sampling is None
+        else:
+            same = isinstance(leaf, Constant) and parameter == ConstantInput(leaf.name)
+        if same:
+            return np.asarray(group.parameters[piece.lines, number])
+    return np.full(len(piece.lines), np.nan)
 
 
 LEAST_POINTS = 4
@@ -108,7 +127,7 @@ class Camera:
     def sense(self, situation: Situation) -> float:
         """−1 where all its focal lengths are known to be negative, else 1."""
         focal = np.array(self.kinds) <= ONE_FOCAL
-        return -1.0 if negative(situation, self.places[focal], self.coordinates[focal]) else 1.0
+        return -1.0 if bool((usual(situation, self.places[focal], self.coordinates[focal]) < 0).all()) else 1.0
 
     def probed(self, situation: Situation) -> Situation:
         """With focal lengths of 1, the centre at 0, and no distortion."""

@@ -178,8 +178,7 @@ def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> I
         seen = eye.image(PROBE) - found.moved.values(PROBE)
     else:
         return
-    way = outlook(situation, found.moved.rows)
-    ahead = 1.0 if way is None else float(way.sum())
+    ahead = np.where(outlook(situation, found.moved.rows).sum(axis=1) < 0, -1.0, 1.0)
     order = np.argsort(found.product, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(found.product[order])) + 1):
         points = found.points[rows]
@@ -200,7 +199,7 @@ def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> I
             eye=eye,
             places=np.empty(0, dtype=np.int64) if link is None else link.places(int(link.member[rows[0]])),
             inverse=link is not None and link.inverse,
-            ahead=ahead,
+            ahead=float(ahead[rows[0]]),
             sense=camera.sense(situation),
         )
 

@@ -47,14 +47,12 @@ class PoseFromPoints:
             moved = moved_points(candidate, candidate.rows(dimension - 1))
             if moved is None or moved.frame.dimension != dimension or moved.frame.scales or not is_central(moved):
                 continue
-            bearings = bearings_of(moved)
+            bearings = bearings_of(situation, moved, moved.points, moved.rows.member)
             seen = finite(bearings, 1)
             if int(seen.sum()) < 3:
                 return None
             sights = Sights(moved=moved.picked(seen), bearings=bearings[seen])
-            return Plan(
-                form=self, candidate=candidate, rows=sights.moved.rows, minimal=3, data=_facing(situation, sights)
-            )
+            return Plan(form=self, candidate=candidate, rows=sights.moved.rows, minimal=3, data=sights)
         return None
 
     def solve(self, plan: Plan, subsets: Indices) -> Floats:
@@ -94,42 +92,36 @@ def is_central(moved: MovedPoints) -> bool:
     return True
 
 
-def bearings_of(moved: MovedPoints) -> Floats:
-    """Lines of sight; the search begins along z (OpenCV), x (the paper's axes), y."""
-    d = moved.points.shape[1]
-    axes = np.eye(3)[[2, 0, 1]] if d == 3 else np.eye(2)
-    starts = [*axes, *-axes] if d == 2 else [*axes]
-    return directions(moved.values, moved.slopes, len(moved.points), starts)
+def bearings_of(situation: Situation, moved: MovedPoints, points: Floats, view: Indices) -> Floats:
+    """Lines of sight (n, d), NaN where none is found, of ``points`` (n, d) that are seen together in each ``view``.
 
-
-def _turned_round(sights: Sights) -> bool:
-    """Whether both image coordinates fall where the lateral coordinates grow: a camera that looks the other way, or
-    residuals of the other sign.
+    The search begins where the cameras look, then along z (OpenCV), x (the paper's axes), y. A pinhole does not tell
+    front from back: its focal lengths say where it looks.
     """
-    ahead = sights.bearings.mean(axis=0)
-    axis = int(np.argmax(np.abs(ahead)))
-    lateral = [(axis + 1) % 3, (axis + 2) % 3]
-    slopes = sights.moved.slopes(ahead)[:, :, lateral]
-    return bool((slopes[:, 0, 0] < 0).all() and (slopes[:, 1, 1] < 0).all())
+    if moved.points.shape[1] == 2:
+        return directions(moved.values, moved.slopes, len(moved.points), [*np.eye(2), *-np.eye(2)])
+    ways = outlook(situation, moved.rows)
+    known = finite(ways, 1)
+    starts = [*np.unique(ways[known], axis=0), *np.eye(3)[[2, 0, 1]]]
+    found = directions(moved.values, moved.slopes, len(moved.points), starts)
+    found = np.where((np.einsum("ni,ni->n", found, ways) < 0)[:, None], -found, found)
+    open_ones = ~known & finite(found, 1)
+    if open_ones.any() and _faces_back(moved.picked(open_ones), points[open_ones], found[open_ones], view[open_ones]):
+        found[open_ones] *= -1.0
+    return found
 
 
-def _facing(situation: Situation, sights: Sights) -> Sights:
-    """The same, or with all bearings turned round where the camera looks along a negative axis (BAL's cameras do).
+def _faces_back(moved: MovedPoints, points: Floats, bearings: Floats, view: Indices) -> bool:
+    """Whether equations that say nothing of a camera are those of one that looks along a negative axis, as BAL's do.
 
-    A pinhole does not tell front from back; points in general position do: only one side sees them unmirrored. Of a
-    plane both sides may be seen, but its focal lengths say where a camera looks.
+    Points in general position tell: only one side sees them unmirrored.
     """
-    first = sights.moved.rows.of_member(int(sights.moved.rows.member[0]))
-    points, bearings = sights.moved.points[first], sights.bearings[first]
-    if points.shape[1] == 2:
-        return sights
+    if not _turned_round(moved, bearings):
+        return False
+    first, misfits = view == view[0], list[float]()
+    points, bearings = points[first], bearings[first]
     if np.linalg.matrix_rank(points - points[0], tol=AGREEMENT * np.ptp(points, axis=0).max()) < 3:
-        way = outlook(situation, sights.moved.rows)
-        turned = 1.0 if way is None else np.where(sights.bearings @ way < 0, -1.0, 1.0)[:, None]
-        return Sights(moved=sights.moved, bearings=turned * sights.bearings)
-    if not _turned_round(sights):
-        return sights
-    misfits = []
+        return False
     for sign in (1.0, -1.0):
         R, t = poses_from_bearings(points, sign * bearings)
         if not len(R):
@@ -138,9 +130,18 @@ def _facing(situation: Situation, sights: Sights) -> Sights:
         seen = points @ R[0].T + t[0]
         seen /= np.linalg.norm(seen, axis=1, keepdims=True)
         misfits.append(float(np.median(np.linalg.norm(seen - sign * bearings, axis=1))))
-    if misfits[1] < 0.1 * misfits[0]:
-        return Sights(moved=sights.moved, bearings=-sights.bearings)
-    return sights
+    return misfits[1] < 0.1 * misfits[0]
+
+
+def _turned_round(moved: MovedPoints, bearings: Floats) -> bool:
+    """Whether both image coordinates fall where the lateral coordinates grow: a camera that looks the other way, or
+    residuals of the other sign.
+    """
+    ahead = bearings.mean(axis=0)
+    axis = int(np.argmax(np.abs(ahead)))
+    lateral = [(axis + 1) % 3, (axis + 2) % 3]
+    slopes = moved.slopes(ahead)[:, :, lateral]
+    return bool((slopes[:, 0, 0] < 0).all() and (slopes[:, 1, 1] < 0).all())
 
 
 POSE_FROM_POINTS = PoseFromPoints()

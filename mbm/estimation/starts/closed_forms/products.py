@@ -78,7 +78,7 @@ def products_in(situation: Situation, lines: Lines, entries: tuple[int, ...]) ->
     """The products that rows tell which miss one member of each of ``entries``, poses, and nothing else."""
     for width in (2, 3):
         found = chain(situation, lines, entries, width)
-        told = None if found is None else _seen(found) if width == 2 else _placed(found)
+        told = None if found is None else _seen(situation, found) if width == 2 else _placed(found)
         if found is not None and told is not None:
             return _whole(found, *told)
     return _measured(situation, lines, entries) if len(entries) == 2 else None
@@ -96,11 +96,11 @@ def _rows_of_each(found: Chain) -> Iterator[Indices]:
     yield from np.split(order, np.flatnonzero(np.diff(found.product[order])) + 1)
 
 
-def _seen(found: Chain) -> tuple[Floats, Floats] | None:
+def _seen(situation: Situation, found: Chain) -> tuple[Floats, Floats] | None:
     """The products from images: the pose of each photograph."""
     if not is_central(found.moved):
         return None
-    bearings, weight = bearings_of(found.moved), found.moved.rows.weight
+    bearings, weight = bearings_of(situation, found.moved, found.points, found.product), found.moved.rows.weight
     known = finite(bearings, 1)
     count = int(found.product.max()) + 1
     R, t = np.full((count, 3, 3), np.nan), np.full((count, 3), np.nan)
