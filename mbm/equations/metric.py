@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbm.equations.layout import Layout
+from mbm.equations.manifolds import of_arrays
 from mbm.equations.types import Equations, Floats, Indices, Mask, Minimum
 from mbm.solver.decisions import HUGE, ROUNDED_ROTATION, TINY, decided_rank, rounding_of_norm
 
@@ -92,6 +93,20 @@ def magnitudes(equations: Equations, coordinates: Floats) -> Floats:
     return size if curved is None else np.where(curved, 1.0, size)
 
 
+def magnitudes_at(points: Floats, places: Indices) -> Floats:
+    """The same (K, n) at many ``points`` (K, N); ``places`` (n,) are those of the coordinates among the numbers, -1 for
+    rotations and directions.
+    """
+    return np.where(places >= 0, np.abs(points[:, places]), 1.0)
+
+
+def terms_of_rows(equations: Equations, minimum: Minimum) -> Floats:
+    """The squares (m,) of what the residuals at a minimum are made of, whose rounding theirs is: ``Σ (J_ij x_j)²``."""
+    jacobian: Any = minimum.jacobian
+    terms = np.square(magnitudes(equations, equations.coordinates(minimum.point)))
+    return np.asarray((jacobian * jacobian) @ terms, dtype=np.float64)
+
+
 def rounding_at(equations: Equations, minimum: Minimum) -> float:
     """The rounding error of ``‖r‖`` at a minimum."""
     terms = minimum_norms(minimum) * magnitudes(equations, equations.coordinates(minimum.point))
@@ -101,11 +116,10 @@ def rounding_at(equations: Equations, minimum: Minimum) -> float:
 def roundings(norms: Floats, points: Floats, places: Indices, cost: Floats) -> Floats:
     """The same (K,) of many ends: ``norms`` (K, n) of the columns, ``points`` (K, N), ``cost`` (K,).
 
-    ``places`` (n,) are those of the coordinates among the numbers, -1 for rotations and directions.
+    ``places`` as for `magnitudes_at`.
     """
-    size = np.where(places >= 0, np.abs(points[:, places]), 1.0)
-    terms = np.square(norms * size).sum(axis=1)
-    return np.array([rounding_of_norm(*each) for each in zip(terms.tolist(), cost.tolist(), strict=True)])
+    terms = np.square(norms * magnitudes_at(points, places)).sum(axis=1)
+    return of_arrays(rounding_of_norm)(terms, cost)
 
 
 def steps_between(layout: Layout, free: Indices, points: Floats, others: Floats) -> Floats:

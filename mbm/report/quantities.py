@@ -145,7 +145,7 @@ def _unit(stated: Unit | None, angle: bool, problem: Problem, name: str, numbers
     return (dimension.symbol() or None, SI) if dimension is not None else (None, SI)
 
 
-EXACT = "the noise is unknown, and residuals that are all zero cannot tell it"
+EXACT = "the noise is unknown, and residuals that are zero but for rounding cannot tell it"
 NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
 DEPENDENT = "the covariance of the noise is unknown, and some combination of its components has no scatter"
 VANISHED = "the noise that it is due to is estimated as nothing"

@@ -354,12 +354,17 @@ def rounding_of_norm(terms: Real, cost: Real) -> Real:
     return ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(cost))
 
 
+def fits_exactly(cost: Real, rounding: Real) -> Integer:
+    """Whether a cost is nothing but ``rounding``, the rounding error of ``‖r‖``."""
+    return cost <= rounding * rounding
+
+
 def takes_over(cost: Real, other: Real, rounding: Real) -> Integer:
     """Whether a minimum that costs ``other`` takes the place of one that was found first, of which ``rounding`` is the
     rounding error of ``‖r‖``.
     """
-    exact = ROUNDED_FIT * rounding
-    return isfinite(other) and not cost <= exact * exact and not other >= (1.0 - LOWER) * cost
+    exact = fits_exactly(cost, ROUNDED_FIT * rounding)
+    return isfinite(other) and not exact and not other >= (1.0 - LOWER) * cost
 
 
 def leads_elsewhere(cost: Real, form: Real, away: Real) -> Integer:
@@ -383,5 +388,5 @@ def worth_following(cost: Real, form: Real, away: Real, most: Real, rounding: Re
         return False
     if not cost < most:
         return True
-    exact = ROUNDED_FIT * rounding
-    return not cost <= exact * exact and (takes_over(cost, form, rounding) or leads_elsewhere(cost, form, away))
+    exact = fits_exactly(cost, ROUNDED_FIT * rounding)
+    return not exact and (takes_over(cost, form, rounding) or leads_elsewhere(cost, form, away))

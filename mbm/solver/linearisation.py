@@ -8,14 +8,13 @@ from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Re
 from mbm.solver.decisions import (
     CAP,
     DIFFERENCE,
-    EPSILON,
     FLOOR,
     HUGE,
     LEAST_DIFFERENCE,
     ROUNDED_ROTATION,
-    ROUNDING_ERRORS,
     TINY,
     ZERO_COST,
+    fits_exactly,
     rounding_of_norm,
 )
 from mbm.solver.description import BOUNDS_AT, EXACT_FIT, ROUNDING, RUNNING, SMALL_OFFSET, Problem
@@ -249,13 +248,22 @@ def set_free(
         free[j] = 0.0 if low or high else 1.0
 
 
+def squares_of_terms(problem: Problem, slopes: ConstantReals, point: ConstantReals) -> Real:
+    """``Σ (J_j x_j)²``, 1 for rotations: of the terms at a point (N,) that make residuals with ``slopes`` (n,).
+
+    The norms of columns may stand for the slopes.
+    """
+    total = 0.0
+    for j in range(problem.n):
+        place = problem.number_of[j]
+        term = slopes[j] * (point[place] if place >= 0 else 1.0)
+        total += term * term
+    return total
+
+
 def set_cost_rounding(problem: Problem, place: Linearisation) -> None:
     """The rounding of ``‖r‖`` and of the cost at a place whose norms are known."""
-    terms = 0.0
-    for j in range(problem.n):
-        size = fabs(place.x[j]) if problem.number_of[j] >= 0 else 1.0
-        terms += place.norms[j] * size * place.norms[j] * size
-    noise = rounding_of_norm(terms, place.cost)
+    noise = rounding_of_norm(squares_of_terms(problem, place.norms, place.point), place.cost)
     place.rounding = noise
     place.cost_rounding = 2.0 * noise * sqrt(place.cost) + noise * noise
 
@@ -305,13 +313,10 @@ def judge(problem: Problem, place: Linearisation, curved: Integer, work: Work) -
     norms = place.norms
     moving = 0
     movement = 0.0
-    terms = 0.0
     for j in range(n):
         if place.free[j] != 0.0:
             moving += 1
         movement += norms[j] * place.full[j] * norms[j] * place.full[j]
-        size = fabs(place.x[j]) if problem.number_of[j] >= 0 else 1.0
-        terms += norms[j] * size * norms[j] * size
     rank = n - place.deficient
     if rank > moving:
         rank = moving
@@ -324,11 +329,11 @@ def judge(problem: Problem, place: Linearisation, curved: Integer, work: Work) -
     offset = relative_offset(place.predicted, outside, moving, freedom)
     place.offset = offset
     ending = RUNNING
-    if place.cost <= noise * noise or place.cost <= ZERO_COST:
+    if fits_exactly(place.cost, noise) or place.cost <= ZERO_COST:
         ending = EXACT_FIT
     elif offset <= work.tolerance:
         ending = SMALL_OFFSET
-    elif sqrt(movement) <= ROUNDING_ERRORS * EPSILON * sqrt(terms):
+    elif sqrt(movement) <= rounding_of_norm(squares_of_terms(problem, norms, place.point), 0.0):
         ending = ROUNDING
     place.ending = ending
 

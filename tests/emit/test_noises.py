@@ -45,6 +45,11 @@ TEXTS = {
     "exact": f"""{LINE} (data q (table (z) (3) (3) (3))) (unknowns (a :init 1) (b :init 0) (c :init 2))
       (observe d (= y (+ (* a x) b)) :sigma 0.2) (observe q (= z (+ c b)) :sigma (unknown 0.3))
       (derive (top (+ (* 6 a) b)) (sum (+ c b)) (more (+ c a)))""",
+    "loop": """(data d (table (p q r y) (-1 1 0 1.2) (0 -1 1 0.7) (-1 0 1 1.9)))
+      (unknowns (a :init 10) (b :init 10) (c :init 10)) (observe mark (= 10 a) :sigma 0.01)
+      (observe d (= y (+ (* p a) (* q b) (* r c))) :sigma unknown) (derive (rise (- c a)))""",
+    "whole": """(data d (table (x y) (1 1.2) (2 1.9) (3 2.6) (4 3.3))) (unknowns (a :init 1) (b :init 0))
+      (observe d (= y (+ a (* b x))) :sigma unknown) (derive (top (+ a (* 5 b))))""",
     "sharp": f"""{LINE} (data q (table (z) (1.1) (1.1) (1.1))) (unknowns (a :init 1) (b :init 0))
       (observe d (= y (+ (* a x) b)) :sigma 0.2) (observe q (= z b) :sigma (unknown 0.3)) (derive (top (* 6 b)))""",
 }
@@ -60,7 +65,9 @@ MISSING = {
     "unchecked": {"c", "sum", "more"},
     "both": {"c", "o", "sum"},
     "exact": {"c", "sum", "more"},
+    "loop": {"b", "c", "rise"},
     "sharp": {"b", "top"},
+    "whole": set(),
 }
 """What is due to noise that nothing tells, read off the equations: the mean of alike laboratories is not, nor is what
 the noise that is nothing is only a part of, beside a slope or a mean that is not held.

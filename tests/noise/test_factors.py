@@ -138,8 +138,31 @@ def test_exact_data_have_no_noise():
     result = solved(f"""(problem p {table("t", x=[0, 1, 2, 3], y=[1, 3, 5, 7])} {UNKNOWNS}
       (observe t (= y (+ a (* b x)))))""")
     np.testing.assert_allclose(values(result, "a", "b"), [1, 2], atol=1e-13)
-    # Nothing but rounding is left.
-    assert (sigmas(result, "a", "b") < 1e-14).all()
+    assert (sigmas(result, "a", "b") == 0).all()
+    assert [d.code.name for d in result.first.diagnostics] == ["noise-not-estimated"]
+
+
+LOOPS = ((0.7, 1e8, 1.9), (0.7, 1.0, 1.9), (0.7, 1e-8, 1.9), (0.75, 1.0, 2.0), (0.7, 1.0, 1.91))
+"""The second and third rise of a loop whose first is 1.2 or 1.25, and what they are multiplied by."""
+
+
+@pytest.mark.parametrize(("second", "unit", "third"), LOOPS)
+@pytest.mark.parametrize("rest", ["", "(for-each k)"])
+def test_a_loop_that_closes_but_for_rounding_tells_no_noise(second, unit, third, rest):
+    first = third - second if third != 1.91 else 1.2
+    rises = unit * np.round([first, second, third], 2)
+    result = solved(f"""(problem p {table("d", k=[1, 1, 1], a=[1, 2, 1], b=[2, 3, 3], y=rises)}
+      (unknowns (h :per (d.a d.b))) (observe d (= y (- (h b) (h a)))) (observe mark (= {10 * unit} (h 1)) :sigma 0.01)
+      {rest})""")
+    solve = result.solves[0]
+    assert solve.status.name == "CONVERGED"
+    np.testing.assert_allclose(solve["h"].value, 10 * unit + np.array([0, first, third]) * unit, rtol=1e-3)
+    assert solve["h"].sigma[0] == pytest.approx(0.01, rel=1e-6)
+    closes = third != 1.91
+    assert np.isnan(solve["h"].sigma[1:]).all() == closes
+    assert [d.code.name for d in solve.diagnostics] == ["noise-not-estimated"] * closes
+    # The closing error is shared by three rises alike: s² is its square over 3.
+    assert solve.noise["d"] == (None if closes else pytest.approx(0.01 / np.sqrt(3), rel=1e-6))
 
 
 def test_nonlinear_covariance_under_unknown_noise():

@@ -7,8 +7,10 @@ from math import fabs, inf, isfinite
 from mbm.emit.routines.rows import evaluate_row, residuals_of_row, row_scratch, takes_part
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
 from mbm.solver.batch import solve_alone
+from mbm.solver.decisions import fits_exactly, rounding_of_norm
 from mbm.solver.description import NOT_FINITE_AT_START, REASON, Problem
 from mbm.solver.linear_algebra import copied, dot, filled
+from mbm.solver.linearisation import squares_of_terms
 from mbm.solver.noise_factors import (
     BESIDE_ROUNDS,
     BETWEEN,
@@ -31,28 +33,30 @@ SCATTER = 0
 REDUNDANCY = 1
 SQUARES = 2
 COUNT = 3
-FOUND = 4
+TERMS = 4
+"""Sum of the squares of the terms that residuals are made of, as `metric.terms_of_rows` has them."""
+FOUND = 5
 """What the residuals of a group say."""
 
-RATIO = 4
+RATIO = 5
 """By how much its factor changes."""
-FIRST = 5
+FIRST = 6
 """Its factor after the first round."""
-CHECKED = 6
+CHECKED = 7
 """1: it had some redundancy then …"""
-UNTOLD = 7
+UNTOLD = 8
 """… and has none now."""
-EXACT = 8
+EXACT = 9
 """1: it is fitted exactly."""
-BEFORE = 9
+BEFORE = 10
 """The change before the last."""
-KEPT = 10
+KEPT = 11
 """Its factor while another is tried."""
-STARTED = 11
+STARTED = 12
 """1: the factor that it starts with is found."""
-TRIED_AS_NOTHING = 12
+TRIED_AS_NOTHING = 13
 """1: it is fitted exactly, and was tried as nothing."""
-TOLD = 13
+TOLD = 14
 """Numbers that are known of a group: what its residuals say, and these."""
 
 
@@ -88,8 +92,8 @@ def share_of_group(
 ) -> None:
     """What the whitened residuals of a group say of its noise: ``found`` (`FOUND`,), with scratch behind.
 
-    Its `REDUNDANCY` with ``redundancy`` 1 only; it is that of Förstner (1979) and wants the derivatives. ``kappa`` is
-    the share of its variance that a unit of each kind has left, where limits cut its tails off.
+    Its `REDUNDANCY`, that of Förstner (1979), and `TERMS` with ``redundancy`` 1 only: they want the derivatives.
+    ``kappa`` is the share of its variance that a unit of each kind has left, where limits cut its tails off.
     """
     n = problem.n
     scratch = found[FOUND:]
@@ -113,8 +117,10 @@ def share_of_group(
                             found[SCATTER] += line[i] * line[i] / kappa[kinds + u]
                             found[SQUARES] += line[i] * line[i]
                             if redundancy == 1:
-                                leverage = quadratic_form(n, covariance, line[lines + i * n :])
+                                slopes = line[lines + i * n :]
+                                leverage = quadratic_form(n, covariance, slopes)
                                 found[REDUNDANCY] += max(0.0, min(1.0, 1.0 - leverage))
+                                found[TERMS] += squares_of_terms(problem, slopes, point)
         kinds += block.unit_count
 
 
@@ -201,6 +207,11 @@ def start_factors(problem: Problem, work: Work, factors: Reals, told: Reals, spa
         solve_alone(problem, rows.data, point, work)
 
 
+def fits_rounding(told: ConstantReals) -> Integer:
+    """Whether what is left of the residuals of a group is rounding of their terms."""
+    return 1 if fits_exactly(told[SCATTER], rounding_of_norm(told[TERMS], told[SCATTER])) else 0
+
+
 def advance(groups: Integer, number: Integer, factors: Reals, told: Reals) -> Integer:
     """The factors after round ``number``; 1: they are settled."""
     settled = 1
@@ -213,7 +224,7 @@ def advance(groups: Integer, number: Integer, factors: Reals, told: Reals) -> In
             own[CHECKED] = 1.0 - own[UNTOLD]
             if own[UNTOLD] == 1.0:
                 ratio = 1.0 / factors[g]
-        if (own[UNTOLD] == 0.0 and own[SCATTER] == 0.0) or factors[g] * ratio < VANISHED * own[FIRST]:
+        if (own[UNTOLD] == 0.0 and fits_rounding(own) == 1) or factors[g] * ratio < VANISHED * own[FIRST]:
             own[EXACT] = 1.0
         if own[EXACT] == 1.0:
             ratio = 1.0
@@ -376,6 +387,8 @@ def spread_of_group(
     what: Integer,
     spare: Reals,
 ) -> Real:
-    """`SCATTER` or `SQUARES` of a group (-1: of all that has none), at the end of a solve."""
-    share_of_group(problem, rows, numbers, covariance, kappa, group, 0, spare)
+    """`SCATTER`, 0 where it is rounding, or `SQUARES` of a group (-1: of all that has none), at the end of a solve."""
+    share_of_group(problem, rows, numbers, covariance, kappa, group, 1 if what == SCATTER else 0, spare)
+    if what == SCATTER and fits_rounding(spare) == 1:
+        return 0.0
     return fabs(spare[what])  # it is not negative

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations.metric import roundings
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.components import Counted, counted_of, degrees_columns, informing_slopes
 from mbm.estimation.batches.doubts import doubtful, misread, stationary
@@ -58,7 +59,7 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
     unknown = [i for i, block in enumerate(problem.blocks) if block.unknown_factor]
     known, cost = not unknown, counts.cost if lossy or stack.equations.likely else ends.cost
     common = not known and ends.factors is None
-    solved &= (not common) | ((freedom > 0) & (ends.cost > 0.0))
+    solved &= (not common) | ((freedom > 0) & (ends.cost > _rounded_costs(stack, ends, found)))
     noise = np.sqrt(scattered / np.maximum(freedom, 1)) if common else np.ones(len(which))
     if ends.factors is not None and len(unknown) == 1:
         cost = _as_stated(portion, residuals, unknown[0], ends.factors)
@@ -180,6 +181,12 @@ def _used(problem: Problem, portion: Portion, counting: Mask) -> Indices:
         mine = counting[solve[:, None], slots].any(axis=1)
         used[:, owner] += np.bincount(solve, weights=mine, minlength=portion.count).astype(np.int64)
     return used
+
+
+def _rounded_costs(stack: Stack, ends: Ends, found: Factors) -> Floats:
+    """The costs (K,) that are nothing but rounding."""
+    places = stack.equations.layout.number[stack.equations.free]
+    return np.square(roundings(found.scale, ends.points, places, ends.cost))
 
 
 def _usual_costs(freedom: Indices) -> Floats:

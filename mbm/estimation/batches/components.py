@@ -12,6 +12,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.likelihoods import Readings, larger, likely, untested
 from mbm.equations.manifolds import of_arrays
+from mbm.equations.metric import magnitudes_at
 from mbm.equations.spreads import Freedom
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.descent import native_sets, plain_ends, weighted
@@ -33,7 +34,7 @@ from mbm.estimation.uncertainty.degrees import (
     scaled_blocks,
     untold,
 )
-from mbm.estimation.uncertainty.variance import Helmert, starting_factors
+from mbm.estimation.uncertainty.variance import Helmert, Shares, starting_factors
 from mbm.problem.likelihoods.types import SHIFT
 from mbm.problem.types import BlockRole, Problem
 from mbm.solver.noise_factors import NOISE_ROUNDS, starting
@@ -140,7 +141,7 @@ class Rounds:
                 break
             if number:
                 self._minimise(active)
-            settled, sound = self._noise.advance(active, *self._told(active))
+            settled, sound = self._noise.advance(active, self._told(active))
             self._factors[np.ix_(active, self._unknown)] = self._noise.factors[active]
             self.lost[active] |= ~sound | (self._noise.exact | self._noise.untold)[active].any(axis=1)
             self._minimise(active[settled & ~self.lost[active]])
@@ -229,11 +230,14 @@ class Rounds:
             own[portion.block_slots(owner)] = True
         return mine
 
-    def _told(self, which: Indices) -> tuple[Floats, Floats]:
-        """Sums of squares and redundancy (K, unknown) of the groups of unknown noise."""
-        portion, scattered, _, redundancy = self._linearised(which)
-        mine = self._in_groups(portion)
-        return tuple(np.where(mine, each, 0.0).sum(axis=2).T for each in (scattered, redundancy))
+    def _told(self, which: Indices) -> Shares:
+        """What K solves tell of the groups of unknown noise."""
+        portion, scattered, slopes, redundancy = self._linearised(which)
+        equations, mine = self._stack.equations, self._in_groups(portion)
+        sizes = magnitudes_at(self.ends.points[which], equations.layout.number[equations.free])
+        terms = np.square(slopes * sizes[:, None]).sum(axis=2)
+        squares, checked, made_of = (np.where(mine, each, 0.0).sum(axis=2).T for each in (scattered, redundancy, terms))
+        return squares, checked, made_of
 
 
 def _converged(ends: Ends) -> Mask:

@@ -16,7 +16,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache
-from mbm.equations.metric import roundings, steps_between
+from mbm.equations.metric import rounding_at, roundings, steps_between
 from mbm.equations.selection import Selection
 from mbm.equations.types import Floats, Indices, Mask, Minimum, Noise
 from mbm.estimation.batches.chain import NOT_SOLVED, SAME_ENDS
@@ -311,7 +311,7 @@ class Together:
         equations, binder = assemble(self.problem, self.kernels, tables, {}, self.cache)
         minimum = minimum_at(equations, columns, place)
         noise: dict[int, Noise] = {
-            i: common_factor(minimum.cost, int(columns.dof[place]))
+            i: common_factor(minimum.cost, int(columns.dof[place]), rounding_at(equations, minimum))
             for i, block in enumerate(self.problem.blocks)
             if block.unknown_factor
         }

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.metric import rounding_at, terms_of_rows
 from mbm.equations.types import Floats, Indices, Minimum, Noise, Observability, Reason
 from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.minimise.minimise import minimise
@@ -97,7 +98,8 @@ class _Weighing:
             minimum = self._minimise(None)
             observed = self._observed(minimum)
             cost = float(np.square(robust.scattering(minimum.residuals)).sum())
-            noise = common_factor(cost, self.equations.count + observed.equalities - observed.rank)
+            dof = self.equations.count + observed.equalities - observed.rank
+            noise = common_factor(cost, dof, rounding_at(self.equations, minimum))
             return minimum, dict.fromkeys(self.unknown[0], noise), None
         components = variance_components(self._reweighted, groups, self._starting(groups))
         factors = self._row_factors([noise.factor for noise in components.noises])
@@ -137,16 +139,15 @@ class _Weighing:
                 by_row[self.equations.everything().noise_rows(number)] = value
         return by_row
 
-    def _reweighted(self, factors: Floats) -> tuple[Floats, Floats] | None:
+    def _reweighted(self, factors: Floats) -> tuple[Floats, Floats, Floats] | None:
         minimum = self._minimise(self._row_factors(factors))
         late = minimum.reason is Reason.MAX_ITERATIONS and self._left() <= 0
         if late or not (minimum.reason.converged or minimum.reason.under_way):
             return None
         minimum = informed(self.equations.with_factors(self._row_factors(factors)), minimum)
         observed = self._observed(minimum)
-        return self._robust.scattering(minimum.residuals), redundancy_numbers(
-            minimum.jacobian, observed, minimum.blocks
-        )
+        checked = redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
+        return self._robust.scattering(minimum.residuals), checked, terms_of_rows(self.equations, minimum)
 
     def _starting(self, groups: Sequence[Indices]) -> Floats:
         """Factors of the groups from which the rounds start."""

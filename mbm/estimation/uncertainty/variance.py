@@ -11,6 +11,7 @@ import numpy as np
 from mbm.equations.manifolds import of_arrays
 from mbm.equations.types import Components, Fit, Floats, Indices, Mask, Noise, NoiseState, Observability, SparseJacobian
 from mbm.solver.chi_square import chi_square_tail
+from mbm.solver.decisions import fits_exactly, rounding_of_norm
 from mbm.solver.noise_factors import (
     BESIDE_ROUNDS,
     BETWEEN,
@@ -27,13 +28,14 @@ from mbm.solver.noise_factors import (
     starting,
 )
 
-Reweighted = Callable[[Floats], tuple[Floats, Floats] | None]
-"""From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum
-with the rows of group k whitened by its sigma times factor k; None: no minimum was found with the work that is left.
-The caller starts each solve where the last one ended."""
+Reweighted = Callable[[Floats], tuple[Floats, Floats, Floats] | None]
+"""From the noise factors (one for each unknown group) to residuals (m,), redundancy numbers (m,) and the squares of the
+terms that residuals are made of (m,), as `metric.terms_of_rows` has them, at the minimum with the rows of group k
+whitened by its sigma times factor k; None: no minimum was found with the work that is left. The caller starts each
+solve where the last one ended."""
 
-Shares: TypeAlias = tuple[Floats, Floats]
-"""Sums of squares and redundancy (K, groups) of groups of unknown noise."""
+Shares: TypeAlias = tuple[Floats, Floats, Floats]
+"""Sums (K, groups) over groups of unknown noise: of squares of residuals, of redundancy, and of squares of terms."""
 
 
 def fit_statistics(
@@ -67,11 +69,14 @@ def redundancy_numbers(jacobian: Floats, observed: Observability, blocks: Sparse
     return numbers
 
 
-def common_factor(cost: float, dof: int) -> Noise:
-    """The factor where all rows share one unknown noise and nothing is stated: ``s² = cost/dof``, weights unchanged."""
+def common_factor(cost: float, dof: int, rounding: float) -> Noise:
+    """The factor where all rows share one unknown noise and nothing is stated: ``s² = cost/dof``, weights unchanged.
+
+    ``rounding`` is the rounding error of the root of the cost.
+    """
     if dof <= 0:
         return Noise(factor=1.0, state=NoiseState.NO_REDUNDANCY)
-    if cost == 0.0:
+    if fits_exactly(cost, rounding):
         return Noise(factor=1.0, state=NoiseState.EXACT)
     return Noise(factor=sqrt(cost / dof), state=NoiseState.ESTIMATED)
 
@@ -102,12 +107,16 @@ def _column_squares(rows: Floats) -> Floats:
     return np.asarray((rows**2).sum(axis=0)).ravel()
 
 
+def _fits_exactly(squares: Floats, terms: Floats) -> Mask:
+    return np.asarray(of_arrays(fits_exactly)(squares, of_arrays(rounding_of_norm)(terms, squares)) != 0.0)
+
+
 class Helmert:
     """Noise factors (K, groups) of K solves: simplified Helmert iteration (Förstner 1979), round by round.
 
     ``s_k² ← s_k² · SSE_k / r_k`` with the whitened residuals and the redundancy of group k. Groups that
-    are fitted exactly (``exact``, (K, groups)), or have no redundancy (``untold``), keep their last factor. Groups that
-    had some in the first round (``checked``) lose it as their factor vanishes beside the noise of others.
+    are fitted exactly but for rounding (``exact``, (K, groups)), or have no redundancy (``untold``), keep their last
+    factor. Groups that had some in the first round (``checked``) lose it as their factor vanishes beside others' noise.
     """
 
     def __init__(self, start: Floats) -> None:
@@ -120,14 +129,15 @@ class Helmert:
         self._rounds = 0
 
     @np.errstate(all="ignore")
-    def advance(self, which: Indices, squares: Floats, redundancy: Floats) -> tuple[Mask, Mask]:
-        """A round of some solves (k,), from ``SSE`` and r (k, groups): which are settled, and which are sound.
+    def advance(self, which: Indices, shares: Shares) -> tuple[Mask, Mask]:
+        """A round of some solves (k,), from their ``shares`` (k, groups): which are settled, and which are sound.
 
         Squares that are no finite numbers tell nothing of noise: such solves are not sound, and keep their factors.
         """
+        squares, redundancy, terms = shares
         before = self.factors[which]
         self.untold[which] = redundancy <= LEAST_REDUNDANCY
-        exact = self.exact[which] | (~self.untold[which] & (squares == 0.0))
+        exact = self.exact[which] | (~self.untold[which] & _fits_exactly(squares, terms))
         ratio = np.where(exact, 1.0, of_arrays(noise_ratio)(squares, redundancy))
         after = before * ratio
         sound: Mask = np.asarray(np.isfinite(after + squares + redundancy).all(axis=1))
@@ -164,10 +174,10 @@ class _Rounds:
         if found is None:
             return None
         self._stated = sum(map(len, self._groups)) < len(found[0])
-        squares, redundancy = (
-            [[each[rows].sum() for rows in self._groups]] for each in (np.square(found[0]), found[1])
+        squares, redundancy, terms = (
+            np.array([[each[rows].sum() for rows in self._groups]]) for each in (np.square(found[0]), *found[1:])
         )
-        return np.array(squares), np.array(redundancy)
+        return squares, redundancy, terms
 
     def done(self) -> bool:
         """Rounds until all factors settle, and whether they do."""
@@ -176,7 +186,7 @@ class _Rounds:
             shares = self._told(helmert.factors[0])
             if shares is None:
                 return False
-            (settled,), (sound,) = helmert.advance(only, *shares)
+            (settled,), (sound,) = helmert.advance(only, shares)
             if not sound:
                 return False
             if settled and not self._forgo(shares):
@@ -187,7 +197,7 @@ class _Rounds:
 
     def _fade(self, shares: Shares) -> None:
         """Let factors vanish that fall, and do where nothing is left, with the other factors as they then are."""
-        squares, redundancy = (each[0].tolist() for each in shares)
+        squares, redundancy = (each[0].tolist() for each in shares[:2])
         for k, rows in enumerate(self._groups):
             faded = fading(squares[k], redundancy[k], float(len(rows)))
             if self.helmert.checked[0, k] and faded != 1.0:

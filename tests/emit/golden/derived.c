@@ -133,7 +133,7 @@ static void lay_out(struct frame *f, const derived_data *data, struct arena *a)
     header.chunk = 32;
     header.most_outputs = 96;
     f->work.reals = reals_of(a, work_reals(&header));
-    f->spare = reals_of(a, 11 + 2 * n);
+    f->spare = reals_of(a, 12 + 2 * n);
     f->derived_climb = reals_of(a, 1 * data->steps_rows + 1);
     f->derived_climb_sigma = reals_of(a, 1 * data->steps_rows + 1);
     f->derived_top = reals_of(a, 1 + 1);
