@@ -171,6 +171,12 @@ def test_columns_with_errors_become_casadi_functions(tmp_path):
     assert found.returncode == 0, found.stderr
 
 
+def test_quantities_without_unknowns_become_casadi_functions(tmp_path):
+    text = "(problem p (constants (g 9.81)) (derive (gg (* g 2))))"
+    found = run(sys.executable, "test_functions.py", folder=written(of_text(text, "casadi"), tmp_path))
+    assert found.returncode == 0, found.stdout + found.stderr
+
+
 def test_equations_without_rows_in_the_first_solve_are_no_rows_of_casadi_functions(tmp_path):
     text = """(problem slid (data n (table (x y) (0 0) (4 0))) (data d (table (x y) (1.5 2.5) (2.2 3.7) (6.5 8.2)))
       (unknowns (a :init 1)) (observe d (= y a) :sigma 1) (observe n (= y a) :sigma 1) (window x :length 1 :step 1))"""

@@ -187,10 +187,8 @@ def test_file(blueprint: Blueprint) -> str:
     name = blueprint.identifier
     paths = [f'"data/{t.identifier}.csv"' for t in blueprint.tables] or ['""']
     lines = [*_heads(blueprint, "the numbers of `mbm solve` for the data of `data/` must come again.")]
-    starts = "\n".join(
-        f"        data->start_{u.identifier} = start + (result.{u.identifier} - result.point);"
-        for u in blueprint.unknowns
-    )
+    names = [unknown.identifier for unknown in blueprint.unknowns]
+    starts = "\n".join(f"        data->start_{each} = start + (result.{each} - result.{names[0]});" for each in names)
     derived = "\n".join(
         f"    case {i}:\n        return sigma ? result->{d.identifier}_sigma[j] : result->{d.identifier}[j];"
         for i, d in enumerate(blueprint.derived)

@@ -192,7 +192,7 @@ def test_derived_quantities() -> None:
     assert np.allclose(np.array(values).ravel(), wanted, rtol=1e-10, atol=1e-10 * np.abs(wanted).max(initial=0.0))
     slopes, sigma = np.array(jacobian.full()), np.array(reference["sigma"])
     moving = (slopes != 0.0).any(axis=0)
-    covariance = np.array(reference["covariance"])[np.ix_(moving, moving)]
+    covariance = np.array(reference["covariance"]).reshape(moving.size, moving.size)[np.ix_(moving, moving)]
     found = np.sqrt(np.einsum("ij,jk,ik->i", slopes[:, moving], covariance, slopes[:, moving]))
     known = np.isfinite(sigma) & np.isfinite(found)
     assert np.allclose(found[known], sigma[known], rtol=1e-10, atol=0.0)
