@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from mbm.equations.assembly import Assembled
@@ -10,6 +12,7 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.coverage.limits import box
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.curvature import MOST_DERIVED
+from mbm.estimation.trust.farthest import farthest
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.observability import STILL
 from mbm.values import dataclass
@@ -103,12 +106,22 @@ class Quantities:
 
     def reach(self, number: int, below: float, above: float) -> tuple[Floats, Floats]:
         """How far they go (k,) below and above while one ``number`` goes so far; NaN where that is not known."""
-        grid = np.linspace(0.0, 1.0, BETWEEN)[1:]
-        far = np.concatenate([-1.0 * _distances(grid, below), _distances(grid, above)])
-        points = np.tile(self.point, (1 + len(far), 1))
-        points[1:, number] += far
-        moved = self.changes(points)
-        return -moved.min(axis=0), moved.max(axis=0)
+
+        def moved(places: int | slice, sign: float, shares: Floats) -> Floats:
+            points = np.tile(self.point, (len(shares), 1))
+            points[:, number] += np.where(shares < 0.0, -_distances(-shares, below), _distances(shares, above))
+            return sign * self.changes(points)[:, places]
+
+        grid = np.linspace(-1.0, 1.0, 2 * BETWEEN - 1)
+        every = moved(slice(None), 1.0, grid)
+        table = np.stack([-every, every])
+        lost = np.isnan(table[0, [0, -1]][np.isinf([below, above])]).any(axis=0)
+        ends = np.nanmax(table, axis=1)
+        turning = (table[:, [0, -1]].max(axis=1) != ends) & (ends > 0.0)
+        for side, place in np.argwhere(turning).tolist():
+            value = partial(moved, place, -1.0 if side == 0 else 1.0)
+            ends[side, place] = farthest(value, grid, table[side, :, place])[0]
+        return np.where(lost, np.nan, ends[0]), np.where(lost, np.nan, ends[1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,9 +148,9 @@ def _within(equations: Assembled, point: Floats) -> bool:
     return bool((limits <= 0.0).all() and (lower <= place).all() and (place <= upper).all())
 
 
-def _distances(grid: Floats, reach: float) -> Floats:
-    """Places up to a distance, which may be infinite."""
-    return reach * grid if np.isfinite(reach) else np.append(np.expm1(FAR * grid[:-1]), np.inf)
+def _distances(shares: Floats, reach: float) -> Floats:
+    """Places at shares of a distance, which may be infinite."""
+    return reach * shares if np.isfinite(reach) else np.where(shares < 1.0, np.expm1(FAR * shares), np.inf)
 
 
 def quantities(propagation: Propagation, one: DerivedSolution, point: Floats) -> Quantities | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from mbm.equations.surface import OnSurface, on_surface
 from mbm.equations.types import Covariance, Floats, Indices, Minimum
 from mbm.estimation.search.search import Alternative
 from mbm.estimation.search.solution import DerivedSolution
+from mbm.estimation.trust.farthest import farthest
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
     LOOKED_AT,
@@ -51,6 +53,12 @@ and for how far the solve is from the minimum, as that of the root mean square o
 
 MOST_BETWEEN = 12
 """Directions between which pairs are tried as well."""
+
+ALONG_LINES = np.linspace(-1.0, 1.0, 9)
+"""Places on lines through the estimates, as shares of how far these go, where derived numbers are looked at."""
+
+MOST_LINES = 8
+"""Lines along which the farthest place is looked for: those where the number goes farthest at these."""
 
 FARTHER = 0.05
 """Share by which a quantity goes beyond an end at some point that is as likely, from which on that is followed."""
@@ -329,19 +337,32 @@ def followed_ends(
         ).end(accuracy)
 
     lower, upper = (end(sign * reach * (around.factor @ image) / sigma, sign * reach * sigma) for sign in (-1.0, 1.0))
-    along = directions(around.factor.shape[1])
-    steps = reach * (np.vstack([-along, along]) @ around.factor.T)
-    points = points_after(around.equations, minimum.point, steps)
-    moves = np.nan_to_num(change(points)) / (reach * sigma)
+    lines = reach * (np.vstack([image / sigma, directions(around.factor.shape[1])]) @ around.factor.T)
+
+    def moves(line: Floats, sign: float, places: Floats) -> Floats:
+        return sign * change(points_after(around.equations, minimum.point, places[:, None] * line)) / (reach * sigma)
+
+    table = np.stack([moves(line, 1.0, ALONG_LINES) for line in lines])
+    steps, moved = np.vstack([-lines, lines]), np.nan_to_num(table[:, [0, -1]].T.ravel(), posinf=0.0, neginf=0.0)
     # Beyond a kink another piece of the quantity may reach farther than that which holds at the minimum.
-    least, most = int(moves.argmin()), int(moves.argmax())
-    if -moves[least] > (1.0 + FARTHER) * lower:
-        lower = max(lower, end(steps[least] / -moves[least], -reach * sigma))
-    if moves[most] > (1.0 + FARTHER) * upper:
-        upper = max(upper, end(steps[most] / moves[most], reach * sigma))
-    if -moves[least] > lower or moves[most] > upper:
-        # No profile leads over a jump, but what is as likely as an end is not outside.
-        grown = np.square(residuals_at(around.equations, points[[least, most]])).sum(axis=1) - minimum.cost
-        inside = grown <= reach**2 * around.variance * (1.0 + SAME_EQUATIONS)
-        lower, upper = max(lower, -moves[least] * inside[0]), max(upper, moves[most] * inside[1])
+    least, most = int(moved.argmin()), int(moved.argmax())
+    if -moved[least] > (1.0 + FARTHER) * lower:
+        lower = max(lower, end(steps[least] / -moved[least], -reach * sigma))
+    if moved[most] > (1.0 + FARTHER) * upper:
+        upper = max(upper, end(steps[most] / moved[most], reach * sigma))
+
+    def along_lines(sign: float, reached: float) -> float:
+        """No profile leads over a jump or a pole, but what is as likely as an end is not outside."""
+        far = np.nanmax(sign * table, axis=1, initial=0.0)
+        for which in np.argsort(-far)[:MOST_LINES].tolist():
+            line = lines[which]
+            most, where = farthest(partial(moves, line, sign), ALONG_LINES, sign * table[which])
+            if most > reached:
+                there = points_after(around.equations, minimum.point, where * line[None])
+                grown = np.square(residuals_at(around.equations, there)).sum() - minimum.cost
+                if grown <= reach**2 * around.variance * (1.0 + SAME_EQUATIONS):
+                    reached = most
+        return reached
+
+    lower, upper = along_lines(-1.0, lower), along_lines(1.0, upper)
     return lower * reach * sigma, upper * reach * sigma

@@ -189,7 +189,9 @@ class DerivedProfile(Profile):
     def _grown(self, multiple: float, beside: Floats) -> tuple[float, Floats]:
         """As for a coordinate; infinite where the quantity cannot be brought to so many times its target."""
         wanted = multiple * self.target
-        here = self._judged(multiple * self.direction + beside, wanted)
+        ahead = multiple * self.direction + beside
+        places = (self._judged(ahead / 2**halving, wanted) for halving in range(SHORTER))
+        here = next((place for place in places if np.isfinite(place.merit)), self._judged(0.0 * ahead, wanted))
         for _ in range(STEPS):
             there = self._nearer(here, wanted)
             if there is None:

@@ -208,6 +208,8 @@ def pinned(observed: Observability, gradient: Floats) -> tuple[Mask, Mask]:
     if not limited(observed):
         return np.zeros(len(gradient), dtype=bool), np.zeros(len(gradient), dtype=bool)
     weighted = gradient / observed.scale
+    steep = np.isinf(weighted)
+    weighted = np.where(steep.any(axis=1, keepdims=True), np.sign(weighted) * steep, weighted)
     held, loose = np.where(observed.fixed, weighted, 0.0), np.where(observed.fixed, 0.0, weighted)
     if observed.limited_space is not None:
         held = weighted @ observed.limited_space

@@ -374,3 +374,13 @@ def test_beside_a_limit_a_quotient_has_no_end_where_its_divisor_reaches_0() -> N
     """The cost grows by (1 / 0.8)² only, until (a + 1) / b is infinite."""
     text = "(problem p (unknowns (a positive) (b)) (observe (= -0.1 a) (= 1 b) :sigma 0.8) (derive (q (/ (+ a 1) b))))"
     assert mbm.loads(text).solve()["q"].interval()[1] == np.inf
+
+
+def test_what_is_steep_at_a_limit_has_no_standard_deviation() -> None:
+    """A root at 0, where its slope is infinite, goes as far as the estimate takes it."""
+    found = mbm.loads(
+        "(problem p (unknowns (a :in (0 5)) (b)) (observe (= -0.1 a) (= 1 b) :sigma 0.2)"
+        " (derive (root (sqrt a)) (sum (+ b (sqrt a)))))"
+    ).solve()
+    assert np.isnan(found["root"].sigma) and np.isnan(found["sum"].sigma)
+    assert found["root"].interval() == pytest.approx(np.sqrt(found["a"].interval()))

@@ -169,3 +169,40 @@ def test_another_piece_may_reach_farther_than_that_at_the_estimate(a: float, b: 
     assert found.interval() == pytest.approx(
         [values.min(), values.max()], abs=0.02 * norm.ppf(0.975) * float(found.sigma)
     )
+
+
+@pytest.mark.parametrize(("mean", "sigma"), [(0.25, 0.1414), (0.31, 0.2), (-0.1, 0.3)])
+def test_quotients_and_logarithms_have_no_end_where_they_have_none(mean: float, sigma: float) -> None:
+    """The 95 % interval of b reaches beyond 0."""
+    forms = "(i (/ 1 b)) (square (/ -1 (* b b))) (l (log (+ b 0.2))) (s (sqrt b)) (d (/ (+ b 1) b))"
+    found = mbm.loads(f"(problem p (unknowns (b)) (observe (= {mean} b) :sigma {sigma}) (derive {forms}))").solve()
+    low, high = np.array([-1, 1]) * norm.ppf(0.975) * sigma + mean
+    assert list(found["i"].interval()) == list(found["d"].interval()) == [-np.inf, np.inf]
+    ends = [-np.inf, -1 / max(-low, high) ** 2]
+    # profiles are followed to a thousandth
+    np.testing.assert_allclose(found["square"].interval(), ends, rtol=1e-3)
+    inside = max(low + 0.2, 0.0)
+    np.testing.assert_allclose(
+        found["l"].interval(), [np.log(inside) if inside else -np.inf, np.log(high + 0.2)], atol=2e-3
+    )
+    if mean > 0.0:
+        np.testing.assert_allclose(found["s"].interval(), [0.0, np.sqrt(high)], atol=2e-3)
+
+
+@pytest.mark.parametrize("b", [0.0, 0.6, 1.2, 1.8])
+@pytest.mark.parametrize("a", [0.3, 1.0, 2.0])
+def test_quotients_of_two_estimates_have_no_end_where_the_divisor_reaches_0(a: float, b: float) -> None:
+    found = mbm.loads(
+        f"(problem p (data d (table (y z) ({a} {b}))) (unknowns (a) (b)) (observe d (= [y z] [a b]) :sigma 1)"
+        " (derive (q (/ a (+ b 0.05)))))"
+    ).solve()
+    assert list(found["q"].interval()) == [-np.inf, np.inf]
+
+
+def test_beside_a_limit_what_is_derived_of_one_estimate_has_no_end_where_its_divisor_is_0() -> None:
+    found = mbm.loads(
+        "(problem p (unknowns (b :in (-0.05 5))) (observe (= -0.1 b) :sigma 0.2)"
+        " (derive (i (/ 1 b)) (l (log (abs b)))))"
+    ).solve()
+    assert list(found["i"].interval()) == [-np.inf, np.inf]
+    np.testing.assert_allclose(found["l"].interval(), [-np.inf, np.log(found["b"].interval()[1])])
