@@ -54,10 +54,10 @@ def by_mbm(method: str, motions: Any, seen: Any) -> Callable[[], Any]:
     return lambda: compiled.solve()["T"].value[:, -2:]
 
 
-def by_stream(motions: Any, seen: Any) -> Callable[[], Any]:
-    """A filter that is fed step by step, from Python."""
+def by_stream(motions: Any, seen: Any, *, method: str) -> Callable[[], Any]:
+    """A filter or smoother that is fed step by step, from Python."""
     few = {"o": {"k": [0, 1], "da": [0.0, 0.0], "dx": [0.0, 1.0], "dy": [0.0, 0.0]}}
-    compiled = mbm.loads(TEXT.format(method="ekf")).compile(
+    compiled = mbm.loads(TEXT.format(method=method)).compile(
         data=few | {"p": {"k": [0, 1], "px": [0.0, 1.0], "py": [0.0, 0.0]}}
     )
 
@@ -66,8 +66,9 @@ def by_stream(motions: Any, seen: Any) -> Callable[[], Any]:
         found = []
         for k, (way, at) in enumerate(zip(motions.tolist(), seen.tolist(), strict=True)):
             rows = {"o": {"k": k, "da": way[0], "dx": way[1], "dy": way[2]}, "p": {"k": k, "px": at[0], "py": at[1]}}
-            found.append(stream.step(rows)["T"].value[-2:])
-        return np.array(found)
+            found.append(stream.step(rows))
+        found += stream.finish()[: len(found) if None in found else 0]
+        return np.array([each["T"].value[-2:] for each in found if each is not None])
 
     return run
 
@@ -187,7 +188,8 @@ def main() -> None:
     print(machine())
     for method in ("ekf", "iterated-ekf", f"(smoother :lag {LAG})", "smoother"):
         line(f"mbm {method}", lambda m, s, method=method: by_mbm(method, m, s), asked.frames, asked.runs)
-    line("mbm stream, ekf", by_stream, asked.frames, asked.runs)
+    for method in ("ekf", f"(smoother :lag {LAG})", "smoother"):
+        line(f"mbm stream, {method}", by_stream, asked.frames, asked.runs, method=method)
     line("NumPy loop", by_numpy, asked.frames, asked.runs)
     line("filterpy", by_filterpy, asked.frames, asked.runs)
     line(f"gtsam fixed lag {LAG}", by_gtsam, asked.frames, 1, lag=LAG)

@@ -198,7 +198,7 @@ class CompiledProblem:
         return estimator(self._latest(), self.origin, replace(self.inputs, tables=given), self.backend, columns)
 
     def stream(self) -> Stream:
-        """A filter that is fed step by step: the rows of a step in, its estimate out (`Stream.step`).
+        """A filter or smoother that is fed step by step: the rows of a step in, its estimate out (`Stream.step`).
 
         Raises:
             MbmError: the problem has no states or needs all steps at once (`not-a-stream`), or the tables that it was

@@ -20,8 +20,8 @@ NOT_A_STREAM = Code(
     "not-a-stream",
     "An estimator solves one data set at a time from one start, and a stream takes the steps of one sequence as they "
     "come; the problem asks for several solves or starts, or for what needs all steps at once.",
-    "Use `solve`, or a problem without `for-each`, `window` and `:starts`; for a stream, one with states and a filter "
-    "or `(smoother :lag n)`, whose rows mention their own step alone.",
+    "Use `solve`, or a problem without `for-each`, `window` and `:starts`; for a stream, one with states, whose rows "
+    "mention their own step alone and whose smoother has no bounds.",
 )
 WRONG_INPUT = Code(
     "wrong-input",
@@ -87,6 +87,12 @@ def not_a_stream(what: str) -> Diagnostic:
 def no_stream(what: str, hint: str) -> Diagnostic:
     """A problem whose steps cannot be taken as they come."""
     return Diagnostic(code=NOT_A_STREAM, message=f"a problem {what} has no stream", place=None, hint=hint)
+
+
+def gives_steps_once() -> Diagnostic:
+    """A stream that gives each step when it comes, and not again."""
+    hint = "say `(solve :method smoother)` or `batch`, which give each step all rows so far"
+    return Diagnostic(code=NOT_A_STREAM, message="this stream gives each step once", place=None, hint=hint)
 
 
 def not_of_a_step(name: str, column: str, known: tuple[str, ...]) -> Diagnostic:

@@ -1,4 +1,4 @@
-"""A filter that is fed step by step: rows of a step in, its estimate out, as a solve of all rows so far has it."""
+"""A filter or smoother that is fed step by step: rows of a step in, its estimate out, as a solve of all rows has it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from mbm.compiler import Inputs
 from mbm.equations.layout import Entry, Layout
 from mbm.equations.types import Floats
 from mbm.estimation.sequences.filtering import by_filter
+from mbm.estimation.sequences.limits import limits_of
 from mbm.estimation.sequences.places import spread_entries
 from mbm.estimation.sequences.run import Begun, begun
 from mbm.estimation.sequences.stepping import StepEstimate, Stepper
@@ -125,7 +126,7 @@ COVERAGE = 0.95
 
 
 class Stream:
-    """A filter, or a smoother of fixed lag, that takes steps as they come. Not to be shared between threads.
+    """A filter or smoother that takes steps as they come. Not to be shared between threads.
 
     It begins before the first step: no row that the problem was compiled with is used, apart from those of tables
     without steps.
@@ -153,7 +154,8 @@ class Stream:
             at: the value of the steps' column (SI). Without rows it makes a step that is predicted.
 
         Returns:
-            The estimate of this step; of a smoother of lag n that of the step n before, None while there is none.
+            The estimate of this step, by a smoother of all steps given all rows so far; of a smoother of lag n that of
+            the step n before, None while there is none.
 
         Raises:
             MbmError: the rows do not go with the problem, or are not those of one step that follows on the last; the
@@ -170,13 +172,41 @@ class Stream:
         self._keys.append(key)
         return None if found is None else self._answer(found, self._keys[-1 - self._stepper.lag])
 
+    def last(self, steps: int) -> list[StepAnswer]:
+        """The estimates of so many last steps, or of all there are, given all rows so far, by a smoother of all steps.
+
+        Raises:
+            MbmError: the method is another, or something is not finite; then the stream is at its end.
+
+        """
+        if self._ended is not None:
+            raise MbmError(self._ended)
+        if not self._stepper.growing:
+            raise MbmError(faults.gives_steps_once())
+        return self._answers(self._stepper.given_all(steps))
+
     def finish(self) -> list[StepAnswer]:
-        """The estimates of the steps that a smoother has not given yet, given all rows; no step can come then."""
-        found = [] if self._ended is not None else self._stepper.finish()
-        self._ended = self._ended or faults.stream_finished()
-        return [
-            self._answer(each, key) for each, key in zip(found, self._keys[len(self._keys) - len(found) :], strict=True)
-        ]
+        """The estimates of the steps that a smoother has not given yet, given all rows; no step can come then.
+
+        A smoother of all steps gives all of them.
+
+        Raises:
+            MbmError: something is not finite at one of them.
+
+        """
+        if self._ended is not None:
+            return []
+        found = self._answers(self._stepper.finish())
+        self._ended = faults.stream_finished()
+        return found
+
+    def _answers(self, found: list[StepEstimate]) -> list[StepAnswer]:
+        """Those of the last steps."""
+        if self._stepper.failed:
+            self._ended = faults.stream_stopped(self._sequence.column, self._keys[-1])
+            raise MbmError(self._ended)
+        keys = self._keys[len(self._keys) - len(found) :]
+        return [self._answer(each, key) for each, key in zip(found, keys, strict=True)]
 
     def _answer(self, found: StepEstimate, key: float) -> StepAnswer:
         return StepAnswer(
@@ -196,14 +226,27 @@ def stream(compilation: Compilation, origin: Origin, inputs: Inputs) -> Stream:
 
     """
     found = compilation.elaborated
-    problem = found.problem
+    problem = _smoothed(found.problem)
     _one_sequence(problem)
     starts = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     settings = settings_of(problem.request, forms=origin.registry.closed_forms)
     ready = begun(problem, compilation.kernels, found.tables, starts, settings, compilation.cache)
     for what in unsuited(ready):
         raise MbmError(faults.no_stream(what, "`solve` has all rows at once"))
+    if ready.sequence.estimator.whole:
+        for limit, _ in limits_of(problem, ready.equations):
+            hint = "say `(solve :method truncated-ekf)`, which meets them at each step, or leave them out"
+            raise MbmError(faults.no_stream(f"for all steps with {limit},", hint))
     return Stream(ready, compilation, origin, inputs)
+
+
+def _smoothed(problem: Problem) -> Problem:
+    """The problem with a smoother where it asks for `batch`: both take all rows together."""
+    sequence = problem.sequence
+    if sequence is None or by_filter(problem):
+        return problem
+    estimator = replace(sequence.estimator, method=SequenceMethod.SMOOTHER, lag=None)
+    return replace(problem, sequence=replace(sequence, estimator=estimator))
 
 
 def _one_sequence(problem: Problem) -> None:
@@ -211,10 +254,6 @@ def _one_sequence(problem: Problem) -> None:
     request, sequence = problem.request, problem.sequence
     if sequence is None:
         raise MbmError(faults.no_stream("without `states`", "`compiled.estimator()` takes streams of data sets"))
-    estimator = sequence.estimator
-    if not by_filter(problem) or (estimator.method is SequenceMethod.SMOOTHER and estimator.lag is None):
-        hint = "say `(solve :method ekf)`, or another filter, or `(smoother :lag n)`"
-        raise MbmError(faults.no_stream(f"with `:method {estimator.method.value}`", hint))
     asked = {"`for-each`": request.for_each, "`window`": request.window}
     for what, stated in asked.items():
         if stated:

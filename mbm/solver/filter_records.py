@@ -48,6 +48,8 @@ class Chain:
     """Most scalar inequalities of a step that a smoother has rows for, two bounds of each coordinate included; or 0."""
     kept: Integer
     """Steps whose policies are kept: T for a smoother, the lag and 2 more for one of fixed lag, else 1."""
+    remembered: Integer
+    """Steps whose priors are kept: as many as `kept` for a smoother of all steps that come one by one, else 0."""
     hypotheses: Integer
     """Most hypotheses that are followed."""
     lag: Integer
@@ -187,8 +189,16 @@ class Walk:
     base_share_tried: Reals = sized("n")
     promise: Real
     """What a whole step promises to lower the cost by."""
+    prior_means: Reals = sized("remembered * numbers")
+    """The priors of steps, of all rows before them: means, …"""
+    prior_factors: Reals = sized("remembered * n * n")
+    """… factors, …"""
+    prior_opens: Reals = sized("remembered * n * n")
+    """… and the open vectors, zeros behind them."""
     base: Integer
-    """The step where the window of a smoother begins."""
+    """The step where the window of a smoother begins …"""
+    next_base: Integer
+    """… and the one where that of the next step is to."""
     left_cost: Real
     """What the steps add to the cost that have left it."""
     unsettled: Integer

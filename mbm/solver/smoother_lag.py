@@ -34,18 +34,19 @@ def leave_step(walk: Walk, k: Integer) -> None:
     n = walk.chain.n
     load_step(walk, k)
     m = step_lines(walk, path_of(walk, k))
+    step_between(walk.seen, path_of(walk, k), walk.base_mean, walk.turn, walk.along)
+    for i in range(m):
+        walk.jacobian[i * (n + 1) + n] += dot(n, walk.jacobian[i * (n + 1) :], walk.along)
     set_base_vectors(walk, walk.open_count)
     free = turn_open(walk, m, walk.local)
     set_base_vectors(walk, free)
     size = free + n
-    filled(free, 0.0, walk.share)
-    copied(n, walk.base_share, walk.share[free:])
+    filled(size, 0.0, walk.share)
     set_triangle_of(walk, m, free, size)
     root = walk.triangle[(size + 1) * (size + 1) - 1]
     walk.left_cost += root * root
-    filled(n, 0.0, walk.along)
     for j in range(size):
-        add_multiple(n, walk.wanted[j] - walk.share[j], walk.local[j * n :], walk.along)
+        add_multiple(n, walk.wanted[j], walk.local[j * n :], walk.along)
     copied(size * n, walk.local, walk.basis)
     filled(n, 0.0, walk.step)
     set_new_factor(walk, size)
@@ -97,22 +98,33 @@ def extend_path(walk: Walk, k: Integer) -> Integer:
     if move_on(walk, path_of(walk, k - 1)) == 0:
         return 0
     copied(chain.numbers, walk.ahead, path_of(walk, k))
-    if k - walk.base > chain.lag:
+    return 1
+
+
+def begin_window(walk: Walk, k: Integer) -> Integer:
+    """Let the window hold no more than a lag up to step k; 0 where the transition leads nowhere."""
+    if k - walk.base > walk.chain.lag:
         return advance(walk)
     if walk.loose == 0:
         walk.last_cost = forward(walk, walk.base, k, 0, 0.0)
     return 1
 
 
-def find_newest(walk: Walk, k: Integer) -> Integer:
-    """1: `newest` is what a filter makes of step k, whose rows a loss leaves out where the path would come to."""
-    if walk.chain.constants == 0 or k == 0 or walk.open_count > 0:
-        return 0
+def spread_to_newest(walk: Walk, k: Integer) -> Integer:
+    """The factor of the last step before k, given all rows so far; 0 where a transition leads nowhere."""
     for i in range(walk.base, k):
         if i == walk.base:
             spread_first(walk, 0)
         elif spread_next(walk, i - 1) == 0:
             return 0
+    return 1
+
+
+def find_newest(walk: Walk, k: Integer) -> Integer:
+    """1: `newest` is what a filter makes of step k, whose rows a loss leaves out where the path would come to.
+
+    The walk has the factor of the step before.
+    """
     copied(walk.chain.numbers, path_of(walk, k - 1), walk.point)
     load_move(walk, k - 1)
     load_step(walk, k)
@@ -126,8 +138,10 @@ def find_newest(walk: Walk, k: Integer) -> Integer:
 def lag_step(walk: Walk, k: Integer) -> Integer:
     """Step k comes in, and the one a lag before goes out; 0 where something is not finite."""
     chain = walk.chain
-    begun = find_newest(walk, k)
-    if extend_path(walk, k) == 0:
+    begun = 0
+    if chain.constants > 0 and k > 0 and walk.open_count == 0 and spread_to_newest(walk, k) == 1:
+        begun = find_newest(walk, k)
+    if extend_path(walk, k) == 0 or begin_window(walk, k) == 0:
         return 0
     if begun == 1:
         copied(chain.numbers, walk.newest, path_of(walk, k))

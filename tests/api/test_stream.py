@@ -179,8 +179,6 @@ REFUSED = {
         "(problem p (data d (table (y) (1))) (unknowns (a :init 0)) (observe d (= y a) :sigma 1))",
         "without `states`",
     ),
-    "batch": (CART.format(method="batch", sigma=0.1, rest=""), "`:method batch`"),
-    "smoother": (CART.format(method="smoother", sigma=0.1, rest=""), "`:method smoother`"),
     "for-each": (CART.format(method="ekf", sigma=0.1, rest="(for-each k)"), "`for-each`"),
     "other rows": (CART.format(method="ekf", sigma="(first z s)", rest=""), "looks at rows of other steps"),
     "row": (CART.format(method="ekf", sigma="(* 0.1 row)", rest=""), "looks at rows of other steps"),

@@ -14,7 +14,7 @@ from mbm.estimation.sequences import faults
 from mbm.estimation.trust.nonlinearity import NORMAL_95
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.types import Problem
-from mbm.text.types import Diagnostic, MbmError
+from mbm.text.types import Diagnostic, MbmError, Span
 
 
 def refuse_limits(problem: Problem, equations: Assembled) -> None:
@@ -29,15 +29,19 @@ def refuse_limits(problem: Problem, equations: Assembled) -> None:
         return
     what = "takes no {}: what is known later would have to meet it at steps that are over"
     mend = "use `(smoother)` or `:method batch`, which meet it, or a filter with `:constraints truncate`"
+    for told, span in limits_of(problem, equations):
+        raise MbmError(faults.not_for_filters(span, f"(smoother :lag {estimator.lag})", what.format(told), mend))
+
+
+def limits_of(problem: Problem, equations: Assembled) -> Iterator[tuple[str, Span | None]]:
+    """Each inequality and each unknown with bounds, in words, with its place in the text."""
     for group in equations.constraints:
         block = problem.blocks[group.kernel.owner]
         if block.constraint is not ConstraintKind.EQUAL:
-            told = what.format(f"inequality, as `{block.name}` is")
-            raise MbmError(faults.not_for_filters(block.span, f"(smoother :lag {estimator.lag})", told, mend))
+            yield f"inequality, as `{block.name}` is", block.span
     for unknown in problem.unknowns:
         if unknown.lower is not None or unknown.upper is not None:
-            told = what.format(f"bounds, as `{unknown.name}` has")
-            raise MbmError(faults.not_for_filters(unknown.span, f"(smoother :lag {estimator.lag})", told, mend))
+            yield f"bounds, as `{unknown.name}` has", unknown.span
 
 
 def meets_limits(problem: Problem, solution: Solution) -> bool:

@@ -83,15 +83,15 @@ class Room:
         groups = self.local.equations.groups
         data[of.DataSet.count] = sum(group.kernel.outputs * rows for group, rows in zip(groups, counts, strict=False))
 
-    def larger(self, capacity: Indices, cache: EvaluationCache, blocks: Sequence[Block]) -> Room:
-        """The same with room for more rows, which has those of all steps that are held."""
-        made = room(self.local, self.held, capacity, cache, blocks)
+    def larger(self, held: int, capacity: Indices, cache: EvaluationCache, blocks: Sequence[Block]) -> Room:
+        """The same with room for more rows, or more steps behind those that are held, which has the rows of these."""
+        made = room(self.local, held, capacity, cache, blocks)
         for number, (old, new) in enumerate(zip(self.parts, made.parts, strict=True)):
             for name in ("parameters", "weights", "index", "columns"):
                 before, after = getattr(old, name), getattr(new, name)
                 room_before, room_after = int(self.capacity[number]), int(capacity[number])
                 kept = before.reshape(self.held, room_before, before.shape[1])
-                after.reshape(self.held, room_after, after.shape[1])[:, :room_before] = kept
+                after.reshape(held, room_after, after.shape[1])[: self.held, :room_before] = kept
         for step, counts in enumerate(self.counted):
             made.count(step, counts)
         return made

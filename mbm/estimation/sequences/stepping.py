@@ -10,7 +10,7 @@ import numpy as np
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.sequences.room import GroupRows, room
-from mbm.estimation.sequences.run import Begun
+from mbm.estimation.sequences.run import COARSE, Begun
 from mbm.estimation.sequences.step_rows import ALWAYS, BEGINNING, FIRST, ONCE, StepRows, first_row
 from mbm.estimation.sequences.walk import Memory
 from mbm.files.memory import check_memory
@@ -21,6 +21,12 @@ from mbm.values import dataclass
 
 ROOM = 8
 """Rows of a group that there is room for at first; where a step has more, room is made for twice as many as it has."""
+
+FIRST_STEPS = 64
+"""Steps that a smoother of all of them has room for at first; then for twice as many as there are."""
+
+CLOSE = 1e-3
+"""Standard deviations to which each of its steps is solved when it comes: the next one goes on from there."""
 
 REALS = 80
 """Bytes for each number of the covariance of a step, and of its rows: policies, factors, and what they are made of."""
@@ -59,7 +65,7 @@ class Arrived:
 
 
 class Stepper:
-    """A filter, or a smoother of fixed lag, that takes steps as they come. Not to be shared between threads.
+    """A filter or smoother that takes steps as they come. Not to be shared between threads.
 
     ``begun`` is the problem with the data that it was compiled with, of which no row is used but those of no step.
 
@@ -73,18 +79,18 @@ class Stepper:
         self.steps = 0
         self.failed = False
         self._begun, self._cache = begun, cache
-        self._rules = replace(begun.rules, endless=True)
         self.lag = (begun.rules.lag or 0) if begun.rules.smooth else 0
         """Steps after which a step is reported."""
-        held = self.lag + 2 if begun.rules.smooth else 1
+        self.growing = begun.rules.smooth and begun.rules.lag is None
+        """Whether all steps stay, and each is given all rows."""
+        self._rules = replace(begun.rules, endless=True, tolerance=CLOSE if self.growing else begun.rules.tolerance)
+        held = FIRST_STEPS if self.growing else self.lag + 2 if begun.rules.smooth else 1
         chained, blocks = begun.chained, begun.problem.blocks
-        n = len(begun.places.free)
-        what = f"a stream that holds {held:,} steps of {n} coordinates"
-        check_memory(REALS * held * (n + ROOM) ** 2, what, begun.sequence.estimator.span)
+        self._check_memory(held)
         most = np.maximum(2 * chained.seen.counts.max(axis=1, initial=0), ROOM)
         self._seen = room(chained.seen, held, most, cache, blocks)
         self._moving = room(chained.moving, held, np.ones(len(chained.moving.counts), dtype=np.int64), cache, blocks)
-        size = n - begun.places.still
+        size = len(begun.places.free) - begun.places.still
         self._spreads = np.zeros((held, size, size))
         self._filled = [False] * len(self._seen.parts)
         self._always = [(j, table) for j, table in enumerate(self.rows.tables) if self.rows.when[j] == ALWAYS]
@@ -103,6 +109,8 @@ class Stepper:
 
         """
         k = self.steps
+        if self.growing and k == self._seen.held:
+            self._grow(2 * k)
         moved = self._transition(arrived) if k else None
         counts = self._put(arrived, k)
         if moved is not None:
@@ -110,15 +118,30 @@ class Stepper:
         if not self._observed:
             self._begin(k, counts)
         self._seen.count(k, counts)
-        self.failed = not self._memory.routine("lag_steps" if self._rules.smooth else "filter_steps", k, k + 1)
+        routine = "growing_steps" if self.growing else "lag_steps" if self._rules.smooth else "filter_steps"
+        self.failed = not self._memory.routine(routine, k, k + 1)
         self._memory.raise_failure()
         if self.failed:
             return None
         self.steps += 1
         return self._at(k - self.lag) if k >= self.lag else None
 
+    def given_all(self, last: int) -> list[StepEstimate]:
+        """The estimates of so many last steps, given all rows so far, by a smoother of all steps."""
+        first = max(self.steps - last, 0)
+        if first < self.steps:
+            self._memory.end_at(COARSE)
+            self.failed = not self._memory.routine("growing_answers", first, self.steps - 1)
+            self._memory.raise_failure()
+            self._memory.end_at(CLOSE)
+        return [] if self.failed else [self._at(k) for k in range(first, self.steps)]
+
     def finish(self) -> list[StepEstimate]:
-        """The estimates of the steps that came in and have none yet; no more can come then."""
+        """The estimates of the steps that came in and have none yet, or of all by a smoother of all; no more can come
+        then.
+        """
+        if self.growing:
+            return self.given_all(self.steps)
         left = range(max(self.steps - self.lag, 0), self.steps) if self._rules.smooth else range(0)
         if left:
             self.failed = not self._memory.routine("lag_end", self.steps - 1)
@@ -202,11 +225,35 @@ class Stepper:
             return
         wanted = capacity.copy()
         wanted[number] = 2 * count
-        self._seen = self._seen.larger(wanted, self._cache, self._begun.problem.blocks)
+        self._seen = self._seen.larger(self._seen.held, wanted, self._cache, self._begun.problem.blocks)
         self._filled = [False] * len(self._filled)
+        self._renew()
+
+    def _grow(self, held: int) -> None:
+        """Make room for so many steps.
+
+        Raises:
+            MbmError: too much memory.
+
+        """
+        self._check_memory(held)
+        blocks = self._begun.problem.blocks
+        self._seen = self._seen.larger(held, self._seen.capacity, self._cache, blocks)
+        self._moving = self._moving.larger(held, self._moving.capacity, self._cache, blocks)
+        more = held - len(self._spreads)
+        self._spreads = np.concatenate([self._spreads, np.zeros((more, *self._spreads.shape[1:]))])
+        self._placed += [None] * more
+        self._filled = [False] * len(self._filled)
+        self._renew()
+
+    def _renew(self) -> None:
         before, self._memory = self._memory, self._made()
         self._memory.go_on_from(before)
-        self._memory.chain[Chain.begin] = before.chain[Chain.begin]
+
+    def _check_memory(self, held: int) -> None:
+        n = len(self._begun.places.free)
+        what = f"a stream that holds {held:,} steps of {n} coordinates"
+        check_memory(REALS * held * (n + ROOM) ** 2, what, self._begun.sequence.estimator.span)
 
     def _transition(self, arrived: Arrived) -> tuple[Mapping[int, GroupRows], Floats]:
         """The rows of the transition to a step, and their noise; those of the one before with its numbers, where that

@@ -199,19 +199,25 @@ class Memory:
         self._set_prior()
 
     def go_on_from(self, other: Memory) -> None:
-        """Let this be where another walk is, of the same steps with room for other rows."""
+        """Let this be where another walk is, of the same steps with room for other rows, or for steps behind them."""
         names = list(self._starts)
         for name, after in zip(names, (*names[1:], None), strict=True):
-            sizes = [each.size_of(name, after) for each in (self, other)]
-            if sizes[0] == sizes[1]:  # others hold rows, and nothing that lasts
-                self._fill(name, other._taken(name, sizes[0]))
+            count = min(
+                each.size_of(name, after) for each in (self, other)
+            )  # what is left holds rows, which do not last
+            self._fill(name, other._taken(name, count))
         for plan in plans_of(Walk):
             if plan.held is Held.VALUE and plan.text == "Integer":
                 self._put(**{plan.name: other._get(plan.name)})
             elif plan.held is Held.VALUE and plan.text == "Real":
                 self._set_reals(**{plan.name: other._real(plan.name)})
         for name in ("points", "factors", "costs", "opens", "followed", "touched"):
-            getattr(self, name)[...] = getattr(other, name)
+            getattr(self, name)[: len(getattr(other, name))] = getattr(other, name)
+        self.chain[Chain.begin] = other.chain[Chain.begin]
+
+    def end_at(self, tolerance: float) -> None:
+        """Let steps shorter than this, in standard deviations, end an iteration."""
+        self._set_reals(tolerance=tolerance)
 
     def size_of(self, name: str, after: str | None) -> int:
         """Numbers of an array of the walk, ``after`` which another one stands."""
@@ -375,6 +381,7 @@ def chain_of(chained: Chained, rules: Rules) -> Indices:
         "cut": int(rules.cut),
         "cuts": cuts,
         "kept": kept,
+        "remembered": steps if rules.endless and rules.smooth and rules.lag is None else 0,
         "lag": lag,
         "held": steps,
         "hypotheses": rules.hypotheses,
