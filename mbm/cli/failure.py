@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 
 from mbm.cli.documents import write_document
 from mbm.cli.output import say_error, shows_colors
@@ -52,16 +51,8 @@ def print_diagnostics(diagnostics: Iterable[Diagnostic], *, color: bool) -> None
     if every:
         from mbm.text.render import render
 
-        texts = (render(_mendable(diagnostic), color=color) for diagnostic in every)
+        texts = (render(diagnostic, color=color) for diagnostic in every)
         say_error("\n\n".join(texts), color=color)
-
-
-def _mendable(diagnostic: Diagnostic) -> Diagnostic:
-    """The diagnostic with a hint: where one with a place has none of its own, what its code says in general."""
-    if diagnostic.hint is not None or diagnostic.place is None:
-        return diagnostic
-    mend = diagnostic.code.mend
-    return replace(diagnostic, hint=mend[:1].lower() + mend[1:].rstrip("."))
 
 
 def _json_place(arguments: Sequence[str]) -> tuple[int, str] | None:
@@ -99,5 +90,5 @@ def write_json(diagnostics: Iterable[Diagnostic], destination: str, *, reads: It
     from mbm.report.encode import encode, to_bytes
     from mbm.text.render import as_json
 
-    content = to_bytes(encode({"diagnostics": [as_json(_mendable(diagnostic)) for diagnostic in diagnostics]}))
+    content = to_bytes(encode({"diagnostics": [as_json(diagnostic) for diagnostic in diagnostics]}))
     write_document(content, destination, reads=reads)

@@ -81,7 +81,7 @@ def result_of(
         seed=request.seed,
         solves=_joined(blocks, LaterByNumber(alone, lock)) if blocks or alone else LaterReports(reports, lock),
         options={
-            "method": request.method.value,
+            "method": _method(problem),
             "max-iterations": request.max_iterations,
             "tolerance": request.tolerance,
             "coverage": request.coverage,
@@ -109,6 +109,13 @@ def unsolved(problem: Problem, raw: Mapping[str, Table], *, file: str | None, as
         inputs=_inputs(raw),
         diagnostics=problem.warnings,
     )
+
+
+def _method(problem: Problem) -> str:
+    """The method that the problem asks for; where none is named, the estimator of states."""
+    if problem.sequence is None or problem.request.method is not Method.AUTO:
+        return problem.request.method.value
+    return problem.sequence.estimator.method.value
 
 
 def _inputs(raw: Mapping[str, Table]) -> tuple[InputFile, ...]:

@@ -11,7 +11,8 @@ from mbm.report.elements import Scalar, scalars, unit_text
 from mbm.report.faults import listed
 from mbm.report.row_data import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, ResidualSummary, RootMean
 from mbm.report.types import Alternative, DerivedValue, Estimate, Kind, Observability, Piece, SolveReport
-from mbm.text.types import Diagnostic
+from mbm.text.render import mend, where
+from mbm.text.types import Diagnostic, Severity
 
 MOST_NAMES = 12
 """Unused unknowns that are listed one by one."""
@@ -146,8 +147,11 @@ def constraint_sentences(solve: SolveReport) -> Iterator[str]:
 
 
 def diagnostic_sentence(diagnostic: Diagnostic) -> str:
-    """A diagnostic without its excerpt."""
-    return f"{diagnostic.severity.value}[{diagnostic.code.name}]: {diagnostic.message}"
+    """A diagnostic without its excerpt; an error with its place and mend."""
+    said = f"{diagnostic.severity.value}[{diagnostic.code.name}]: {diagnostic.message}"
+    if diagnostic.severity is not Severity.ERROR or diagnostic.place is None:
+        return said
+    return f"{said}, {where(diagnostic.place)}: {mend(diagnostic)}"
 
 
 def _rows(count: int) -> str:

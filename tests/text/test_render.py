@@ -55,7 +55,7 @@ def test_a_long_hint_stands_on_a_line_of_its_own():
 
 def test_a_place_in_data_names_row_and_column():
     shown = render(diagnostic(DataPlace(file="ranges.csv", row=17, column="range")))
-    assert shown.splitlines()[1:] == ["  --> ranges.csv:17 (column range)"]
+    assert shown.splitlines()[1:] == ["  --> ranges.csv:17 (column range)", "   = help: define it"]
 
 
 def test_a_warning_without_a_place_is_one_line():
@@ -97,7 +97,7 @@ def test_a_place_of_several_lines_is_underlined_on_its_first():
 def test_the_end_of_a_text_has_one_caret():
     source = Source("a.mbm", "(a\n")
     lines = render(diagnostic(Span(source=source, start=3, end=3))).splitlines()
-    assert lines[1:] == ["  --> a.mbm:2:1", "   |", " 2 |", "   | ^"]
+    assert lines[1:] == ["  --> a.mbm:2:1", "   |", " 2 |", "   | ^ define it"]
 
 
 def test_control_characters_never_reach_the_terminal():

@@ -231,7 +231,7 @@ def unknown_method(span: Span | None, name: str, known: tuple[str, ...]) -> Diag
         code=UNKNOWN_METHOD,
         message=f"`{name}` is no solver",
         place=span,
-        hint=suggestion(name, known, f"the solvers are {listed(known)}"),
+        hint=suggestion(name, known, f"the solvers are {', '.join(f'`{each}`' for each in known)}"),
     )
 
 

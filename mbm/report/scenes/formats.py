@@ -43,7 +43,8 @@ def files_of(result: Result, form: str) -> Files:
         raise MbmError(faults.format_needs(form, f"one solve, and there are {len(result.solves)}"))
     made_from = result.solves[0].made_from
     if made_from is None:
-        raise MbmError(faults.format_needs(form, "estimates, and nothing was solved"))
+        lacking = "and a result that was pickled has none" if result.solves[0].estimates else "and nothing was solved"
+        raise MbmError(faults.format_needs(form, f"equations and estimates, {lacking}"))
     problem, solution = made_from()
     with solution.lock:
         return _writers()[form](problem, solution)
