@@ -173,7 +173,7 @@ def _numbered(table: Table, solve: Indices, solves: int) -> Numbered:
     return Numbered(keys=keys, first=first, code=code, pairs=pairs[order], local=local[order])
 
 
-ROWS_AT_ONCE = 30_000
+ROWS_AT_ONCE = 60_000
 """Rows of a slice: what is worked on stays in the processor's cache, and there are enough slices for all threads."""
 
 FEW_COORDINATES = 8
