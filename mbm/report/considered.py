@@ -6,8 +6,9 @@ reported; the covariances gain (S u)(S u)ᵀ, which holds what the constant does
 to both together.
 
 The residuals e move by D, the constants' part of them that the unknowns do not take up: they have the covariance
-M + D Dᵀ, with M the projector on what unknowns leave, and e in its range, so that eᵀ(I + D Dᵀ)⁻¹e is χ² with the
-degrees of freedom of the fit.
+M + D Dᵀ, with M the projector on what unknowns leave, and e in its range. So (I + D Dᵀ)^-½ e has the covariance M that
+residuals have without constants, and is tested in their place; its squares are χ² with the degrees of freedom of the
+fit.
 """
 
 from __future__ import annotations
@@ -18,10 +19,8 @@ from math import inf
 
 import numpy as np
 
-from mbm.equations.faults import NOISE_AGAINST_DATA
 from mbm.equations.spreads import Freedom, Moved
-from mbm.estimation.trust.faults import IMPROBABLE_NOISE
-from mbm.estimation.trust.plausibility import noise_doubts
+from mbm.estimation.trust.plausibility import OF_RESIDUALS
 from mbm.estimation.uncertainty.derived import PINNED
 from mbm.estimation.uncertainty.student import coverage_factor
 from mbm.report.elements import difference, element_names
@@ -95,25 +94,25 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
 
 
 def _tested(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> SolveReport:
-    """A solve whose χ² test minds what the constants do to residuals, and the doubts that follow from it."""
+    """A solve whose doubts of the noise mind what the constants do to residuals."""
     if solve.chi2_p is None or solve.dof is None or solve.made_from is None:
         return solve
-    problem, solution = solve.made_from()
-    both = None if solution.influence is None else _residuals(solve, moved)
-    if both is None:
+    solution = solve.made_from()[1]
+    doubts_of, both = solution.doubts_of, _residuals(solve, moved)
+    if both is None or doubts_of is None:
         return solve
     residuals, moves = both
-    parts = moves @ residuals
-    explained = float(parts @ np.linalg.solve(np.eye(len(moves)) + moves @ moves.T, parts))
-    squares = max(float(residuals @ residuals) - explained, 0.0)
-    tail, sigma0 = chi_square_tail(squares, solve.dof), float(np.sqrt(squares / solve.dof))
+    _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
+    residuals = residuals - (1.0 - 1.0 / np.sqrt(1.0 + np.square(lengths))) * (axes @ residuals) @ axes
+    squares = float(residuals @ residuals)
+    fit = replace(solution.fit, sigma0=float(np.sqrt(squares / solve.dof)), chi2_p=chi_square_tail(squares, solve.dof))
 
     def examined() -> Examined:
         found = solve.examined()
-        others = [each for each in found.diagnostics if each.code not in (NOISE_AGAINST_DATA, IMPROBABLE_NOISE)]
-        return replace(found, diagnostics=(*others, *noise_doubts(problem.span, sigma0, tail, lossy=False)))
+        others = [each for each in found.diagnostics if each.code not in OF_RESIDUALS]
+        return replace(found, diagnostics=(*others, *doubts_of(residuals, fit)))
 
-    return replace(solve, chi2_p=tail, examination=examined)
+    return replace(solve, chi2_p=fit.chi2_p, examination=examined)
 
 
 def _residuals(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> tuple[Floats, Floats] | None:

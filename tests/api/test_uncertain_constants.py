@@ -201,6 +201,13 @@ def test_the_chi_square_test_minds_what_constants_do() -> None:
     assert share == pytest.approx(0.02, abs=0.014)  # a percent at each end, three deviations of a thousand runs
 
 
+def test_what_constants_do_to_residuals_is_no_correlation_of_rows() -> None:
+    """A constant ten times as uncertain as a reading bends all residuals of a solve alike."""
+    doubted = [{each.code.name for each in solve.diagnostics} for solve in _parabolas()[2].solves]
+    share = np.mean(["autocorrelated-residuals" in each for each in doubted])
+    assert share == pytest.approx(0.05, abs=0.021)  # by chance, three deviations of a thousand runs
+
+
 def test_one_solve_says_the_same_of_chi_square() -> None:
     """And the cost stays that of the value."""
     x, y, many = _parabolas()

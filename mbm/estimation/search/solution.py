@@ -106,9 +106,10 @@ class Solution:
     step, and ``followed`` says how many there were after each. ``freedom`` are the degrees of freedom of the standard
     deviations, ``limited`` hard limits (None: there are none). ``influence`` tells what the covariance is the sum of
     (None: of a filter, which has no sum over rows). ``elsewhere`` derives for other rows (None: nothing can be).
-    ``doubts`` looks for further ``diagnostics``, ``alternatives`` for other minima, ``profiles`` for intervals where
-    the linear ones are wrong (None: nowhere). ``unexamined`` says what was not looked at, and why. Whatever is worked
-    out with the ``groups`` holds the ``lock``: other solves put their numbers into the same inputs of kernels.
+    ``doubts`` looks for further ``diagnostics``, ``doubts_of`` for those that other residuals (m,) with such a fit
+    would give reason for (None: nothing is known of it), ``alternatives`` for other minima, ``profiles`` for intervals
+    where the linear ones are wrong (None: nowhere). ``unexamined`` says what was not looked at, and why. Whatever is
+    worked out with the ``groups`` holds the ``lock``: other solves put their numbers into the same inputs of kernels.
     """
 
     key: Mapping[str, CellKey]
@@ -147,6 +148,7 @@ class Solution:
     seconds: float
     diagnostics: tuple[Diagnostic, ...]
     doubts: Callable[[], tuple[Diagnostic, ...]] = no_doubts
+    doubts_of: Callable[[Floats, Fit], tuple[Diagnostic, ...]] | None = None
     profiles: Callable[[], Followed | None] = no_profiles
     unexamined: Callable[[], Mapping[str, str]] = all_examined
     influence: Influence | None = None

@@ -17,7 +17,7 @@ from mbm.equations.binding import EvaluationCache
 from mbm.equations.likelihoods import log_likelihood
 from mbm.equations.metric import first_bad
 from mbm.equations.spreads import Influence, Limited
-from mbm.equations.types import Floats, Indices, Minimum, Observability, Reason
+from mbm.equations.types import Fit, Floats, Indices, Minimum, Observability, Reason
 from mbm.estimation.consensus.known_ranges import known_ranges
 from mbm.estimation.consensus.preparation import outliers, prepared, robust_cost, unit_weights
 from mbm.estimation.consensus.rivals import rivals
@@ -37,7 +37,7 @@ from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, reached
 from mbm.estimation.trust.contradiction import contradictions
 from mbm.estimation.trust.curvature import Curvature, curvature
-from mbm.estimation.trust.plausibility import doubts
+from mbm.estimation.trust.plausibility import doubts, of_residuals
 from mbm.estimation.trust.unexamined import unexamined
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.freedom import with_motions
@@ -247,9 +247,16 @@ def answered(
         diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *said),
         unexamined=lambda: unexamined(propagation, minimum, derived, bent()),
         doubts=lambda: (*beside()[1], *doubts(propagation, minimum, derived, bent())),
+        doubts_of=partial(_doubts_of, propagation, minimum),
         influence=_influence(outcome, robust),
         lock=lock,
     )
+
+
+def _doubts_of(propagation: Propagation, minimum: Minimum, residuals: Floats, fit: Fit) -> tuple[Diagnostic, ...]:
+    """What is to be said of other residuals (m,) at a minimum, with another fit."""
+    outcome = replace(propagation.outcome, fit=fit)
+    return of_residuals(replace(propagation, outcome=outcome), replace(minimum, residuals=residuals))
 
 
 def _profiles(

@@ -49,6 +49,15 @@ MADE_UP = 1e-6
 STRAINED = 4.0
 """Distance of a prior from what the data say without it, in standard deviations of that distance: once in 16,000."""
 
+OF_RESIDUALS = (
+    faults.NOISE_AGAINST_DATA,
+    trust_faults.IMPROBABLE_NOISE,
+    trust_faults.HIDDEN_OUTLIERS,
+    trust_faults.AUTOCORRELATED_RESIDUALS,
+    trust_faults.UNEVEN_NOISE,
+)
+"""What may be said of residuals, by `of_residuals`."""
+
 CHECKED = 1e-12
 """Redundancy of a prior up to which nothing checks it."""
 
@@ -69,9 +78,7 @@ def doubts(
     if bent is not None:
         found += _nonlinear(equations, bent.ends)
         found += _nonlinear_derived(propagation, bent.derived)
-    found += _noise(problem, equations, outcome)
-    found += hidden_outliers(problem, propagation.binder.tables, equations, minimum, outcome.observed)
-    found += _correlated(propagation, minimum)
+    found += of_residuals(propagation, minimum)
     found += coarse_readings(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if equations.likely:  # loaded by problems with likelihoods only
         found += vanishing_scales(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
@@ -82,6 +89,17 @@ def doubts(
 
         found += leverage(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     return (*found, *_strained(problem, equations, minimum, outcome.covariance))
+
+
+@np.errstate(all="ignore")
+def of_residuals(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic, ...]:
+    """Doubts of the noise, by the sizes of residuals and their order; as for `doubts`."""
+    problem, equations, outcome = propagation.problem, propagation.equations, propagation.outcome
+    return (
+        *_noise(problem, equations, outcome),
+        *hidden_outliers(problem, propagation.binder.tables, equations, minimum, outcome.observed),
+        *_correlated(propagation, minimum),
+    )
 
 
 def _correlated(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic, ...]:
@@ -115,16 +133,12 @@ def _correlated(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic,
 def _noise(problem: Problem, equations: Assembled, outcome: Statistics) -> Iterator[Diagnostic]:
     """The χ² of the residuals against the stated noise."""
     fit, tail = outcome.fit, _tail(problem, equations, outcome)
-    if fit.sigma0 is not None and tail is not None:
-        yield from noise_doubts(problem.span, fit.sigma0, tail, lossy=equations.lossy)
-
-
-def noise_doubts(span: Span, sigma0: float, tail: float, *, lossy: bool) -> Iterator[Diagnostic]:
-    """What is said of residuals ``sigma0`` times as large as the stated noise; ``tail`` is P of a χ² as large."""
-    if tail < IMPROBABLE and not lossy:
-        yield faults.noise_against_data(span, sigma0, tail)
-    elif improbable(np.array(tail), np.array(sigma0), lossy=lossy):
-        yield improbable_noise(span, sigma0, tail)
+    if fit.sigma0 is None or tail is None:
+        return
+    if tail < IMPROBABLE and not equations.lossy:
+        yield faults.noise_against_data(problem.span, fit.sigma0, tail)
+    elif improbable(np.array(tail), np.array(fit.sigma0), lossy=equations.lossy):
+        yield improbable_noise(problem.span, fit.sigma0, tail)
 
 
 def follows_statement(equations: Assembled) -> bool:
