@@ -60,6 +60,26 @@ def test_what_errors_grow_with() -> None:
     assert [d.message.split(",")[0] for d in result.diagnostics] == ["errors of `d` grow with the number of the row"]
 
 
+def circles(noise: np.ndarray) -> list[list[str]]:
+    """What is said of each of some circles whose points have the ``noise`` (runs, 2, points)."""
+    runs, _, points = noise.shape
+    angle = np.linspace(0.1, 6.0, points)
+    x, y = np.moveaxis(10 * np.stack([np.cos(angle), np.sin(angle)]) + noise, 1, 0)
+    circle = mbm.loads("""(problem p (data d external) (unknowns (p :init 1) (q :init 1) (r :init 9))
+      (observe d (= 0 (- (hypot (- x p) (- y q)) r)) :sigma unknown) (for-each k))""")
+    found = circle.solve(data={"d": {"k": np.repeat(np.arange(runs), points), "x": x.ravel(), "y": y.ravel()}})
+    return [[d.message.split(",")[0] for d in each.diagnostics if d.code.name == CODE] for each in found.solves]
+
+
+def test_equations_that_read_nothing() -> None:
+    """Distances from a circle are errors and no readings, with which these might grow; they may along the rows."""
+    even = np.random.default_rng(6).normal(scale=0.02, size=(200, 2, 40))
+    assert sum(map(bool, circles(even))) <= 8  # two by chance
+    grown = [said for each in circles(even[:20] * np.linspace(0.1, 3.0, 40)) for said in each]
+    assert set(grown) == {"errors of `d` grow with the number of the row"}
+    assert len(grown) > 10  # of 20, of which seven in ten are told
+
+
 @pytest.mark.parametrize("rows", [20, 60])
 def test_scores_are_rank_correlations(rows: int) -> None:
     """Without a fit, beside SciPy; model values stand twice, and share ranks."""

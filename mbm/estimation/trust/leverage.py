@@ -6,12 +6,18 @@ that fit, in standard deviations of the estimates (Belsley, Kuh and Welsch 1980,
 Where a loss descends again, a row may hold alone what others would hold, whose weight it has taken: a false loop of a
 pose graph in the place of the two steps at the ends of a stretch. Without it the fit goes where these want it; if all
 rows together, that one too, cost less there, the minimum was not the least.
+
+Noise that consensus estimates from few rows for each unknown comes out several times too small, as most of those that
+agree by chance are fitted nearly exactly. The residuals, over their own standard deviations, tell it
+again, without the row: by the median of the largest, as many as there are unknowns left out (Street, Carroll and
+Ruppert 1988, The American Statistician 42, 152-154).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -20,11 +26,14 @@ from mbm.equations.excerpt import excerpt
 from mbm.equations.metric import cost_at
 from mbm.equations.surface import plainly_affine
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
+from mbm.estimation.consensus.units import MEDIANS
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
 from mbm.estimation.trust import faults
+from mbm.estimation.uncertainty.student import coverage_factor
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
+from mbm.solver.decisions import EPSILON
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
@@ -109,6 +118,11 @@ ROUGH = Settings(tolerance=1e-3, max_iterations=20)
 """Of places that are compared."""
 
 
+def farthest(rows: Indices) -> Floats:
+    """Standard deviations that the farthest of so many ``rows`` (…) without outliers is away, but for `CHANCE`."""
+    return np.asarray(np.sqrt(2.0 * np.log(np.maximum(rows, 2) / CHANCE)))
+
+
 @np.errstate(all="ignore")
 def drawn(residuals: Floats, basis: Floats, weights: Floats, rows: Indices, share: float = 0.0) -> Mask:
     """Which rows (…, m) draw the fit to themselves, or nearly: nearer to the limits than by a ``share``.
@@ -120,9 +134,41 @@ def drawn(residuals: Floats, basis: Floats, weights: Floats, rows: Indices, shar
     rest = 1.0 - weights * leverage
     misfit = np.abs(residuals) / np.sqrt(rest)
     moved = weights * np.abs(residuals) * np.sqrt(leverage) / rest
-    limit = np.sqrt(2.0 * np.log(np.maximum(rows, 2) / CHANCE))[..., None]
+    limit = farthest(rows)[..., None]
     found = (misfit > limit * (1.0 - share)) & (moved > MOVED * (1.0 - share)) & (weights > 0.0)
     return np.asarray(found | ((rest <= 0.0) & (leverage > 0.0)))
+
+
+@np.errstate(all="ignore")
+def _apart(problem: Problem, equations: Assembled, point: Floats, factor: Floats, without: Mask) -> Floats:
+    """How far each row (m,) is from the fit ``without`` some, in standard deviations; NaN where that is none.
+
+    ``factor`` (n, k) spans what all rows determine. Unknown noise is that of the others there, or as estimated,
+    whichever is larger; distances by Student's law are those of the normal law that are as rare.
+    """
+    units = np.setdiff1d(equations.units, equations.units[without])
+    if not len(units):
+        return np.full(equations.count, np.nan)
+    others = excerpt(replace(equations, numbers=point), equations.free, units)
+    there = minimise(others, point, ROUGH).point
+    residuals, slopes = equations.plain_residuals(there), equations.plain_jacobian(there) @ factor
+    weights = np.where(without, 0.0, loss_weights(equations, residuals))
+    information = (weights[:, None] * slopes).T @ slopes
+    if not np.linalg.eigvalsh(information)[0] > EPSILON * np.trace(information):
+        return np.full(equations.count, np.nan)
+    leverage = (slopes * np.linalg.solve(information, slopes.T).T).sum(axis=1)
+    deviations = np.sqrt(1.0 + np.where(without, leverage, -weights * leverage))
+    found = np.abs(residuals) / deviations
+    for number, block in enumerate(problem.blocks):
+        every = equations.noise_rows(number)
+        rows = every[~without[every]]
+        if block.unknown_factor and len(rows):
+            own, rare = float((weights * leverage)[rows].sum()), 1.0 - CHANCE / len(every)
+            largest = np.sort(found[rows])[min(max(round(own) - 1, 0), len(rows) - 1) :]
+            noise = np.fmax(np.median(largest) / np.sqrt(MEDIANS[0]), 1.0)
+            student = coverage_factor(rare, max(len(rows) - own, 1.0)) / coverage_factor(rare, inf)
+            found[every] /= noise * student
+    return np.asarray(found)
 
 
 @np.errstate(all="ignore")
@@ -145,6 +191,11 @@ def _usurping(equations: Assembled, minimum: Minimum, basis: Floats, weights: Fl
     return found
 
 
+def _foremost(wrong: Mask, shares: Floats) -> Mask:
+    """Those of the ``wrong`` rows with the largest ``shares``; the others are what these draw the fit away from."""
+    return np.asarray(wrong & (shares >= np.where(wrong, shares, 0.0).max(initial=0.0) / 2.0))
+
+
 @np.errstate(all="ignore")
 def leverage(
     problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, estimated: Covariance
@@ -163,10 +214,13 @@ def leverage(
     lossy = np.zeros(equations.count, dtype=bool)
     for _, lines in loss_lines(equations):
         lossy[lines] = True
-    wrong = drawn(equations.plain_residuals(minimum.point), basis, weights, rows) & lossy
+    residuals, shares = equations.plain_residuals(minimum.point), weights * np.square(basis).sum(axis=1)
+    wrong = _foremost(drawn(residuals, basis, weights, rows) & lossy, shares)
+    if wrong.any():
+        apart = _apart(problem, equations, minimum.point, alike.factor, wrong)
+        wrong &= np.isnan(apart) | (apart > farthest(rows))
     wrong |= _usurping(equations, minimum, basis, weights) & lossy
-    shares = np.where(wrong, weights * np.square(basis).sum(axis=1), 0.0)
-    wrong &= shares >= shares.max(initial=0.0) / 2.0  # the others are what these draw the fit away from
+    wrong = _foremost(wrong, shares)
     told = []
     for group in (each for each in equations.groups if each.rows):
         own = wrong[group.first : group.first + group.count].reshape(group.rows, -1).any(axis=1)

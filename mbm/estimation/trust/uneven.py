@@ -95,6 +95,8 @@ class Clauses:
         sizes = self._sizes()
         found = np.stack([_products(each, sizes) for each in columns.values()])
         found = np.where(np.isfinite(found) & self._telling(largest), found, 0.0)
+        nothing_read = np.ptp(self.fitted - self.errors, axis=1) <= NO_DIFFERENCE * largest[:, 0]
+        found[:-1, nothing_read] = 0.0  # the model's values are the errors themselves there
         worst = np.abs(found).argmax(axis=0)
         correlation = found[worst, np.arange(len(worst))]
         seldom = np.flatnonzero(np.abs(correlation) * sqrt(n - 1) > USUAL)
