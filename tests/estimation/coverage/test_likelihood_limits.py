@@ -258,6 +258,16 @@ def test_a_signal_beside_a_background_without_counts(bound: str) -> None:
     assert result["s"].interval() == pytest.approx([inside.min(), inside.max()], abs=NEAR * 6)
 
 
+@pytest.mark.parametrize("successes", [0, 20])
+def test_a_share_at_the_end_of_its_model_has_no_standard_deviation(successes: int) -> None:
+    """Without bounds, too: the likelihood does not bend there, it ends."""
+    text = TRIALS.format(n=20).replace("(p :in (0 1))", "(p :init 0.8)")
+    found = mbm.loads(text).solve(data={"d": {"k": np.array([float(successes)])}})
+    assert found["p"].value == pytest.approx(successes / 20, abs=1e-9)
+    assert np.isnan(found["p"].sigma)
+    assert "near-bound" in [each.code.name for each in found.diagnostics]
+
+
 def test_the_last_of_many_rates_has_its_interval_too() -> None:
     counts = " ".join(f"({k} {n})" for k, n in enumerate([9, 7, 8, 6, 9, 5, 7, 8, 9, 6, 7, 5, 8, 0]))
     result = mbm.loads(
