@@ -93,7 +93,7 @@ def end_consensus(problem: Problem, work: ConsensusWork) -> None:
     kind = work.rules.kind
     judged = work.points_made
     count = 0
-    if kind != GNC:
+    if kind != GNC or work.rules.groups == 0:  # without stated noise, fits to all units come first
         for k in range(work.rules.starts):
             put_trial(judged + k, work.begun[k * problem.numbers :], problem, work)
         count = judged + work.rules.starts

@@ -228,7 +228,7 @@ def _form(solver: MinimalSolver) -> Form:
         d, offset = data.stations.shape[1], data.offset is not None
         columns = [*data.point, *([] if data.offset is None else [data.offset])]
         return Form(kind=c.SPHERES, about=(d, int(offset), int(data.even), *(places[k] for k in columns)), width=d + 3)
-    if isinstance(data, Sights) and data.bearings.shape[1] == 3:
+    if isinstance(data, Sights) and data.bearings.shape[1] == 3 and data.origins is None:
         numbers = _frame_numbers(data.moved.frame)
         if numbers is not None:
             kind, columns = numbers

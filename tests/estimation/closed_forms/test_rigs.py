@@ -108,9 +108,11 @@ def test_three_noisy_photographs_are_enough() -> None:
     assert abs(found.first.cost - dof) < 5 * np.sqrt(2 * dof)
 
 
-def test_a_tenth_of_wrong_corners_beside_a_robust_solve() -> None:
+@pytest.mark.parametrize("seed", [1, 5, 6])
+def test_a_tenth_of_wrong_corners_beside_a_robust_solve(seed: int) -> None:
+    """What the starts agree with counts beside what graduated fits to all corners lead to, which end anywhere."""
     data = stereo_data(0.2)
-    generator = np.random.default_rng(5)
+    generator = np.random.default_rng(seed)
     for table in ("left", "right"):
         wrong = generator.random(len(data[table]["u"])) < 0.1
         data[table]["u"] = data[table]["u"] + wrong * generator.uniform(20, 100, size=len(wrong))

@@ -11,6 +11,7 @@ from mbm.equations.at_rows import DIVIDES_BY_DEPTH, looks_back
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose
+from mbm.estimation.starts.closed_forms.moved_points import MovedPoints
 from mbm.estimation.starts.closed_forms.numerics.planes import (
     Knowledge,
     camera_from_planes,
@@ -20,8 +21,7 @@ from mbm.estimation.starts.closed_forms.numerics.planes import (
 from mbm.estimation.starts.closed_forms.rows import Piece, Rows
 from mbm.estimation.starts.closed_forms.types import Candidate, Situation, Support
 from mbm.expression.evaluate import evaluate
-from mbm.expression.nodes import Column, Component, Constant, Leaf, Parameter, externals
-from mbm.expression.projection import by_axes
+from mbm.expression.nodes import Column, Component, Constant, Leaf, externals
 from mbm.rotations import nearest
 from mbm.symbolic.types import ColumnInput, ConstantInput, Slot
 from mbm.values import dataclass
@@ -38,44 +38,59 @@ def usual(situation: Situation, places: Indices, coordinates: Indices) -> Floats
     return np.where(np.isnan(numbers), np.where(layout.upper[coordinates] <= 0, -1.0, 1.0), numbers)
 
 
-def outlook(situation: Situation, rows: Rows) -> Floats:
-    """The ways (n, 3) in which the cameras of rows look, in their frames; NaN where that is not known.
+def outlook(situation: Situation, moved: MovedPoints) -> Floats:
+    """The ways (n, 3) in which cameras look at the points of rows, where these are moved to; NaN where nothing tells.
 
     Unknown focal lengths are taken to be positive where nothing says that they are negative.
     """
-    return np.concatenate([np.empty((0, 3)), *(_ways(situation, piece) for piece in rows.pieces)])
+    rest = _depths(situation, moved, np.zeros(3))
+    return np.stack([_depths(situation, moved, axis) - rest for axis in np.eye(3)], axis=1)
 
 
-def _ways(situation: Situation, piece: Piece) -> Floats:
-    """`outlook` of one equation in some rows (r, 3)."""
-    nowhere = np.full((len(piece.lines), 3), np.nan)
-    owner = [k for k, each in enumerate(piece.group.whiteners) if (each.first, each.last) == (piece.first, piece.last)]
-    camera = piece.group.equations[owner[0]].projection if owner and piece.group.equations else None
-    if camera is None or camera.model not in (DIVIDES_BY_DEPTH, Lens.FISHEYE.value) or any(externals(camera.focal)):
-        return nowhere
-    axes = tuple(Parameter(name) for name in "xyz")
-    frame: dict[Leaf, Floats] = dict(zip(axes, np.eye(3), strict=True))
-    ahead = np.asarray(evaluate(by_axes(axes, camera.axes)[2:], frame.__getitem__)[0])
-    if camera.model == Lens.FISHEYE.value:
-        return np.tile(ahead, (len(piece.lines), 1))
-    focal = evaluate(camera.focal, lambda leaf: _at_rows(situation, piece, leaf))
-    back = np.broadcast_to(looks_back(*focal), (len(piece.lines),))
-    return np.where(back[:, None], -ahead, ahead)
+def _depths(situation: Situation, moved: MovedPoints, place: Floats) -> Floats:
+    """How far before their cameras rows have their points (n,) if these are moved to a place (3,); NaN: not known."""
+    rows = moved.rows
+    numbers = moved.at_places(np.tile(place, (len(rows), 1)))
+    found, first = np.full(len(rows), np.nan), 0
+    for piece in rows.pieces:
+        mine = slice(first, first + len(piece.lines))
+        first = mine.stop
+        whiteners = [(each.first, each.last) for each in piece.group.whiteners]
+        if (piece.first, piece.last) not in whiteners:
+            continue
+        camera = piece.group.equations[whiteners.index((piece.first, piece.last))].projection
+        if camera is None or any(externals((camera.depth, *camera.focal))):
+            continue
+        given = piece.given(numbers[mine])
+
+        def value(leaf: Leaf, piece: Piece = piece, given: Floats = given) -> Floats:
+            return _at_rows(situation, piece, given, leaf)
+
+        depth, *focal = evaluate((camera.depth, *camera.focal), value)
+        back = looks_back(*focal) & (camera.model == DIVIDES_BY_DEPTH)
+        found[mine] = np.where(back, -np.asarray(depth), depth)
+    return found
 
 
-def _at_rows(situation: Situation, piece: Piece, leaf: Leaf) -> Floats:
-    """What a leaf is in some rows (r,): an unknown as `usual`; NaN if the equation does not take it as it is."""
+def _at_rows(situation: Situation, piece: Piece, given: Floats, leaf: Leaf) -> Floats:
+    """What a leaf is in some rows (r,) whose unknowns are ``given`` (r, variables), or where not as `usual`.
+
+    NaN if the equation does not take it as it is.
+    """
     group, layout = piece.group, situation.layout
     if isinstance(leaf, Component):
         entry = layout.entry(leaf.unknown)
         slot = Slot(leaf.unknown, entry.unknown.indices().index(leaf.index), leaf.member)
-        if slot in group.kernel.variables and entry.unknown.freedom == entry.unknown.size:
-            places = group.index[piece.lines, group.kernel.variables.index(slot)]
+        if slot in group.kernel.variables:
+            number = group.kernel.variables.index(slot)
+            if piece.roles[:, number].max(initial=-1) >= 0 or entry.unknown.freedom != entry.unknown.size:
+                return given[:, number]
+            places = group.index[piece.lines, number]
             return usual(situation, places, entry.first + places - entry.offset)
     for number, parameter in enumerate(group.kernel.parameters):
         if isinstance(leaf, Column) and isinstance(parameter, ColumnInput):
-            given = (parameter.table, parameter.name, parameter.row, parameter.member)
-            same = leaf.identity == given and leaf.sampling is parameter.sampling is None
+            told = (parameter.table, parameter.name, parameter.row, parameter.member)
+            same = leaf.identity == told and leaf.sampling is parameter.sampling is None
         else:
             same = isinstance(leaf, Constant) and parameter == ConstantInput(leaf.name)
         if same:

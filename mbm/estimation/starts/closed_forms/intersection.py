@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.starts.closed_forms.rows import Rows, finite
+from mbm.estimation.starts.closed_forms.rows import finite
 from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation
 from mbm.values import dataclass
 
@@ -121,7 +121,7 @@ class Intersection:
         rows = candidate.rows(d - 1)
         if len(rows) < 2:
             return None
-        origins = _origins(rows, d)
+        origins = origins_of(rows.slopes, len(rows), d)
         if origins is None:
             return None
         starts = [np.array(s) / np.linalg.norm(s) for s in product((0.0, 1.0, -1.0), repeat=d) if any(s)]
@@ -139,16 +139,19 @@ class Intersection:
         return found[:, None, :]
 
 
-def _origins(rows: Rows, d: int) -> Floats | None:
-    """The places from which the directions are seen: ``∇h(p) (p − c) = 0`` is linear in c. None if there are none."""
+def origins_of(slopes: Function, count: int, d: int) -> Floats | None:
+    """The places (count, d) from which directions are seen: ``∇h(p) (p − c) = 0`` is linear in c. None: there are none.
+
+    ``slopes`` gives those of all rows at one place (d,).
+    """
     generator = np.random.default_rng(0)
     middle, size = np.zeros(d), 1.0
     origins = None
     for _ in range(2):
-        normal, right = np.zeros((len(rows), d, d)), np.zeros((len(rows), d))
+        normal, right = np.zeros((count, d, d)), np.zeros((count, d))
         for _ in range(4):
             probe = middle + size * generator.uniform(-1.0, 1.0, size=d)
-            J = rows.slopes(probe)
+            J = slopes(probe)
             if not bool(np.isfinite(J).all()):
                 return None
             J = J / np.maximum(np.linalg.norm(J, axis=(1, 2), keepdims=True), 1e-300)
@@ -164,7 +167,7 @@ def _origins(rows: Rows, d: int) -> Floats | None:
         return None
     for _ in range(2):
         probe = middle + size * generator.uniform(-2.0, 2.0, size=d)
-        J = rows.slopes(probe)
+        J = slopes(probe)
         along = np.abs(np.einsum("nwi,ni->nw", J, probe - origins)).max(axis=1)
         if not bool((along <= AGREEMENT * size * np.abs(J).max(axis=(1, 2))).all()):
             return None

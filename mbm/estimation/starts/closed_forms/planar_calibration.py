@@ -174,11 +174,12 @@ def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> I
     eye = standing(found.moved) if axes is None else None
     if axes is not None:
         seen = lens.image(axes.turn @ PROBE) - axes.signs * _sign(found.moved, axes) * found.moved.values(PROBE)
+        forward = axes.turn[2]
     elif eye is not None:
-        seen = eye.image(PROBE) - found.moved.values(PROBE)
+        seen, forward = eye.image(PROBE) - found.moved.values(PROBE), eye.R[2]
     else:
         return
-    ahead = np.where(outlook(situation, found.moved.rows).sum(axis=1) < 0, -1.0, 1.0)
+    ahead = np.where(outlook(situation, found.moved) @ forward < 0, -1.0, 1.0)
     order = np.argsort(found.product, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(found.product[order])) + 1):
         points = found.points[rows]

@@ -22,7 +22,7 @@ from mbm.estimation.starts.closed_forms.chains import (
 )
 from mbm.estimation.starts.closed_forms.measured import vanishing
 from mbm.estimation.starts.closed_forms.numerics.bearings import poses_of_most
-from mbm.estimation.starts.closed_forms.pose_from_points import bearings_of, is_central
+from mbm.estimation.starts.closed_forms.pose_from_points import rays_of
 from mbm.estimation.starts.closed_forms.rows import finite
 from mbm.estimation.starts.closed_forms.similarity import aligned, targets_of
 from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Situation
@@ -98,16 +98,18 @@ def _rows_of_each(found: Chain) -> Iterator[Indices]:
 
 def _seen(situation: Situation, found: Chain) -> tuple[Floats, Floats] | None:
     """The products from images: the pose of each photograph."""
-    if not is_central(found.moved):
+    rays = rays_of(situation, found.moved, found.points, found.product)
+    if rays is None:
         return None
-    bearings, weight = bearings_of(situation, found.moved, found.points, found.product), found.moved.rows.weight
+    bearings, origins, weight = rays.directions, rays.origins, found.moved.rows.weight
     known = finite(bearings, 1)
     count = int(found.product.max()) + 1
     R, t = np.full((count, 3, 3), np.nan), np.full((count, 3), np.nan)
     for k, rows in enumerate(_rows_of_each(found)):
         mine = rows[known[rows]]
         if len(mine) >= 4:
-            turns, shifts = poses_of_most(found.moved.rows.code, found.points[mine], bearings[mine], weight[mine])
+            seen = found.points[mine], bearings[mine], weight[mine], origins[mine]
+            turns, shifts = poses_of_most(found.moved.rows.code, *seen)
             if len(turns):
                 R[k], t[k] = turns[0], shifts[0]
     return R, t

@@ -76,7 +76,7 @@ class Piece:
             inputs=np.tile(self.inputs, (count, 1)),
             roles=np.tile(self.roles, (count, 1)),
         )
-        values, slopes = every._linearised(every._alone(every._given(points.repeat(rows, axis=0))), width)
+        values, slopes = every._linearised(every._alone(every.given(points.repeat(rows, axis=0))), width)
         outputs = values.shape[1]  # there may be no rows to tell it
         return values.reshape(count, rows, outputs), slopes.reshape(count, rows, outputs, width)
 
@@ -95,7 +95,7 @@ class Piece:
 
     def _filled(self, points: Floats) -> tuple[Evaluation, Indices | slice]:
         """The kernel with its inputs, and which of its rows are the lines; few of many have one of their own."""
-        group, variables, given = self.group, self.roles.shape[1], self._given(points)
+        group, variables, given = self.group, self.roles.shape[1], self.given(points)
         if len(self.lines) + ENOUGH < group.rows:
             return self._alone(given)
         evaluation = group.evaluation
@@ -104,7 +104,7 @@ class Piece:
         evaluation.inputs[:, variables:] = group.parameters
         return evaluation, self.lines
 
-    def _given(self, points: Floats) -> Floats:
+    def given(self, points: Floats) -> Floats:
         """The numbers (r, variables) of the unknowns in each row."""
         return np.where(self.roles >= 0, np.take_along_axis(points, np.maximum(self.roles, 0), axis=1), self.inputs)
 

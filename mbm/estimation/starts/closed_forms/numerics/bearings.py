@@ -13,27 +13,39 @@ from mbm.estimation.native.code import AnyCode
 from mbm.estimation.starts.closed_forms.numerics.medians import agreeing, contaminated, samples_of
 from mbm.rotations import cross_matrix, exponential, nearest
 
+SAME_ORIGIN = 1e6
+"""Parts of the extent of origins and points within which origins are one."""
 
-def poses_of_most(code: AnyCode, points: Floats, bearings: Floats, weights: Floats) -> tuple[Floats, Floats]:
+
+def poses_of_most(
+    code: AnyCode, points: Floats, bearings: Floats, weights: Floats, origins: Floats | None
+) -> tuple[Floats, Floats]:
     """`poses_from_bearings` of the bearings (n, 3) that agree; of all, if none stands far out.
 
-    Of samples of three, the pose with the least median of squares tells which do.
+    Of samples of three from one origin, the pose with the least median of squares tells which do.
     """
-    R, t = poses_from_bearings(points, bearings, weights)
-    if len(R) and not contaminated(_misfits(R[:1], t[:1], points, bearings, weights)[0]):
+    R, t = poses_from_bearings(points, bearings, weights, origins)
+    eyes = np.zeros_like(points) if origins is None else origins
+    if len(R) and not contaminated(_misfits(R[:1], t[:1], points, bearings, weights, eyes)[0]):
         return R, t
-    samples = samples_of(len(points), 3)
+    size = max(float(np.ptp(points, axis=0).max()), float(np.abs(eyes).max()), 1e-300)
+    _, which, counts = np.unique(np.round(eyes / size * SAME_ORIGIN), axis=0, return_inverse=True, return_counts=True)
+    own = np.flatnonzero(which.ravel() == np.argmax(counts))
+    samples = own[samples_of(len(own), 3)]
+    if len(own) <= 3:
+        return R, t
     turns, shifts = poses_from_three(code, points[samples], bearings[samples])
+    shifts += eyes[samples[:, :1]]
     known = np.isfinite(shifts).all(axis=-1)
-    if len(points) <= 3 or not bool(known.any()):
+    if not bool(known.any()):
         return R, t
-    kept = agreeing(_misfits(turns[known], shifts[known], points, bearings, weights))
-    return poses_from_bearings(points[kept], bearings[kept], weights[kept])
+    kept = agreeing(_misfits(turns[known], shifts[known], points, bearings, weights, eyes))
+    return poses_from_bearings(points[kept], bearings[kept], weights[kept], eyes[kept])
 
 
-def _misfits(R: Floats, t: Floats, points: Floats, bearings: Floats, weights: Floats) -> Floats:
+def _misfits(R: Floats, t: Floats, points: Floats, bearings: Floats, weights: Floats, eyes: Floats) -> Floats:
     """Weighted squared distances (k, n) between unit bearings and those of k poses."""
-    seen = np.einsum("kij,nj->kni", R, points) + t[:, None]
+    seen = np.einsum("kij,nj->kni", R, points) + t[:, None] - eyes
     with np.errstate(all="ignore"):
         seen /= np.linalg.norm(seen, axis=2, keepdims=True)
         found = weights * np.square(seen - bearings).sum(axis=2)
@@ -66,39 +78,53 @@ SAME_ANGLE = 1e-3
 """Rotations nearer than this, in rad, count as one solution."""
 
 
-def poses_from_bearings(points: Floats, bearings: Floats, weights: Floats | None = None) -> tuple[Floats, Floats]:
+def poses_from_bearings(
+    points: Floats, bearings: Floats, weights: Floats | None = None, origins: Floats | None = None
+) -> tuple[Floats, Floats]:
     """The poses (k, 3, 3), (k, 3) that see ``points`` (n, 3) along unit ``bearings`` (n, 3), best first; k = 0 … 2.
 
-    Minimises ``Σ w |(1 − d dᵀ)(R x + t)|²``: the translation is eliminated, what remains is a quadratic form in the
-    nine elements of R (Terzakis and Lourakis, ECCV 2020). Rotations nearest to its smallest eigenvectors, and the 24
-    of the cube, start Gauss–Newton, all at once; solutions with points behind the eye are left out. Planar and general
-    points alike; a second solution is given where one is there, as with planes seen from afar. n ≥ 3.
+    Bearings begin at ``origins`` (n, 3), those of several eyes in one body, or all at 0.
+
+    Minimises ``Σ w |(1 − d dᵀ)(R x + t − c)|²``: the translation is eliminated, what remains is a quadratic form in the
+    nine elements of R and 1 (Terzakis and Lourakis, ECCV 2020). Rotations nearest to its smallest eigenvectors and to
+    its minimum, and the 24 of the cube, start Gauss–Newton, all at once; solutions with points behind the eye are left
+    out. Planar and general points alike; a second solution is given where one is there, as with planes seen from afar.
+    n ≥ 3.
     """
     centre = points.mean(axis=0)
     spread = np.sqrt(np.square(points - centre).sum(axis=1).mean())
     if not spread > 0:
         return np.empty((0, 3, 3)), np.empty((0, 3))
     local = (points - centre) / spread
+    eyes = np.zeros_like(points) if origins is None else origins / spread
     w = np.ones(len(points)) if weights is None else weights / weights.max()
     Q = w[:, None, None] * (np.eye(3) - bearings[:, :, None] * bearings[:, None, :])
     total = Q.sum(axis=0)
     if np.linalg.cond(total) > 1e12:
         return np.empty((0, 3, 3)), np.empty((0, 3))
-    lifted = np.einsum("ij,nk->nijk", np.eye(3), local).reshape(-1, 3, 9)  # R x = A r, r row by row
+    turned = np.einsum("ij,nk->nijk", np.eye(3), local).reshape(-1, 3, 9)  # R x = A r, r row by row
+    lifted = np.concatenate([turned, -eyes[:, :, None]], axis=2)  # R x − c = A (r, 1)
     elimination = -np.linalg.solve(total, np.einsum("nij,njk->ik", Q, lifted))
     moved = lifted + elimination
-    form = np.einsum("nij,nik,nkl->jl", moved, Q, moved)
-    values, vectors = np.linalg.eigh(form)
+    values, vectors = np.linalg.eigh(np.einsum("nij,nik,nkl->jl", moved, Q, moved))
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    basis = vectors[:, :4].T.reshape(-1, 3, 3)
-    R = _descended(np.concatenate([nearest(basis), nearest(-basis), _cube()]), root)
-    cost = np.square(np.einsum("ij,kj->ki", root, R.reshape(-1, 9))).sum(axis=1)
-    t = np.einsum("ij,kj->ki", elimination, R.reshape(-1, 9))
-    seen = np.einsum("kij,nj->kni", R, local) + t[:, None, :]
+    basis = np.linalg.svd(root[:, :9])[2][:-5:-1]
+    least = np.linalg.lstsq(root[:, :9], -root[:, 9], rcond=None)[0]
+    nearby = np.concatenate([basis, -basis, least[None]]) if eyes.any() else np.concatenate([basis, -basis])
+    R = _descended(np.concatenate([nearest(nearby.reshape(-1, 3, 3)), _cube()]), root)
+    lifts = _lifted(R)
+    cost = np.square(lifts @ root.T).sum(axis=1)
+    t = lifts @ elimination.T
+    seen = np.einsum("kij,nj->kni", R, local) + t[:, None, :] - eyes
     in_front = ((seen * bearings).sum(axis=2) > 0).mean(axis=1)
     kept = _distinct(R, cost, in_front)
     shift = spread * t[kept] - np.einsum("kij,j->ki", R[kept], centre)
     return np.asarray(R[kept]), np.asarray(shift)
+
+
+def _lifted(R: Floats) -> Floats:
+    """The elements of rotations and 1, (k, 10)."""
+    return np.concatenate([R.reshape(-1, 9), np.ones((len(R), 1))], axis=1)
 
 
 def _cube() -> Floats:
@@ -110,19 +136,19 @@ def _cube() -> Floats:
 
 
 def _descended(R: Floats, root: Floats) -> Floats:
-    """Gauss–Newton with a little damping on ``|root · r(R)|²`` from each of ``R`` (k, 3, 3)."""
+    """Gauss–Newton with a little damping on ``|root · (r(R), 1)|²`` from each of ``R`` (k, 3, 3)."""
     generators = cross_matrix(np.eye(3))
     damping = np.full(len(R), 1e-3)
-    values = np.einsum("ij,kj->ki", root, R.reshape(-1, 9))
+    values = _lifted(R) @ root.T
     cost = np.square(values).sum(axis=1)
     for _ in range(ITERATIONS):
-        J = np.einsum("ij,kaj->kia", root, np.einsum("kij,ajl->kail", R, generators).reshape(-1, 3, 9))
+        J = np.einsum("ij,kaj->kia", root[:, :9], np.einsum("kij,ajl->kail", R, generators).reshape(-1, 3, 9))
         normal = np.einsum("kia,kib->kab", J, J)
         scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
         damped = normal + np.eye(3) * (damping[:, None, None] * scale + 1e-300)
         step = -np.linalg.solve(damped, np.einsum("kia,ki->ka", J, values)[:, :, None])[:, :, 0]
         trial = R @ exponential(step)
-        trial_values = np.einsum("ij,kj->ki", root, trial.reshape(-1, 9))
+        trial_values = _lifted(trial) @ root.T
         trial_cost = np.square(trial_values).sum(axis=1)
         better = trial_cost < cost
         R = np.where(better[:, None, None], trial, R)
