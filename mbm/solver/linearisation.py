@@ -255,9 +255,10 @@ def squares_of_terms(problem: Problem, slopes: ConstantReals, point: ConstantRea
     """
     total = 0.0
     for j in range(problem.n):
-        place = problem.number_of[j]
-        term = slopes[j] * (point[place] if place >= 0 else 1.0)
-        total += term * term
+        if slopes[j] != 0.0:
+            place = problem.number_of[j]
+            term = slopes[j] * (point[place] if place >= 0 else 1.0)
+            total += term * term
     return total
 
 

@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mbm.emit.routines.rooms import connected
-from mbm.emit.routines.rows import whiten_row
+from mbm.emit.routines.rows import whiten_slopes
 from mbm.emit.routines.systems import set_component
 from mbm.emit.routines.whitening import lower_factor
 from mbm.machine.records import slot, view
@@ -63,19 +63,38 @@ def test_matrices_that_are_no_covariances_have_no_factor(matrix):
     assert lower_factor(np.ravel(matrix), 2, np.zeros(4)) == 0
 
 
-def test_values_of_a_row_are_whitened_unit_by_unit():
-    """Factors, a triangular matrix, and a unit that takes no part, whose values need not be numbers."""
+def test_a_row_is_whitened_unit_by_unit():
+    """Factors, a triangular matrix, and a unit that takes no part, whose numbers need not be any."""
     units = [(0, 2, 0, 0), (2, 4, 2, 1), (4, 5, 6, 0)]
+    whole = np.array([[2.0, 0, 0, 0, 0], [0, 3.0, 0, 0, 0], [0, 0, 5.0, 0, 0], [0, 0, 7.0, 11.0, 0], [0, 0, 0, 0, 0]])
+    outputs, tangents, places = [0, 1, 2, 3, 3, 4], [0, 1, 0, 1, 2, 0], np.array([2, 0, -1])  # the third is fixed
     block = SimpleNamespace(
+        outputs=5,
+        weights=7,
+        columns=3,
         unit_count=3,
         units=[SimpleNamespace(first=a, last=b, weights=at, matrix=kind) for a, b, at, kind in units],
+        nonzero_count=6,
+        nonzeros=[
+            SimpleNamespace(output=i, tangent=t, weight={0: 0, 1: 1, 4: 6}.get(i, -1))
+            for i, t in zip(outputs, tangents, strict=True)
+        ],
     )
-    weights = np.array([2.0, 3.0, 5.0, 0.0, 7.0, 11.0, 0.0])
-    raw, target = np.zeros(10), np.full(10, -1.0)
-    raw[::2] = [1.0, 10.0, 100.0, 1000.0, np.nan]
-    whiten_row(block, weights, 2, raw, target)
-    assert target[::2].tolist() == [2.0, 30.0, 500.0, 7.0 * 100.0 + 11.0 * 1000.0, 0.0]
-    assert target[1::2].tolist() == [-1.0] * 5
+    values, slopes = np.array([1.0, 10.0, 100.0, 1000.0, np.nan]), np.array([1.0, 2.0, 3.0, 4.0, 5.0, np.nan])
+    rows = SimpleNamespace(
+        whitening=np.array([2.0, 3.0, 5.0, 0.0, 7.0, 11.0, 0.0]),
+        columns=places,
+        data=SimpleNamespace(blocks=[SimpleNamespace(weights=0, columns=0)]),
+    )
+    plain = np.zeros((5, 3))
+    for i, t, slope in zip(outputs[:5], tangents[:5], slopes, strict=False):
+        if places[t] >= 0:
+            plain[i, places[t]] += slope
+    residuals, jacobian = np.full(5, -1.0), np.full(15, -1.0)
+    kernel = np.concatenate([values, slopes])
+    whiten_slopes(SimpleNamespace(n=3, blocks=[block]), rows, 0, 0, kernel, np.zeros(15), residuals, jacobian)
+    assert residuals.tolist() == (whole @ np.nan_to_num(values)).tolist()
+    assert jacobian.reshape(5, 3).tolist() == (whole @ plain).tolist()
 
 
 @pytest.mark.parametrize(("kind", "size", "tangents"), [(1, 1, 1), (2, 4, 3), (3, 3, 2)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import fabs, inf, isfinite
 
-from mbm.emit.routines.rows import evaluate_row, residuals_of_row, row_scratch, takes_part
+from mbm.emit.routines.rows import evaluate_next_row, residuals_of_row, row_scratch, takes_part
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
 from mbm.solver.batch import solve_alone
 from mbm.solver.decisions import fits_exactly, rounding_of_norm
@@ -106,7 +106,7 @@ def share_of_group(
         if block.noise == group:
             for row in range(rows.data.blocks[b].rows):
                 if redundancy == 1:
-                    evaluate_row(problem, rows, point, b, row, scratch, line, line[lines:])
+                    evaluate_next_row(problem, rows, point, b, row, scratch, line, line[lines:])
                 else:
                     residuals_of_row(problem, rows, point, b, row, scratch, line)
                 for u in range(block.unit_count):
@@ -148,7 +148,7 @@ def add_column_squares(
         block = problem.blocks[b]
         if block.noise == group:
             for row in range(rows.data.blocks[b].rows):
-                evaluate_row(problem, rows, point, b, row, scratch, line, line[block.outputs :])
+                evaluate_next_row(problem, rows, point, b, row, scratch, line, line[block.outputs :])
                 for u in range(block.unit_count):
                     unit = block.units[u]
                     if takes_part(problem, rows, b, row, unit) == 1:
@@ -351,7 +351,7 @@ def settle_noises(
     """The solve that has ended, again and again with the noise that its residuals show, until that settles.
 
     ``factors`` (groups,) become the factors, ``told`` (groups, `TOLD`) what is known of them; ``spare``: `FOUND` or two
-    vectors (n,), what `evaluate_row` and a row of it want.
+    vectors (n,), what `evaluate_next_row` and a row of it want.
     """
     rows = work.rows
     groups = problem.noises

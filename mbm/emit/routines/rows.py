@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from mbm.machine.words import ConstantReals, Integer, Reals, call_kernel
 from mbm.solver.description import Block, DataBlock, Problem, Unit
-from mbm.solver.linear_algebra import copied, filled
+from mbm.solver.equations import gather, portion
+from mbm.solver.linear_algebra import add_multiple, copied, filled
 from mbm.solver.workspace import Rows
 
 
-def whiten_row(
-    block: Block, weights: ConstantReals, stride: Integer, raw: ConstantReals,
-    target: Reals,
-) -> None:  # fmt: skip
-    """One value for each output, ``stride`` apart, times the weights of a row; 0 for units that take no part."""
+def whiten_row(block: Block, weights: ConstantReals, raw: ConstantReals, target: Reals) -> None:
+    """One value for each output times the weights of a row; 0 for units that take no part."""
     for u in range(block.unit_count):
         unit = block.units[u]
         first = unit.first
@@ -21,12 +19,12 @@ def whiten_row(
         for i in range(size):
             total = 0.0
             if own[0] != 0.0 and unit.matrix == 0:
-                total = own[i] * raw[(first + i) * stride]
+                total = own[i] * raw[first + i]
             elif own[0] != 0.0:
                 for j in range(size):
                     if own[i * size + j] != 0.0:
-                        total += own[i * size + j] * raw[(first + j) * stride]
-            target[(first + i) * stride] = total
+                        total += own[i * size + j] * raw[first + j]
+            target[first + i] = total
 
 
 def takes_part(problem: Problem, rows: Rows, b: Integer, row: Integer, unit: Unit) -> Integer:
@@ -71,7 +69,57 @@ def residuals_of_row(
     set_inputs(block, part, rows, point, row, scratch)
     outputs = scratch[block.variables + block.parameters :]
     call_kernel(block.values, scratch, outputs, 1)
-    whiten_row(block, rows.whitening[part.weights + row * block.weights :], 1, outputs, residuals)
+    whiten_row(block, rows.whitening[part.weights + row * block.weights :], outputs, residuals)
+
+
+def whiten_slopes(
+    problem: Problem,
+    rows: Rows,
+    b: Integer,
+    row: Integer,
+    outputs: ConstantReals,
+    scratch: Reals,
+    residuals: Reals,
+    jacobian: Reals,
+) -> None:
+    """What the kernel of block ``b`` has put into ``outputs`` for a row, whitened: residuals (outputs,) and Jacobian
+    (outputs, n). ``scratch`` is as large as the latter.
+    """
+    n = problem.n
+    block = problem.blocks[b]
+    part = rows.data.blocks[b]
+    lines = block.outputs
+    heavy = rows.whitening[part.weights + row * block.weights :]
+    places = rows.columns[part.columns + row * block.columns :]
+    whiten_row(block, heavy, outputs, residuals)
+    filled(lines * n, 0.0, jacobian)
+    matrices = 0
+    for k in range(block.nonzero_count):
+        nonzero = block.nonzeros[k]
+        column = places[nonzero.tangent]
+        if column >= 0:
+            factor = heavy[nonzero.weight] if nonzero.weight >= 0 else 1.0
+            if factor != 0.0:
+                jacobian[nonzero.output * n + column] += factor * outputs[lines + k]
+            if nonzero.weight < 0:
+                matrices = 1
+    if matrices == 1:
+        copied(lines * n, jacobian, scratch)
+        for u in range(block.unit_count):
+            unit = block.units[u]
+            if unit.matrix != 0:
+                whiten_lines(unit, n, heavy[unit.weights :], scratch[unit.first * n :], jacobian[unit.first * n :])
+
+
+def whiten_lines(unit: Unit, n: Integer, weights: ConstantReals, plain: ConstantReals, whitened: Reals) -> None:
+    """The derivatives (size, n) of a unit times the matrix of its weights; 0 where it takes no part."""
+    size = unit.last - unit.first
+    filled(size * n, 0.0, whitened)
+    if weights[0] != 0.0:
+        for i in range(size):
+            for j in range(size):
+                if weights[i * size + j] != 0.0:
+                    add_multiple(n, weights[i * size + j], plain[j * n :], whitened[i * n :])
 
 
 def evaluate_row(
@@ -85,27 +133,42 @@ def evaluate_row(
     jacobian: Reals,
 ) -> None:
     """Row ``row`` of block ``b``: whitened residuals (outputs,) and Jacobian (outputs, n)."""
-    n = problem.n
+    block = problem.blocks[b]
+    outputs = scratch[block.variables + block.parameters :]
+    plain = outputs[block.outputs + block.nonzero_count :]
+    set_inputs(block, rows.data.blocks[b], rows, point, row, scratch)
+    call_kernel(block.jacobian, scratch, outputs, 1)
+    whiten_slopes(problem, rows, b, row, outputs, plain, residuals, jacobian)
+
+
+def evaluate_next_row(
+    problem: Problem,
+    rows: Rows,
+    point: ConstantReals,
+    b: Integer,
+    row: Integer,
+    scratch: Reals,
+    residuals: Reals,
+    jacobian: Reals,
+) -> None:
+    """As `evaluate_row`, of the rows of a block one after the other, from the first: the kernel takes portions of them.
+
+    The rows are those that the solver has loaded.
+    """
     block = problem.blocks[b]
     part = rows.data.blocks[b]
-    lines = block.outputs
-    outputs = scratch[block.variables + block.parameters :]
-    plain = outputs[lines + block.nonzero_count :]
-    set_inputs(block, part, rows, point, row, scratch)
-    call_kernel(block.jacobian, scratch, outputs, 1)
-    heavy = rows.whitening[part.weights + row * block.weights :]
-    whiten_row(block, heavy, 1, outputs, residuals)
-    filled(lines * n, 0.0, plain)
-    filled(lines * n, 0.0, jacobian)
-    places = rows.columns[part.columns + row * block.columns :]
-    for k in range(block.nonzero_count):
-        nonzero = block.nonzeros[k]
-        column = places[nonzero.tangent]
-        if column >= 0:
-            plain[nonzero.output * n + column] += outputs[lines + k]
-    for k in range(block.tangents):
-        if places[k] >= 0:
-            whiten_row(block, heavy, n, plain[places[k] :], jacobian[places[k] :])
+    most = portion(problem, block)
+    place = row % most
+    if place == 0:
+        begin = row * (block.variables + block.parameters)
+        for k in range(b):
+            begin += rows.data.blocks[k].rows * (problem.blocks[k].variables + problem.blocks[k].parameters)
+        inputs = rows.inputs[begin:]
+        count = most if row + most <= part.rows else part.rows - row
+        gather(block, count, rows.index[part.index + row * block.index :], point, inputs)
+        call_kernel(block.jacobian, inputs, rows.outputs, count)
+    outputs = rows.outputs[place * (block.outputs + block.nonzero_count) :]
+    whiten_slopes(problem, rows, b, row, outputs, scratch, residuals, jacobian)
 
 
 def all_rows(
