@@ -148,7 +148,8 @@ def _whole(design: Floats, groups: list[Floats]) -> tuple[Floats, Floats]:
     slopes = np.array([np.diag(known @ -each @ known) for each in first])
     dof = 2 * np.diag(known) ** 2 / np.einsum("ip,ij,jp->p", slopes, spread, slopes)
     growth = np.diag(adjusted) / np.diag(known)
-    return np.maximum(dof / growth**2, 1.0), np.sqrt(growth)
+    share = slopes.sum(axis=0) / np.diag(known)  # of the variance that is estimated; the rest is stated
+    return np.maximum(dof / growth**2 * np.minimum(share * growth, 1.0), 1.0), np.sqrt(growth)
 
 
 def test_small_matrices_give_what_whole_ones_give() -> None:
@@ -164,6 +165,24 @@ def test_small_matrices_give_what_whole_ones_give() -> None:
     dof, inflation = _whole(design, groups)
     np.testing.assert_allclose(found.dof, dof, rtol=1e-10)
     np.testing.assert_allclose(found.inflation, inflation, rtol=1e-10)
+
+
+@pytest.mark.parametrize("stated", [0.02, 0.1, 0.5, 2.0])
+@pytest.mark.parametrize("rows", [3, 4, 6])
+def test_few_readings_beside_stated_noise_hold_the_truth(rows: int, stated: float) -> None:
+    """A mean of a few readings, whose variance is as they scatter, less a number with ``stated`` times as much.
+
+    Of 20,000 intervals 95 % hold the truth, with a standard deviation of 0.15 %: by Satterthwaite's degrees of freedom
+    92.2 to 95.1 %.
+    """
+    rng, runs = np.random.default_rng(8), 20000
+    scatter = rng.chisquare(rows - 1, runs) / (rows - 1)
+    error = np.sqrt(1 + stated) * rng.normal(size=runs)
+    variance = scatter + stated
+    images = np.sqrt(np.stack([scatter, np.full(runs, stated)], axis=1))[:, None]
+    found = effective(images, np.tile(np.diag([1.0, 0.0]), (runs, 1, 1, 1)), np.full((runs, 1), float(rows)))
+    reach = t.ppf(0.975, found.dof[:, 0]) * found.inflation[:, 0] * np.sqrt(variance)
+    assert 0.935 < np.mean(np.abs(error) < reach) < 0.97
 
 
 TWO = """
