@@ -30,6 +30,7 @@ DOUBTS = frozenset(
         "bad-leverage",
         "coarse-readings",
         "contradicting-rows",
+        "hidden-outliers",
         "improbable-noise",
         "near-bound",
         "noise-against-data",

@@ -17,6 +17,8 @@ from benchmarks.coverage.kinds import (
     linear,
     noises,
     robust,
+    survey,
+    workshop,
 )
 
 KINDS: Mapping[str, Kind] = {
@@ -31,4 +33,6 @@ KINDS: Mapping[str, Kind] = {
     **assays.KINDS,
     **chemistry.KINDS,
     **field.KINDS,
+    **workshop.KINDS,
+    **survey.KINDS,
 }
