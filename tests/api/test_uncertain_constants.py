@@ -208,6 +208,13 @@ def test_what_constants_do_to_residuals_is_no_correlation_of_rows() -> None:
     assert share == pytest.approx(0.05, abs=0.021)  # by chance, three deviations of a thousand runs
 
 
+def test_readings_at_an_edge_are_said_once_beside_constants() -> None:
+    rows = " ".join(f"({x} {y})" for x, y in enumerate([0.0, 0.0, 0.0, 0.31, 0.62, 0.79, 1.02, 1.38, 1.51, 1.83]))
+    found = mbm.loads(f"""(problem p (constants (c 0 :sigma 0.01)) (data d (table (x y) {rows})) (unknowns (a) (b))
+      (observe d (= y (+ a (* b x) c)) :sigma 0.1))""").solve()
+    assert [each.code.name for each in found.diagnostics].count("readings-at-edge") == 1
+
+
 def test_one_solve_says_the_same_of_chi_square() -> None:
     """And the cost stays that of the value."""
     x, y, many = _parabolas()

@@ -55,6 +55,8 @@ OF_RESIDUALS = (
     trust_faults.HIDDEN_OUTLIERS,
     trust_faults.AUTOCORRELATED_RESIDUALS,
     trust_faults.UNEVEN_NOISE,
+    trust_faults.OUTLYING_ROW,
+    trust_faults.READINGS_AT_EDGE,
 )
 """What may be said of residuals, by `of_residuals`."""
 
