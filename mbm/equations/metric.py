@@ -198,5 +198,5 @@ def taken_away(slopes: Floats, equality: Mask, *, whole: bool = True) -> tuple[F
         return np.eye(slopes.shape[1] if whole else 0, slopes.shape[1]), 0, 0
     _, singular, directions = np.linalg.svd(rows, full_matrices=whole)
     of_equalities = np.linalg.svd(rows[equality], compute_uv=False) if bool(equality.any()) else np.zeros(0)
-    equalities = decided_rank(len(of_equalities), of_equalities)
-    return directions, decided_rank(len(singular), singular), equalities
+    equalities = decided_rank(len(of_equalities), of_equalities, 0)
+    return directions, decided_rank(len(singular), singular, 0), equalities

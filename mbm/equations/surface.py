@@ -148,6 +148,11 @@ def plainly_affine(equations: Assembled) -> bool:
     return equations.linear or (plain and all(affine(group, free) for group in equations.groups))
 
 
+def wholly_affine(equations: Assembled) -> bool:
+    """Whether equations, losses aside, and constraints have the same derivatives everywhere."""
+    return plainly_affine(equations) and bool(exact_constraints(equations).all())
+
+
 def exact_constraints(equations: Assembled) -> Mask:
     """Which of the constraints (c,) are affine in the free coordinates, so that their limits stay where they are."""
     plain = np.zeros(len(equations.layout.number), dtype=bool)

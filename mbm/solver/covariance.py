@@ -244,7 +244,7 @@ def set_covariance(
     if condition > SURE:
         singular = work.singular
         singular_values(width, small, part, inverse, singular)
-        rank = decided_rank(width, singular)
+        rank = decided_rank(width, singular, problem.affine)
         if rank < width:
             set_determined(problem, count, reflected, rank, scale, singular, work, covariance)
             return inf

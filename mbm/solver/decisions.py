@@ -53,6 +53,10 @@ coordinates (grid coordinates of millions of metres), and a point a rounding awa
 dependences with errors of 1e-10. An ill-conditioned but determined problem (a polynomial of high degree) has singular
 values that fall step by step, without such a gap."""
 
+ROUNDED_DEPENDENCE = 1e-13
+"""Those of affine equations are zero below this share: their derivatives do not depend on the point, and dependences in
+them come to 1e-16 … 3e-15 (decimal numbers of all sizes). The least certain deviations are known to a per cent."""
+
 SHARE = 1e-6
 """A coordinate is undetermined if its component in the null space is above this, a derived quantity if the component
 of its gradient is."""
@@ -319,14 +323,17 @@ NEARLY_REAL = 1e-6
 """A pair of roots whose imaginary parts are below this share of 1 + |x| counts as real: two roots nearly equal."""
 
 
-def decided_rank(width: Integer, singular: ConstantReals) -> Integer:
-    """How many of the singular values (width,) (descending) count; see CERTAIN and GAP."""
+def decided_rank(width: Integer, singular: ConstantReals, affine: Integer) -> Integer:
+    """How many singular values (width,) (descending) count; see GAP, and ROUNDED_DEPENDENCE if affine."""
     if width == 0 or not singular[0] > 0.0:
         return 0
     for rank in range(1, width):
         value = singular[rank] / singular[0]
         before = singular[rank - 1] / singular[0]
-        if value <= CERTAIN or (value <= SUSPECT and value * GAP <= before):
+        if affine == 1:
+            if value <= ROUNDED_DEPENDENCE:
+                return rank
+        elif value <= CERTAIN or (value <= SUSPECT and value * GAP <= before):
             return rank
     return width
 

@@ -162,6 +162,8 @@ class Problem:
     """Most constraint values K of a data set."""
     linear: Integer
     """1: the residuals are affine in the unknowns."""
+    affine: Integer
+    """1: residuals, losses aside, and constraints are."""
     boxed: Integer
     """1: some coordinate has a bound or stays positive."""
     iterations: Integer

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+import mpmath
 import numpy as np
 import pytest
 
@@ -185,3 +188,60 @@ def test_points_of_a_line_leave_the_turn_about_it_open(axis: int) -> None:
     solves = mbm.loads(text).solve(data={"d": {"g": np.repeat(np.arange(sets), points)} | columns}).solves
     assert {solve.observability.rank for solve in solves} == {5}
     assert all(np.isnan(solve["T"].sigma[axis]) for solve in solves)
+
+
+JULIAN = 2450000.0 + np.arange(20)
+PARABOLA = "(unknowns (a :init 0) (b :init 0) (c :init 0)) (observe d (= y (+ a (* b x) (* c x x))) {more})"
+COLUMN_ERRORS = 20 * 2.2e-16
+"""Of columns of length 1: the rounding of their elements and of sums over twenty rows."""
+
+
+@pytest.mark.parametrize("more", [":sigma 0.1", ":sigma unknown", ":sigma 0.1 :loss (huber 100)"])
+def test_a_parabola_of_julian_dates_has_the_sigmas_of_fifty_digits(more):
+    y = np.round(1.0 + 0.5 * np.arange(20) - 0.011 * np.arange(20) ** 2 + 0.1 * np.cos(np.arange(20) ** 2), 6)
+    rows = " ".join(f"({x!r} {v!r})" for x, v in zip(JULIAN.tolist(), y.tolist(), strict=True))
+    text = f"(problem p (data d (table (x y) {rows})) {PARABOLA.format(more=more)} (derive (top (/ b (* -2 c)))))"
+    solve = mbm.loads(text).solve().solves[0]
+    # Losses that cut nothing off take the noise from the residuals, as an unknown one.
+    with mpmath.workdps(50):
+        columns = mpmath.matrix([[1, x, x * x] for x in map(mpmath.mpf, JULIAN.tolist())])
+        inverse = (columns.T * columns) ** -1
+        found = inverse * columns.T * mpmath.matrix(y.tolist())
+        left = mpmath.matrix(y.tolist()) - columns * found
+        noise = mpmath.sqrt(sum(r * r for r in left) / 17) if more != ":sigma 0.1" else mpmath.mpf(0.1)
+        sigmas = [float(noise * mpmath.sqrt(inverse[i, i])) for i in range(3)]
+        top = -found[1] / (2 * found[2])
+        slopes = mpmath.matrix([[0, -1 / (2 * found[2]), found[1] / (2 * found[2] ** 2)]])
+        sigma = float(noise * mpmath.sqrt((slopes * inverse * slopes.T)[0]))
+    scaled = JULIAN[:, None] ** np.arange(3)
+    share = COLUMN_ERRORS * np.linalg.cond(scaled / np.linalg.norm(scaled, axis=0))
+    assert share < 0.01
+    for name, expected, value in zip("abc", sigmas, found, strict=True):
+        assert solve[name].sigma == pytest.approx(expected, rel=share)
+        assert abs(float(solve[name].value) - float(value)) < 0.1 * expected
+    assert solve["top"].sigma == pytest.approx(sigma, rel=0.01)
+    assert float(solve["top"].value) == pytest.approx(float(top), abs=0.1 * sigma)
+
+
+def test_states_at_millisecond_steps_keep_the_offset_that_only_priors_part():
+    """Of o + x, known to 0.1 mm, and two priors of 1 m: half of each variance is left, 1e-8 of it from the rows."""
+    rows = " ".join(f"({k}ms {0.3 + 0.001 * k:.3f}m)" for k in range(6))
+    text = f"""(problem p (data d (table (t y) {rows})) (unknowns (o :init 0m :sigma 1m))
+      (states :over t (x :init 0m :sigma 1m)) (dynamics (constant-velocity x :acceleration 0.1m/s^2))
+      (observe d (= y (+ x o)) :sigma 0.1mm)"""
+    batch, smoother = (mbm.loads(f"{text} {more})").solve().solves[0] for more in ("", "(solve :method smoother)"))
+    assert batch["o"].sigma == pytest.approx(np.sqrt(0.5), rel=1e-6)
+    for name in ("o", "x", "x.rate"):
+        np.testing.assert_allclose(batch[name].sigma, smoother[name].sigma, rtol=1e-4)
+        np.testing.assert_allclose(batch[name].value, smoother[name].value, atol=1e-6)
+
+
+def test_what_cannot_be_told_in_affine_equations_stays_so():
+    """Decimal numbers of all sizes, one column the sum of two others: as `math.fsum` rounds it."""
+    random = np.random.default_rng(7)
+    for size in np.geomspace(1e-6, 1e9, 16):
+        parts = np.round(size * random.normal([1.0, 1e3, 0.0], 1.0, size=(40, 3)), 3 - int(np.log10(size)))
+        jacobian = np.column_stack([parts, [math.fsum(row[:2]) for row in parts]])
+        observed = observability(jacobian, np.ones(4), np.zeros(4, bool), affine=True)
+        assert observed.rank == 3
+        assert observed.estimable.tolist() == [False, False, True, False]

@@ -42,14 +42,18 @@ def test_a_triangle_that_hides_how_small_its_least_singular_value_is(solver):
 
 
 def test_a_gap_parts_singular_values_that_are_none(solver):
-    def ranked(*values):
-        return solver("decided_rank", len(values), np.array(values))
+    def ranked(*values, affine=0):
+        return solver("decided_rank", len(values), np.array(values), affine)
 
     assert ranked(1.0, 1e-8) == 2
     assert ranked(1.0, 1e-10) == 1
     # a polynomial of high degree: they fall step by step
     assert ranked(1.0, 1e-3, 1e-6, 1e-8, 1e-10) == 5
     assert ranked(1.0, 1e-13) == 1
+    # constant derivatives: only roundings are none
+    assert ranked(1.0, 1e-10, affine=1) == 2
+    assert ranked(1.0, 1e-12, affine=1) == 2
+    assert ranked(1.0, 1e-14, affine=1) == 1
     assert ranked(0.0) == 0
     assert ranked() == 0
 

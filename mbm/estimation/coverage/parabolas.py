@@ -190,7 +190,7 @@ def parabolas(equations: Assembled, minimum: Minimum, variance: float) -> Parabo
     if not len(norms) or not bool((norms > 0.0).all()):
         return None
     orthogonal, triangle = np.linalg.qr(jacobian / norms)
-    if decided_rank(len(norms), np.linalg.svd(triangle, compute_uv=False)) < len(norms):
+    if decided_rank(len(norms), np.linalg.svd(triangle, compute_uv=False), 0) < len(norms):
         return None
     back = basis @ np.linalg.solve(triangle * norms, np.eye(len(norms)))
     far = np.concatenate(room)

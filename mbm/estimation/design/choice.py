@@ -112,7 +112,7 @@ class Information:
         singular = np.asarray(
             np.linalg.svd(self._slopes(self.stacked(counts)) / scale, compute_uv=False), dtype=np.float64
         )
-        rank = decided_rank(len(singular), singular)
+        rank = decided_rank(len(singular), singular, 0)
         return rank, float(np.log(singular[:rank]).sum())
 
     def scale(self) -> Floats:

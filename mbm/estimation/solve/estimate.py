@@ -17,6 +17,7 @@ from mbm.equations.binding import EvaluationCache
 from mbm.equations.likelihoods import log_likelihood
 from mbm.equations.metric import first_bad
 from mbm.equations.spreads import Influence, Limited
+from mbm.equations.surface import wholly_affine
 from mbm.equations.types import Fit, Floats, Indices, Minimum, Observability, Reason
 from mbm.estimation.consensus.known_ranges import known_ranges
 from mbm.estimation.consensus.preparation import outliers, prepared, robust_cost, unit_weights
@@ -327,7 +328,7 @@ def decided(
 
     ``weighted`` are the ``equations`` that the minimum is of, ``informing`` (m,) what their rows count with (None: 1).
     """
-    observed = observed_at(minimum, weighted.coordinates(minimum.point), informing)
+    observed = observed_at(minimum, weighted.coordinates(minimum.point), informing, affine=wholly_affine(weighted))
     observed, about = with_invariances(weighted, minimum, observed, settings)
     observed = with_gauge(observed, equations.layout, equations.free, about, settings.gauge)
     return with_motions(weighted, minimum, observed)

@@ -10,6 +10,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.metric import rounding_at, terms_of_rows
+from mbm.equations.surface import wholly_affine
 from mbm.equations.types import Floats, Indices, Minimum, Noise, Observability, Reason
 from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.minimise.minimise import minimise
@@ -161,7 +162,8 @@ class _Weighing:
         return REWEIGHTED_SEARCHES * self.settings.max_iterations - self.iterations
 
     def _observed(self, minimum: Minimum) -> Observability:
-        return observed_at(minimum, self.equations.coordinates(minimum.point))
+        equations = self.equations
+        return observed_at(minimum, equations.coordinates(minimum.point), affine=wholly_affine(equations))
 
     def _minimise(self, factors: Floats | None) -> Minimum:
         minimum = self._minimum(factors)

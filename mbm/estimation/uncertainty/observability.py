@@ -99,8 +99,12 @@ class _Tangent:
     inequalities: int
 
 
-def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface | None = None) -> Observability:
+def observability(
+    jacobian: Floats, point: Floats, fixed: Mask, surface: Surface | None = None, *, affine: bool = False
+) -> Observability:
     """The rank decision at ``point`` (n,) for a whitened Jacobian (m, n); coordinates in ``fixed`` (n,) do not move.
+
+    That of ``affine`` equations is the same everywhere, and its singular values count down to their rounding.
 
     Column scaling makes the decision independent of the units of the unknowns. With a ``surface`` only movements along
     it count: what equations determine is determined, and each independent one adds to the rank.
@@ -125,7 +129,7 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface
     singular, right = np.zeros(0), np.zeros((0, width))
     if width and reduced.shape[0]:
         _, singular, right = np.linalg.svd(reduced, full_matrices=reduced.shape[0] < width)
-    rank = decided_rank(len(singular), singular)
+    rank = decided_rank(len(singular), singular, int(affine))
     free = right[rank:].T if right.size else np.eye(width)
     determined, inner = right[:rank].T, free
     if tangent is not None:
@@ -173,10 +177,12 @@ def _limited(surface: Surface, fixed: Mask, scale: Floats) -> Floats | None:
     return np.asarray(right[: int((singular > STILL).sum())].T)
 
 
-def observed_at(minimum: Minimum, point: Floats, weights: Floats | None = None) -> Observability:
+def observed_at(
+    minimum: Minimum, point: Floats, weights: Floats | None = None, *, affine: bool = False
+) -> Observability:
     """The rank decision at a minimum with the coordinates ``point`` (n,), on the surface of its constraints.
 
-    ``weights`` (m,) multiply the rows of its Jacobian (None: all 1).
+    ``weights`` (m,) multiply the rows of its Jacobian (None: all 1). ``affine``: equations and constraints are.
     """
     if minimum.blocks is not None:
         # Loaded by sparse problems only, so that the others start at once.
@@ -187,7 +193,7 @@ def observed_at(minimum: Minimum, point: Floats, weights: Floats | None = None) 
     if held is not None and bool(held.forcing.any()):
         surface = Surface(slopes=held.slopes[held.forcing], equality=held.equality[held.forcing])
     own = minimum.jacobian if weights is None else weights[:, None] * minimum.jacobian
-    return observability(own, point, minimum.at_bound != 0, surface)
+    return observability(own, point, minimum.at_bound != 0, surface, affine=affine)
 
 
 def _tangent(surface: Surface, used: Indices, scale: Floats) -> _Tangent:

@@ -9,9 +9,9 @@
 #include "derived_solver.h"
 
 /* How the solver's description of the equations begins: what no data change. */
-static const long SYSTEM[56] = {
-    0, 0, 0, 1, 0, 0, 1, 0, 100, 0, 0, 0, 0, 0, 0, 0, 32, 0, 0, 0, 28, 0, 1, 0, 0, 0, 0, 0, 0, 1, 1, 2, 1, 2,
-    2, 2, 2, 1, 1, 16, 22, -1, 28, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0
+static const long SYSTEM[57] = {
+    0, 0, 0, 1, 0, 0, 1, 1, 0, 100, 0, 0, 0, 0, 0, 0, 0, 32, 0, 0, 0, 29, 0, 1, 0, 0, 0, 0, 0, 0, 1, 1, 2, 1,
+    2, 2, 2, 2, 1, 1, 16, 22, -1, 28, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0
 };
 
 /* Of each unknown: numbers, coordinates, family, positive, pieces. */
@@ -111,7 +111,7 @@ static void lay_out(struct frame *f, const derived_data *data, struct arena *a)
     f->column = integers_of(a, n + 1);
     f->sides = integers_of(a, n + 1);
     f->coordinates = integers_of(a, n + 1);
-    f->system = (struct problem *)integers_of(a, 56 + (2 + 8) * n);
+    f->system = (struct problem *)integers_of(a, 57 + (2 + 8) * n);
     f->parameters = reals_of(a, parameters + 1);
     f->weights = reals_of(a, weights + 1);
     f->scratch = reals_of(a, 1);
@@ -467,7 +467,7 @@ static int prepare(struct frame *f, const derived_data *data,
         status = assemble(f);
     if (status != 0)
         return status;
-    for (c = 0; c < 56; c++)
+    for (c = 0; c < 57; c++)
         ((long *)f->system)[c] = SYSTEM[c];
     count = f->firsts[1];
     for (c = 0; c < count; c++)
@@ -479,7 +479,7 @@ static int prepare(struct frame *f, const derived_data *data,
     c = free_coordinates(UNKNOWNS, 1, f->members, f->firsts, f->used, f->fixed, f->column);
     renumber(f->columns_used, f->column, f->columns);
     f->system->n = c;
-    set_coordinates((long *)f->system, 56, UNKNOWNS, 1, f->members, f->offsets,
+    set_coordinates((long *)f->system, 57, UNKNOWNS, 1, f->members, f->offsets,
         f->firsts, f->column);
     f->data_set->count = set_capacities(f->system, f->data_set);
     set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
