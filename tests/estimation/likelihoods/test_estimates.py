@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 import mbm
 from tests.estimation.likelihoods import peers
@@ -238,3 +239,46 @@ def test_a_matrix_that_the_model_decides() -> None:
     other = solved(text + f"(observe t (= [u v] [(* a x) (* b x)]) :information {inverse_text})")
     agree(other, best, peers.sigmas(information))
     assert other.solves[0].log_likelihood == pytest.approx(log_of(best), rel=1e-9)
+
+
+RISING = (1, 0, 1, 2, 5, 9, 14, 19)
+"""A straight line by least squares is below 0 at both of the first two."""
+
+
+@pytest.mark.parametrize(
+    ("law", "turned", "rest"),
+    [
+        ("poisson", False, ""),
+        ("poisson", False, "(constraints (>= a 0))"),
+        ("poisson", False, "(constraints (>= b -9))"),
+        ("(binomial 40)", False, "(constraints (>= a 0))"),
+        ("(binomial 40)", True, ""),
+    ],
+)
+def test_lines_without_a_start_begin_where_all_rates_are_possible(law, turned, rest):
+    """``turned``: the counts are of those that were missed, so that the line is beyond the number of trials."""
+    x, n = np.arange(8.0), np.array([40 - each if turned else each for each in RISING])
+    rows = " ".join(f"({a:g} {b})" for a, b in zip(x.tolist(), n.tolist(), strict=True))
+    solve = (
+        mbm.loads(f"""(problem p (data d (table (x n) {rows})) (unknowns (a) (b))
+      (observe d (= n (+ a (* b x))) :distribution {law}) {rest})""")
+        .solve()
+        .solves[0]
+    )
+
+    most = np.inf if law == "poisson" else 40.0
+
+    def surprise(line):
+        rates = line[0] + line[1] * x
+        if not ((rates > 0).all() and (rates < most).all()):
+            return np.inf
+        missed = rates if law == "poisson" else (n - most) * np.log1p(-rates / most)
+        return float((missed - n * np.log(rates)).sum())
+
+    settings = {"xatol": 1e-9, "fatol": 1e-12, "maxiter": 4000}
+    found = minimize(surprise, [39.0, -2.0] if turned else [1.0, 1.0], method="Nelder-Mead", options=settings)
+    assert found.x[0] > 0.0  # so that limits below make no difference
+    assert not 0.0 < np.polyfit(x, n, 1)[1] < most
+    assert str(solve.status) == "converged"
+    # Nelder-Mead's simplex is 1e-9 wide in values that are flat to 1e-8 of the deviations.
+    np.testing.assert_allclose([solve["a"].value, solve["b"].value], found.x, atol=1e-5)
