@@ -12,7 +12,7 @@ from mbm.solver.filters import filter_steps
 from mbm.solver.lags import lag_scores
 from mbm.solver.minimal_pose import poses_of_many
 from mbm.solver.noise_roots import roots_of_covariances
-from mbm.solver.smoother_all import smooth_all
+from mbm.solver.smoother_all import smooth_all, spread_along
 from mbm.solver.smoother_cuts import renew_cuts
 from mbm.solver.smoother_growing import growing_answers, growing_steps
 from mbm.solver.smoother_lag import lag_end, lag_steps
@@ -35,7 +35,7 @@ def consensus_module(lanes: int) -> Module:
 def filters_module(lanes: int) -> Module:
     """Filters and smoothers likewise."""
     lagging = (lag_steps, lag_end, growing_steps, growing_answers)
-    roots = (begin_walk, filter_steps, smooth_all, renew_cuts, *lagging, roots_of_covariances)
+    roots = (begin_walk, filter_steps, smooth_all, spread_along, renew_cuts, *lagging, roots_of_covariances)
     return module_of("filters", roots, constants={"LANES": lanes})
 
 

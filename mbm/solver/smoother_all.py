@@ -10,11 +10,12 @@ from __future__ import annotations
 from math import sqrt
 
 from mbm.machine.words import Integer
+from mbm.solver.charts import step_between
 from mbm.solver.filter_moves import move_on
 from mbm.solver.filter_records import Walk, load_step, plain_step_cost, step_cost, widen_losses
 from mbm.solver.filter_update import COUNTED, NARROWER, WIDEST
 from mbm.solver.linear_algebra import copied, filled
-from mbm.solver.smoothers import begin_path, load_noise, path_of, smooth, spread_path
+from mbm.solver.smoothers import backward, begin_path, load_noise, path_of, settle_base, smooth, spread_path
 
 
 def smooth_all(walk: Walk) -> Integer:
@@ -28,6 +29,15 @@ def smooth_all(walk: Walk) -> Integer:
         walk.failed = 1
         return 0
     return chain.steps
+
+
+def spread_along(walk: Walk) -> Integer:
+    """The factors of all steps, given all rows, along the path and the noises as they are; 0 where there are none."""
+    begin_path(walk)
+    step_between(walk.seen, walk.base_mean, walk.path, walk.turn, walk.base_step)
+    if backward(walk, 0, walk.chain.steps - 1) == 0:
+        return 0
+    return spread_path(walk, 0, walk.chain.steps - 1, settle_base(walk, 0))
 
 
 def smooth_path(walk: Walk) -> Integer:

@@ -20,20 +20,14 @@ from mbm.solver.filter_records import Chain, Walk, walk_integers, walk_reals
 from mbm.solver.workspace import Rows
 from mbm.values import dataclass
 
-PRODUCTS = 20.0
-"""Products in a step, in units of the third power of its coordinates, as a guess."""
-
-PASSES = 10.0
-"""Iterations where there are some, as a guess."""
+PRODUCTS, PASSES = 20.0, 10.0
+"""Products in a step, in units of the third power of its coordinates, and iterations where there are some: guesses."""
 
 ENDLESS = 2**62
 """Steps of a sequence that goes on."""
 
-STEPS_OF_A_STREAM = 5_000
-"""Those that come, as a guess."""
-
-STEPS_AT_A_TIME = 1000
-"""Steps between which the user may interrupt."""
+STEPS_OF_A_STREAM, STEPS_AT_A_TIME = 5_000, 1000
+"""Those that come, as a guess; those between which the user may interrupt."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -160,7 +154,13 @@ class Chained:
             Exception: what a function in Python raised that an equation calls.
 
         """
-        return Memory(self, prior, rules).run(stopped)
+        memory = Memory(self, prior, rules)
+        track = memory.run(stopped)
+        if rules.cut or rules.lag is not None or not (self.lossy and rules.smooth and track.settled):
+            return track
+        from mbm.estimation.sequences.losses import sandwiched  # loaded by problems with losses only
+
+        return replace(track, factors=sandwiched(self.seen, track.points, memory.spread_along, track.factors))
 
 
 class Memory:
@@ -169,7 +169,7 @@ class Memory:
     def __init__(self, chained: Chained, prior: Prior, rules: Rules) -> None:
         seen, moving = chained.seen.native, chained.moving.native
         self._code = seen.code
-        self._prior, self._rules = prior, rules
+        self._chained, self._prior, self._rules = chained, prior, rules
         self._failed = (seen.failed, moving.failed)
         self.chain = chain_of(chained, rules)
         n, steps, numbers = (int(self.chain[at]) for at in (Chain.n, Chain.held, Chain.numbers))
@@ -273,6 +273,13 @@ class Memory:
                 self._set_prior()
                 made = self.routine("smooth_all")
         return made, fitting
+
+    def spread_along(self, seen: Local) -> Floats:
+        """Factors (T, n, n) of covariances along the path with other rows of a step ``seen``; NaN: there are none."""
+        other = Memory(replace(self._chained, seen=seen), self._prior, self._rules)
+        for name, size in (("path", Chain.numbers), ("noises", Chain.noises)):
+            other._fill(name, self._taken(name, len(self.points) * int(self.chain[size])))
+        return other.factors if other.routine("spread_along") == 1 else np.full(self.factors.shape, np.nan)
 
     def raise_failure(self) -> None:
         """Raise what a function in Python raised that an equation calls, if one did."""
