@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations.binding import affine
 from mbm.equations.metric import rounded_turns, turning
 from mbm.equations.surface import exact_constraints, plainly_affine
 from mbm.equations.types import Floats, Mask
@@ -157,12 +158,14 @@ def _derived_ends(around: _Intervals, one: DerivedColumns, place: int, angle: bo
     there = (stated(one.group, around.point(along, side) + around.turned)[:, place] for side in SIDES)
     moves = [values - one.values[:, place] for values in there]
     ends = derived_ratios(np.stack(moves), around.noise * length, grown, angle=angle)
-    kinks = bool(one.group.kernel.kinks.any())
-    if kinks or not bool(told.all()):
-        # Without a derivative it may move all the same, and behind a kink farther than its derivative says.
+    moving = np.zeros(len(around.portion.equations.layout.number), dtype=bool)
+    moving[around.portion.equations.free] = True
+    bends = not affine(one.group, moving)
+    if bends or not bool(told.all()):
+        # Without a derivative it may move all the same, and elsewhere farther than its derivative says.
         least = UNMOVED * np.maximum(np.abs(one.values[:, place]), parts)
         most = (1.0 + _share(around.portion) - MARGIN) * NORMAL_95 * around.noise * length
-        least = np.where(told, most if kinks else np.inf, least)
+        least = np.where(told, most if bends else np.inf, least)
         far = _moves(around, one, place, angle=angle) > least
         ends = np.where(far, np.inf, np.where(told, ends, 1.0))
     return ends

@@ -22,12 +22,14 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.spreads import Freedom, Limited, Moved
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum, Observability
 from mbm.estimation.coverage.certain import Certain, certain
+from mbm.estimation.coverage.limits import Edges, edges
 from mbm.estimation.coverage.parabolas import Parabolas, Pieces, parabolas
 from mbm.estimation.coverage.quantities import Coordinates, Quantities, quantities
 from mbm.estimation.coverage.shares import Followed, grown_enough, share_between, sides
 from mbm.estimation.coverage.within_limits import Profile, QuantityProfile
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.settings import Settings
+from mbm.estimation.trust.curvature import directions
 from mbm.estimation.trust.nonlinearity import MOST_FOLLOWED, OF_LIKELIHOODS
 from mbm.estimation.trust.unexamined import unfollowed
 from mbm.estimation.uncertainty.derived import Propagation
@@ -40,6 +42,9 @@ END_AT = 1e-9
 
 OF_SUMS = 1e-3
 """Share by which the end of a linear interval may be off where it takes nothing to find the right one."""
+
+MORE_WAYS = 64
+"""Random directions from the estimates in which what bends is looked at, too."""
 
 ROUNDED_MOVES = 1e-3
 """Share of what a constant does that is no part of its own: differences of solves are right to ten thousandths."""
@@ -71,21 +76,6 @@ class Own:
     def law(self, which: int, *, scaled: bool) -> Law:
         """That of one of them."""
         return Law(dof=float(self.freedom.dof[which]), inflation=float(self.freedom.inflation[which]), scaled=scaled)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Edges:
-    """Inequalities ``room`` (c,) away from the estimates, with ``slopes`` (c, n), and the ``sigma`` (c,) of them."""
-
-    room: Floats
-    slopes: Floats
-    sigma: Floats
-
-    def near(self, level: float, freedom: Freedom) -> Mask:
-        """Coordinates (n,) that meet one of them within their intervals."""
-        factors = coverage_factors(level, freedom.dof) * freedom.inflation
-        met = self.room[:, None] < self.sigma[:, None] * factors
-        return np.asarray((met & (self.slopes != 0.0)).any(axis=0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,7 +137,8 @@ class Likelihood:
         plain, cut = self.equations.layout.number[self.equations.free] >= 0, self._cut(wide)
         # what is near a limit of normal errors has the linear interval up to it
         wanted = plain & ~released & (cut if self.equations.likely else self.pinned)
-        others = plain & ~(wanted | released) & (own.sigma > 0.0) & self.held
+        passed = self._knows_limits() and self.edges.passed(np.eye(len(plain)), own.linear, own=False)
+        others = plain & ~(wanted | released) & (own.sigma > 0.0) & (self.held | passed)
         if not self.followed:
             return
         for which in [*np.flatnonzero(wanted).tolist(), *np.flatnonzero(others)[:MOST_FOLLOWED].tolist()]:
@@ -171,19 +162,19 @@ class Likelihood:
         """
         moved = self.moved
         every, wide = own.beside(moved.coordinates, moved.dof), numbers.beside(moved.own, moved.dof)
-        cut = self._cut(every) | self.edges.near(own.level, every.freedom)
+        cut = self._cut(every)
         index = self.equations.layout.number[self.equations.free]
-        found = self.derived(owner) if self.held or cut.any() else None
+        found = self.derived(owner) if self.held or len(self.edges.room) or cut.any() else None
         if found is None:
             return
+        passed = self.edges.passed(found.gradient, numbers.linear, own=True)
         direct, alone = self._direct(found)
         reached: dict[int, tuple[Floats, Floats]] = {}
         followed = 0
         for place in np.flatnonzero(np.isfinite(found.values)).tolist():
             touched = found.touched(place)
             single = len(touched) == 1 and bool(alone[:, place].all()) and index[touched[0]] >= 0
-            cuts = bool(cut[touched].any()) and (single or self._cuts(found))
-            if not len(touched) or not (self.held or cuts):
+            if not len(touched) or not (self.held or single or (self._knows_limits() and bool(passed[place]))):
                 continue
             if np.isnan(numbers.sigma[place]) and bool(self.combined[touched].any()):
                 continue
@@ -214,7 +205,7 @@ class Likelihood:
                     else None
                 )
                 own_moves = np.where(alone[:, place], 0.0, direct[:, place]) / law.inflation
-                profile: Followed = pieces or QuantityProfile(
+                profile = pieces or QuantityProfile(
                     self.equations,
                     self.minimum,
                     (found, place),
@@ -226,12 +217,33 @@ class Likelihood:
                 followed += pieces is None
                 if told and _agrees(profile, law, wide, place):
                     continue
-                if found.straight or not np.isnan(self._certain(touched)):
+                if isinstance(profile, Pieces) or found.straight or not np.isnan(self._certain(touched)):
                     two = pieces.sides(law) if pieces else sides(profile, law, (np.inf, np.inf), first)
                     below, above = share_between(*two, law, own.level, self._certain(touched))
                 else:
-                    below, above = grown_enough(profile, law, own.level, first)
+                    below, above = self._grown((found, place), profile, law, own.level, first)
                 numbers.ends[0][place], numbers.ends[1][place] = below - profile.centre, above + profile.centre
+
+    def _grown(
+        self, which: tuple[Quantities, int], profile: QuantityProfile, law: Law, level: float, first: float
+    ) -> tuple[float, float]:
+        """How far the cost stays low enough for a level below and above, also behind places where it does not."""
+        ends = grown_enough(profile, law, level, first, (0.0, 0.0))
+        most = law.of_square(float(coverage_factors(level, np.array([law.dof]))[0]) ** 2)
+
+        def inside(point: Floats) -> bool:
+            residuals = self.equations.residuals(point)
+            return law.surprise((float(residuals @ residuals) - self.minimum.cost) / self.variance) <= most
+
+        size = self.edges.factor.shape[1]
+        all_over = np.random.default_rng(1).standard_normal((MORE_WAYS, size))
+        ways = np.vstack([directions(size), all_over / np.linalg.norm(all_over, axis=1, keepdims=True)])
+        steps = self.edges.factor @ ways.T
+        behind = which[0].behind(which[1], self.equations, steps, ends, inside)
+        if not behind:
+            return ends
+        farthest = -min(0.0, *behind), max(0.0, *behind)
+        return grown_enough(profile.begun_at(behind), law, level, first, farthest)
 
     @np.errstate(all="ignore")
     def _direct(self, found: Quantities) -> tuple[Floats, Mask]:
@@ -242,11 +254,9 @@ class Likelihood:
         whole = np.abs(moved.own) + np.abs(moved.free) @ np.abs(slopes)
         return direct, np.asarray(np.abs(direct) <= ROUNDED_MOVES * whole)
 
-    def _cuts(self, found: Quantities) -> bool:
-        """Whether a limit that nothing is held by cuts what is made of several coordinates: where the profile is known,
-        beside uncertain constants, too.
-        """
-        return self.equations.likely or (found.straight and (self.linear is not None or not len(self.moved.dof)))
+    def _knows_limits(self) -> bool:
+        """Whether the profile is known of what only meets a limit on its way, beside uncertain constants, too."""
+        return self.linear is not None or not len(self.moved.dof)
 
     def _profile(self, which: int, direct: Floats, law: Law) -> Profile:
         """That of a coordinate."""
@@ -351,7 +361,7 @@ def likelihood(
         derived=lambda owner: quantities(propagation, by_owner[owner], minimum.point),
         linear=parabolas(equations, minimum, outcome.covariance.variance) if followed else None,
         leaving=_leaving(observed, minimum, outcome.covariance),
-        edges=_edges(equations, minimum, outcome.covariance.factor),
+        edges=edges(equations, minimum, limits, outcome.covariance.factor),
         moved=Moved(coordinates=np.zeros((0, count)), free=np.zeros((0, count)), own=np.zeros((0, 1)), dof=np.zeros(0)),
     )
 
@@ -365,13 +375,3 @@ def _leaving(observed: Observability, minimum: Minimum, covariance: Covariance) 
         steps = steps - covariance.factor @ np.linalg.lstsq(image, minimum.jacobian @ steps)[0]
         steps = steps / np.sqrt(np.square(minimum.jacobian @ steps).sum(axis=0))
     return np.asarray(steps * np.sqrt(covariance.variance))
-
-
-def _edges(equations: Assembled, minimum: Minimum, factor: Floats) -> Edges:
-    """The inequalities at a minimum, as far as its covariance is known."""
-    state = minimum.constraints
-    if state is None or minimum.blocks is not None:
-        return Edges(np.zeros(0), np.zeros((0, equations.dimension)), np.zeros(0))
-    limits = ~state.equality
-    slopes = np.asarray(state.slopes)[limits]
-    return Edges(-state.values[limits], slopes, np.sqrt(np.square(slopes @ factor).sum(axis=1)))

@@ -93,3 +93,38 @@ def released(jacobian: Floats, tangent: Floats, residuals: Floats) -> tuple[Floa
     own = jacobian - np.matmul(along, np.matmul(np.swapaxes(along, -1, -2), jacobian))
     length = np.square(own).sum(axis=-2)
     return -(own * residuals[..., None]).sum(axis=-2) / length, 1.0 / np.sqrt(length)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edges:
+    """All limits: ``room`` (c,) is left to them, ``slopes`` (c, n) are those of what they limit, and the covariance is
+    ``factor`` (n, r) times its transpose.
+    """
+
+    room: Floats
+    slopes: Floats
+    factor: Floats
+
+    @np.errstate(all="ignore")
+    def passed(self, gradient: Floats, linear: Floats, *, own: bool) -> Mask:
+        """Whether the most probable places at a linear end, which is so far (k,), of quantities with the gradient
+        (k, n) lie beyond a limit (k,): those of what a quantity is made of alone are left out if they are not its
+        ``own``.
+        """
+        image = gradient @ self.factor
+        moved = self.slopes @ self.factor @ image.T * (linear / np.square(image).sum(axis=1))
+        others = (self.slopes != 0.0) @ (gradient == 0.0).T
+        return np.asarray(((np.abs(moved) > self.room[:, None]) & (own | others)).any(axis=0))
+
+
+def edges(equations: Assembled, minimum: Minimum, limits: Limited, factor: Floats) -> Edges:
+    """The limits at a minimum, as far as its covariance is known."""
+    count, place, state = equations.dimension, equations.coordinates(minimum.point), minimum.constraints
+    if minimum.blocks is not None:
+        return Edges(np.zeros(0), np.zeros((0, count)), np.zeros((count, 0)))
+    room, slopes = [limits.upper - place, place - limits.lower], [np.eye(count), -np.eye(count)]
+    if state is not None:
+        room.append(-state.values[~state.equality])
+        slopes.append(np.asarray(state.slopes)[~state.equality])
+    every = np.concatenate(room)
+    return Edges(every[np.isfinite(every)], np.vstack(slopes)[np.isfinite(every)], factor)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from mbm.equations.binding import Group, affine
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.coverage.limits import box
 from mbm.estimation.search.solution import DerivedSolution
-from mbm.estimation.trust.curvature import MOST_DERIVED
+from mbm.estimation.trust.curvature import FARTHER, MOST_DERIVED
 from mbm.estimation.trust.farthest import farthest
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.observability import STILL
@@ -95,6 +97,31 @@ class Quantities:
                     found.append({})
                 found[-1][change] = point
                 last, way = change, change - last
+        return found
+
+    @np.errstate(all="ignore")
+    def behind(
+        self,
+        place: int,
+        equations: Assembled,
+        steps: Floats,
+        ends: tuple[float, float],
+        inside: Callable[[Floats], bool],
+    ) -> dict[float, Floats]:
+        """The points (N,) farthest beyond its ``ends``, by how far one of them is from its value there: one below and
+        one above, where there are some ``inside`` and within all limits along ``steps`` (n, q).
+        """
+        ways = (np.hstack([steps, -steps]).T[:, None] * LEAVING[:, None]).reshape(-1, len(steps))
+        points = equations.retract(np.tile(self.point, (len(ways), 1)), ways)
+        changes = self.changes(points)[:, place]
+        found: dict[float, Floats] = {}
+        for beyond, order in (
+            (changes < -(1.0 + FARTHER) * ends[0], np.argsort(changes)),
+            (changes > (1.0 + FARTHER) * ends[1], np.argsort(-changes)),
+        ):
+            candidates = (which for which in order[beyond[order]].tolist() if np.isfinite(changes[which]))
+            good = (which for which in candidates if inside(points[which]) and _within(equations, points[which]))
+            found.update({float(changes[which]): points[which] for which in islice(good, 1)})
         return found
 
     def beyond_all(self, place: int, paths: list[dict[float, Floats]]) -> bool:

@@ -120,20 +120,24 @@ def share_between(below: Side, above: Side, law: Law, level: float, certain: flo
     return below.end(most), above.end(most)
 
 
-def grown_enough(profile: Followed, law: Law, level: float, first: float) -> tuple[float, float]:
+def grown_enough(
+    profile: Followed, law: Law, level: float, first: float, inside: tuple[float, float]
+) -> tuple[float, float]:
     """How far below and above the cost stays low enough for a level; infinite where it always does.
 
     What bends has another share of its likelihood for every function of it, and the same growth of the cost for all.
-    The ``first`` step is such a distance, in whose proportion no distance is counted.
+    The ``first`` step is such a distance, in whose proportion no distance is counted. It stays so at least to the
+    distances ``inside``.
     """
     most = law.of_square(float(coverage_factors(level, np.array([law.dof]))[0]) ** 2)
-    below, above = (_reach(partial(_surprise, profile, law, sign), first, most) for sign in (-1.0, 1.0))
+    ways = (partial(_surprise, profile, law, sign) for sign in (-1.0, 1.0))
+    below, above = (_reach(way, first, most, each) for way, each in zip(ways, inside, strict=True))
     return below, above
 
 
-def _reach(surprise: Callable[[float], float], first: float, most: float) -> float:
-    """The distance at which ``surprise`` is so much."""
-    near, far, step = (0.0, 0.0), (np.inf, np.inf), first
+def _reach(surprise: Callable[[float], float], first: float, most: float, inside: float) -> float:
+    """The distance at which ``surprise`` is so much, from one on where it is less."""
+    near, far, step = (inside, surprise(inside) if inside else 0.0), (np.inf, np.inf), inside + first
     for _ in range(STEPS):
         found = surprise(step)
         if abs(np.sqrt(found / most) - 1.0) <= AS_FAR:

@@ -7,6 +7,7 @@ estimates that a limit holds leave it where the cost wants it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -243,6 +244,12 @@ class QuantityProfile(Profile):
     def growth(self, step: float) -> float:
         """The least of all ways."""
         return min(self._along(points, step) for points in (self._points, *self._paths))
+
+    def begun_at(self, points: dict[float, Floats]) -> QuantityProfile:
+        """The same that begins at more points, by the step of the number, too."""
+        other = copy(self)
+        other._paths = [*self._paths, *({step: point} for step, point in points.items())]
+        return other
 
     def _begin(self, point: Floats) -> None:
         """Beside limits, constants need not be most probable where they are stated."""

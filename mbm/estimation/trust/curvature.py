@@ -208,8 +208,7 @@ def _derived(
         ends = IntervalEnds(lower=np.ones(0), upper=np.ones(0))
         if known.size:
             ends = derived_ends(around, gradient, values, stated.angle)
-            if any(bool(group.kernel.kinks.any()) for group in groups):
-                ends = _reached(around, gradient, values, ends, angle=stated.angle)
+            ends = _reached(around, gradient, values, ends, angle=stated.angle)
         found = DerivedEnds(
             owner=one.owner,
             known=known,
@@ -277,15 +276,19 @@ def _reached(
     *,
     angle: bool,
 ) -> IntervalEnds:
-    """The ``ends`` where they are not beyond what quantities with kinks reach in other directions than their slopes."""
+    """The ``ends`` where they are not beyond what quantities reach in other directions than their slopes, by curvature
+    or kinks. What turns back on the way stays.
+    """
     far = NORMAL_95 * np.sqrt(np.square(gradient @ around.factor).sum(axis=1))
     moved = values(around.points(directions(around.factor.shape[1]))) - values(around.minimum.point[None])
     if angle:
         moved = moved - 2 * np.pi * np.round(moved / (2 * np.pi))
-    lower, upper = -np.nanmin(moved, axis=0, initial=0.0) / far, np.nanmax(moved, axis=0, initial=0.0) / far
-    return IntervalEnds(
-        lower=np.where(lower > ends.lower, lower, ends.lower), upper=np.where(upper > ends.upper, upper, ends.upper)
+    reached = -np.nanmin(moved, axis=0, initial=0.0) / far, np.nanmax(moved, axis=0, initial=0.0) / far
+    lower, upper = (
+        np.where(np.isneginf(each), each, np.fmax(each, more))
+        for each, more in zip((ends.lower, ends.upper), reached, strict=True)
     )
+    return IntervalEnds(lower=lower, upper=upper)
 
 
 def _values_of(groups: Sequence[Group], shape: tuple[int, ...], turned: Floats) -> Callable[[Floats], Floats]:

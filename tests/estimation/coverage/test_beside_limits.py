@@ -314,15 +314,6 @@ def test_ends_at_a_limit_of_several_lie_within_it(limit: float) -> None:
     assert found["less"].interval()[1] == pytest.approx(-limit, abs=rounding, rel=0.0)
 
 
-def test_near_a_limit_a_ratio_is_as_without_it() -> None:
-    """It is no sum, and nothing holds: its interval once began at the estimate and ended at 354022."""
-    text = """(problem p (data d (table (x y) (1 1.3) (2 1.1) (3 1.6) (4 2.2) (5 2.4))) (unknowns (a {limit}) (b))
-        (observe d (= y (+ a (* b x))) :sigma 0.4) (derive (r (/ a b))))"""
-    near, free = (mbm.loads(text.format(limit=limit)).solve()["r"] for limit in (":in (0.2 10)", ""))
-    assert near.interval() == pytest.approx(free.interval(), rel=1e-6)
-    assert near.interval()[0] < float(near.value) < near.interval()[1] < 50
-
-
 def test_near_a_limit_sums_with_an_uncertain_constant_are_not_cut() -> None:
     """What is read is a + c, however uncertain both are: its mean ± 1.96 σ/√3."""
     text = """(problem p (data d (table (y) (0.35) (0.25) (0.3))) (constants (c 0.1 :sigma 0.3))

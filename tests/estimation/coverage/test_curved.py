@@ -206,3 +206,22 @@ def test_beside_a_limit_what_is_derived_of_one_estimate_has_no_end_where_its_div
     ).solve()
     assert list(found["i"].interval()) == [-np.inf, np.inf]
     np.testing.assert_allclose(found["l"].interval(), [-np.inf, np.log(found["b"].interval()[1])])
+
+
+@pytest.mark.parametrize("each", ["", "(for-each g)"])
+def test_what_bends_across_its_slope_goes_as_far_as_the_estimates_take_it(each: str) -> None:
+    """Most of b + 5 a² is where a is far from 0, although it is b that it depends on most at the estimates."""
+    readings = (0.1, 1.2, 1.5)
+    rows = " ".join(f"({g} {0.1 + 1e-6 * g} 1.2 1.5)" for g in range(10 if each else 1))
+    solve = mbm.loads(
+        f"(problem p (data d (table (g u v w) {rows})) {each} (unknowns (a) (b))"
+        " (observe d (= [u v w] [a (+ b a) (+ b (* 2 a))]) :sigma 0.5) (derive (bent (+ b (* 5 a a)))))"
+    ).solve()
+    a, b = np.meshgrid(np.linspace(-4.0, 4.0, 2001), np.linspace(-4.0, 6.0, 4001), indexing="ij")
+    cost = ((a - readings[0]) ** 2 + (b + a - readings[1]) ** 2 + (b + 2 * a - readings[2]) ** 2) / 0.25
+    values = (b + 5 * a**2)[cost - cost.min() < norm.ppf(0.975) ** 2]
+    for each_solve in solve.solves:
+        # the grid is as fine as a hundredth of the width
+        wanted = [values.min(), values.max()]
+        assert each_solve["bent"].interval() == pytest.approx(wanted, abs=0.01 * np.ptp(wanted))
+        assert any(d.code.name == "too-nonlinear" for d in each_solve.diagnostics)
