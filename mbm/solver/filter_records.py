@@ -234,6 +234,12 @@ class Walk:
     """… which these are at a point, …"""
     cut_slopes: Reals = sized("cuts * n")
     """… with their slopes (cuts, n)."""
+    still_slopes: Reals = sized("cuts * n")
+    """Slopes (cuts, n) of different inequalities of what does not move, …"""
+    still_limits: Reals = sized("3 * cuts")
+    """… their values at the step where they are cut, and the limits low and high, from there, of all steps …"""
+    still_owners: Integers = sized("cuts")
+    """… and which of all cuts that is; below 0: there is no more."""
     limit_values: Reals = sized("limits")
     limit_slopes: Reals = sized("limits * n")
 

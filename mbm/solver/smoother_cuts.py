@@ -6,6 +6,7 @@ all these rows depend on one another they are found anew until none changes: exp
 propagation (Minka 2001; of truncated normal distributions Cunningham, Hennig and Lacoste-Julien 2011). Each inequality
 counts once, however often its row is found anew, and no order of theirs matters. All those of one quantity at a step
 are one cut, between the limits that they leave it; where these contradict one another, between the two all the same.
+Those of one quantity that does not move are one cut over all steps.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from mbm.solver.description import BOUNDS_AT
 from mbm.solver.equations import groups_of
 from mbm.solver.filter_cuts import put_row_of_cut
 from mbm.solver.filter_records import Walk, load_step, step_cost
-from mbm.solver.linear_algebra import dot, filled
+from mbm.solver.linear_algebra import copied, dot, filled
 
 RENEWED = 0.7
 """The share of the way to its new row that each goes at a time: all go at once, and where many say nearly the same
@@ -117,34 +118,89 @@ def share_of(n: Integer, slope: ConstantReals, other: ConstantReals) -> Real:
     return share
 
 
+def still_place(walk: Walk, c: Integer) -> Integer:
+    """Where an inequality of the step that is loaded is kept among those of what does not move, or goes; below 0:
+    nowhere, as it moves or there are too many.
+    """
+    chain = walk.chain
+    n = chain.n
+    slope = walk.cut_slopes[c * n :]
+    moving = walk.cut_slopes[c * n + chain.still :]
+    if dot(n - chain.still, moving, moving) > 0.0 or not dot(n, slope, slope) > 0.0:
+        return -1
+    for r in range(chain.cuts):
+        if walk.still_owners[r] < 0 or share_of(n, walk.still_slopes[r * n :], slope) != 0.0:
+            return r
+    return -1
+
+
+def put_still_cuts(walk: Walk) -> None:
+    """The limits that all steps leave to what does not move."""
+    chain = walk.chain
+    n = chain.n
+    for r in range(chain.cuts):
+        walk.still_owners[r] = -1
+    for k in range(chain.steps if chain.still > 0 else 0):
+        load_step(walk, k)
+        put_cuts(walk, k, walk.points[k * chain.numbers :])
+        for c in range(chain.cuts):
+            r = still_place(walk, c)
+            if r >= 0:
+                slope = walk.still_slopes[r * n :]
+                kept = walk.still_limits[3 * r :]
+                if walk.still_owners[r] < 0:
+                    walk.still_owners[r] = k * chain.cuts + c
+                    copied(n, walk.cut_slopes[c * n :], slope)
+                    kept[0] = walk.cut_values[c]
+                    kept[1] = -inf
+                    kept[2] = 0.0
+                else:
+                    share = share_of(n, slope, walk.cut_slopes[c * n :])
+                    own = walk.cuts[2 * walk.still_owners[r] :]
+                    take_limit(share, kept[0] - walk.cut_values[c] / share, k * chain.cuts + c, walk, kept[1:], own)
+
+
+def take_limit(share: Real, limit: Real, place: Integer, walk: Walk, limits: Reals, row: Reals) -> None:
+    """What another inequality, of which a value is the share, makes of its limits, low and high, and of its row."""
+    if share > 0.0:
+        limits[1] = min(limits[1], limit)
+    else:
+        limits[0] = max(limits[0], limit)
+    other = walk.cuts[2 * place :]
+    row[0] += share * share * other[0]
+    row[1] += share * (other[1] + share * other[0] * limit)
+    other[0] = 0.0
+    other[1] = 0.0
+
+
 def limits_of_cut(walk: Walk, k: Integer, c: Integer, limits: Reals) -> Integer:
-    """Between which limits, low and high, all inequalities of step k hold the value of one; 0: one before it does so.
+    """Between which limits, low and high, all inequalities of step k hold the value of one, or those of all steps what
+    does not move; 0: one before it does so.
 
     The rows of those behind it, of which it is the share that `share_of` says, become part of its own.
     """
     n = walk.chain.n
+    cuts = walk.chain.cuts
     slope = walk.cut_slopes[c * n :]
     if not dot(n, slope, slope) > 0.0:
         return 0
-    for before in range(c):
-        if share_of(n, slope, walk.cut_slopes[before * n :]) != 0.0:
+    kept = still_place(walk, c)
+    if kept >= 0:
+        if walk.still_owners[kept] != k * cuts + c:
             return 0
-    row = walk.cuts[2 * (k * walk.chain.cuts + c) :]
-    limits[0] = -inf
-    limits[1] = 0.0
-    for behind in range(c + 1, walk.chain.cuts):
-        share = share_of(n, slope, walk.cut_slopes[behind * n :])
-        if share != 0.0:
-            limit = walk.cut_values[c] - walk.cut_values[behind] / share
-            if share > 0.0:
-                limits[1] = min(limits[1], limit)
-            else:
-                limits[0] = max(limits[0], limit)
-            other = walk.cuts[2 * (k * walk.chain.cuts + behind) :]
-            row[0] += share * share * other[0]
-            row[1] += share * (other[1] + share * other[0] * limit)
-            other[0] = 0.0
-            other[1] = 0.0
+        limits[0] = walk.still_limits[3 * kept + 1]
+        limits[1] = walk.still_limits[3 * kept + 2]
+    else:
+        for before in range(c):
+            if share_of(n, slope, walk.cut_slopes[before * n :]) != 0.0:
+                return 0
+        limits[0] = -inf
+        limits[1] = 0.0
+        for behind in range(c + 1, cuts):
+            share = share_of(n, slope, walk.cut_slopes[behind * n :])
+            if share != 0.0:
+                limit = walk.cut_values[c] - walk.cut_values[behind] / share
+                take_limit(share, limit, k * cuts + behind, walk, limits, walk.cuts[2 * (k * cuts + c) :])
     if limits[0] > limits[1]:
         contrary = limits[0]
         limits[0] = limits[1]
@@ -195,6 +251,7 @@ def renew_cuts(walk: Walk) -> Integer:
     """New rows for all inequalities, by the answers for all steps; 1: they are found. The cost is without theirs."""
     chain = walk.chain
     most = 0.0
+    put_still_cuts(walk)
     cost = dot(chain.n, walk.base_share, walk.base_share)
     cost += dot((chain.steps - 1) * chain.noises, walk.noises, walk.noises)
     for k in range(chain.steps):

@@ -68,6 +68,38 @@ def test_a_constant_is_cut_once_and_exactly(kind):
     np.testing.assert_allclose(found["c"].sigma, sigma * np.sqrt(1 + 0.7 * hazard - hazard**2), rtol=1e-5)
 
 
+LIMITS_BY_ROW = {
+    "the same": "(<= c (+ l (* 0 k)) :over d)",
+    "the least of all": "(<= c (+ l (* 0.1 k)) :over d)",
+    "other scales": "(<= (* (+ k 1) c) (* (+ k 1) l) :over d)",
+    "with one of all steps": "(<= c (+ l (* 0.1 k)) :over d) (<= (* 2 c) (+ l l))",
+}
+
+
+@pytest.mark.parametrize("written", LIMITS_BY_ROW)
+@pytest.mark.parametrize("static", [False, True])
+def test_limits_of_all_rows_on_a_constant_are_one_cut_and_exact(written, static):
+    """The least limit counts, once: the moments of a normal distribution cut by a half space are known."""
+    rows = [(k, round(float(np.sin(k)), 6)) for k in range(STEPS)]
+    stated = "(c :init 0.3 :sigma 1)"
+    given = {"plain": "" if static else stated, "states": stated if static else "", "moves": "(static c)"}
+    given["moves"] = given["moves"] if static else ""
+    text = HIDDEN.replace("(k y)", "(k y l)")
+    joined = " ".join(f"({k} {y} 0)" for k, y in rows)
+    free = mbm.loads(text.format(method="smoother", limits="", rows=joined, **given)).solve()["c"]
+    mean, sigma = (np.ravel(each)[-1] for each in (free.value, free.sigma))
+    joined = " ".join(f"({k} {y} {float(mean - 0.7 * sigma)!r})" for k, y in rows)
+    limits = LIMITS_BY_ROW[written]
+    if "(+ l l)" in limits:
+        limits = limits.replace("(+ l l)", repr(2 * float(mean - 0.7 * sigma)))
+    found = mbm.loads(text.format(method=CUTTING, limits=limits, rows=joined, **given)).solve()
+    assert found.first.status == "converged"
+    hazard = norm.pdf(-0.7) / norm.cdf(-0.7)
+    # rows of cuts are found to 1e-6 of a deviation
+    np.testing.assert_allclose(np.ravel(found["c"].value)[-1], mean - hazard * sigma, rtol=0, atol=1e-5 * sigma)
+    np.testing.assert_allclose(np.ravel(found["c"].sigma)[-1], sigma * np.sqrt(1 + 0.7 * hazard - hazard**2), rtol=1e-5)
+
+
 def test_limits_far_away_change_nothing():
     found, free = solved(CUTTING, ":in (-90 90)", ""), solved("smoother")
     np.testing.assert_allclose(found["x"].value, free["x"].value, rtol=0, atol=1e-9)
