@@ -160,6 +160,7 @@ class Equation:
     it holds data only, None elsewhere: reports and pictures show it. ``measured_columns`` are the columns of the row at
     hand on the measured side, whatever it is: what a simulation replaces. ``units`` are those that the components of
     observations are reported in (None: none is known), ``projection`` is what the model side is the image of, if it is.
+    ``placed``: the measured side is a line or a geometric value of data only, which ``measured`` does not hold.
     ``law`` is that of the mean of a prior, ``likelihood`` what is minimised in place of squares of whitened components.
     """
 
@@ -170,6 +171,7 @@ class Equation:
     measured_columns: tuple[str, ...] = ()
     units: tuple[Unit | None, ...] = ()
     projection: Projection | None = None
+    placed: bool = False
     relation: Relation = Relation.NEAR_ZERO
     law: Law = NORMAL_LAW
     likelihood: Likelihood | None = None

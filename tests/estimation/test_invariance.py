@@ -106,3 +106,84 @@ def test_a_number_that_is_zero_but_for_rounding_is_not_free():
         .solves[0]
     )
     assert solve.status == "converged"
+
+
+def chain(count, sigma, walk):
+    """Standard deviations of distances on a ray, which are measured with ``sigma`` and walk: a linear problem."""
+    steps = np.diff(np.eye(count), axis=0) / walk
+    return np.sqrt(np.diag(np.linalg.inv(np.eye(count) / sigma**2 + steps.T @ steps)))
+
+
+@pytest.mark.parametrize("loss", ["", ":loss huber"])
+def test_a_walk_on_one_ray_from_its_anchor_turns(loss):
+    """Distances do not notice either if all places are shifted across the ray; but only to first order."""
+    solve = (
+        mbm.loads(f"""(problem walk
+      (data d (table (k r) (0 2.3) (1 3.3) (2 3.9) (3 4.3) (4 4.7) (5 5.5) (6 6.2) (7 7.1)))
+      (states :over k (p (vector 2) :init [2 1]))
+      (dynamics (random-walk p :sigma 0.5))
+      (observe d (= r (norm p)) :sigma 0.1 {loss})
+      (derive (away (norm p))))""")
+        .solve()
+        .solves[0]
+    )
+    assert solve.status == "unobservable"
+    assert turns(solve) == [("rotation", 1)]
+    assert solve.observability.rank == 15
+    assert solve.dof == 7  # 8 distances, 14 numbers of steps, 15 of 16 unknowns determined
+    assert np.isnan(solve["p"].sigma).all()
+    if not loss:
+        np.testing.assert_allclose(solve["away"].sigma, chain(8, 0.1, 0.5), rtol=1e-6)
+
+
+PLACES = """(problem places
+  (data d (table (k r) {}))
+  (unknowns (p (vector 2) :per d.k :init [{} 2]))
+  (observe d (= r (norm (p k))) :sigma 0.1)
+  {})"""
+
+
+def test_what_is_free_to_first_order_only_is_no_motion():
+    """The steps have a direction: shifted across it, the places are farther from the anchor."""
+    more = "(data e (table (i j) (0 1) (1 2) (2 3))) (observe e (= [0.1 0] (- (p j) (p i))) :sigma 0.5)"
+    text = PLACES.format("(0 2.1) (1 2.6) (2 2.9) (3 3.8)", "(+ 2 k)", more).replace(" 2]", " 0]")
+    solve = mbm.loads(text).solve().solves[0]
+    assert solve.observability.gauge == ()
+    assert not any("only their differences" in each.sentence for each in solve.observability.unobservable)
+
+
+def test_a_scene_that_is_turned_is_no_other_solution():
+    more = """(data f (table (a b c) (0 1 2) (1 2 3)))
+      (observe f (= [0 0] (+ (p a) (- (p c) (* 2 (p b))))) :sigma 0.2)
+      (data g (table (a b) (0 1) (1 2) (2 3)))
+      (observe g (= 1.1 (norm (- (p b) (p a)))) :sigma 0.1)"""
+    solve = mbm.loads(PLACES.format("(0 4.1) (1 3.4) (2 2.9) (3 2.6)", "(+ -4 k)", more)).solve().solves[0]
+    assert turns(solve) == [("rotation", 1)]
+    assert "another-solution" not in [each.code.name for each in solve.diagnostics]
+
+
+def test_differences_from_data_tell_of_a_turn():
+    """However weak a stated place is beside other noise: it holds the scene."""
+    more = "(data e (table (i j) (0 1) (1 2) (2 3))) (observe e (= [0 0] (- (p j) (p i))) :sigma 0.5)"
+    text = PLACES.format("(0 2.1) (1 2.6) (2 2.9) (3 3.8)", "(+ 2 k)", more)
+    held = text[: text.rindex(")")] + "(constraints (normal (p 0) [1 1.8] 3)))"
+    free, known = (mbm.loads(each).solve().solves[0].status for each in (text, held))
+    assert (free, known) == ("unobservable", "converged")
+
+
+@pytest.mark.parametrize(
+    ("equation", "free"),
+    [
+        ("(= [0 0] (- (p j) (p i)))", True),
+        ("(= (p i) (p j))", True),
+        ("(- (p j) (p i))", True),
+        ("(= (+ (p i) [0 0]) (p j))", True),
+        ("(= [0.1 0] (- (p j) (p i)))", False),
+        ("(= [x y] (- (p j) (p i)))", False),
+        ("(= (pose2 x y 0) (pose2 (- ((p j) 1) ((p i) 1)) (- ((p j) 2) ((p i) 2)) 0))", False),
+    ],
+)
+def test_differences_from_unknowns_may_turn(equation, free):
+    more = f"(data e (table (i j x y) (0 1 .1 .2) (1 2 .1 0) (2 3 0 .1))) (observe e {equation} :sigma 0.5)"
+    solve = mbm.loads(PLACES.format("(0 2.1) (1 2.6) (2 2.9) (3 3.8)", "(+ 2 k)", more)).solve().solves[0]
+    assert (turns(solve) == [("rotation", 1)]) == free

@@ -15,6 +15,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.metric import column_norms
 from mbm.equations.surface import exact_constraints, on_surface
+from mbm.equations.turning import may_turn
 from mbm.equations.types import Fit, Floats, Mask, Minimum, Noise
 from mbm.estimation.minimise.minimise import minima
 from mbm.estimation.search.basins import EQUAL, Basin, merged, same_minimum, without_twins
@@ -181,13 +182,22 @@ def _followed(equations: Assembled, about: Centre, settings: Settings, trials: F
 def _chosen(equations: Assembled, minimum: Minimum, points: Floats, share: float) -> Mask:
     """Which points (T, N) are equal to the minimum in all residuals, so that a start that is stated has chosen it.
 
-    Up to their signs: a line with its normal turned round has the opposite distances.
+    Up to their signs: a line with its normal turned round has the opposite distances. Differences that turn with the
+    unknowns are equal if they are as long: a scene about its only anchor may be turned, and seen in a mirror.
     """
-    apart = np.abs(np.abs(equations.residuals_at(points)) - np.abs(minimum.residuals)).max(axis=1, initial=0.0)
+    own = _lengths(equations, minimum.residuals)
+    apart = np.abs(_lengths(equations, equations.residuals_at(points)) - own).max(axis=1, initial=0.0)
     layout = equations.layout
     stated = np.isfinite(layout.start) & ~layout.guessed
     decided = (stated & (points != minimum.point)).any(axis=1)
-    return np.asarray(decided & (apart <= share * (1.0 + np.abs(minimum.residuals).max(initial=0.0))))
+    return np.asarray(decided & (apart <= share * (1.0 + own.max(initial=0.0))))
+
+
+def _lengths(equations: Assembled, residuals: Floats) -> Floats:
+    """The sizes of residuals (…, m): of those that movements may turn the lengths of their units."""
+    units = np.where(may_turn(equations), equations.units, -1 - np.arange(equations.count))
+    first = np.flatnonzero(np.diff(units, prepend=np.nan))
+    return np.sqrt(np.add.reduceat(np.square(residuals), first, axis=-1))
 
 
 def _collapsed(equations: Assembled, point: Floats, inside: Floats) -> bool:

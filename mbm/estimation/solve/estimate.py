@@ -44,7 +44,7 @@ from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.freedom import with_motions
 from mbm.estimation.uncertainty.gauge import with_gauge
 from mbm.estimation.uncertainty.informed import informed
-from mbm.estimation.uncertainty.invariance import with_invariances
+from mbm.estimation.uncertainty.invariance import curved_directions, with_invariances
 from mbm.estimation.uncertainty.observability import limited as beside_limits, observed_at
 from mbm.estimation.uncertainty.statistics import Statistics, cost_of, plain_residuals, statistics
 from mbm.kernels.types import KernelSet
@@ -330,7 +330,8 @@ def decided(
     """
     observed = observed_at(minimum, weighted.coordinates(minimum.point), informing, affine=wholly_affine(weighted))
     observed, about = with_invariances(weighted, minimum, observed, settings)
-    observed = with_gauge(observed, equations.layout, equations.free, about, settings.gauge)
+    bent = curved_directions(weighted, minimum, observed)
+    observed = with_gauge(observed, equations.layout, equations.free, about, settings.gauge, bent)
     return with_motions(weighted, minimum, observed)
 
 

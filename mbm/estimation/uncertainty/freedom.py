@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.types import Equations, Floats, FreeCombination, Mask, Minimum, Motion, Observability
+from mbm.equations.assembly import Assembled
+from mbm.equations.layout import Layout
+from mbm.equations.types import Floats, FreeCombination, Indices, Mask, Minimum, Motion, Observability
 from mbm.solver.decisions import SHARE
 
 TIED = 1e-6
@@ -80,6 +82,9 @@ def touched_by(directions: Floats) -> Mask:
     return np.asarray((np.abs(directions) > SHARE * peaks).any(axis=1))
 
 
+ROUNDED_AWAY = 1e-9
+"""Share of its error below which a number is 0 but for rounding."""
+
 FINITE = 0.1
 """Distance of the trial movement: a tenth of the unknowns' size, far beyond first order."""
 
@@ -90,7 +95,21 @@ MOVED = 200
 """Combinations that are looked at: of more of them is said what holds to first order."""
 
 
-def with_motions(equations: Equations, minimum: Minimum, observed: Observability) -> Observability:
+def sizes(layout: Layout, free: Indices, point: Floats, errors: Floats) -> Floats:
+    """The largest number in a point (N,) of the unknown that a ``free`` coordinate (n,) belongs to.
+
+    It is 1 for what turns, and where all are 0. Numbers that are nothing beside their ``errors`` (n,) are 0 but for
+    rounding: these are their sizes.
+    """
+    found = np.ones(len(layout.number))
+    for entry in layout.entries:
+        found[entry.coordinates] = float(np.abs(point[entry.range]).max(initial=0.0)) or 1.0
+    found[(layout.number < 0) | layout.angle] = 1.0
+    own = found[free]
+    return np.where(own > ROUNDED_AWAY * errors, own, errors)
+
+
+def with_motions(equations: Assembled, minimum: Minimum, observed: Observability) -> Observability:
     """``observed`` with the motion of each combination, found by moving the point and looking at the residuals."""
     if not observed.combinations:
         return observed
@@ -98,10 +117,10 @@ def with_motions(equations: Equations, minimum: Minimum, observed: Observability
     return replace(observed, combinations=(*found, *observed.combinations[MOVED:]))
 
 
-def _classified(equations: Equations, minimum: Minimum, combination: FreeCombination) -> FreeCombination:
+def _classified(equations: Assembled, minimum: Minimum, combination: FreeCombination) -> FreeCombination:
     indices = np.asarray(combination.indices)
     point = equations.coordinates(minimum.point)
-    size = float(np.abs(point[indices]).max(initial=0.0)) or 1.0
+    size = float(sizes(equations.layout, equations.free, minimum.point, np.zeros(point.size))[indices].max())
     coefficients = np.asarray(combination.coefficients)
     shifted = np.zeros(point.size)
     shifted[indices] = FINITE * size * coefficients / float(np.abs(coefficients).max())
@@ -118,7 +137,7 @@ def _classified(equations: Equations, minimum: Minimum, combination: FreeCombina
     return replace(combination, motion=Motion.SCALE) if scales else combination
 
 
-def _invisible(equations: Equations, minimum: Minimum, indices: np.ndarray, step: Floats) -> bool:
+def _invisible(equations: Assembled, minimum: Minimum, indices: np.ndarray, step: Floats) -> bool:
     moved = equations.retract(minimum.point, step)
     expected = float(abs(minimum.jacobian[:, indices] * step[indices]).sum(axis=1).max(initial=0.0))
     with np.errstate(all="ignore"):
@@ -128,7 +147,7 @@ def _invisible(equations: Equations, minimum: Minimum, indices: np.ndarray, step
     return not seen and not _forbidden(equations, minimum, indices, step, moved)
 
 
-def _forbidden(equations: Equations, minimum: Minimum, indices: np.ndarray, step: Floats, moved: Floats) -> bool:
+def _forbidden(equations: Assembled, minimum: Minimum, indices: np.ndarray, step: Floats, moved: Floats) -> bool:
     """Whether a constraint that holds the estimates notices the movement."""
     held = minimum.constraints
     # Loaded where something is free only, so that other problems start at once.

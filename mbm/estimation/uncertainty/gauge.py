@@ -47,14 +47,28 @@ class _Scene:
     inverse: bool
 
 
-def with_gauge(observed: Observability, layout: Layout, free: Indices, numbers: Floats, gauge: Gauge) -> Observability:
+def with_gauge(
+    observed: Observability,
+    layout: Layout,
+    free: Indices,
+    numbers: Floats,
+    gauge: Gauge,
+    bent: Floats | None = None,
+) -> Observability:
     """``observed`` with the common motions among what is free; ``numbers`` (N,) the estimates, ``free`` (n,) as there.
+
+    Directions that are ``bent`` (n, k), orthonormal where scaled, are free to first order only, and no motions (None:
+    there are none).
 
     With ``Gauge.FREE`` they are taken out of the null space: the coordinates that nothing else moves are then estimable
     in the datum in which their corrections have the least norm, in SI (inner constraints, Meissl 1965): the covariance
     is then the pseudo-inverse of ``JᵀJ``.
     """
     directions, spare = _moving(observed)
+    curving = directions[:, :0] if bent is None else bent
+    if curving.shape[1]:
+        directions = directions @ np.linalg.qr(directions.T @ curving, mode="complete")[0][:, curving.shape[1] :]
+        spare = np.hstack([spare, curving])
     every = directions
     found, left = _settled(observed, layout, free, numbers, directions, (3, 2))
     numbered, rest = _settled(observed, layout, free, numbers, left, (LINE,))
@@ -65,13 +79,13 @@ def with_gauge(observed: Observability, layout: Layout, free: Indices, numbers: 
     if observed.inverse is not None:
         combinations = (*combinations, *free_combinations(left[:, :SAID], observed.scale, point))
     elif any(motion.motion is CommonMotion.ROTATION for motion in found):
-        combinations = free_combinations(left, observed.scale, point)
+        combinations = free_combinations(np.hstack([left, curving]), observed.scale, point)
     settled = directions.shape[1] - rest.shape[1]
     found, directions = [*found, *numbered], rest
     if gauge is not Gauge.FREE:
         return replace(observed, gauge=tuple(found), combinations=combinations)
     if observed.inverse is None:
-        combinations = free_combinations(directions, observed.scale, point)
+        combinations = free_combinations(np.hstack([directions, curving]), observed.scale, point)
         touched = touched_by(np.hstack([spare, directions]))
     else:
         touched = touched_by(directions) | observed.inverse.single()

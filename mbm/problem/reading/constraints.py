@@ -267,7 +267,7 @@ def _normal_of_pose(
     found = geometric_difference(work.evaluator.wanted(forms[1], scope), value, span) or ()
     sigma = shaped(work.evaluator.wanted(forms[2], scope), (len(found),), forms[2].span)
     work.refuse_unknowns(sigma, forms[2].span, "the sigma of `normal`")
-    return Equation(components=found, noise_kind=NoiseKind.SIGMA, noise=sigma, measured=None, span=span)
+    return Equation(components=found, noise_kind=NoiseKind.SIGMA, noise=sigma, measured=None, placed=True, span=span)
 
 
 def _name(form: Form | None, bound: _Bound, taken: TakenNames) -> str:

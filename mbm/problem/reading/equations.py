@@ -42,7 +42,7 @@ class Residual:
     ``columns`` are those of the row at hand on the measured side, whatever else stands there; ``units`` are those of
     the first components, as far as the kind of thing says: radians of a rotation, pixels of a point in an image.
     ``projection`` is that of the model side, where it is the image of a point. ``model`` is that side, where it is
-    a number, or an array of them.
+    a number, or an array of them. ``placed`` as in `Equation`.
     """
 
     components: tuple[Expression, ...]
@@ -52,6 +52,7 @@ class Residual:
     units: tuple[Unit, ...] = ()
     projection: Projection | None = None
     model: Value | None = None
+    placed: bool = False
 
 
 def data_only(nodes: tuple[Expression, ...]) -> tuple[Expression, ...] | None:
@@ -135,6 +136,7 @@ def _either(test: Apply, then: list[Residual], other: list[Residual], span: Span
             tuple(dict.fromkeys((*t.columns, *o.columns))),
             t.units if t.units == o.units else (),
             model=None if t.model is None or o.model is None else conditional(test, t.model, o.model, span),
+            placed=t.placed and o.placed,
         )
         for t, o in zip(then, other, strict=True)
     ]
@@ -158,7 +160,10 @@ def _equation(evaluator: Evaluator, form: Sequence, scope: Scope) -> Residual:
     if geometric is None:
         geometric, units = line_difference(measured, model, form.span), (_RADIAN,)
     if geometric is not None:
-        return Residual(geometric, None, form.span, _columns(_elements(measured, measured_form.span)), units)
+        told = _elements(measured, measured_form.span)
+        columns = _columns(told)
+        placed = bool(columns) and data_only(told) is not None
+        return Residual(geometric, None, form.span, columns, units, placed=placed)
     left, right = _elements(measured, measured_form.span), _elements(model, model_form.span)
     if len(left) != len(right) or _is_vector(measured) != _is_vector(model):
         raise MbmError(faults.unequal_sides(form.span, describe(measured), describe(model)))

@@ -368,6 +368,7 @@ def _equation(residual: Residual, kind: NoiseKind, noise: tuple[Expression, ...]
         measured_columns=residual.columns,
         units=residual.units,
         projection=residual.projection,
+        placed=residual.placed,
         span=residual.span,
     )
 

@@ -330,7 +330,8 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
         work.refuse_unknowns(noise, form.span, f"`:{kind.value}` of `{name}`")
         stated = mean if mean is not None else _stated(declaration, given, init_form.span)
         work.refuse_unknowns(stated, init_form.span, f"`:init` of `{name}`")
-        return (Equation(components=found, noise_kind=kind, noise=noise, measured=mean, span=form.span),)
+        placed = mean is None
+        return (Equation(components=found, noise_kind=kind, noise=noise, measured=mean, placed=placed, span=form.span),)
 
     if first and table is not None:
         cases, table = work.case_of_first(table, evaluate, form.span), None
