@@ -64,6 +64,33 @@ def test_a_drive_is_found_by_ranges_of_unknown_scale_and_offset(seed):
     assert np.abs((result["offset"].value - offset) / result["offset"].sigma).max() < 5
 
 
+STATES = """
+(problem drive
+  (data steps external)
+  (data nodes external :key node)
+  (data ranges external :with (nodes node))
+  (unknowns (gain :per nodes) (offset :per nodes))
+  (states :over k (T (pose 2)))
+  (dynamics (= (next T) (compose T (pose2 x y a)) :sigma [0.005 0.01 0.01]))
+  (observe ranges
+    (= range (+ (* (gain node) (distance (translation T) [nodes.x nodes.y])) (offset node))) :sigma 0.1))
+"""
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_transitions_are_motions_that_are_measured(seed):
+    """The same drive as states: their transitions make the tree of poses, too."""
+    data, places, gain, offset = drive(seed)
+    steps = {name: np.concatenate([[0.0], data["steps"][name]]) for name in "xya"}
+    given = {"steps": {"k": np.arange(float(COUNT)), **steps}, "nodes": data["nodes"], "ranges": data["ranges"]}
+    result = mbm.loads(STATES).solve(data=given)
+    assert result.first.status.trusted
+    assert result.first.cost == pytest.approx(mbm.loads(DRIVE).solve(data=data).first.cost, rel=1e-6)
+    assert np.linalg.norm(result["T"].value[:, 1:] - places, axis=1).max() < 1.0
+    assert np.abs((result["gain"].value - gain) / result["gain"].sigma).max() < 5
+    assert np.abs((result["offset"].value - offset) / result["offset"].sigma).max() < 5
+
+
 FLIGHT = """
 (problem flight
   (data poses external :key k)

@@ -22,7 +22,7 @@ from mbm.estimation.starts.closed_forms.rows import Rows, finite
 from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, shortest_ways
 from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation, precision
 from mbm.problem.manifold import Piece
-from mbm.problem.types import UnknownKind
+from mbm.problem.types import BlockRole, UnknownKind
 from mbm.rotations import hamilton, matrix_of_quaternion, planar, quaternion_of_matrix
 from mbm.values import dataclass
 
@@ -201,16 +201,20 @@ def related(group: Group, entry: Entry) -> tuple[Indices, Indices]:
 
 
 def _pairs(situation: Situation, entry: Entry) -> list[Pairs]:
-    """The rows of each group that two members of the family meet in, and no other unknown without a value."""
+    """The rows of each group that two members of the family meet in, and no other unknown without a value.
+
+    Transitions from step to step are motions that are measured, too.
+    """
     found = []
     missing = np.isnan(situation.numbers)
     size, freedom = entry.unknown.size, entry.unknown.freedom
-    for group in situation.observations():
+    for group in situation.groups:
         kernel = group.kernel
         owned = [s.unknown == entry.unknown.name for s in kernel.variables]
         members = list(dict.fromkeys(s.member for s, mine in zip(kernel.variables, owned, strict=True) if mine))
         others = [j for j, mine in enumerate(owned) if not mine]
-        if not relates(group, entry) or bool(missing[group.index[:, others]].any()):
+        measured = group.rows and group.role in (BlockRole.OBSERVATION, BlockRole.TRANSITION)
+        if not measured or not relates(group, entry) or bool(missing[group.index[:, others]].any()):
             continue
         roles = np.array(
             [members.index(s.member) * size + s.component if s.unknown == entry.unknown.name else -1
