@@ -113,7 +113,7 @@ def _of_written(equations: Assembled, settings: Settings) -> tuple[Beginning, ..
     if tied:
         return tuple(Beginning(point=point, origin=origin) for point, origin in tied)
     situation = Situation(layout=layout, groups=equations.groups, numbers=wanted_numbers, most=ENOUGH)
-    found = completions(situation, settings.closed_forms)
+    found = _filled_up(equations, completions(situation, settings.closed_forms), settings)
     most = min(int(np.isnan(c.numbers).sum()) for c in found)
     ends = [b for c in found if int(np.isnan(c.numbers).sum()) == most for b in _ended(equations, c, settings)]
     return _sorted(equations, ends)
@@ -143,6 +143,35 @@ def _inside(told: Assembled, written: Assembled, moving: Mask, start: Floats) ->
         step[moving] = np.linalg.lstsq(jacobian[:, moving], pushed - residuals, rcond=None)[0]
         point = written.retract(point, step)
     return start
+
+
+def _filled_up(equations: Assembled, found: tuple[Completion, ...], settings: Settings) -> tuple[Completion, ...]:
+    """What closed forms leave open beside stated starts as they give it without these, if that is all of it.
+
+    The centre of a camera follows from many photographs together with its focal lengths, not from these.
+    """
+    from mbm.estimation.starts.closed_forms.completion import completions
+    from mbm.estimation.starts.closed_forms.rows import ENOUGH
+    from mbm.estimation.starts.closed_forms.types import Situation
+
+    best, layout = found[0], equations.layout
+    left = np.isnan(best.numbers)
+    stated = equations.sought() & ~np.isnan(layout.start) & ~layout.guessed
+    if not bool(left.any()) or not bool(stated.any()):
+        return found
+    situations = (
+        Situation(layout=layout, groups=equations.groups, numbers=numbers, most=ENOUGH)
+        for numbers in blank_numbers(equations)
+    )
+    every = [each for situation in situations for each in completions(situation, settings.closed_forms)]
+    whole = [each for each in every if not bool(np.isnan(each.numbers[left]).any())]
+    return (
+        tuple(
+            replace(best, numbers=np.where(left, each.numbers, best.numbers), used=(*best.used, *each.used))
+            for each in whole
+        )
+        or found
+    )
 
 
 def _one_minimum(equations: Assembled, numbers: Floats) -> Beginning | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -70,13 +71,17 @@ def _complete(equations: Assembled, numbers: Floats, settings: Settings, given: 
     from mbm.estimation.starts.closed_forms.completion import completions
     from mbm.estimation.starts.closed_forms.rows import ENOUGH
     from mbm.estimation.starts.closed_forms.types import Situation
+    from mbm.estimation.starts.magnitudes import magnitudes
 
     layout = equations.layout
+    missing = replace(layout, start=numbers).missing()
+    flat = layout.number >= 0
+    likely = np.zeros(len(numbers))
+    likely[layout.number[flat]] = magnitudes(equations, numbers, missing).middle[flat]
+    for curved in layout.curved:
+        likely[curved.numbers] = np.eye(curved.piece.size)[0]
     known = numbers.copy()
     for entry in given:
-        known[entry.range] = np.where(np.isnan(numbers[entry.range]), 0.0, numbers[entry.range])
-    for curved in layout.curved:
-        nothing = (known[curved.numbers] == 0.0).all(axis=1)
-        known[curved.numbers[nothing]] = np.eye(curved.piece.size)[0]
+        known[entry.range] = np.where(np.isnan(numbers[entry.range]), likely[entry.range], numbers[entry.range])
     situation = Situation(layout=layout, groups=equations.groups, numbers=known, most=ENOUGH)
     return not bool(np.isnan(completions(situation, settings.closed_forms)[0].numbers).any())

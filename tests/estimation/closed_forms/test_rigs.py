@@ -227,3 +227,34 @@ def test_points_of_a_reconstruction_are_taken_for_no_cameras(monkeypatch: pytest
       (observe seen (= [u v] (project (c cam) (transform (T cam) (X mark)))) :sigma 0.2) (solve :gauge free))"""
     mbm.loads(text).solve(data={"cams": cameras, "marks": marks, "seen": seen})
     assert asked == []
+
+
+@pytest.mark.parametrize(
+    "stated",
+    ["(fx :init 500) (fy :init 500) (cx) (cy)", "(fx :init 500) (fy) (cx) (cy)", "(fx) (fy) (cx :init 300) (cy)"],
+)
+def test_starts_of_some_numbers_of_a_camera_do_no_harm(stated: str) -> None:
+    """The others follow as they do without these, which lead to the same camera."""
+    data = stereo_data(0.0)
+    text = f"""(problem one (data photos external :key photo) (data left external)
+      (camera c :focal (fx fy) :center (cx cy))
+      (unknowns {stated} (T (pose 3) :per photos))
+      (observe left (= [u v] (project c (transform (T photo) [x y z]))) :sigma 0.2))"""
+    found = mbm.loads(text).solve(data={"photos": data["photos"], "left": data["left"]})
+    got = [float(value(found, name)) for name in ("fx", "fy", "cx", "cy")]
+    np.testing.assert_allclose(got, [*LEFT.focal, *LEFT.centre], rtol=EXACT)
+
+
+def test_the_start_that_is_asked_for_is_enough() -> None:
+    """A ratio of focal lengths is in no closed form: with it, all else follows, and it alone is named."""
+    data = stereo_data(0.0)
+    given = {"photos": data["photos"], "left": data["left"]}
+    text = """(problem one (data photos external :key photo) (data left external)
+      (camera c :focal (f (* f ratio)) :center (cx cy))
+      (unknowns (f) (ratio {start}) (cx) (cy) (T (pose 3) :per photos))
+      (observe left (= [u v] (project c (transform (T photo) [x y z]))) :sigma 0.2))"""
+    with pytest.raises(mbm.MbmError) as raised:
+        mbm.loads(text.format(start="")).solve(data=given)
+    assert [each.message for each in raised.value.diagnostics] == ["`ratio` has no start, and none can be found"]
+    found = mbm.loads(text.format(start=":init 1")).solve(data=given)
+    assert float(value(found, "ratio")) == pytest.approx(LEFT.focal[1] / LEFT.focal[0], rel=EXACT)
