@@ -13,14 +13,13 @@ from mbm.api.arrivals import Arrivals
 from mbm.compiler import Inputs
 from mbm.equations.layout import Entry, Layout
 from mbm.equations.types import Floats
-from mbm.estimation.sequences.filtering import by_filter
+from mbm.estimation.sequences.filtering import smoothed
 from mbm.estimation.sequences.limits import limits_of
 from mbm.estimation.sequences.places import spread_entries
 from mbm.estimation.sequences.run import Begun, begun
 from mbm.estimation.sequences.stepping import StepEstimate, Stepper
 from mbm.estimation.sequences.unsuited import unsuited
 from mbm.estimation.settings import settings_of
-from mbm.problem.sequence.types import SequenceMethod
 from mbm.problem.types import Problem
 from mbm.report.elements import GEOMETRIC, coordinate_factors, element_names
 from mbm.report.named import Named, named
@@ -226,7 +225,7 @@ def stream(compilation: Compilation, origin: Origin, inputs: Inputs) -> Stream:
 
     """
     found = compilation.elaborated
-    problem = _smoothed(found.problem)
+    problem = smoothed(found.problem)
     _one_sequence(problem)
     starts = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     settings = settings_of(problem.request, forms=origin.registry.closed_forms)
@@ -238,15 +237,6 @@ def stream(compilation: Compilation, origin: Origin, inputs: Inputs) -> Stream:
             hint = "say `(solve :method truncated-ekf)`, which meets them at each step, or leave them out"
             raise MbmError(faults.no_stream(f"for all steps with {limit},", hint))
     return Stream(ready, compilation, origin, inputs)
-
-
-def _smoothed(problem: Problem) -> Problem:
-    """The problem with a smoother where it asks for `batch`: both take all rows together."""
-    sequence = problem.sequence
-    if sequence is None or by_filter(problem):
-        return problem
-    estimator = replace(sequence.estimator, method=SequenceMethod.SMOOTHER, lag=None)
-    return replace(problem, sequence=replace(sequence, estimator=estimator))
 
 
 def _one_sequence(problem: Problem) -> None:

@@ -73,10 +73,11 @@ def solutions(
     settings = replace(settings_of(problem.request, interruption, forms), workers=workers)
     given = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     begun: Begun = given if starts is None else _with(starts, given) if given else starts
+    make = _one_of(problem)
     if problem.request.method is Method.INTERVAL:
         bounded = _one_by_one(problem, begun, _enclosing(found, settings))
         return _in_order(found, bounded, settings)
-    solve = _one_by_one(problem, begun, _estimating(found, kernels, cache, settings))
+    solve = _one_by_one(problem, begun, _estimating(make, found, kernels, cache, settings))
     at_once = None
     several = problem.request.for_each or problem.request.window is not None
     if several and problem.sequence is None:
@@ -131,9 +132,21 @@ def _enclosing(found: Elaborated, settings: Settings) -> Solving[Enclosure]:
     return lambda selection, begun, _: enclose(found.problem, selection, begun, settings.stopped)
 
 
-def _estimating(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, settings: Settings) -> Solving[Solution]:
+def _one_of(problem: Problem) -> Callable[..., Solution]:
+    """What solves one data set by itself: as `estimate` does."""
+    window = problem.request.window
+    if window is not None and window.carry:
+        # Loaded by problems with states only, so that the others start at once.
+        from mbm.estimation.sequences.carrying import Carrying
+
+        return Carrying(problem)
+    return estimate if problem.sequence is None else moved
+
+
+def _estimating(
+    make: Callable[..., Solution], found: Elaborated, kernels: KernelSet, cache: EvaluationCache, settings: Settings
+) -> Solving[Solution]:
     """Estimates."""
-    make = estimate if found.problem.sequence is None else moved
 
     def solve(selection: Selection, starts: Mapping[str, Floats], last: Solution | None) -> Solution:
         solution = make(

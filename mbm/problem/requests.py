@@ -59,12 +59,16 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Window:
-    """``(window COLUMN :length L :step S :min-rows n)``, in SI: rows with ``end − length < column ≤ end``."""
+    """``(window COLUMN :length L :step S :min-rows n)``, in SI: rows with ``end − length < column ≤ end``.
+
+    ``carry``: each begins with what is known of its first step by the rows that have left.
+    """
 
     column: str
     length: float
     step: float
     min_rows: int = 1
+    carry: bool = False
     span: Span
 
 

@@ -23,7 +23,7 @@ from mbm.estimation.sequences.answer import Walked, derived_after
 from mbm.estimation.sequences.embedded import Embedded, embedded, numbered
 from mbm.estimation.sequences.places import spread_entries
 from mbm.estimation.sequences.room import GroupRows, Room
-from mbm.estimation.sequences.run import Begun, begun, walk_of
+from mbm.estimation.sequences.run import Begun, begun, memory_of, walk_of
 from mbm.estimation.sequences.unsuited import derived_elsewhere, unsuited
 from mbm.estimation.settings import Forms, settings_of
 from mbm.kernels.types import KernelSet
@@ -97,7 +97,7 @@ def _walks(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, forms:
             continue
         try:
             ready = begun(problem, kernels, selection.tables, starts, settings, cache)
-            walk = walk_of(ready, kernels, key=selection.key, starts=starts)
+            walk = walk_of(ready, kernels, key=selection.key, starts=starts, memory=memory_of(ready))
         except MbmError:
             if not walks:
                 raise
@@ -145,8 +145,8 @@ def filter_plan(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, w
         tolerance=ready.rules.tolerance,
         smooth=ready.rules.smooth,
         point=ready.prior.point,
-        factor=ready.prior.factor(),
-        open=np.eye(len(ready.prior.open))[ready.prior.open],
+        factor=ready.prior.factor,
+        open=ready.prior.open,
         rates=tuple(ready.chained.rates.tolist()),
         column=_columns(made.seen),
         pair_column=_columns(made.moving),

@@ -11,7 +11,7 @@ Gauss-Newton's steps are shortened until the cost falls enough (Armijo): an iter
 
 from __future__ import annotations
 
-from math import isfinite, sqrt
+from math import fabs, isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real
 from mbm.solver.charts import transport
@@ -22,7 +22,8 @@ from mbm.solver.linear_algebra import add_multiple, append_rows, copied, corner,
 from mbm.solver.manifolds import retract
 
 UNSEEN = 1e-10
-"""A singular value of the rows in the open directions that is this share of the largest, or less, is rounding."""
+"""A singular value of the rows in the open directions that is this share of the largest, or of the sum of the sizes of
+all its terms, or less, is rounding."""
 
 ENOUGH_DECREASE = 1e-4
 """Share of the decrease that the slope promises."""
@@ -68,6 +69,20 @@ def see_along(walk: Walk, m: Integer, count: Integer, lines: ConstantReals) -> N
     singular_values(count, walk.triangle, walk.square, walk.axes, walk.singular)
 
 
+def terms_along(walk: Walk, m: Integer, k: Integer, lines: ConstantReals) -> Real:
+    """The size of what m rows say of the open axis k, were there no cancellation."""
+    n = walk.chain.n
+    d = walk.open_count
+    squares = 0.0
+    for i in range(m):
+        total = 0.0
+        for j in range(d):
+            for part in range(n):
+                total += fabs(walk.jacobian[i * (n + 1) + part] * walk.axes[k * d + j] * lines[j * n + part])
+        squares += total * total
+    return sqrt(squares)
+
+
 def turn_open(walk: Walk, m: Integer, lines: ConstantReals) -> Integer:
     """Turn the open vectors so that those which m rows determine come first; how many these are.
 
@@ -83,7 +98,7 @@ def turn_open(walk: Walk, m: Integer, lines: ConstantReals) -> Integer:
         filled(n, 0.0, walk.square[k * n :])
         for j in range(d):
             add_multiple(n, walk.axes[k * d + j], walk.open[j * n :], walk.square[k * n :])
-        if walk.singular[k] > UNSEEN * walk.singular[0]:
+        if walk.singular[k] > UNSEEN * max(walk.singular[0], terms_along(walk, m, k, lines)):
             found += 1
     copied(d * n, walk.square, walk.open)
     return found

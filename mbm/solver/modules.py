@@ -15,7 +15,7 @@ from mbm.solver.noise_roots import roots_of_covariances
 from mbm.solver.smoother_all import smooth_all, spread_along
 from mbm.solver.smoother_cuts import renew_cuts
 from mbm.solver.smoother_growing import growing_answers, growing_steps
-from mbm.solver.smoother_lag import lag_end, lag_steps
+from mbm.solver.smoother_lag import carry_on, lag_end, lag_steps
 from mbm.solver.spheres import places_of_many
 from mbm.solver.tables import evaluate_rows
 
@@ -34,7 +34,7 @@ def consensus_module(lanes: int) -> Module:
 
 def filters_module(lanes: int) -> Module:
     """Filters and smoothers likewise."""
-    lagging = (lag_steps, lag_end, growing_steps, growing_answers)
+    lagging = (lag_steps, lag_end, carry_on, growing_steps, growing_answers)
     roots = (begin_walk, filter_steps, smooth_all, spread_along, renew_cuts, *lagging, roots_of_covariances)
     return module_of("filters", roots, constants={"LANES": lanes})
 

@@ -84,6 +84,21 @@ def advance(walk: Walk) -> Integer:
     return 1
 
 
+def carry_on(walk: Walk, count: Integer) -> Integer:
+    """The prior of the step so many behind the first, by the rows before it, along the path, in place of that of the
+    first, where the walk is; 0 where a transition leads nowhere.
+    """
+    begin_path(walk)
+    walk.base = 0
+    step_between(walk.seen, walk.base_mean, path_of(walk, 0), walk.turn, walk.base_step)
+    for _ in range(count):
+        if advance(walk) == 0:
+            return 0
+    copied(walk.chain.numbers, walk.base_mean, walk.point)
+    copied(walk.chain.n * walk.chain.n, walk.base_factor, walk.factor)
+    return 1
+
+
 def extend_path(walk: Walk, k: Integer) -> Integer:
     """Let the path reach step k, without noise on the way; 0 where the transition leads nowhere."""
     chain = walk.chain

@@ -20,7 +20,8 @@ from mbm.estimation.sequences.lowering import of_no_step, steps_of
 from mbm.estimation.sequences.own_steps import SEVERAL, OwnSteps
 from mbm.estimation.sequences.places import Places
 from mbm.estimation.sequences.spread import Told
-from mbm.estimation.sequences.walk import Chained, Prior, Rules, Track
+from mbm.estimation.sequences.types import Prior, Rules, Track
+from mbm.estimation.sequences.walk import Chained
 from mbm.estimation.trust.plausibility import IMPROBABLE
 from mbm.estimation.uncertainty.degrees import common
 from mbm.estimation.uncertainty.derived import reported
@@ -212,7 +213,7 @@ def _covariance(walked: Walked, free: Indices, sigma: Floats) -> Covariance:
 def _scale(walked: Walked) -> Floats:
     """One over the largest deviation that a coordinate (M,) has before the rows or at a step; 1 without one."""
     places, track = walked.told.places, walked.track
-    before = np.sqrt(np.diag(walked.prior.covariance))
+    before = np.sqrt(np.square(walked.prior.factor).sum(axis=0))
     deviations = np.sqrt(np.square(track.factors[: track.made]).sum(axis=1))
     deviations[track.touched[: track.made]] = 0.0
     largest = np.vstack([before, deviations]).max(axis=0)
@@ -253,7 +254,7 @@ def _fit(walked: Walked, reason: Reason, cost: float) -> Fit:
     """Cost and degrees of freedom: rows and equations, less the rank of what has no prior."""
     seen, track = walked.chained.seen, walked.track
     rows = int(seen.residuals[: track.made].sum())
-    rank = int(walked.prior.open.sum()) - (int(track.opens[track.made - 1]) if track.made else 0)
+    rank = len(walked.prior.open) - (int(track.opens[track.made - 1]) if track.made else 0)
     lossy = walked.solved.equations.lossy
     found = fit_statistics(cost, rows, rank, noise_stated=not lossy, equalities=track.equations)
     return found if reason.converged else Fit(cost=found.cost, dof=found.dof, sigma0=found.sigma0, chi2_p=None)

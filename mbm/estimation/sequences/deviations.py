@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.sequences.own_steps import SEVERAL
-from mbm.estimation.sequences.walk import Track
+from mbm.estimation.sequences.types import Track
 from mbm.values import dataclass
 
 ONE_AT_A_TIME = "this method keeps no covariance between different steps"

@@ -47,6 +47,16 @@ OTHER_EQUATIONS = Code(
 )
 
 
+def not_carried(span: Span | None, what: str) -> Diagnostic:
+    """Windows of which the rows that leave are no prior of what stays."""
+    return Diagnostic(
+        code=NOT_FOR_FILTERS,
+        message=f"`:carry` is for windows over the steps of a smoother or `batch` without limits; the problem {what}",
+        place=span,
+        hint="leave `:carry` out, or take longer windows where a step of the one before is lacking",
+    )
+
+
 def beyond_bounds(span: Span | None, name: str, steps: int | None) -> Diagnostic:
     """An unknown outside its bounds, which a filter does not use: at so many steps (None: it is no state)."""
     where = "" if steps is None else f" at {steps} step{'' if steps == 1 else 's'}"

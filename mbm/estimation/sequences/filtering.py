@@ -11,7 +11,7 @@ from mbm.estimation.search.solution import Solution
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.estimate import estimate
 from mbm.kernels.types import KernelSet
-from mbm.problem.sequence.types import SequenceMethod
+from mbm.problem.sequence.types import Estimator, SequenceMethod
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 
@@ -19,6 +19,14 @@ from mbm.problem.types import Problem
 def by_filter(problem: Problem) -> bool:
     """Whether the problem asks for a filter or a smoother."""
     return problem.sequence is not None and problem.sequence.estimator.method is not SequenceMethod.BATCH
+
+
+def smoothed(problem: Problem) -> Problem:
+    """The problem with a smoother where it asks for ``batch``: both take all rows together."""
+    sequence = problem.sequence
+    if sequence is None or by_filter(problem):
+        return problem
+    return replace(problem, sequence=replace(sequence, estimator=Estimator(method=SequenceMethod.SMOOTHER)))
 
 
 def moved(

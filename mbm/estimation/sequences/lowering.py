@@ -60,8 +60,10 @@ def lowered(
     places: Places,
     tables: Mapping[str, Table],
     cache: EvaluationCache,
+    *,
+    begins: bool = True,
 ) -> Lowered:
-    """The local problems of a sequence.
+    """The local problems of a sequence. Rows of no step are those of the first, where the sequence ``begins`` there.
 
     Raises:
         MbmError: equations such as filters do not take: with states of several steps, sampled at times that are
@@ -93,7 +95,9 @@ def lowered(
             first = np.argsort(at, kind="stable")[:1]
             limits.append(_by_step(with_rows(group, first), equal, at[first], steps))
         else:
-            rows = _by_step(group, equal, steps_of(group, block, places, sequence, tables), steps)
+            stepped = block.table is not None and sequence.column in tables[block.table].columns
+            own = group if begins or stepped else with_rows(group, np.arange(0))
+            rows = _by_step(own, equal, steps_of(own, block, places, sequence, tables), steps)
             (limits if block.role is BlockRole.CONSTRAINT else seen).append(rows)
     observed = [each for each in seen if problem.blocks[each.group.kernel.owner].role is BlockRole.OBSERVATION]
     counted = sum((each.counts for each in observed), np.zeros(steps, dtype=np.int64))

@@ -28,7 +28,8 @@ from mbm.estimation.sequences.lowering import lowered
 from mbm.estimation.sequences.noise import covariance_of
 from mbm.estimation.sequences.places import Places, places_of
 from mbm.estimation.sequences.spread import Told, told
-from mbm.estimation.sequences.walk import Chained, Prior, Rules, Track
+from mbm.estimation.sequences.types import Prior, Rules, Track
+from mbm.estimation.sequences.walk import Chained, Memory
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.estimate import bound_equations, decided
 from mbm.kernels.types import KernelSet
@@ -67,8 +68,9 @@ def begun(
     starts: Mapping[str, Floats],
     settings: Settings,
     cache: EvaluationCache,
+    carried: Prior | None = None,
 ) -> Begun:
-    """What a walk over all steps takes.
+    """What a walk over all steps takes; it may begin with what is ``carried`` on from rows before.
 
     Raises:
         MbmError: the problem has what filters do not take, or something has no start.
@@ -84,8 +86,8 @@ def begun(
     places = places_of(equations, len(tables[sequence.steps]), method)
     if not len(places.free):
         raise MbmError(no_unknowns(problem.span))
-    low = lowered(problem, sequence, equations, places, tables, cache)
-    prior = prior_of(problem, sequence, equations, places, low.priors, tables, low.chained.seen)
+    low = lowered(problem, sequence, equations, places, tables, cache, begins=carried is None)
+    prior = carried or prior_of(problem, sequence, equations, places, low.priors, tables, low.chained.seen)
     if np.isnan(prior.point).any():
         if not low.chained.linear:
             missing = int(places.numbers[0][np.flatnonzero(np.isnan(prior.point))[0]])
@@ -115,9 +117,10 @@ def walk_of(
     *,
     key: Mapping[str, CellKey],
     starts: Mapping[str, Floats],
+    memory: Memory,
     stopped: Callable[[], bool] = never,
 ) -> Walked:
-    """The walk over all steps, with what it is told with."""
+    """The walk over all steps, in a memory that is new, with what it is told with."""
     solved = Told(equations=ready.equations, binder=ready.binder, places=ready.places)
     return Walked(
         problem=ready.problem,
@@ -129,7 +132,7 @@ def walk_of(
         chained=ready.chained,
         prior=ready.prior,
         rules=ready.rules,
-        track=ready.chained.walk(ready.prior, ready.rules, stopped),
+        track=memory.walked(stopped),
     )
 
 
@@ -146,7 +149,26 @@ def walked(
     """As `mbm.estimation.sequences.filtering.filtered`."""
     began = perf_counter()
     ready = begun(problem, kernels, tables, starts, settings, cache)
-    walk = walk_of(ready, kernels, key=key, starts=starts, stopped=settings.stopped)
+    return ended(ready, memory_of(ready), kernels, key=key, starts=starts, settings=settings, began=began)
+
+
+def memory_of(ready: Begun) -> Memory:
+    """What a walk takes place in."""
+    return Memory(ready.chained, ready.prior, ready.rules)
+
+
+def ended(
+    ready: Begun,
+    memory: Memory,
+    kernels: KernelSet,
+    *,
+    key: Mapping[str, CellKey],
+    starts: Mapping[str, Floats],
+    settings: Settings,
+    began: float,
+) -> Solution:
+    """The solution that the walk ends with, which ``began`` then."""
+    walk = walk_of(ready, kernels, key=key, starts=starts, memory=memory, stopped=settings.stopped)
     walk = replace(walk, together=_together(ready, walk.track, settings))
     found = solution_of(walk, seconds=lambda: perf_counter() - began)
     said = beyond_bounds(found, cut=ready.rules.cut)
@@ -159,7 +181,7 @@ def _together(ready: Begun, track: Track, settings: Settings) -> Observability |
     None: everything has a prior, or equations are linear, so that they seem to tell what they do.
     """
     equations = ready.equations
-    if ready.chained.linear or not ready.prior.open.any() or track.made < len(track.points):
+    if ready.chained.linear or not len(ready.prior.open) or track.made < len(track.points):
         return None
     numbers = equations.numbers.copy()
     numbers[ready.places.numbers] = track.points
@@ -248,7 +270,7 @@ def prior_of(
         if state is not None and state.certain:
             mine = column[entry.first : entry.first + entry.unknown.freedom][np.array(state.certain)]
             open_[mine[mine >= 0]] = False
-    return Prior(point=point[places.numbers[0]], covariance=covariance, open=open_)
+    return Prior.of(point[places.numbers[0]], covariance, open_)
 
 
 def missing_start(point: Floats) -> bool:

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.assembly import loss_lines
-from mbm.equations.types import Floats, Indices, Mask
+from mbm.equations.types import Floats, Indices
 from mbm.estimation.minimise.native.system import NativeSystem, never
 from mbm.estimation.sequences.local import Local
+from mbm.estimation.sequences.types import Hypothesis, Prior, Rules, Track
 from mbm.machine.kinds import Held
 from mbm.machine.records import plans_of, put, reals_in, slot, slots_of, view
 from mbm.solver import description as of
@@ -28,89 +29,6 @@ ENDLESS = 2**62
 
 STEPS_OF_A_STREAM, STEPS_AT_A_TIME = 5_000, 1000
 """Those that come, as a guess; those between which the user may interrupt."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Prior:
-    """What is known before the first step: a point (N,), and of its coordinates (n,) the covariance (n, n).
-
-    ``open`` (n,) marks those of which nothing is known; their rows of the covariance are zero.
-    """
-
-    point: Floats
-    covariance: Floats
-    open: Mask
-
-    def filled(self) -> Prior:
-        """The same with 0 where there is no start."""
-        return replace(self, point=np.nan_to_num(self.point))
-
-    def factor(self) -> Floats:
-        """U (n, n) with ``UᵀU`` the covariance, which may be singular."""
-        values, vectors = np.linalg.eigh(self.covariance)
-        return np.ascontiguousarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rules:
-    """How a walk goes: ``iterations`` of an update at most, ``smooth`` with a ``lag`` in steps (None: all of them).
-
-    ``cut``: inequalities cut; a cut beyond ``skip`` deviations is left out by a filter. A smoother that cuts takes
-    ``sweeps`` over all steps at most until the cuts fit one another. ``tolerance`` in standard deviations.
-    So many ``hypotheses`` at most are followed by a filter. ``endless``: steps come one by one, and the sequence holds
-    as many as there is room for.
-    """
-
-    iterations: int = 1
-    cut: bool = False
-    skip: float = 3.0
-    sweeps: int = 100
-    tolerance: float = 1e-9
-    smooth: bool = False
-    hypotheses: int = 1
-    lag: int | None = None
-    endless: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Hypothesis:
-    """A point (N,), the factor (n, n) of its covariance, and its cost."""
-
-    point: Floats
-    factor: Floats
-    cost: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Track:
-    """What a walk says: points (T, N), factors (T, n, n) of covariances, open directions (T,), and costs (T,).
-
-    ``followed`` (T,) hypotheses there were, and those of the last step are the ``crowd``, that of least cost first.
-    ``touched`` (T, n) are the coordinates that open directions touch.
-
-    So many ``equations`` among the constraints told something that was not known before.
-    ``made`` steps were made: fewer than T where something was not finite at the next, or the user interrupted.
-    """
-
-    points: Floats
-    factors: Floats
-    opens: Indices
-    touched: Mask
-    followed: Indices
-    crowd: tuple[Hypothesis, ...]
-    costs: Floats
-    cost: float
-    made: int
-    failed: bool
-    settled: bool
-    equations: int
-    iterations: int
-    evaluations: int
-
-    @property
-    def covariances(self) -> Floats:
-        """(T, n, n)."""
-        return np.asarray(np.swapaxes(self.factors, 1, 2) @ self.factors)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,13 +72,7 @@ class Chained:
             Exception: what a function in Python raised that an equation calls.
 
         """
-        memory = Memory(self, prior, rules)
-        track = memory.run(stopped)
-        if rules.cut or rules.lag is not None or not (self.lossy and rules.smooth and track.settled):
-            return track
-        from mbm.estimation.sequences.losses import sandwiched  # loaded by problems with losses only
-
-        return replace(track, factors=sandwiched(self.seen, track.points, memory.spread_along, track.factors))
+        return Memory(self, prior, rules).walked(stopped)
 
 
 class Memory:
@@ -228,6 +140,15 @@ class Memory:
         names = [p.name for p in plans_of(Walk) if p.held is Held.SIZED and p.text == "Reals"]
         return {name: self._total - len(self._array(name)) for name in names}
 
+    def walked(self, stopped: Callable[[], bool]) -> Track:
+        """`run`, with the covariances that losses leave."""
+        chained, rules, track = self._chained, self._rules, self.run(stopped)
+        if rules.cut or rules.lag is not None or not (chained.lossy and rules.smooth and track.settled):
+            return track
+        from mbm.estimation.sequences.losses import sandwiched  # loaded by problems with losses only
+
+        return replace(track, factors=sandwiched(chained.seen, track.points, self.spread_along, track.factors))
+
     def run(self, stopped: Callable[[], bool]) -> Track:
         """All steps, so many at a time; what is smoothed as a whole begins with the path of a filter."""
         steps = len(self.points)
@@ -258,6 +179,22 @@ class Memory:
             equations=self._get("equations"),
             iterations=self._get("iterations"),
             evaluations=self._get("evaluations"),
+        )
+
+    def carried(self, count: int) -> Prior | None:
+        """After a run the prior of the step so many behind the first, by the rows before it, along the path.
+
+        None where a transition leads nowhere.
+        """
+        self._set_prior()
+        if not self.routine("carry_on", count):
+            return None
+        n, numbers = int(self.chain[Chain.n]), int(self.chain[Chain.numbers])
+        left = self._get("open_count")
+        return Prior(
+            point=self._taken("point", numbers),
+            factor=self._taken("factor", n * n).reshape(n, n),
+            open=self._taken("open", left * n).reshape(left, n),
         )
 
     def _smoothed(self, stopped: Callable[[], bool]) -> tuple[int, bool]:
@@ -306,11 +243,10 @@ class Memory:
         return made
 
     def _set_prior(self) -> None:
-        open_ = np.eye(len(self._prior.open))[self._prior.open]
         self._fill("point", self._prior.point)
-        self._fill("factor", self._prior.factor())
-        self._fill("open", open_)
-        self._put(open_count=len(open_))
+        self._fill("factor", self._prior.factor)
+        self._fill("open", self._prior.open)
+        self._put(open_count=len(self._prior.open))
 
     def _rows(self, rows: str, reals: str, problem: str, data: str, native: NativeSystem) -> None:
         memory = self._code.blank(Rows)

@@ -25,7 +25,7 @@ from mbm.problem.zero_points import stated_difference
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
-WINDOW_USAGE = "(window column :length l :step s [:min-rows n])"
+WINDOW_USAGE = "(window column :length l :step s [:min-rows n] [:carry true])"
 MOST_ROWS_WANTED = 1_000_000_000
 
 
@@ -34,7 +34,9 @@ def read_window(work: Workspace, clauses: list[Sequence], for_each: tuple[str, .
     clause = only(clauses, "window")
     if clause is None:
         return None
-    options = split_options(clause.items[1:], clause.span, owner="`window`", known=("length", "step", "min-rows"))
+    options = split_options(
+        clause.items[1:], clause.span, owner="`window`", known=("length", "step", "min-rows", "carry")
+    )
     if len(options.positional) != 1 or not isinstance(options.positional[0], Symbol):
         raise MbmError(language_faults.bad_form(clause.span, "`window` names one column", WINDOW_USAGE))
     named = options.positional[0]
@@ -57,8 +59,15 @@ def read_window(work: Workspace, clauses: list[Sequence], for_each: tuple[str, .
         length=stretch(work, length, tables, column, ":length"),
         step=stretch(work, step, tables, column, ":step"),
         min_rows=count,
+        carry=_is_true(options.get("carry"), clause.span),
         span=clause.items[0].span,
     )
+
+
+def _is_true(form: Form | None, span: Span) -> bool:
+    if form is not None and not (isinstance(form, Symbol) and form.name in ("true", "false")):
+        raise MbmError(language_faults.bad_form(form.span, "`:carry` is true or false", WINDOW_USAGE))
+    return isinstance(form, Symbol) and form.name == "true"
 
 
 def named_column(work: Workspace, form: Symbol) -> str:

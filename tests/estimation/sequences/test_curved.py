@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import mbm
-from mbm.estimation.sequences.walk import Prior, Rules
+from mbm.estimation.sequences.types import Prior, Rules
 from tests.estimation.sequences.chains import chained
 
 STEPS = 15
@@ -94,7 +94,7 @@ def best(rows, controls, last):
 
 def test_a_smoother_of_curved_equations_is_the_batch_solution():
     sequence, rows, controls = car()
-    prior = Prior(point=MEAN, covariance=COVARIANCE, open=np.zeros(4, bool))
+    prior = Prior.of(point=MEAN, covariance=COVARIANCE, unknown=np.zeros(4, bool))
     found = sequence.walk(prior, Rules(iterations=100, smooth=True))
     states, covariances, cost = best(rows, controls, STEPS - 1)
     assert found.settled
@@ -106,7 +106,7 @@ def test_a_smoother_of_curved_equations_is_the_batch_solution():
 
 def test_a_fixed_lag_of_all_steps_is_the_smoother():
     sequence, _, _ = car()
-    prior = Prior(point=MEAN, covariance=COVARIANCE, open=np.zeros(4, bool))
+    prior = Prior.of(point=MEAN, covariance=COVARIANCE, unknown=np.zeros(4, bool))
     whole = sequence.walk(prior, Rules(iterations=100, smooth=True))
     lagged = sequence.walk(prior, Rules(iterations=100, smooth=True, lag=STEPS - 1))
     np.testing.assert_allclose(lagged.points, whole.points, rtol=0, atol=1e-9)
@@ -116,7 +116,7 @@ def test_a_fixed_lag_of_all_steps_is_the_smoother():
 def test_an_iterated_update_is_the_least_squares_solution_of_its_step():
     """Of the first step, whose prior is stated, it is that of SciPy; an update that is linearised once is not."""
     sequence, rows, controls = car()
-    prior = Prior(point=MEAN, covariance=COVARIANCE, open=np.zeros(4, bool))
+    prior = Prior.of(point=MEAN, covariance=COVARIANCE, unknown=np.zeros(4, bool))
     iterated = sequence.walk(prior, Rules(iterations=100))
     once = sequence.walk(prior, Rules())
     states, covariances, cost = best(rows, controls, 0)
@@ -128,7 +128,7 @@ def test_an_iterated_update_is_the_least_squares_solution_of_its_step():
 
 def test_an_update_linearised_once_is_the_extended_kalman_filter():
     sequence, rows, controls = car()
-    prior = Prior(point=MEAN, covariance=COVARIANCE, open=np.zeros(4, bool))
+    prior = Prior.of(point=MEAN, covariance=COVARIANCE, unknown=np.zeros(4, bool))
     found = sequence.walk(prior, Rules())
     k, a, r = rows
     mean, covariance = MEAN.copy(), COVARIANCE.copy()
@@ -155,7 +155,7 @@ def test_an_update_linearised_once_is_the_extended_kalman_filter():
 def test_a_loss_weighs_rows_in_an_iterated_update():
     """One range of the first step is 5 m too long; the least-squares problem with Huber's loss is SciPy's."""
     sequence, (k, a, r), controls = car(loss=":loss (huber 1.5)")
-    prior = Prior(point=MEAN, covariance=COVARIANCE, open=np.zeros(4, bool))
+    prior = Prior.of(point=MEAN, covariance=COVARIANCE, unknown=np.zeros(4, bool))
     found = sequence.walk(prior, Rules(iterations=100))
     plain, _ = residuals_of((k, a, r), controls, 0)
 
@@ -219,7 +219,7 @@ def test_a_smoother_of_poses_is_the_batch_solution():
     # differences of poses are stated in the frame of the measured one, coordinates of translations in that of the world
     axes = np.eye(6)
     axes[3:, 3:] = Rotation.from_euler("ZYX", [0.3, 0.2, 0.1]).as_matrix()
-    prior = Prior(point=start, covariance=axes @ np.diag(DEVIATIONS**2) @ axes.T, open=np.zeros(6, bool))
+    prior = Prior.of(point=start, covariance=axes @ np.diag(DEVIATIONS**2) @ axes.T, unknown=np.zeros(6, bool))
     found = sequence.walk(prior, Rules(iterations=100, smooth=True))
     batch = mbm.loads(POSE_BATCH).solve(data={"z": z, "s": moves, "steps": {"k": np.arange(steps)}})
     assert found.settled

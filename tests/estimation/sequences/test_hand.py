@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 import mbm
-from mbm.estimation.sequences.walk import Prior, Rules
+from mbm.estimation.sequences.types import Prior, Rules
 from tests.estimation.sequences.chains import chained
 from tests.estimation.sequences.hand import (
     hand_text,
@@ -46,7 +46,7 @@ def sequence(folder, still=(), shift=0.0, constraints=True):
     )
     mean = np.array([table(folder / "x0_A.csv")[name][0] for name in names])
     covariance = np.loadtxt(folder / "P0_A.csv", delimiter=",")[np.ix_(order, order)]
-    return made, Prior(point=mean, covariance=covariance, open=np.zeros(36, bool)), names
+    return made, Prior.of(point=mean, covariance=covariance, unknown=np.zeros(36, bool)), names
 
 
 def test_the_printed_filter_is_replayed(folder):

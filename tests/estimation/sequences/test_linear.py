@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbm.estimation.sequences.walk import Prior, Rules
+from mbm.estimation.sequences.types import Prior, Rules
 from tests.estimation.sequences.chains import cart_sequence
 from tests.estimation.sequences.kalman import filtered, jointly
 
@@ -40,7 +40,7 @@ COVARIANCES = {
 def test_a_filter_is_kalmans(kind):
     sequence, tables, moves = cart_sequence(STEPS)
     mean, covariance = np.array([0.3, -0.2, 0.1]), COVARIANCES[kind]
-    found = sequence.walk(Prior(point=mean, covariance=covariance, open=np.zeros(3, bool)), Rules())
+    found = sequence.walk(Prior.of(point=mean, covariance=covariance, unknown=np.zeros(3, bool)), Rules())
     means, covariances, cost = filtered(mean, covariance, *matrices(tables, moves))
     assert found.made == STEPS
     # a textbook's filter subtracts covariances: 30 steps of rounding
@@ -52,7 +52,7 @@ def test_a_filter_is_kalmans(kind):
 def test_without_a_prior_it_is_the_least_squares_estimate():
     """Nothing is known of the first step: from the step on that determines all, it is what all rows up to there say."""
     sequence, tables, moves = cart_sequence(STEPS)
-    found = sequence.walk(Prior(point=np.zeros(3), covariance=np.zeros((3, 3)), open=np.ones(3, bool)), Rules())
+    found = sequence.walk(Prior.of(point=np.zeros(3), covariance=np.zeros((3, 3)), unknown=np.ones(3, bool)), Rules())
     made, rows = matrices(tables, moves)
     diffuse = 1e8 * np.eye(3)
     assert found.opens[0] == 1
@@ -69,7 +69,7 @@ def test_a_smoother_is_the_batch_solution(kind):
     """With noise of rank 1, which no inverse of a covariance would survive, and a first covariance that is singular."""
     sequence, tables, moves = cart_sequence(STEPS)
     mean, covariance = np.array([0.3, -0.2, 0.1]), COVARIANCES[kind]
-    found = sequence.walk(Prior(point=mean, covariance=covariance, open=np.zeros(3, bool)), Rules(smooth=True))
+    found = sequence.walk(Prior.of(point=mean, covariance=covariance, unknown=np.zeros(3, bool)), Rules(smooth=True))
     means, covariances, cost = jointly(mean, covariance, *matrices(tables, moves))
     assert found.settled
     np.testing.assert_allclose(found.points, means, rtol=0, atol=1e-11)
@@ -80,7 +80,7 @@ def test_a_smoother_is_the_batch_solution(kind):
 
 def test_a_smoother_needs_no_prior():
     sequence, tables, moves = cart_sequence(STEPS)
-    prior = Prior(point=np.zeros(3), covariance=np.zeros((3, 3)), open=np.ones(3, bool))
+    prior = Prior.of(point=np.zeros(3), covariance=np.zeros((3, 3)), unknown=np.ones(3, bool))
     found = sequence.walk(prior, Rules(smooth=True))
     means, covariances, _ = jointly(np.zeros(3), 1e8 * np.eye(3), *matrices(tables, moves))
     assert not found.opens.any()
@@ -93,7 +93,7 @@ def test_a_smoother_needs_no_prior():
 def test_a_fixed_lag_gives_each_step_the_rows_of_so_many_more(kind, lag):
     sequence, tables, moves = cart_sequence(STEPS)
     mean, covariance = np.array([0.3, -0.2, 0.1]), COVARIANCES[kind]
-    prior = Prior(point=mean, covariance=covariance, open=np.zeros(3, bool))
+    prior = Prior.of(point=mean, covariance=covariance, unknown=np.zeros(3, bool))
     found = sequence.walk(prior, Rules(smooth=True, lag=lag))
     made, rows = matrices(tables, moves)
     for k in range(0, STEPS, 3):

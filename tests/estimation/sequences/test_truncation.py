@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from mbm.estimation.sequences.walk import Prior, Rules
+from mbm.estimation.sequences.types import Prior, Rules
 from tests.estimation.sequences.chains import chained
 
 STILL = """(problem m (data s external) (unknowns (a :init 0) (b :init 0) (c :init 0)) {rows}
@@ -22,7 +22,7 @@ def once_cut(mean, covariance, cuts, steps=1, once=(), skip=3.0):
     text = STILL.format(rows=ROWS, cuts=" ".join(cuts))
     moves = {"s": {"k": np.arange(max(steps - 1, 1))}}
     sequence = chained((text, {"s": rows}), (MOVES, moves), np.zeros((max(steps - 1, 1), 1, 1)), still=2, once=once)
-    prior = Prior(point=np.array(mean), covariance=np.array(covariance), open=np.zeros(3, bool))
+    prior = Prior.of(point=np.array(mean), covariance=np.array(covariance), unknown=np.zeros(3, bool))
     return sequence.walk(prior, Rules(cut=True, skip=skip))
 
 

@@ -1,0 +1,107 @@
+"""Windows of a sequence one after the other, each with what is known of its first step by the rows that have left."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from time import perf_counter
+
+import numpy as np
+
+from mbm.equations.binding import EvaluationCache
+from mbm.equations.types import Floats
+from mbm.estimation.search.solution import Solution
+from mbm.estimation.sequences import faults
+from mbm.estimation.sequences.filtering import smoothed
+from mbm.estimation.sequences.limits import limits_of
+from mbm.estimation.sequences.run import begun, ended, memory_of
+from mbm.estimation.sequences.types import Prior
+from mbm.estimation.sequences.walk import Memory
+from mbm.estimation.settings import Settings
+from mbm.kernels.types import KernelSet
+from mbm.problem.requests import Window
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import Method, Problem
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Window:
+    """A window that is solved, of these other keys: its steps (T,), and the memory of its walk.
+
+    It ``begins`` with what is stated of the first step.
+    """
+
+    begins: bool
+    others: Mapping[str, CellKey]
+    steps: Floats
+    memory: Memory
+
+
+class Carrying:
+    """What solves the windows of a problem, in their order, as `mbm.estimation.sequences.filtering.moved` solves one.
+
+    What leaves a window is a prior of what stays: the rows that leave are linearised where the window has them, and
+    those that stay are in none of it. For linear problems a window says what all rows up to its end say.
+
+    Raises:
+        MbmError: the problem has no states, or is not for a smoother.
+
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        window, sequence = problem.request.window, problem.sequence
+        if window is None or sequence is None:
+            raise MbmError(faults.not_carried(None if window is None else window.span, "has no `states`"))
+        if not sequence.estimator.whole or sequence.estimator.cuts:
+            raise MbmError(faults.not_carried(window.span, f"is for `:method {sequence.estimator.method.value}`"))
+        if problem.request.method is Method.INTERVAL:
+            raise MbmError(faults.not_carried(window.span, "is for `:method (interval)`"))
+        if window.column != sequence.column:
+            raise MbmError(faults.not_carried(window.span, f"has steps of `{sequence.column}`"))
+        self._window: Window = window
+        self._last: _Window | None = None
+
+    def __call__(
+        self,
+        problem: Problem,
+        kernels: KernelSet,
+        tables: Mapping[str, Table],
+        *,
+        key: Mapping[str, CellKey],
+        starts: Mapping[str, Floats],
+        settings: Settings,
+        cache: EvaluationCache,
+        last: Solution | None = None,
+    ) -> Solution:
+        """The window of a key; the rows that have left are those of the windows before, whose ``last`` is not asked.
+
+        Raises:
+            MbmError: as `moved`, or the window has no step in common with the one before.
+
+        """
+        began = perf_counter()
+        sequence = problem.sequence
+        steps = np.zeros(0) if sequence is None else tables[sequence.steps].numbers(sequence.column)
+        others = {name: cell for name, cell in key.items() if name != self._window.column}
+        carried = self._carried(others, steps)
+        ready = begun(smoothed(problem), kernels, tables, starts, settings, cache, carried)
+        for limit, span in limits_of(problem, ready.equations):
+            raise MbmError(faults.not_carried(span, f"has an {limit}" if limit[0] == "i" else f"has {limit}"))
+        memory = memory_of(ready)
+        found = ended(ready, memory, kernels, key=key, starts=starts, settings=settings, began=began)
+        if found.minimum.reason.converged:
+            self._last = _Window(begins=carried is None, others=others, steps=steps, memory=memory)
+        return found
+
+    def _carried(self, others: Mapping[str, CellKey], steps: Floats) -> Prior | None:
+        last = self._last
+        if last is None or last.others != others or not len(steps):
+            return None
+        count = int(np.searchsorted(last.steps, steps[0]))
+        if last.begins and count == 0:
+            return None
+        prior = last.memory.carried(count) if count < len(last.steps) and last.steps[count] == steps[0] else None
+        if prior is None:
+            raise MbmError(faults.not_carried(self._window.span, "has a window without a step of the one before"))
+        return prior

@@ -1,0 +1,181 @@
+"""Windows of a sequence with `:carry`: what leaves a window is the prior of the next."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+import mbm
+from tests.estimation.sequences.kalman import jointly
+
+WALK = """
+(problem walk (data z external) (data w external) (unknowns (b :init 0 :sigma 2))
+  (states :over k (x :init 0 {sigma})) (dynamics (random-walk x :sigma 1))
+  (observe z (= y (+ x b)) :sigma 0.5) (observe w (= u x) :sigma 1) {rest}
+  (window k :length 8 :step 3 :carry true) (solve :method {method}))"""
+
+
+def walk(steps=40, run=0):
+    """Rows of a walk in irregular steps."""
+    generator = np.random.default_rng(run)
+    k = np.cumsum(generator.choice([0.5, 1.0, 1.5], steps))
+    x = np.cumsum(generator.standard_normal(steps))
+    some = np.arange(steps) % 3 == 0
+    return {
+        "z": {"k": k, "y": x + 3.0 + 0.5 * generator.standard_normal(steps)},
+        "w": {"k": k[some], "u": x[some] + generator.standard_normal(some.sum())},
+    }
+
+
+def least_squares(tables, end, sigma=10.0):
+    """State and offset (T, 2) at all steps up to an end, and their covariances, by dense least squares."""
+    k = tables["z"]["k"][tables["z"]["k"] <= end]
+    moves = [(np.eye(2), np.diag([dt, 0.0])) for dt in np.diff(k)]
+    rows = []
+    for key in k:
+        y, u = (tables[name][column][tables[name]["k"] == key] for name, column in (("z", "y"), ("w", "u")))
+        H = np.vstack([np.ones((len(y), 2)), np.tile([[1.0, 0.0]], (len(u), 1))])
+        rows.append((H, np.concatenate([y, u]), np.diag([0.25] * len(y) + [1.0] * len(u))))
+    return jointly(np.zeros(2), np.diag([sigma**2, 4.0]), moves, rows)[:2]
+
+
+@pytest.mark.parametrize("method", ["smoother", "batch"])
+def test_windows_of_a_linear_problem_say_what_all_rows_so_far_say(method):
+    tables = walk()
+    result = mbm.loads(WALK.format(method=method, sigma=":sigma 10", rest="")).solve(data=tables)
+    assert len(result.solves) > 10
+    for solve in result.solves:
+        means, covariances = least_squares(tables, solve.key["k"])
+        count = len(solve["x"].keys)
+        sigmas = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        np.testing.assert_allclose(solve["x"].value, means[-count:, 0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(solve["x"].sigma, sigmas[-count:, 0], rtol=1e-9)
+        assert float(solve["b"].value) == pytest.approx(means[-1, 1], abs=1e-9)
+        assert float(solve["b"].sigma) == pytest.approx(sigmas[-1, 1], rel=1e-9)
+    end = solve.key["k"]
+    assert solve.dof == sum(((each["k"] > end - 8) & (each["k"] <= end)).sum() for each in tables.values())
+
+
+def test_what_no_row_has_determined_when_it_leaves_is_still_open():
+    """Without a prior of x the first rows tell the sum of x and b alone: later ones of x tell both."""
+    tables = walk()
+    late = tables["w"]["k"] > 20
+    tables["w"] = {name: column[late] for name, column in tables["w"].items()}
+    text = WALK.format(method="smoother", sigma="", rest="").replace(":init 0 :sigma 2", ":init 0")
+    result = mbm.loads(text).solve(data=tables)
+    assert np.isnan(result.solves[4]["b"].sigma)
+    assert np.isfinite(result.solves[-1]["b"].sigma)
+    last = result.solves[-1]
+    # The last window may end before the last row.
+    count = int((tables["z"]["k"] <= last.key["k"]).sum())
+    early = {name: {c: v[each["k"] <= last.key["k"]] for c, v in each.items()} for name, each in tables.items()}
+    whole = mbm.loads(text.replace("(window k :length 8 :step 3 :carry true)", "")).solve(data=early)
+    assert len(whole["x"].value) == count
+    np.testing.assert_allclose(last["x"].value, whole["x"].value[-len(last["x"].value) :], rtol=0, atol=1e-8)
+    assert float(last["b"].sigma) == pytest.approx(float(whole["b"].sigma), rel=1e-8)
+
+
+def test_each_key_begins_anew():
+    one, two = walk(run=1), walk(run=2)
+    both = {
+        name: {
+            "run": np.repeat([1.0, 2.0], [len(one[name]["k"]), len(two[name]["k"])]),
+            **{column: np.concatenate([one[name][column], two[name][column]]) for column in one[name]},
+        }
+        for name in one
+    }
+    keyed = mbm.loads(WALK.format(method="smoother", sigma=":sigma 10", rest="(for-each run)")).solve(data=both)
+    alone = mbm.loads(WALK.format(method="smoother", sigma=":sigma 10", rest="")).solve(data=two)
+    own = [solve for solve in keyed.solves if solve.key["run"] == 2]
+    assert len(own) == len(alone.solves)
+    for found, expected in zip(own, alone.solves, strict=True):
+        np.testing.assert_allclose(found["x"].value, expected["x"].value, rtol=0, atol=1e-12)
+
+
+DRIVE = """
+(problem drive (data o external) (data r external)
+  (unknowns (off :init 0 :sigma 0.5))
+  (states :over k (T (pose 2) :init (pose2 0 0 0) :sigma [0.2 0.3 0.3]))
+  (dynamics (= (next T) (compose T (pose2 dx 0 da)) :sigma [0.03 0.05 0.03]))
+  (observe r (= d (+ off (distance (translation T) [bx by]))) :sigma 0.1)
+  (window k :length 5 :step 2 {carry}) (solve :method smoother))"""
+BEACONS = np.array([[8.0, -2.0], [-3.0, 9.0], [2.0, 25.0], [-15.0, 12.0]])
+
+
+def drive(steps):
+    """True poses (turn, x, y) and offset, drawn from what the problem says, and rows: in a circle between beacons."""
+    generator = np.random.default_rng(4)
+    pose = np.array([0.2, 0.3, 0.3]) * generator.standard_normal(3)
+    off, poses, ranges = 0.5 * generator.standard_normal(), [], []
+    for k in range(steps):
+        if k:
+            c, s = np.cos(pose[0]), np.sin(pose[0])
+            pose = pose + np.array([0.1, c, s])
+            noise = np.array([0.03, 0.05, 0.03]) * generator.standard_normal(3)
+            c, s = np.cos(pose[0]), np.sin(pose[0])
+            pose = pose + np.array([noise[0], c * noise[1] - s * noise[2], s * noise[1] + c * noise[2]])
+        poses.append(pose)
+        for beacon in BEACONS[[k % 4, (k + 1) % 4]]:
+            measured = off + np.hypot(*(pose[1:] - beacon)) + 0.1 * generator.standard_normal()
+            ranges += [[k, *beacon, measured]]
+    k = np.arange(steps, dtype=float)
+    tables = {
+        "o": {"k": k, "dx": np.ones(steps), "da": np.full(steps, 0.1)},
+        "r": dict(zip(("k", "bx", "by", "d"), np.array(ranges).T, strict=True)),
+    }
+    return np.array(poses), off, tables
+
+
+def test_windows_of_a_drive_are_consistent():
+    """Mean squared normalised errors of the newest pose within the 95 % bounds of χ², of 200 windows."""
+    poses, off, tables = drive(400)
+    result = mbm.loads(DRIVE.format(carry=":carry true")).solve(data=tables)
+    assert len(result.solves) == 200
+    nees, shares = [], []
+    for solve in result.solves:
+        at = int(solve["T"].keys[-1])
+        value = solve["T"].value[-1]
+        error = value - poses[at]
+        error[0] = np.angle(np.exp(1j * error[0]))
+        names = [f"T@{at}.rot[1]", f"T@{at}.trans[1]", f"T@{at}.trans[2]"]
+        places = [solve.covariance.names.index(name) for name in names]
+        nees.append(error @ np.linalg.solve(solve.covariance.matrix[np.ix_(places, places)], error))
+        shares.append((float(solve["off"].value) - off) / float(solve["off"].sigma))
+    low, high = chi2.ppf([0.025, 0.975], 3 * 200) / 200
+    assert low < np.mean(nees) < high
+    assert np.max(np.abs(shares)) < 3.5
+    assert result.solves[-1]["off"].sigma < 0.05
+
+
+REFUSED = {
+    "filter": (WALK.format(method="ekf", sigma=":sigma 10", rest=""), "is for `:method ekf`"),
+    "lag": (WALK.format(method="(smoother :lag 2)", sigma=":sigma 10", rest=""), "is for `:method smoother`"),
+    "limits": (
+        WALK.format(method="smoother", sigma=":sigma 10 :in (-99 99)", rest=""),
+        "has bounds, as `x` has",
+    ),
+    "gap": (
+        WALK.format(method="smoother", sigma=":sigma 10", rest="").replace("8 :step 3", "0.6 :step 0.5"),
+        "without a step of the one before",
+    ),
+    "no states": (
+        "(problem p (data z external) (unknowns (a :init 0)) (observe z (= y a) :sigma 1)"
+        " (window k :length 2 :step 1 :carry true))",
+        "has no `states`",
+    ),
+    "no truth": (WALK.format(method="smoother", sigma=":sigma 10", rest="").replace("true", "3"), "true or false"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_not_carried_is_refused(case):
+    text, words = REFUSED[case]
+    tables = walk(12) if "data w" in text else {"z": walk(12)["z"]}
+    said = ""
+    try:
+        result = mbm.loads(text).solve(data=tables)
+        said = " ".join(str(each) for solve in result.solves for each in solve.diagnostics)
+    except mbm.MbmError as error:
+        said = str(error)
+    assert words in said
