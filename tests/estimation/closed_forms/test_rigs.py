@@ -135,6 +135,29 @@ def test_a_rig_in_which_no_photograph_sees_all_cameras() -> None:
     np.testing.assert_allclose(value(found, "B")[1:], [numbers(motion) for motion in rig[1:]], atol=EXACT)
 
 
+def test_cameras_that_are_placed_one_from_another() -> None:
+    """Each is seen from the one before: products of one to four unknown poses, and no photograph by all cameras."""
+    cameras = [Camera(focal=(800.0 - 50 * k, 790.0 - 40 * k), centre=(320.0 + 5 * k, 240.0)) for k in range(4)]
+    steps = [(turn([0.01 * k, 0.12, 0.02]), np.array([-0.1, 0.01 * k, 0.02])) for k in range(1, 4)]
+    rig = [composed(*reversed(steps[:k])) for k in range(4)]
+    generator = np.random.default_rng(2)
+    seen = {0: range(5), 1: range(3, 8), 2: range(6, 11), 3: range(8, 12)}
+    tables = photographed(cameras, rig, held(generator, 12), seen, 0.0, generator)
+    way = [" ".join(f"B{j}" for j in range(k, 0, -1)) for k in range(4)]
+    clauses = "".join(
+        f"""(data d{k} external) (camera c{k} :focal (f{k} g{k}) :center (a{k} b{k}))
+        (observe d{k} (= [u v] (project c{k} (transform (compose {way[k]} (T photo)) [x y z]))) :sigma 0.2)"""
+        for k in range(4)
+    )
+    flat = " ".join(f"({letter}{k})" for k in range(4) for letter in "fgab")
+    text = f"""(problem rig (data photos external :key photo) {clauses}
+      (unknowns {flat} (B1 (pose 3)) (B2 (pose 3)) (B3 (pose 3)) (T (pose 3) :per photos)))"""
+    data = {"photos": keyed("photo", 12)} | {f"d{k}": table.columns() for k, table in enumerate(tables)}
+    found = mbm.loads(text).solve(data=data)
+    for k, step in enumerate(steps):
+        np.testing.assert_allclose(value(found, f"B{k + 1}"), numbers(step), atol=EXACT)
+
+
 @pytest.mark.parametrize("place", [NONE, (turn([0.1, -0.3, 0.2]), np.array([0.4, -0.2, 0.1]))])
 def test_a_rig_with_one_camera_held(place: Motion) -> None:
     """One clause serves all cameras; that of camera 0 is held at the identity, or where it is said to be."""

@@ -25,8 +25,9 @@ from mbm.values import dataclass
 
 FRAME = WholeFrame(dimension=3, moves=True, scales=False)
 
-LONGEST = 3
-"""Unknown poses of a product: a camera in its rig, the rig in the room, a board there."""
+LONGEST = 8
+"""Unknown poses of a product: cameras that stand one on another, the rig in the room, a board there. Each two are
+probed, so that it is not any number."""
 
 SAME_MOTION = 1e-7
 """Difference, beside the size, below which motions between two poses are one."""
