@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import fabs, isfinite
 
-from mbm.machine.words import ConstantReals, Integer, Reals, distinct_arrays
+from mbm.machine.words import ConstantReals, Integer, Real, Reals, distinct_arrays
 from mbm.solver.filter_records import Walk, whitened_lines
 from mbm.solver.linear_algebra import add_multiple, append_rows, copied, dot, filled, rotate
 from mbm.solver.manifolds import retract
@@ -17,7 +17,10 @@ MOST_STEPS = 30
 """Newton's steps within a transition."""
 
 CLOSE = 1e-12
-"""A step of this share of the size of the state ends them: it is as good as its rounding."""
+"""A step of this share of the size of the state ends them: it is as good as its rounding …"""
+
+NEAR = 1e-6
+"""… and what is left behind one of this share, by its square, where slopes are not asked."""
 
 
 @distinct_arrays
@@ -69,6 +72,21 @@ def move_on(walk: Walk, before: ConstantReals) -> Integer:
 
     `ahead` holds a guess. The transition is loaded. 0 where there is none, else 1.
     """
+    if reach(walk, before, CLOSE) == 0:
+        return 0
+    n = walk.chain.n
+    p = n - walk.chain.still
+    q = walk.chain.noises
+    width = p + n + 1 + q
+    for i in range(p):
+        for j in range(n):
+            walk.carry[i * n + j] = -walk.system[i * width + p + j]
+        copied(q, walk.system[i * width + p + n + 1 :], walk.push[i * q :])
+    return 1
+
+
+def reach(walk: Walk, before: ConstantReals, close: Real) -> Integer:
+    """The same without the slopes, up to a step of this share of the size of the state."""
     chain = walk.chain
     n = chain.n
     still = chain.still
@@ -98,12 +116,8 @@ def move_on(walk: Walk, before: ConstantReals) -> Integer:
             return 0
         copied(chain.numbers, walk.ahead, walk.trial)
         retract(walk.seen, walk.trial, walk.step, walk.ahead)
-        if chain.affine == 1 or length <= CLOSE * size:
+        if chain.affine == 1 or length <= close * size:
             going = 0
-    for i in range(p):
-        for j in range(n):
-            walk.carry[i * n + j] = -walk.system[i * width + p + j]
-        copied(q, walk.system[i * width + p + n + 1 :], walk.push[i * q :])
     return 1
 
 

@@ -126,10 +126,14 @@ class Walk:
     noise: Reals = sized("noises")
     """The noise w (q,) of a transition."""
     system: Reals = sized("n * (2 * n + 2 + noises)")
-    carry: Reals = sized("n * n")
+    carry: Reals
     """How the state reached varies with the step before (p, n) …"""
-    push: Reals = sized("n * noises")
-    """… and with the noise (p, q)."""
+    push: Reals
+    """… and with the noise (p, q), of the transition at hand: one of …"""
+    carries: Reals = sized("(kept + 1) * n * n")
+    """… those of a smoother's path, from step k at ``k % kept``, and …"""
+    pushes: Reals = sized("(kept + 1) * n * noises")
+    """… of any other one behind them."""
     move_lines: Reals = sized("n * (2 * n + 1)")
 
     jacobian: Reals = sized("lines * (n + 1)")
@@ -254,12 +258,20 @@ def walk_integers(chain: Chain) -> Integer:
     return integers_in(Walk, chain)
 
 
+def hold_move(walk: Walk, place: Integer) -> None:
+    """Let `carry` and `push` be those at a place."""
+    chain = walk.chain
+    walk.carry = walk.carries[place * chain.n * chain.n :]
+    walk.push = walk.pushes[place * chain.n * chain.noises :]
+
+
 def share_out_walk(walk: Walk) -> None:
     """Let the arrays of a walk, and of the rows that it takes, be parts of those that it was given."""
     lay_out(walk, walk.chain, walk.reals, walk.integers)
     lay_out(walk.rows, walk.seen, walk.rows_reals, walk.integers)
     lay_out(walk.moves, walk.moving, walk.moves_reals, walk.integers)
     walk.stated = walk.rows.constants
+    hold_move(walk, walk.chain.kept)
 
 
 def load_step(walk: Walk, k: Integer) -> None:

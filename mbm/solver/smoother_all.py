@@ -25,9 +25,10 @@ def smooth_all(walk: Walk) -> Integer:
     free = smooth_path(walk)
     if free >= 0 and chain.constants > 0 and left_out(walk) == 1:
         free = least_of_paths(walk)
-    if free < 0 or spread_path(walk, 0, chain.steps - 1, free) == 0:
+    if free < 0:
         walk.failed = 1
         return 0
+    spread_path(walk, 0, chain.steps - 1, free)
     return chain.steps
 
 
@@ -37,7 +38,8 @@ def spread_along(walk: Walk) -> Integer:
     step_between(walk.seen, walk.base_mean, walk.path, walk.turn, walk.base_step)
     if backward(walk, 0, walk.chain.steps - 1) == 0:
         return 0
-    return spread_path(walk, 0, walk.chain.steps - 1, settle_base(walk, 0))
+    spread_path(walk, 0, walk.chain.steps - 1, settle_base(walk, 0))
+    return 1
 
 
 def smooth_path(walk: Walk) -> Integer:

@@ -56,14 +56,12 @@ def begin_at(walk: Walk, k: Integer) -> None:
     walk.loose = 1
 
 
-def move_window(walk: Walk) -> Integer:
-    """Let the window begin where it is to; 0 where a transition leads nowhere."""
+def move_window(walk: Walk) -> None:
+    """Let the window begin where it is to."""
     begin_at(walk, walk.base)
     while walk.base < walk.next_base:
-        if advance(walk) == 0:
-            return 0
+        advance(walk)
         put_prior(walk)
-    return 1
 
 
 def moved(walk: Walk, k: Integer, most: Real) -> Integer:
@@ -110,8 +108,7 @@ def solve_window(walk: Walk, k: Integer, unmoved: Real) -> Integer:
             if walk.next_base == k and moved(walk, i, EARLY * UNMOVED) == 1:
                 walk.next_base = i
             keep_path(walk, i)
-        if spread_next(walk, i) == 0:
-            return 0
+        spread_next(walk, i)
     keep_path(walk, k)
     return 1
 
@@ -125,8 +122,8 @@ def growing_step(walk: Walk, k: Integer) -> Integer:
         return 0
     if k == 0:
         put_prior(walk)
-    elif move_window(walk) == 0:
-        return 0
+    else:
+        move_window(walk)
     if begun == 1:
         copied(walk.chain.numbers, walk.newest, path_of(walk, k))
     return solve_window(walk, k, UNMOVED)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from mbm.machine.words import Integer
 from mbm.solver.charts import step_between, transport
 from mbm.solver.filter_moves import add_noise, carried, carry_lines, move_on, predict
-from mbm.solver.filter_records import Walk, load_move, load_step, plain_step_cost, step_cost, step_lines
+from mbm.solver.filter_records import Walk, hold_move, load_move, load_step, plain_step_cost, step_cost, step_lines
 from mbm.solver.filter_update import COUNTED, set_new_factor, set_triangle_of, turn_open, update
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
 from mbm.solver.manifolds import retract
@@ -54,24 +54,23 @@ def leave_step(walk: Walk, k: Integer) -> None:
     transport(walk.seen, walk.base_mean, walk.base_step, walk.open_count, walk.turn, walk.open)
 
 
-def advance(walk: Walk) -> Integer:
-    """Let the window begin one step later; 0 where the transition leads nowhere."""
+def advance(walk: Walk) -> None:
+    """Let the window begin one step later."""
     chain = walk.chain
     n = chain.n
     q = chain.noises
     k = walk.base
     leave_step(walk, k)
     load_noise(walk, k, walk.noises)
-    copied(chain.numbers, path_of(walk, k + 1), walk.ahead)
     copied(n, walk.along, walk.base_step)
-    if move_on(walk, path_of(walk, k)) == 0:
-        return 0
+    hold_move(walk, slot_of(walk, k))
     carried(n, chain.still, walk.carry, walk.base_step, walk.wanted)
     for i in range(n - chain.still):
         walk.wanted[chain.still + i] -= dot(q, walk.push[i * q :], walk.noise)
     carry_lines(walk, n, walk.factor)
     carry_lines(walk, walk.open_count, walk.open)
     add_noise(walk, n, walk.factor)
+    hold_move(walk, chain.kept)
     own = path_of(walk, k + 1)
     retract(walk.seen, own, walk.wanted, walk.base_mean)
     transport(walk.seen, own, walk.wanted, n, walk.turn, walk.factor)
@@ -81,22 +80,19 @@ def advance(walk: Walk) -> Integer:
     filled(n, 0.0, walk.base_share)
     walk.loose = 1
     walk.base = k + 1
-    return 1
 
 
-def carry_on(walk: Walk, count: Integer) -> Integer:
+def carry_on(walk: Walk, count: Integer) -> None:
     """The prior of the step so many behind the first, by the rows before it, along the path, in place of that of the
-    first, where the walk is; 0 where a transition leads nowhere.
+    first, where the walk is.
     """
     begin_path(walk)
     walk.base = 0
     step_between(walk.seen, walk.base_mean, path_of(walk, 0), walk.turn, walk.base_step)
     for _ in range(count):
-        if advance(walk) == 0:
-            return 0
+        advance(walk)
     copied(walk.chain.numbers, walk.base_mean, walk.point)
     copied(walk.chain.n * walk.chain.n, walk.base_factor, walk.factor)
-    return 1
 
 
 def extend_path(walk: Walk, k: Integer) -> Integer:
@@ -110,29 +106,27 @@ def extend_path(walk: Walk, k: Integer) -> Integer:
     filled(chain.noises, 0.0, walk.noises[slot_of(walk, k - 1) * chain.noises :])
     load_noise(walk, k - 1, walk.noises)
     copied(chain.numbers, path_of(walk, k - 1), walk.ahead)
+    hold_move(walk, slot_of(walk, k - 1))
     if move_on(walk, path_of(walk, k - 1)) == 0:
         return 0
+    hold_move(walk, chain.kept)
     copied(chain.numbers, walk.ahead, path_of(walk, k))
     return 1
 
 
-def begin_window(walk: Walk, k: Integer) -> Integer:
-    """Let the window hold no more than a lag up to step k; 0 where the transition leads nowhere."""
+def begin_window(walk: Walk, k: Integer) -> None:
+    """Let the window hold no more than a lag up to step k."""
     if k - walk.base > walk.chain.lag:
-        return advance(walk)
-    if walk.loose == 0:
+        advance(walk)
+    elif walk.loose == 0:
         walk.last_cost = forward(walk, walk.base, k, 0, 0.0)
-    return 1
 
 
-def spread_to_newest(walk: Walk, k: Integer) -> Integer:
-    """The factor of the last step before k, given all rows so far; 0 where a transition leads nowhere."""
-    for i in range(walk.base, k):
-        if i == walk.base:
-            spread_first(walk, 0)
-        elif spread_next(walk, i - 1) == 0:
-            return 0
-    return 1
+def spread_to_newest(walk: Walk, k: Integer) -> None:
+    """The factor of the last step before k, given all rows so far."""
+    spread_first(walk, 0)
+    for i in range(walk.base, k - 1):
+        spread_next(walk, i)
 
 
 def find_newest(walk: Walk, k: Integer) -> Integer:
@@ -154,10 +148,12 @@ def lag_step(walk: Walk, k: Integer) -> Integer:
     """Step k comes in, and the one a lag before goes out; 0 where something is not finite."""
     chain = walk.chain
     begun = 0
-    if chain.constants > 0 and k > 0 and walk.open_count == 0 and spread_to_newest(walk, k) == 1:
+    if chain.constants > 0 and k > 0 and walk.open_count == 0:
+        spread_to_newest(walk, k)
         begun = find_newest(walk, k)
-    if extend_path(walk, k) == 0 or begin_window(walk, k) == 0:
+    if extend_path(walk, k) == 0:
         return 0
+    begin_window(walk, k)
     if begun == 1:
         copied(chain.numbers, walk.newest, path_of(walk, k))
         walk.loose = 1
@@ -167,8 +163,8 @@ def lag_step(walk: Walk, k: Integer) -> Integer:
     walk.free = free
     walk.unsettled += 1 - walk.settled
     if k == chain.steps - 1:
-        return spread_path(walk, walk.base, k, free)
-    if k - walk.base == chain.lag:
+        lag_end(walk, k)
+    elif k - walk.base == chain.lag:
         spread_first(walk, free)
         walk.open_count -= free
         keep_path(walk, walk.base)
@@ -176,9 +172,9 @@ def lag_step(walk: Walk, k: Integer) -> Integer:
     return 1
 
 
-def lag_end(walk: Walk, k: Integer) -> Integer:
-    """The answers for the steps that are left in the window, of which k is the last; 0 where one is not finite."""
-    return spread_path(walk, walk.base, k, walk.free)
+def lag_end(walk: Walk, k: Integer) -> None:
+    """The answers for the steps that are left in the window, of which k is the last."""
+    spread_path(walk, walk.base, k, walk.free)
 
 
 def lag_steps(walk: Walk, first: Integer, last: Integer) -> Integer:

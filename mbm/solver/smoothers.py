@@ -22,8 +22,8 @@ from math import isfinite, sqrt
 from mbm.machine.words import Integer, Real, Reals
 from mbm.solver.charts import step_between, transport
 from mbm.solver.filter_keeping import keep_step
-from mbm.solver.filter_moves import add_noise, carry_lines, move_on, to_columns
-from mbm.solver.filter_records import Walk, load_move, load_step, step_cost, step_lines
+from mbm.solver.filter_moves import NEAR, add_noise, carried, carry_lines, move_on, reach, to_columns
+from mbm.solver.filter_records import Walk, hold_move, load_move, load_step, step_cost, step_lines
 from mbm.solver.filter_update import (
     ENOUGH_DECREASE,
     FIRST_COST,
@@ -121,16 +121,14 @@ def keep_path(walk: Walk, k: Integer) -> None:
     keep_step(walk, k)
 
 
-def spread_path(walk: Walk, first: Integer, last: Integer, free: Integer) -> Integer:
-    """The answers for the steps ``first … last``; 0 where something is not finite."""
+def spread_path(walk: Walk, first: Integer, last: Integer, free: Integer) -> None:
+    """The answers for the steps ``first … last``."""
     spread_first(walk, free)
     drop_open(walk, free)
     keep_path(walk, first)
     for k in range(first, last):
-        if spread_next(walk, k) == 0:
-            return 0
+        spread_next(walk, k)
         keep_path(walk, k + 1)
-    return 1
 
 
 def begin_forward(walk: Walk, first: Integer, free: Integer, part: Real) -> Real:
@@ -167,6 +165,22 @@ def tried_noise(walk: Walk, k: Integer, part: Real) -> Real:
     return total
 
 
+def guess_ahead(walk: Walk, k: Integer) -> None:
+    """Let `ahead` be about where the step of the path that is tried leads which `tried_noise` has left."""
+    chain = walk.chain
+    n = chain.n
+    q = chain.noises
+    at = slot_of(walk, k)
+    hold_move(walk, at)
+    carried(n, chain.still, walk.carry, walk.step, walk.wanted)
+    for j in range(q):
+        walk.noise[j] = walk.noises_tried[at * q + j] - walk.noises[at * q + j]
+    for i in range(n - chain.still):
+        walk.wanted[chain.still + i] += dot(q, walk.push[i * q :], walk.noise)
+    hold_move(walk, chain.kept)
+    retract(walk.seen, path_of(walk, k + 1), walk.wanted, walk.ahead)
+
+
 def forward(walk: Walk, first: Integer, last: Integer, free: Integer, part: Real) -> Real:
     """The cost of the path that a ``part`` of the step leads to."""
     chain = walk.chain
@@ -179,9 +193,9 @@ def forward(walk: Walk, first: Integer, last: Integer, free: Integer, part: Real
             return FIRST_COST
         if k < last:
             cost += tried_noise(walk, k, part)
+            guess_ahead(walk, k)
             load_noise(walk, k, walk.noises_tried)
-            copied(chain.numbers, path_of(walk, k + 1), walk.ahead)
-            if move_on(walk, own) == 0:
+            if reach(walk, own, NEAR) == 0:
                 return FIRST_COST
             copied(chain.numbers, walk.ahead, walk.path_tried[slot_of(walk, k + 1) * chain.numbers :])
     return cost
@@ -223,27 +237,25 @@ def spread_first(walk: Walk, free: Integer) -> None:
     set_new_factor(walk, free + walk.chain.n)
 
 
-def spread_next(walk: Walk, k: Integer) -> Integer:
+def spread_next(walk: Walk, k: Integer) -> None:
     """The factor of step k + 1 from that of step k, given everything."""
     chain = walk.chain
     n = chain.n
     q = chain.noises
-    load_noise(walk, k, walk.noises)
-    copied(chain.numbers, path_of(walk, k + 1), walk.ahead)
-    if move_on(walk, path_of(walk, k)) == 0:
-        return 0
+    at = slot_of(walk, k)
+    hold_move(walk, at)
     closed(walk, k, n, walk.factor)
     closed(walk, k, walk.open_count, walk.open)
-    roots = walk.roots[slot_of(walk, k) * q * q :]
+    hold_move(walk, chain.kept)
+    roots = walk.roots[at * q * q :]
     for i in range(n - chain.still):
+        known = walk.pushes[(at * n + i) * q :]
         own = walk.push[i * q :]
-        copied(q, own, walk.noise)
         for j in range(q):
             own[j] = 0.0
             for part in range(j + 1):
-                own[j] += walk.noise[part] * roots[part * q + j]
+                own[j] += known[part] * roots[part * q + j]
     add_noise(walk, n, walk.factor)
-    return 1
 
 
 def slot_of(walk: Walk, k: Integer) -> Integer:
@@ -276,6 +288,7 @@ def load_noise(walk: Walk, k: Integer, noises: Reals) -> None:
 def follow(walk: Walk, k: Integer) -> Integer:
     """The transition that leads from step k on the path; `step` becomes the gap to the step that it should reach."""
     chain = walk.chain
+    hold_move(walk, slot_of(walk, k))
     load_noise(walk, k, walk.noises)
     copied(chain.numbers, path_of(walk, k + 1), walk.ahead)
     found = move_on(walk, path_of(walk, k))
@@ -378,4 +391,5 @@ def backward(walk: Walk, first: Integer, last: Integer) -> Integer:
             return 0
         eliminate_noise(walk, k)
         add_future(walk, k)
+    hold_move(walk, walk.chain.kept)
     return 1

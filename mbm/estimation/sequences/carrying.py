@@ -101,7 +101,6 @@ class Carrying:
         count = int(np.searchsorted(last.steps, steps[0]))
         if last.begins and count == 0:
             return None
-        prior = last.memory.carried(count) if count < len(last.steps) and last.steps[count] == steps[0] else None
-        if prior is None:
+        if count == len(last.steps) or last.steps[count] != steps[0]:
             raise MbmError(faults.not_carried(self._window.span, "has a window without a step of the one before"))
-        return prior
+        return last.memory.carried(count)

@@ -43,7 +43,10 @@ FINE = 1e-9
 """A step, in standard deviations, that ends the iteration over all steps: answers are those of ``batch``."""
 
 COARSE = 1e-6
-"""The same for updates and windows, which are many: what is left of them goes on into the next."""
+"""The same for updates, which are many: what is left of them goes on into the next."""
+
+COARSER = 1e-5
+"""The same for the windows of a fixed lag: each step is solved again in the next ones, with what was left of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -212,7 +215,7 @@ def _rules(estimator: Estimator, settings: Settings, lossy: bool) -> Rules:
         iterations=1 if once else settings.max_iterations,
         cut=estimator.cuts or estimator.method is SequenceMethod.TRUNCATED,
         skip=estimator.skip,
-        tolerance=FINE if smooth and estimator.lag is None and not estimator.cuts else COARSE,
+        tolerance=COARSER if estimator.lag is not None else FINE if smooth and not estimator.cuts else COARSE,
         smooth=smooth,
         hypotheses=estimator.hypotheses,
         lag=estimator.lag,

@@ -144,7 +144,7 @@ class Stepper:
             return self.given_all(self.steps)
         left = range(max(self.steps - self.lag, 0), self.steps) if self._rules.smooth else range(0)
         if left:
-            self.failed = not self._memory.routine("lag_end", self.steps - 1)
+            self._memory.routine("lag_end", self.steps - 1)
         return [] if self.failed else [self._at(k) for k in left]
 
     def _made(self) -> Memory:

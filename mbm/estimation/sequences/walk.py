@@ -181,14 +181,10 @@ class Memory:
             evaluations=self._get("evaluations"),
         )
 
-    def carried(self, count: int) -> Prior | None:
-        """After a run the prior of the step so many behind the first, by the rows before it, along the path.
-
-        None where a transition leads nowhere.
-        """
+    def carried(self, count: int) -> Prior:
+        """After a run the prior of the step so many behind the first, by the rows before it, along the path."""
         self._set_prior()
-        if not self.routine("carry_on", count):
-            return None
+        self.routine("carry_on", count)
         n, numbers = int(self.chain[Chain.n]), int(self.chain[Chain.numbers])
         left = self._get("open_count")
         return Prior(
