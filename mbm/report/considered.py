@@ -35,6 +35,9 @@ a search leaves of a deviation, 1e-8 or less, grows a hundredfold."""
 LEAST_MOVED = 1e-6
 """Share of its value by which a constant is moved at least, but no more than a standard deviation, for the rounding."""
 
+VARIANCE_ROUNDS = 30
+"""Of Newton's for the variance of unknown noise: each squares what it is off by, once it is near."""
+
 Pair = tuple[SolveReport, SolveReport]
 """A solve with a constant below and above its value."""
 
@@ -95,17 +98,21 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
 
 def _tested(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> SolveReport:
     """A solve whose doubts of the noise mind what the constants do to residuals."""
-    if solve.chi2_p is None or solve.dof is None or solve.made_from is None:
+    if not solve.dof or solve.made_from is None:
         return solve
     solution = solve.made_from()[1]
     doubts_of, both = solution.doubts_of, _residuals(solve, moved)
-    if both is None or doubts_of is None:
+    if both is None or doubts_of is None or solution.factors is not None:
         return solve
     residuals, moves = both
     _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
-    residuals = residuals - (1.0 - 1.0 / np.sqrt(1.0 + np.square(lengths))) * (axes @ residuals) @ axes
-    squares = float(residuals @ residuals)
-    fit = replace(solution.fit, sigma0=float(np.sqrt(squares / solve.dof)), chi2_p=chi_square_tail(squares, solve.dof))
+    parts, stated = axes @ residuals, solve.chi2_p is not None
+    noise = 1.0 if stated else _variance(float(residuals @ residuals), parts, lengths, solve.dof)
+    residuals = residuals - (1.0 - np.sqrt(noise / (noise + np.square(lengths)))) * parts @ axes
+    squares, fit = float(residuals @ residuals), solution.fit
+    if stated:
+        tail = chi_square_tail(squares, solve.dof)
+        fit = replace(fit, sigma0=float(np.sqrt(squares / solve.dof)), chi2_p=tail)
 
     def examined() -> Examined:
         found = solve.examined()
@@ -113,6 +120,21 @@ def _tested(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]
         return replace(found, diagnostics=(*others, *doubts_of(residuals, fit)))
 
     return replace(solve, chi2_p=fit.chi2_p, examination=examined)
+
+
+def _variance(squares: float, parts: Floats, lengths: Floats, dof: int) -> float:
+    """The variance v of unknown noise at which eᵀ(I + D Dᵀ/v)⁻¹e/v is as large as its ``dof``.
+
+    ``squares`` is eᵀe, ``parts`` (k,) of e lie along D's singular vectors, whose singular values are ``lengths`` (k,).
+    By Newton's rounds from below, as the sum falls with v and is convex.
+    """
+    apart, along = np.square(lengths), np.square(parts)
+    rest = max(squares - float(along.sum()), 0.0)
+    found = rest / dof
+    for _ in range(VARIANCE_ROUNDS if found > 0.0 else 0):
+        excess = rest / found + float((along / (found + apart)).sum()) - dof
+        found += excess / (rest / found**2 + float((along / np.square(found + apart)).sum()))
+    return found or squares / dof or 1.0
 
 
 def _residuals(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> tuple[Floats, Floats] | None:
@@ -125,9 +147,10 @@ def _residuals(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pai
 
     own = residuals(solve)
     pairs = [(residuals(below), residuals(above)) for _, (below, above) in moved]
-    if solve.dof is None or solve.chi2_p is None:
+    told, squares = solve.chi2_p, float(own @ own)
+    if solve.dof is None or solve.cost is None or solve.robust_cost is not None:
         return None
-    if not np.isclose(chi_square_tail(float(own @ own), solve.dof), solve.chi2_p):
+    if not np.isclose(*((squares, solve.cost) if told is None else (chi_square_tail(squares, solve.dof), told))):
         return None
     if any(each.shape != own.shape for pair in pairs for each in pair):
         return None
