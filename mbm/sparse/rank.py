@@ -33,6 +33,12 @@ SUSPECT = 1e-8
 GAP = 1e3
 """Singular values, relative to the largest, that are zero: the first surely, the second if a gap follows them."""
 
+WEAK = 1e-5
+"""Singular values, relative to the largest, below which the rounding of ``JᵀJ`` would take digits from a variance."""
+
+APART = 0.1
+"""The same beside that of the last trial: only what is so far from it has converged, to 1e-12 in `ROUNDS`."""
+
 PART = 512
 """Rows that are triangularised together: they stay in the cache, where tall matrices do not."""
 
@@ -52,8 +58,11 @@ class Decision:
     complete: bool
 
 
-def decided(found: Plan, values: Values, held: Mask) -> Decision:
-    """The rank decision for the Jacobian ``values``; columns in ``held`` (columns,) do not move."""
+def decided(found: Plan, values: Values, held: Mask, *, affine: bool = False) -> Decision:
+    """The rank decision for the Jacobian ``values``; columns in ``held`` (columns,) do not move.
+
+    That of ``affine`` equations carries no more than roundings, so that no gap makes a direction free.
+    """
     layout = found.structure
     still = layout.dead | held
     squares = np.where(still, 0.0, found.squares(values))
@@ -64,9 +73,9 @@ def decided(found: Plan, values: Values, held: Mask) -> Decision:
     largest = _largest(found, scaled)
     local = _local(found, normal, scaled, zero)
     normal = _pinned(found, normal, local)
-    null, smallest, complete = _common(found, normal, scaled, zero, largest)
+    null, weak, strengths, complete = _common(found, normal, scaled, zero, largest, affine)
     added = np.where(zero, 1.0, 0.0)
-    added[_pivots(null)] += 1.0
+    added[_pivots(np.hstack([null, weak]))] += 1.0
     factors = factorised(found, normal, added)
     for shift in SHIFTS:
         if factors is None:
@@ -74,7 +83,9 @@ def decided(found: Plan, values: Values, held: Mask) -> Decision:
     if factors is None:
         message = "the scaled normal equations are not finite"
         raise ArithmeticError(message)
-    inverse = SparseInverse(factors=factors, scale=scale, null=null, local=local, zero=zero)
+    own = strengths[: weak.shape[1]]
+    inverse = SparseInverse(factors=factors, scale=scale, null=null, weak=weak, strengths=own, local=local, zero=zero)
+    smallest = float(strengths[0]) if len(strengths) else largest
     return Decision(inverse=inverse, unused=zero & ~still, smallest=smallest, largest=largest, complete=complete)
 
 
@@ -122,13 +133,17 @@ def _pinned(found: Plan, normal: Normal, local: LocalNull) -> Normal:
     return replace(normal, blocks={**normal.blocks, key: blocks})
 
 
-def _common(found: Plan, normal: Normal, values: Values, zero: Mask, largest: float) -> tuple[Floats, float, bool]:
-    """Free directions (columns, g), the smallest singular value of the others, whether all were found."""
-    live = int((~zero).sum())
+def _common(
+    found: Plan, normal: Normal, values: Values, zero: Mask, largest: float, affine: bool
+) -> tuple[Floats, Floats, Floats, bool]:
+    """Free directions (columns, g), weak ones (columns, w), the singular values of these and of the next one or two, if
+    any, and whether all free ones were found.
+    """
+    live, none = int((~zero).sum()), np.zeros((len(zero), 0))
     trials = min(TRIALS, live)
     factors = _shifted(found, normal, zero)
     if not trials or factors is None or largest == 0.0:
-        return np.zeros((len(zero), 0)), largest, True
+        return none, none, np.zeros(0), True
     while True:
         directions = np.random.default_rng(0).standard_normal((len(zero), trials))
         directions[zero] = 0.0
@@ -138,11 +153,11 @@ def _common(found: Plan, normal: Normal, values: Values, zero: Mask, largest: fl
         basis = orthonormal(directions)
         images = [found.image(values, direction) for direction in basis.T]
         _, singular, right = np.linalg.svd(_triangle(images))
-        shares = singular[::-1] / largest
-        free = free_count(shares)
+        singular, right = singular[::-1], right[::-1]
+        free = free_count(singular / largest, affine)
         if free < trials or trials >= min(MOST, live):
-            null = basis @ right[::-1][:free].T
-            return null, float(singular[::-1][min(free, trials - 1)]), free < trials
+            turned, weak = basis @ right.T, int((singular <= min(WEAK * largest, APART * singular[-1])).sum())
+            return turned[:, :free], turned[:, free : max(free, weak)], singular[min(free, trials - 1) :], free < trials
         trials = min(2 * trials, MOST, live)
 
 
@@ -170,12 +185,12 @@ def _triangle(columns: list[Floats]) -> Floats:
     return found
 
 
-def free_count(shares: Floats) -> int:
+def free_count(shares: Floats, affine: bool = False) -> int:
     """How many of the singular values (ascending, relative to the largest) are zero."""
     count = 0
     for k, share in enumerate(shares.tolist()):
         following = float(shares[k + 1]) if k + 1 < len(shares) else 1.0
-        if share <= CERTAIN or (share <= SUSPECT and share * GAP <= following):
+        if share <= CERTAIN or (not affine and share <= SUSPECT and share * GAP <= following):
             count = k + 1
         elif share > SUSPECT:
             break

@@ -245,3 +245,20 @@ def test_what_cannot_be_told_in_affine_equations_stays_so():
         observed = observability(jacobian, np.ones(4), np.zeros(4, bool), affine=True)
         assert observed.rank == 3
         assert observed.estimable.tolist() == [False, False, True, False]
+
+
+@pytest.mark.parametrize(("apart", "rate"), [(100, 0.0041330424), (500, 0.0044544932)])
+def test_weak_directions_of_large_problems_keep_their_digits(apart, rate):
+    """801 unknowns: the normal equations, of a condition of 1e17 and more, have none of what parts o from x.
+
+    The last rate's deviation is that of the smoother, which never forms them.
+    """
+    rows = " ".join(f"({apart * k}ms {0.3 + 0.001 * k:.4f}m)" for k in range(400))
+    text = f"""(problem p (data d (table (t y) {rows})) (unknowns (o :init 0m :sigma 1m))
+      (states :over t (x :init 0m :sigma 1m)) (dynamics (constant-velocity x :acceleration 0.1m/s^2))
+      (observe d (= y (+ x o)) :sigma 0.1mm))"""
+    solve = mbm.loads(text).solve().solves[0]
+    assert str(solve.status) == "converged"
+    assert solve["o"].sigma == pytest.approx(np.sqrt(0.5), rel=1e-6)
+    # What is known better than 1e-5 of the largest is left to the normal equations, which cost some digits.
+    assert solve["x.rate"].sigma[-1] == pytest.approx(rate, rel=1e-4)

@@ -188,7 +188,7 @@ def observed_at(
         # Loaded by sparse problems only, so that the others start at once.
         from mbm.estimation.uncertainty.sparse import sparse_observability
 
-        return sparse_observability(minimum, point, weights)
+        return sparse_observability(minimum, point, weights, affine=affine)
     surface, held = None, minimum.constraints
     if held is not None and bool(held.forcing.any()):
         surface = Surface(slopes=held.slopes[held.forcing], equality=held.equality[held.forcing])

@@ -33,15 +33,19 @@ PART = 4_000_000
 
 
 @np.errstate(all="ignore")
-def sparse_observability(minimum: Minimum, point: Floats, weights: Floats | None = None) -> Observability:
+def sparse_observability(
+    minimum: Minimum, point: Floats, weights: Floats | None = None, *, affine: bool = False
+) -> Observability:
     """The rank decision at a minimum of a sparse problem, with the coordinates ``point`` (n,).
 
-    ``weights`` (m,) multiply the rows of its Jacobian (None: all 1).
+    ``weights`` (m,) multiply the rows of its Jacobian (None: all 1). ``affine``: equations and constraints are.
     """
     blocks = blocks_of(minimum)
     fixed = minimum.at_bound != 0
     values = blocks.values if weights is None else weighted_rows(blocks, weights)
-    return described(decided(blocks.plan, values, held_columns(blocks, fixed)), point, fixed, minimum.constraints)
+    return described(
+        decided(blocks.plan, values, held_columns(blocks, fixed), affine=affine), point, fixed, minimum.constraints
+    )
 
 
 def held_columns(blocks: BlockJacobian, fixed: Mask) -> Mask:
