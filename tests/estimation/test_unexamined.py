@@ -81,3 +81,14 @@ def test_more_than_300_unknowns_are_named():
       (observe d (= y (* (a g) (exp (* -1 (k g) x)))) :sigma 0.05))"""
     result = mbm.loads(text).solve(data={"d": {"g": g, "x": x, "y": y}})
     assert list(result.not_examined) == ["curvature"]
+
+
+@pytest.mark.parametrize(("limit", "said"), [(0.19, ["intervals beside limits of R"]), (0.5, [])])
+def test_rotations_beside_what_a_limit_holds_are_named(limit, said):
+    found = mbm.loads(
+        f"""(problem p (unknowns (R (rotation 3)) (a))
+          (data d (table (x y z u v w) (1 0 0 0.98 0.20 0.02) (0 1 0 -0.21 0.97 0.01) (0 0 1 0.01 -0.02 1.01)))
+          (observe d (= [u v w] (rotate R [x y z])) :sigma 0.02) (observe (= 1 a) :sigma 0.1)
+          (constraints (<= (dot [0 1 0] (rotate R [1 0 0])) {limit})))"""
+    ).solve()
+    assert list(found.not_examined) == said

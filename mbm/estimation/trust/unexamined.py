@@ -35,10 +35,26 @@ def unexamined(
     """Reasons by what was not examined; nothing where no minimum was reached."""
     if not minimum.reason.converged:
         return {}
+    return {**_curvature(propagation, minimum, derived, found), **_beside_limits(propagation, minimum)}
+
+
+def _beside_limits(propagation: Propagation, minimum: Minimum) -> Mapping[str, str]:
+    """The same of intervals beside what limits hold; nothing where they hold nothing."""
     outcome = propagation.outcome
-    why = unfollowed(outcome.influence.equations, minimum) if limited(outcome.observed) else None
-    beside = {} if why is None else {BESIDE_LIMITS: why}
-    return {**_curvature(propagation, minimum, derived, found), **beside}
+    if not limited(outcome.observed):
+        return {}
+    why = unfollowed(outcome.influence.equations, minimum)
+    if why is not None:
+        return {BESIDE_LIMITS: why}
+    equations = propagation.equations
+    layout = equations.layout
+    free = np.zeros(len(layout.number), dtype=bool)
+    free[equations.free] = layout.number[equations.free] < 0
+    return {
+        f"{BESIDE_LIMITS} of {entry.unknown.name}": "of what turns only the linear intervals are known"
+        for entry in layout.entries
+        if bool(free[entry.coordinates].any())
+    }
 
 
 def unfollowed(equations: Assembled, minimum: Minimum) -> str | None:
