@@ -125,9 +125,9 @@ class Likelihood:
         """
         moved = self.moved
         released = np.isfinite(self.limits.step) & (self.limits.sigma > 0.0)
-        if self.followed and len(moved.dof) and int(released.sum()) > 1:
-            # constants move each of them as it is without all limits, and the others may leave theirs, too
-            released[:] = False
+        if self.followed and (len(moved.dof) or self.linear is not None):
+            # constants move each of them as it is without all limits, and others may meet or leave theirs, too
+            released &= ~self.edges.beside()
         alone = replace(own, sigma=self.limits.sigma).beside(moved.free, moved.dof)
         for which in np.flatnonzero(released).tolist():
             # of what a limit holds, what is between the limits is left of its distribution without them

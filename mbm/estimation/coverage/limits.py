@@ -105,6 +105,12 @@ class Edges:
     slopes: Floats
     factor: Floats
 
+    def beside(self) -> Mask:
+        """Which coordinates (n,) are not the only ones that are limited."""
+        touched = self.slopes != 0.0
+        alone = touched & (touched.sum(axis=1, keepdims=True) == 1)
+        return np.asarray(alone.sum(axis=0) < len(touched))
+
     @np.errstate(all="ignore")
     def passed(self, gradient: Floats, linear: Floats, *, own: bool) -> Mask:
         """Whether the most probable places at a linear end, which is so far (k,), of quantities with the gradient

@@ -236,7 +236,7 @@ def directions(size: int) -> Floats:
     one = np.eye(size)
     pairs = [(i, j) for i in range(size) for j in range(i)] if size <= MOST_BETWEEN else []
     between = [(one[i] + sign * one[j]) / np.sqrt(2.0) for i, j in pairs for sign in (1.0, -1.0)]
-    return np.array([*one, *between]).reshape(-1, size)
+    return np.vstack([one, *between])
 
 
 @np.errstate(all="ignore")

@@ -45,3 +45,20 @@ def test_near_a_limit_all_that_depends_on_what_it_limits_keeps_to_it(readings: t
         # ends that are right to a tenth of the growth's root stay, and the grid is as fine as a hundredth of them
         assert found[name].interval() == pytest.approx(wanted, abs=0.03 * (wanted[1] - wanted[0]))
     assert found["b"].interval() == pytest.approx(shortest(b[0], cost.min(axis=0)), abs=0.01)
+
+
+def test_where_all_estimates_are_at_limits_each_has_the_interval_of_all_together() -> None:
+    """Both at once, and one that meets the limit of both as it leaves its own: a grid of both."""
+    text = """(problem p (unknowns (a :in (0 5)) (b :in (0 5))) {}
+        (observe (= -0.1 a) (= -0.2 b) (= -0.2 (+ a (* 2 b))) :sigma 1)
+        (derive (bent (exp (+ a (* a b)))) (sum (+ a b))))"""
+    for limit in ("", "(constraints (<= (+ a b) 1))"):
+        found = mbm.loads(text.format(limit)).solve()
+        a, b = np.meshgrid(np.linspace(0.0, 6.0, 1501), np.linspace(0.0, 6.0, 1501), indexing="ij")
+        cost = (a + 0.1) ** 2 + (b + 0.2) ** 2 + (a + 2 * b + 0.2) ** 2
+        cost[a + b > (1.0 if limit else np.inf)] = np.inf
+        cost -= cost.min()
+        assert found["bent"].interval()[0] == pytest.approx(1.0)
+        for name, costs in (("a", cost.min(axis=1)), ("b", cost.min(axis=0))):
+            # two steps of the grid
+            assert found[name].interval() == pytest.approx(shortest(a[:, 0], costs), abs=8e-3)
