@@ -143,3 +143,19 @@ def test_focal_lengths_in_a_column_say_where_a_camera_looks():
     solved = mbm.loads(text.format(more="", l=":focal (800 810)", r=":focal (f g)", cl=cl, cr=cr)).solve(data=data)
     assert solved.first.cost < 1e-6
     np.testing.assert_allclose(solved["B"].value, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("left", "right"), [("opencv", "opengl"), ("paper", "opencv")])
+def test_targets_in_space_tell_cameras(left, right):
+    """Points that lie in no plane: unknown cameras of both conventions, and where the second one is."""
+    data, expected, _ = pair(left, right, 0.03)
+    cameras = {
+        "l": f":axes {left} :focal (fx fy)",
+        "r": f":axes {right} :focal (gx gy)",
+        "cl": "(cx cy)",
+        "cr": "(dx dy)",
+    }
+    solved = mbm.loads(PAIR.format(more="(fx) (fy) (cx) (cy) (gx) (gy) (dx) (dy)", **cameras)).solve(data=data)
+    got = [solved[name].value for name in ("fx", "fy", "gx", "gy")]
+    np.testing.assert_allclose(got, [800.0, 810.0, 700.0, 705.0], rtol=1e-6)  # without noise
+    np.testing.assert_allclose(solved["B"].value, expected, atol=1e-6)

@@ -1,4 +1,4 @@
-"""Photographs of a plane of known points: the camera, and the pose of each view (Zhang 2000).
+"""Photographs of known points, of a plane most often: the camera, and the pose of each view (Zhang 2000).
 
 Of a fisheye, that focal length with which the planes suit best what was seen.
 
@@ -10,7 +10,7 @@ Where a camera stands before the unknown poses through which it sees, from how i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 
 import numpy as np
@@ -60,13 +60,17 @@ PLANAR = 1e-3
 """Extent of the points across their plane beside the largest, up to which a start takes them for plane: coordinates of
 boards are measured, and rounded."""
 
+LEAST_IN_SPACE, DEEP = 6, 0.03
+"""Points of space that tell the camera by their image, and their extent across the likeliest plane beside the largest
+from which on they do, whatever the noise."""
+
 PROBE = np.array([0.4, 0.7, 1.3])
 """A place to look at: before the camera, with either axes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """Points (n, 2) in coordinates of their plane, and where a camera sees them (n, 2).
+    """Points (n, 2) in coordinates of their plane, or (n, 3) in space, and where a camera sees them (n, 2).
 
     ``basis`` (3, 3) and ``origin`` place the plane in space. ``places`` (7,) are those of the numbers of the one
     unknown pose through which it is seen, or none; ``inverse``: it is the inverse of that pose. ``eye`` is the camera's
@@ -185,14 +189,15 @@ def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> I
         points = found.points[rows]
         origin = points.mean(axis=0)
         _, extent, basis = np.linalg.svd(points - origin, full_matrices=False)
-        if len(rows) < 4 or not extent[2] <= PLANAR * extent[0] < extent[1]:
+        spatial = len(rows) >= LEAST_IN_SPACE and lens is Lens.PINHOLE and extent[2] > DEEP * extent[0]
+        if not spatial and (len(rows) < 4 or not extent[2] <= PLANAR * extent[0] < extent[1]):
             continue
         basis[2] = np.cross(basis[0], basis[1])
         link = found.links[0] if len(found.links) == 1 else None
         yield View(
             camera=number,
             lens=lens,
-            plane=(points - origin) @ basis[:2].T,
+            plane=(points - origin) @ basis[: 3 if spatial else 2].T,
             image=seen[rows],
             basis=basis.T,
             origin=origin,
@@ -232,7 +237,10 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
         if not views:
             continue
         first = views[0]
-        found = camera_numbers(camera.kinds, first.lens, [(view.plane, view.image) for view in views])
+        spatial = [view for view in views if view.plane.shape[1] == 3]
+        views = [] if spatial else views  # the poses then follow from the camera
+        seen = [(view.plane, view.image) for view in spatial or views]
+        found = camera_in_space(camera.kinds, seen) if spatial else camera_numbers(camera.kinds, first.lens, seen)
         if found is None:
             continue
         numbers, homographies = found
@@ -303,6 +311,25 @@ def standing(moved: MovedPoints) -> Eye | None:
     apart = values - values[:1] - (shown - shown[:1])
     size = 1.0 + np.abs(values).max() + np.abs(shown).max()
     return eye if bool(np.abs(apart).max() <= AGREEMENT * size) else None
+
+
+def camera_in_space(kinds: tuple[int, ...], views: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats] | None:
+    """A camera's numbers (s,) from images of points (n, 3) of space, the medians of all views; and no homography.
+
+    ``P = K [R t]`` by the direct linear transformation of each, and K from ``M Mᵀ = K Kᵀ``, M = K R (Hartley and
+    Zisserman 2004, 7.1). None where they tell of no camera.
+    """
+    found = []
+    for points, image in views:
+        extent, middle = float(np.ptp(image, axis=0).max()), image.mean(axis=0)
+        M = _projection(points / np.abs(points).max(), (image - middle) / extent)[:, :3]
+        conic = M @ M.T
+        centre = conic[:2, 2]
+        fy = np.sqrt(conic[1, 1] - centre[1] ** 2)
+        fx = np.sqrt(conic[0, 0] - centre[0] ** 2 - ((conic[0, 1] - centre[0] * centre[1]) / fy) ** 2)
+        found.append([*(extent * np.array([fx, fy, (fx + fy) / 2])), *(extent * centre + middle), 0.0])
+    known = np.array([each for each in found if np.isfinite(each).all()]).reshape(-1, 6)
+    return (np.median(known, axis=0)[list(kinds)], np.empty((0, 3, 3))) if len(known) else None
 
 
 def _projection(places: Floats, images: Floats) -> Floats:
