@@ -10,8 +10,7 @@ import numpy as np
 
 from mbm.equations.binding import Group, affine, all_seen, block_rows, mentioned
 from mbm.equations.layout import Layout
-from mbm.equations.likelihoods import uncounted
-from mbm.equations.losses import rooted, rooted_jacobian
+from mbm.equations.losses import rooted_residuals, rooted_slopes
 from mbm.equations.manifolds import chart_slopes
 from mbm.equations.scatter import Scatter
 from mbm.equations.types import Floats, Indices, Mask
@@ -222,17 +221,17 @@ class Assembled:
 
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals with losses in square-root form (m,): the sum of their squares is the robust cost."""
-        return rooted_residuals(self, self.plain_residuals(x))
+        return self.rooted(self.plain_residuals(x))
 
     def residuals_at(self, points: Floats) -> Floats:
         """``residuals`` (P, m) at points (P, N), each kernel called once for all of them."""
         straight = self.straightened()
         if straight is None:
-            return rooted_residuals(self, self.plain_residuals_at(points))
+            return self.rooted(self.plain_residuals_at(points))
         found = straight.residuals_at(points)
         left = np.flatnonzero(~np.isfinite(found).all(axis=1))
         if len(left):
-            found[left] = rooted_residuals(self, self.plain_residuals_at(points[left]))
+            found[left] = self.rooted(self.plain_residuals_at(points[left]))
         return found
 
     def plain_residuals_at(self, points: Floats) -> Floats:
@@ -261,7 +260,12 @@ class Assembled:
     def linearised(self, x: Floats) -> tuple[Floats, Floats]:
         """``residuals`` and ``jacobian``, each kernel called once for both."""
         plain, slopes = self.plain_linearised(x)
-        return (rooted_residuals(self, plain), rooted_slopes(self, plain, slopes)) if self.lossy else (plain, slopes)
+        return (self.rooted(plain), rooted_slopes(loss_lines(self), plain, slopes)) if self.lossy else (plain, slopes)
+
+    def rooted(self, plain: Floats) -> Floats:
+        """Residuals (…, m) with the losses of their units, in square-root form."""
+        acting = ((loss, (..., lines)) for loss, lines in loss_lines(self))
+        return rooted_residuals(acting, plain) if self.lossy else plain
 
     def constraint_values(self, x: Floats) -> Floats:
         """What the constraints want zero, or not above zero (k,); see ``equality``."""
@@ -309,7 +313,11 @@ class Assembled:
     @property
     def uncounted(self) -> Mask | None:
         """Which residuals (m,) are no part of χ², and have no noise; None: none of them."""
-        return uncounted(self) if self.likely else None
+        found = np.zeros(self.whole, dtype=bool)
+        for group in self.groups:
+            found[group.first : group.first + group.count] = np.tile(~group.counting, group.rows)
+        found = found if self.rows is None else found[self.rows]
+        return found if found.any() else None
 
     def informing(self) -> Assembled:
         """Equations the squares of whose derivatives are the Fisher information; these where there is no likelihood."""
@@ -350,6 +358,14 @@ class Assembled:
         """Of one value for each of all residuals those of the residuals picked (m,)."""
         return whole if self.rows is None else whole[self.rows]
 
+    def expanded(self, picked: Floats) -> Floats:
+        """The reverse: of all residuals what those picked (m, …) have, 0 of the others."""
+        if self.rows is None:
+            return picked
+        whole = np.zeros((self.whole, *picked.shape[1:]))
+        whole[self.rows] = picked
+        return whole
+
     def block_rows(self, number: int) -> Indices:
         """Positions (in m) of the residuals of block ``number``."""
         every = block_rows(self.groups, number)
@@ -364,22 +380,6 @@ class Assembled:
         scatters = tuple(group.scatter(columns) for group in self.groups) if small else ()
         implicit = self.implicit.over(columns) if self.implicit is not None else None
         return replace(self, free=free, numbers=numbers, linear=linear, implicit=implicit, _scatters=scatters)
-
-
-def rooted_residuals(equations: Assembled, plain: Floats) -> Floats:
-    """Residuals (…, m) with the losses of their units, in square-root form."""
-    result = plain.copy() if equations.lossy else plain
-    for loss, lines in loss_lines(equations):
-        result[..., lines] = rooted(loss, plain[..., lines])
-    return result
-
-
-def rooted_slopes(equations: Assembled, plain: Floats, jacobian: Floats) -> Floats:
-    """Jacobian (m, n) of the residuals in square-root form."""
-    result = jacobian.copy()
-    for loss, lines in loss_lines(equations):
-        result[lines] = rooted_jacobian(loss, plain[lines], jacobian[lines])
-    return result
 
 
 def loss_lines(equations: Assembled) -> Iterator[tuple[LossFunction, Indices]]:

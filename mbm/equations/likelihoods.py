@@ -6,18 +6,17 @@ inverse of the Fisher information, which squares of derivatives of the residuals
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
-from mbm.equations.types import Floats, Indices, Mask
+from mbm.equations.types import Floats, Mask
 from mbm.equations.whitening import Whitener, whitener
 from mbm.expression.evaluate import evaluate
 from mbm.expression.nodes import Expression
 from mbm.problem import faults
-from mbm.problem.likelihoods.types import SHIFT, Law, Likelihood
+from mbm.problem.likelihoods.types import Law, Likelihood
 from mbm.problem.rows import Positions, lookup
 from mbm.problem.tables import Table
 from mbm.problem.types import Equation, EquationCase, NoiseKind
@@ -236,91 +235,6 @@ def _log_middle(half: Floats) -> Floats:
     return np.asarray(np.where(half < 1.0, np.log(erf(half / np.sqrt(2.0))), np.log1p(-2.0 * np.exp(log_ndtr(-half)))))
 
 
-class Member(Protocol):
-    """Rows of one kind, and what they have of a likelihood."""
-
-    @property
-    def readings(self) -> Readings | None:
-        """None: the equations have no likelihood."""
-        ...
-
-    @property
-    def number(self) -> int:
-        """Which of all groups it is."""
-        ...
-
-    @property
-    def rows(self) -> int:
-        """How many."""
-        ...
-
-    @property
-    def first(self) -> int:
-        """The place of the first residual."""
-        ...
-
-    @property
-    def count(self) -> int:
-        """How many residuals."""
-        ...
-
-    @property
-    def whiteners(self) -> tuple[Whitener, ...]:
-        """What is known of the noise of each equation."""
-        ...
-
-
-class Members(Protocol):
-    """All rows of a solve."""
-
-    @property
-    def groups(self) -> tuple[Member, ...]:
-        """By kind."""
-        ...
-
-    @property
-    def whole(self) -> int:
-        """How many residuals there are, those too that are left out."""
-        ...
-
-    @property
-    def rows(self) -> Indices | None:
-        """The places of those that count; None: all."""
-        ...
-
-    @property
-    def factors(self) -> Floats | None:
-        """By how much the noise of each residual is larger than stated; None: 1."""
-        ...
-
-
-def likely(groups: tuple[Member, ...]) -> Iterator[tuple[Member, Readings]]:
-    """The groups with a likelihood."""
-    return ((group, group.readings) for group in groups if group.readings is not None)
-
-
-def uncounted(equations: Members) -> Mask | None:
-    """Which residuals (m,) are no part of χ²; None: none of them."""
-    found = np.zeros(equations.whole, dtype=bool)
-    for group, stated in likely(equations.groups):
-        found[group.first : group.first + group.count] = np.tile(stated.uncounted, group.rows)
-    found = found if equations.rows is None else found[equations.rows]
-    return found if found.any() else None
-
-
-def log_likelihood(equations: Members, residuals: Floats) -> float | None:
-    """log L of all readings at the ``residuals`` (m,), constants included; None where no equation has a likelihood."""
-    stated = [each for _, each in likely(equations.groups)]
-    if not stated:
-        return None
-    shifted = sum(int(each.shifted.sum()) * group.rows for group, each in likely(equations.groups))
-    surprise = sum(float(each.surprise.sum()) for each in stated)
-    surprise += sum(_of_weights(group) for group in equations.groups if group.readings is None)
-    if equations.factors is not None:
-        surprise += float(np.log(equations.factors).sum())
-    return float(-0.5 * (np.square(residuals).sum() - SHIFT * shifted) - surprise)
-
-
 def untested(excess: Floats, rows: Floats) -> Mask:
     """Whether χ² says nothing of solves with so much ``excess`` (K,) in so many ``rows`` (K,).
 
@@ -337,25 +251,3 @@ def larger(excess: Floats, rows: Floats) -> Floats:
     """
     share = np.nan_to_num(excess / rows)
     return np.where((share <= SMALLEST) & np.isfinite(excess), 1.0 + LARGER * share, np.nan)
-
-
-def excess_of(equations: Members) -> tuple[Floats, Floats]:
-    """The excess of one solve (1,), and in so many rows (1,)."""
-    stated = [each for _, each in likely(equations.groups)]
-    excess = sum(float(each.excess.sum()) for each in stated)
-    return np.array([excess]), np.array([float(sum(len(each.excess) for each in stated))])
-
-
-def is_untested(equations: Members) -> bool:
-    """Whether χ² says nothing of one solve."""
-    return bool(untested(*excess_of(equations))[0])
-
-
-def _of_weights(group: Member) -> float:
-    """Σ −log L_max of rows with stated weights: half of log det 2πC."""
-    total = 0.0
-    for each in group.whiteners:
-        weights = each.weights
-        roots = weights if weights.ndim == 2 else np.diagonal(weights, axis1=1, axis2=2)
-        total += float((0.5 * np.log(2.0 * np.pi) - np.log(np.abs(roots))).sum())
-    return total

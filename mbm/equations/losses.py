@@ -7,10 +7,11 @@ r of d independent components with variance 1, and ψ(r) = ρ'(|r|²) r, the asy
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from itertools import pairwise
 from math import lgamma, log, sqrt
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -104,6 +105,34 @@ def rooted_jacobian(loss: LossFunction, residuals: Floats, jacobian: Floats) -> 
     along = np.einsum("uk,ukn->un", residuals, jacobian)
     bent = (2.0 * change[:, None] * residuals)[:, :, None] * along[:, None, :]
     return np.asarray(factor[:, None, None] * jacobian + bent)
+
+
+Acting: TypeAlias = tuple[LossFunction, Any]
+"""A loss, and the index that picks the residuals (units, components) of its units from all of them."""
+
+
+def rooted_residuals(acting: Iterable[Acting], plain: Floats) -> Floats:
+    """Residuals in square-root form, of the shape of the ``plain`` ones."""
+    result = plain.copy()
+    for loss, at in acting:
+        result[at] = rooted(loss, plain[at])
+    return result
+
+
+def rooted_slopes(acting: Iterable[Acting], plain: Floats, slopes: Floats) -> Floats:
+    """Their derivatives, from those of the ``plain`` ones; both of the shape of these and one axis more."""
+    result = slopes.copy()
+    for loss, at in acting:
+        result[at] = rooted_jacobian(loss, plain[at], slopes[at])
+    return result
+
+
+def loss_weights(acting: Iterable[Acting], plain: Floats) -> Floats:
+    """ρ' of the ``plain`` residuals; 1 without a loss."""
+    weights = np.ones(plain.shape)
+    for loss, at in acting:
+        weights[at] = loss.weight(np.square(plain[at]).sum(axis=-1))[..., None]
+    return weights
 
 
 def efficiency(weight: RelativeWeight, scale: float, components: int) -> float:

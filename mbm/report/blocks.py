@@ -10,7 +10,7 @@ import numpy as np
 
 from mbm.equations.layout import Layout
 from mbm.equations.types import Indices
-from mbm.estimation.batches.remarks import REMARKED
+from mbm.estimation.batches.answers import REMARKED
 from mbm.estimation.batches.types import Block, Corrections
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.elements import element_names, shown_sigma, shown_values

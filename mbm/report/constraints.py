@@ -9,6 +9,7 @@ import numpy as np
 
 from mbm.equations.binding import Group
 from mbm.equations.types import Conflict
+from mbm.estimation.minimise.constrained.linearise import violations
 from mbm.estimation.search.solution import Solution
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.types import Block, Problem
@@ -51,7 +52,7 @@ def _beyond_rounding(problem: Problem, solution: Solution, values: Floats) -> Ma
         for each in solution.constraints
     ]
     told = np.concatenate([each.ravel() for each in lengths]) + rounding * np.abs(values)
-    return ~(_violation(values, _equality(problem, solution)) <= told)
+    return ~(violations(values, _equality(problem, solution)) <= told)
 
 
 def _equality(problem: Problem, solution: Solution) -> Mask:
@@ -63,10 +64,6 @@ def _equality(problem: Problem, solution: Solution) -> Mask:
     )
 
 
-def _violation(values: Floats, equality: Mask | bool) -> Floats:
-    return np.asarray(np.where(equality, np.abs(values), np.maximum(values, 0.0)))
-
-
 def _report(
     block: Block, owner: int, solution: Solution, values: Floats, violated: Mask, active: Mask
 ) -> ConstraintReport:
@@ -75,7 +72,7 @@ def _report(
     places = np.concatenate([g.first + np.arange(g.count) for g in groups])
     own = values[places]
     worst = float(own[int(np.argmax(np.abs(own) if equation else own))]) if own.size else 0.0
-    violation = float(_violation(own, equation).max(initial=0.0))
+    violation = float(violations(own, equation).max(initial=0.0))
     broken, limiting = bool(violated[places].any()), bool(active[places].any())
     table = solution.tables[block.table] if block.table is not None else None
     rows_of = [_rows(g, table.rows) for g in groups] if table is not None else []

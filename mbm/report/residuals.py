@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.binding import Group, block_rows, measured_side
+from mbm.equations.solves import lines_of, mean_roots, used_rows
 from mbm.equations.types import NoiseState
 from mbm.estimation.search.solution import Solution
 from mbm.problem.naming import PRIOR
 from mbm.problem.tables import Provenance, Table
 from mbm.problem.types import BlockRole, Problem
+from mbm.report.encode import number
 from mbm.report.row_data import ResidualRow, ResidualSummary, RowData
 from mbm.report.types import CorrectionReport, Floats, Mask, PriorReport
 from mbm.text.types import DataPlace
@@ -37,24 +39,19 @@ def normalised(solution: Solution) -> Floats:
 @np.errstate(all="ignore")
 def residual_summaries(problem: Problem, solution: Solution) -> Mapping[str, ResidualSummary]:
     """Rows, rows used and their normalised root mean square, and outliers, of each observation."""
-    values, counting = normalised(solution), _counted(solution)
-    groups: dict[int, list[Group]] = {}
-    for group in solution.groups:
-        groups.setdefault(group.kernel.owner, []).append(group)
+    counting, blocks = _counted(solution)[None], len(problem.blocks)
+    lines = lines_of(solution.groups, counting[0])
+    rms, used = mean_roots(lines, normalised(solution)[None], counting, blocks), used_rows(lines, counting, blocks)
     found = {}
     for i, block in enumerate(problem.blocks):
         if block.role is not BlockRole.OBSERVATION:
             continue
-        own = groups.get(i, [])
-        rows = block_rows(own, i)
-        squares = values[rows][counting[rows]] ** 2
         table = solution.tables[block.table] if block.table is not None else None
-        rms = float(np.sqrt(squares.mean())) if len(squares) and np.isfinite(squares).all() else None
-        bad = _outlier_positions(solution, own)
+        bad = _outlier_positions(solution, i)
         found[block.name] = ResidualSummary(
             rows=len(table) if table is not None else 1,
-            used=sum(_used_rows(solution, group) for group in own),
-            rms=rms,
+            used=int(used[0, i]),
+            rms=number(float(rms[0, i])),
             outliers=tuple(sorted(int(table.rows[p]) for p in bad)) if table is not None else (1,) * len(bad),
             outlier_places=places_of(table, bad) if table is not None else (),
         )
@@ -88,19 +85,11 @@ def _counted(solution: Solution) -> Mask:
     return found if solution.weights is None else np.asarray(found & (solution.weights > 0.0))
 
 
-def _used_rows(solution: Solution, group: Group) -> int:
-    """Rows of a group of which at least one equation counted."""
-    if solution.weights is None:
-        return group.rows
-    lines = solution.weights[group.first : group.first + group.count]
-    return int((lines.reshape(group.rows, group.kernel.outputs) > 0.0).any(axis=1).sum())
-
-
-def _outlier_positions(solution: Solution, groups: Sequence[Group]) -> list[int]:
-    """Positions in the table (0 without one) of the rows of a block, of these groups, that hold an outlier."""
+def _outlier_positions(solution: Solution, owner: int) -> list[int]:
+    """Positions in the table (0 without one) of the rows of a block that hold an outlier."""
     found: list[int] = []
-    for group in groups:
-        if solution.outliers is None:
+    for group in solution.groups:
+        if solution.outliers is None or group.kernel.owner != owner:
             continue
         lines = solution.outliers[group.first : group.first + group.count]
         bad = np.flatnonzero(lines.reshape(group.rows, group.kernel.outputs).any(axis=1))

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations.faults import PRIOR_AGAINST_DATA
+from mbm.equations.losses import rooted_residuals, rooted_slopes
 from mbm.equations.metric import roundings
+from mbm.equations.solves import Counted, counted_of, mean_roots, used_rows
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.components import Counted, counted_of, degrees_columns, informing_slopes
-from mbm.estimation.batches.doubts import doubtful, misread, stationary
+from mbm.estimation.batches.components import degrees_columns, informing_slopes
+from mbm.estimation.batches.doubts import doubtful, stationary
 from mbm.estimation.batches.factor import (
     Factors,
     Spread,
@@ -20,19 +25,31 @@ from mbm.estimation.batches.factor import (
     factors,
     informed,
     outlying,
-    rooted_slopes,
     sandwiches,
 )
 from mbm.estimation.batches.portion import DerivedColumns, Portion, derived_columns, stated
-from mbm.estimation.batches.remarks import remarks
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.surface import held_back, limited_columns, near_limits
-from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows, Which, places_of
+from mbm.estimation.batches.types import Columns, Descent, Ends, Limits, Remarks, Rows, Which, places_of
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
-from mbm.estimation.trust.plausibility import IMPROBABLE, UNLIKELY, follows_statement
+from mbm.estimation.trust import faults
+from mbm.estimation.trust.coarse import coarse_readings, uneven_rows
+from mbm.estimation.trust.fits import Fits, Said
+from mbm.estimation.trust.hidden import hidden_outliers
+from mbm.estimation.trust.plausibility import (
+    IMPROBABLE,
+    UNLIKELY,
+    follows_statement,
+    improbable,
+    improbable_noise,
+    overstated,
+    strained,
+)
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.types import Block, BlockRole, Problem
 from mbm.solver.decisions import usual_cost
+from mbm.text.types import Diagnostic
+from mbm.values import once
 
 if TYPE_CHECKING:
     from mbm.estimation.batches.surface import Held
@@ -47,11 +64,11 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
     count = stack.residuals[places_of(which)] if ends.kept is None else ends.kept.count
     residuals, slopes = portion.linearised(ends.points)
     lossy = stack.equations.lossy
-    rooted = rooted_slopes(portion, residuals, slopes) if lossy else slopes
-    counts = counted_of(stack, which, residuals, count)
+    rooted = rooted_slopes(portion.acting(), residuals, slopes) if lossy else slopes
+    counts = counted_of(portion, residuals, count)
     surface = _surface(portion, ends, rooted)
     found = factors(informing_slopes(stack, which, ends, rooted), None if surface is None else surface[1])
-    solved = _converged(ends) & found.good & np.isfinite(ends.cost) & ~ends.held
+    solved = ends.minima & found.good
     freedom = counts.rows - stack.equations.dimension + (0 if surface is None else surface[1].taken)
     solved &= (freedom >= 0) & ~stationary(portion, ends, found, rooted)
     left = np.ones((1, 1)) if ends.kept is None else portion.by_slot(ends.kept.information)  # of cut-off variance
@@ -71,11 +88,11 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
     tails = _tails(stack, counts, cost if lossy else counts.tested(scattered), freedom, solved & known)
     chi2_p = np.full(len(which), np.nan) if lossy else np.where(counts.untested, np.nan, tails)
     undoubted = _undoubted(problem, portion, ends, found, spread, derived, residuals, surface)
-    undoubted &= ~(examined_alone | misread(problem, stack, which, portion, residuals, found.basis, noise))
-    degrees = degrees_columns(problem, portion, spread, derived, ends.cost, freedom, counts)
+    degrees = degrees_columns(problem, portion, spread, derived, (freedom.astype(np.float64), ends.cost), counts.limits)
     limited = limited_columns(portion, surface and surface[0], ends.points)
     undoubted &= ~near_limits(problem, portion, ends, (surface and surface[0], limited), spread, degrees)
     counting = counted(portion, residuals)
+    fits = _fits(problem, stack, portion, residuals, found, spread, noise, surface)
     return Columns(
         points=ends.points,
         cost=cost,
@@ -94,21 +111,83 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
         root=spread.root,
         scale=spread.scale,
         derived=tuple((one.values, one.sigma, one.image) for one in derived),
-        rms=_mean_roots(problem, portion, residuals, counting) / noise[:, None],
-        used=_used(problem, portion, counting),
+        rms=mean_roots(portion.lines, residuals, counting, len(problem.blocks)) / noise[:, None],
+        used=used_rows(portion.lines, counting, len(problem.blocks)),
         outliers=_outliers(problem, stack, which, portion, ends, residuals),
         counting=counting if lossy or ends.kept is not None else None,
         priors=_priors(problem, stack, portion, ends.points),
-        clean=solved & undoubted & (lossy | ~(tails < IMPROBABLE)),
+        clean=solved & undoubted & (lossy | ~(tails < IMPROBABLE)) & (not examined_alone),
         solved=solved,
         expected=(ends.cost < _usual_costs(freedom)) & known,
         challenged=_challenged(ends, other=lossy or stack.equations.likely or surface is not None),
         log_likelihood=counts.log_likelihood,
         degrees=replace(degrees, limited=limited),
-        remarks=remarks(problem, stack, which, portion, residuals, found.basis, (sigma0, tails), degrees.poor),
+        remarks=_remarks(fits, sigma0, tails, degrees.poor),
         limits=_limits(problem, stack, which, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
+
+
+REMARKED = frozenset(
+    code.name
+    for code in (
+        PRIOR_AGAINST_DATA,
+        faults.AUTOCORRELATED_RESIDUALS,
+        faults.COARSE_READINGS,
+        faults.HIDDEN_OUTLIERS,
+        faults.IMPROBABLE_NOISE,
+        faults.OUTLYING_ROW,
+        faults.READINGS_AT_EDGE,
+        faults.SMALL_SAMPLE,
+        faults.UNEVEN_NOISE,
+    )
+)
+"""The codes of the warnings whose numbers follow from columns."""
+
+
+def _fits(
+    problem: Problem,
+    stack: Stack,
+    portion: Portion,
+    residuals: Floats,
+    found: Factors,
+    spread: Spread,
+    noise: Floats,
+    surface: tuple[Held, Tangents] | None,
+) -> Fits:
+    """K solves with plain ``residuals`` (K, m), as those see them who look at what these tell."""
+    return Fits(
+        problem=problem,
+        tables=stack.tables,
+        solves=portion,
+        residuals=rooted_residuals(portion.acting(), residuals),
+        basis=found.basis,
+        image=spread.basis,
+        noise=noise,
+        held=np.zeros(portion.count, dtype=bool) if surface is None else np.asarray(surface[0].forcing.any(axis=1)),
+        stated=once(portion.deviations),
+        redundancy=lambda place: 1.0 - np.square(spread.basis[place]).sum(axis=1),
+    )
+
+
+def _remarks(fits: Fits, sigma0: Floats, tails: Floats, poor: Mask) -> Remarks:
+    """The warnings about K solves, of a χ² with the probability ``tails`` (K,) of one as large.
+
+    ``sigma0`` (K,) is the root mean square of the residuals per degree of freedom. ``poor`` (K,): the noise is told by
+    too few rows.
+    """
+    span, unlikely = fits.problem.span, improbable(tails, sigma0, lossy=fits.solves.equations.lossy)
+    noise = (
+        (k, partial(improbable_noise, span, float(sigma0[k]), float(tails[k])))
+        for k in np.flatnonzero(unlikely).tolist()
+    )
+    small = ((place, partial(faults.small_sample, span)) for place in np.flatnonzero(poor).tolist())
+    rows = uneven_rows(fits, overstated(tails, sigma0))
+    said: tuple[Said, ...] = (noise, hidden_outliers(fits), rows, coarse_readings(fits), small, strained(fits))
+    found: dict[int, tuple[Callable[[], Diagnostic], ...]] = {}
+    for place, make in chain.from_iterable(said):
+        found[place] = (*found.get(place, ()), make)
+    return found
 
 
 def _surface(portion: Portion, ends: Ends, jacobian: Floats) -> tuple[Held, Tangents] | None:
@@ -167,22 +246,6 @@ def _as_stated(portion: Portion, residuals: Floats, owner: int, factors: Floats)
     return np.asarray(np.square(whole).sum(axis=1))
 
 
-def _mean_roots(problem: Problem, portion: Portion, residuals: Floats, counting: Mask) -> Floats:
-    """Root mean squares of the residuals of each block that count (K, blocks); NaN where it has none."""
-    squares = np.where(counting, np.square(residuals), 0.0)
-    owners = range(len(problem.blocks))
-    return np.column_stack([np.sqrt(portion.sums(squares, each) / portion.sums(counting, each)) for each in owners])
-
-
-def _used(problem: Problem, portion: Portion, counting: Mask) -> Indices:
-    """Rows (K, blocks) of which some equation counts."""
-    used = np.zeros((portion.count, len(problem.blocks)), dtype=np.int64)
-    for owner, solve, slots in portion.groups():
-        mine = counting[solve[:, None], slots].any(axis=1)
-        used[:, owner] += np.bincount(solve, weights=mine, minlength=portion.count).astype(np.int64)
-    return used
-
-
 def _rounded_costs(stack: Stack, ends: Ends, found: Factors) -> Floats:
     """The costs (K,) that are nothing but rounding."""
     places = stack.equations.layout.number[stack.equations.free]
@@ -193,11 +256,6 @@ def _usual_costs(freedom: Indices) -> Floats:
     """What fits with so many degrees of freedom (K,) usually cost: a few numbers, as a rule."""
     distinct, place = np.unique(freedom, return_inverse=True)
     return np.array([usual_cost(float(each)) for each in distinct])[place]
-
-
-def _converged(ends: Ends) -> Mask:
-    converged = np.array([reason.converged for reason in REASONS])
-    return np.asarray((ends.reason >= 0) & converged[ends.reason])
 
 
 def _challenged(ends: Ends, *, other: bool) -> Mask:

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from mbm.equations.losses import rooted_residuals
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.factor import rooted_residuals
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Ends, Solver
@@ -166,7 +166,7 @@ def costs(stack: Stack, which: Indices, points: Floats) -> Floats:
     found = np.empty(len(which))
     for part in stack.slices(which):
         portion = Portion(stack, which[part])
-        found[part] = np.square(rooted_residuals(portion, portion.residuals(points[part]))).sum(axis=1)
+        found[part] = np.square(rooted_residuals(portion.acting(), portion.residuals(points[part]))).sum(axis=1)
     return np.where(np.isfinite(found), found, np.inf)
 
 

@@ -4,38 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.likelihoods import Readings, larger, likely, untested
+from mbm.equations.losses import rooted_slopes
 from mbm.equations.manifolds import of_arrays
 from mbm.equations.metric import magnitudes_at
-from mbm.equations.spreads import Freedom
-from mbm.equations.types import Floats, Indices, Mask
+from mbm.equations.types import Floats, Indices
 from mbm.estimation.batches.descent import native_sets, plain_ends, weighted
-from mbm.estimation.batches.factor import Spread, factors, rooted_slopes
+from mbm.estimation.batches.factor import Spread, factors
 from mbm.estimation.batches.portion import DerivedColumns, Portion
 from mbm.estimation.batches.stack import Stack
-from mbm.estimation.batches.types import REASONS, DegreesColumns, Ends, Kept, Solver, Which
+from mbm.estimation.batches.types import DegreesColumns, Ends, Kept, Solver, Which
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.weighing import REWEIGHTED_SEARCHES
 from mbm.estimation.starts.closed_forms.completion import plans
 from mbm.estimation.starts.closed_forms.types import Situation
-from mbm.estimation.uncertainty.degrees import (
-    LEAST,
-    effective,
-    enough,
-    few_told,
-    of_scale,
-    scaled,
-    scaled_blocks,
-    untold,
-)
+from mbm.estimation.uncertainty.degrees import freedoms_of
 from mbm.estimation.uncertainty.variance import Helmert, Shares, starting_factors
-from mbm.problem.likelihoods.types import SHIFT
 from mbm.problem.types import BlockRole, Problem
 from mbm.solver.noise_factors import NOISE_ROUNDS, starting
 from mbm.values import dataclass
@@ -128,7 +116,7 @@ class Rounds:
         self._kept = begin.kept
         self._rows = [stack.lines(number, begin.places)[0] for number in range(len(stack.equations.groups))]
         self.ends = self._minima(np.arange(len(begin.places)), begin.points)
-        self.lost = ~_converged(self.ends)
+        self.lost = ~self.ends.minima
 
     @np.errstate(all="ignore")
     def done(self) -> Ends:
@@ -169,7 +157,7 @@ class Rounds:
             target[which] = own
         self.ends = replace(ends, iterations=iterations, evaluations=evaluations)
         limit = (REWEIGHTED_SEARCHES - 1) * self._settings.max_iterations  # beyond, the general path cuts rounds short
-        self.lost[which] |= ~_converged(found) | (iterations[which] > limit)
+        self.lost[which] |= ~found.minima | (iterations[which] > limit)
 
     def _minima(self, which: Indices, points: Floats) -> Ends:
         """The ends of some solves that begin at points (K, N), with their factors as they are now."""
@@ -188,7 +176,7 @@ class Rounds:
         if not len(which):
             return
         portion, _, slopes, redundancy = self._linearised(which)
-        mine = self._in_groups(portion)
+        mine = np.stack([portion.of_blocks([owner]) for owner in self._unknown.tolist()])
         squares = np.square(slopes)
         stated = np.asarray(~mine.any(axis=0))
         known = np.where(stated[:, :, None], squares, 0.0).sum(axis=1)
@@ -217,52 +205,23 @@ class Rounds:
         if kept is not None:  # without the loss of the tails
             scattered /= portion.by_slot(kept.information)
         lossy = self._stack.equations.lossy
-        slopes = rooted_slopes(portion, residuals, slopes) if lossy else slopes
+        slopes = rooted_slopes(portion.acting(), residuals, slopes) if lossy else slopes
         found = factors(slopes)
         self.lost[which] |= ~found.good
         redundancy = np.clip(1.0 - np.square(found.basis).sum(axis=2), 0.0, 1.0)
         return portion, scattered, slopes, redundancy
 
-    def _in_groups(self, portion: Portion) -> Mask:
-        """Which residuals belong to each unknown group, (groups, K, m)."""
-        mine = np.zeros((len(self._unknown), portion.count, portion.most), dtype=bool)
-        for own, owner in zip(mine, self._unknown.tolist(), strict=True):
-            own[portion.block_slots(owner)] = True
-        return mine
-
     def _told(self, which: Indices) -> Shares:
         """What K solves tell of the groups of unknown noise."""
         portion, scattered, slopes, redundancy = self._linearised(which)
-        equations, mine = self._stack.equations, self._in_groups(portion)
+        equations, mine = (
+            self._stack.equations,
+            np.stack([portion.of_blocks([owner]) for owner in self._unknown.tolist()]),
+        )
         sizes = magnitudes_at(self.ends.points[which], equations.layout.number[equations.free])
         terms = np.square(slopes * sizes[:, None]).sum(axis=2)
         squares, checked, made_of = (np.where(mine, each, 0.0).sum(axis=2).T for each in (scattered, redundancy, terms))
         return squares, checked, made_of
-
-
-def _converged(ends: Ends) -> Mask:
-    converged = np.array([reason.converged for reason in REASONS])
-    return np.asarray((ends.reason >= 0) & converged[ends.reason] & ~ends.held & np.isfinite(ends.cost))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Counted:
-    """What K solves count: χ² and the number of its residuals, log L (None: no likelihood), whether χ² is none, by
-    what factor it is `larger`, how many rows with an unknown scale are ``limits``, and the squares of residuals that
-    are ``uncounted``.
-    """
-
-    cost: Floats
-    rows: Indices
-    log_likelihood: Floats | None
-    untested: Mask
-    larger: Floats
-    limits: Floats
-    uncounted: Floats
-
-    def tested(self, scattered: Floats) -> Floats:
-        """What stands against χ² (K,): ``scattered`` where there is no likelihood."""
-        return scattered if self.log_likelihood is None else self.cost
 
 
 def informing_slopes(stack: Stack, which: Which, ends: Ends, slopes: Floats) -> Floats:
@@ -273,114 +232,32 @@ def informing_slopes(stack: Stack, which: Which, ends: Ends, slopes: Floats) -> 
     return Portion(told, which, ends.kept, ends.factors).linearised(ends.points)[1]
 
 
-def counted_of(stack: Stack, which: Which, residuals: Floats, rows: Indices) -> Counted:
-    """What solves count of their plain ``residuals`` (K, m), of which they have so many ``rows`` (K,)."""
-    squares = np.square(residuals)
-    cost, none = squares.sum(axis=1), np.zeros(len(residuals), dtype=bool)
-    if not stack.equations.likely:
-        zeros, ones = np.zeros(len(cost)), np.ones(len(cost))
-        return Counted(
-            cost=cost, rows=rows, log_likelihood=None, untested=none, larger=ones, limits=zeros, uncounted=zeros
-        )
-    surprise, excess, lines, limits = (np.zeros(len(cost)) for _ in range(4))
-    whole, taken = cost, np.zeros(len(cost), dtype=np.int64)
-    every: dict[int, Readings] = {group.number: stated for group, stated in likely(stack.equations.groups)}
-    for number, group in enumerate(stack.equations.groups):
-        solve, places = stack.lines(number, which)
-        count, outputs = np.bincount(solve, minlength=len(cost)), group.kernel.outputs
-        stated = every.get(group.number)
-        if stated is None:
-            each = -np.log(np.hstack([_roots(w.weights[places]) for w in group.whiteners])) + 0.5 * np.log(2.0 * np.pi)
-            surprise += np.bincount(solve, weights=each.sum(axis=1), minlength=len(cost))
-        else:
-            own = np.arange(len(solve)) - (np.cumsum(count) - count)[solve]
-            slots = (taken[solve] + own * outputs)[:, None] + np.flatnonzero(stated.uncounted)
-            left = np.bincount(solve, weights=squares[solve[:, None], slots].sum(axis=1), minlength=len(cost))
-            cost = cost - left
-            rows = rows - count * int(stated.uncounted.sum())
-            surprise += np.bincount(solve, weights=stated.surprise[places], minlength=len(cost))
-            surprise -= 0.5 * SHIFT * int(stated.shifted.sum()) * count
-            excess += np.bincount(solve, weights=stated.excess[places], minlength=len(cost))
-            lines += count
-            if stated.scales:
-                limits += np.bincount(solve, weights=stated.limits[places], minlength=len(cost))
-        taken += count * outputs
-    log_likelihood, none = -0.5 * whole - surprise, untested(excess, lines)
-    return Counted(
-        cost=cost,
-        rows=rows,
-        log_likelihood=log_likelihood,
-        untested=none,
-        larger=np.where(none, larger(excess, lines), 1.0),
-        limits=limits,
-        uncounted=whole - cost,
-    )
-
-
-def _roots(weights: Floats) -> Floats:
-    """The diagonal (R, k) of weights."""
-    return np.abs(weights if weights.ndim == 2 else np.diagonal(weights, axis1=1, axis2=2))
-
-
 @np.errstate(all="ignore")
 def degrees_columns(
     problem: Problem,
     portion: Portion,
     spread: Spread,
     derived: tuple[DerivedColumns, ...],
-    cost: Floats,
-    dof: Indices,
-    tally: Counted,
+    fit: tuple[Floats, Floats],
+    limits: Floats,
 ) -> DegreesColumns:
-    """The degrees of freedom of K solves, by the rules of `uncertainty.degrees.freedoms`.
-
-    ``cost`` (K,) is that of the minima with the final weights, ``dof`` (K,) the redundancy, and ``tally`` what
-    they count.
+    """The degrees of freedom of K solves; ``fit`` and ``limits`` as for `freedoms_of`.
 
     With several noises the factor of the covariance that is estimated is 1, so that the basis of the ``spread`` is the
     whitened Jacobian times the factor of the covariance.
     """
-    basis = spread.basis
-    unknown = [owner for owner, block in enumerate(problem.blocks) if block.unknown_factor]
-    images = [spread.factor, *(one.image for one in derived)]
-    if not unknown or portion.equations.lossy or not several_noises(problem):
-        if (sharing := scaled_blocks(portion.equations)) and not unknown:
-            return _of_scale(portion, spread, images, sharing, tally.limits)
-        told = bool(unknown) or portion.equations.lossy
-        of_solve = np.maximum(dof.astype(np.float64), LEAST) if told else np.full(len(dof), inf)
-        found = [_alike(of_solve, image.shape[:2]) for image in images]
-        few: Mask = np.asarray(dof < enough(portion.equations, consensus=portion.consensus))
-        poor = few if unknown or scaled(portion.equations) else np.zeros(len(dof), dtype=bool)
-        return DegreesColumns(estimates=found[0], derived=tuple(found[1:]), poor=poor)
-    grams = np.zeros((len(basis), len(unknown), basis.shape[2], basis.shape[2]))
-    counts = np.zeros((len(basis), len(unknown)))
-    for place, owner in enumerate(unknown):
-        own = np.zeros(basis.shape[:2], dtype=bool)
-        own[portion.block_slots(owner)] = True
-        picked = np.where(own[:, :, None], basis, 0.0)
-        grams[:, place] = np.matmul(picked.transpose(0, 2, 1), picked)
-        counts[:, place] = own.sum(axis=1)
-    misfit = cost / np.maximum(dof, 1)
-    found = [effective(image, grams, counts, misfit) for image in images]
-    poor = np.asarray(untold(spread.factor, grams, counts).any(axis=1))
-    return DegreesColumns(estimates=found[0], derived=tuple(found[1:]), poor=poor)
-
-
-def _of_scale(
-    portion: Portion, spread: Spread, images: list[Floats], blocks: tuple[int, ...], limits: Floats
-) -> DegreesColumns:
-    """Those of K solves where some ``blocks`` share one unknown scale, and so many rows are ``limits`` (K,)."""
-    told, count = np.zeros(portion.count), np.zeros(portion.count)
-    for group, solve, slots in portion.bound_groups():
-        if group.kernel.owner in blocks and group.readings is not None:
-            each = np.square(spread.basis[solve[:, None], slots]).sum(axis=(1, 2))
-            told += np.bincount(solve, weights=each, minlength=portion.count)
-            count += np.bincount(solve, minlength=portion.count) * int(group.counting.sum())
-    dof, inflation = of_scale(count, limits, told)
-    found = [_alike(dof, image.shape[:2], inflation) for image in images]
-    return DegreesColumns(estimates=found[0], derived=tuple(found[1:]), poor=dof < few_told(portion.equations))
-
-
-def _alike(dof: Floats, shape: tuple[int, ...], inflation: Floats | float = 1.0) -> Freedom:
-    growth = np.broadcast_to(inflation, len(dof))[:, None]
-    return Freedom(dof=np.broadcast_to(dof[:, None], shape), inflation=np.broadcast_to(growth, shape))
+    told = tuple((owner,) for owner, block in enumerate(problem.blocks) if block.unknown_factor)
+    found = freedoms_of(
+        portion.equations,
+        told,
+        fit,
+        spread.factor,
+        lambda: (portion, spread.basis, limits),
+        every=not several_noises(problem),
+        consensus=portion.consensus,
+    )
+    return DegreesColumns(
+        estimates=found.of_images(spread.factor),
+        derived=tuple(found.of_images(one.image) for one in derived),
+        poor=found.poor,
+    )

@@ -18,9 +18,9 @@ from mbm.equations.corrections.measured import Measured, UncertainRows, measured
 from mbm.equations.corrections.search import FAR
 from mbm.equations.corrections.straight import Builder, eliminating
 from mbm.equations.corrections.system import Conditions, OwnInputs
+from mbm.equations.losses import rooted_residuals
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.descent import solver_of
-from mbm.estimation.batches.factor import rooted_residuals
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Corrections, Ends, Errors, Solver, Which
@@ -101,13 +101,13 @@ def _rough_costs(stack: Stack, which: Which, points: Floats) -> Floats:
         raise ValueError(message)
     portion = Portion(stack.exactly(), which)
     residuals = portion.residuals(points)
-    for number, (_, solve, slots) in enumerate(portion.groups()):
-        if number in stack.errors.measured.ids and len(solve):
+    for number, each in enumerate(portion.lines):
+        if number in stack.errors.measured.ids and len(each.solve):
             conditions = _conditions(stack, stack.errors, number, which, points)
             found = first_feet(conditions)
             whitened = root(found.slopes, conditions.noisy).apply(found.misclosures[:, :, None])[:, :, 0]
-            residuals[solve[:, None], slots] = np.where(found.found[:, None], whitened, np.nan)
-    costs = np.square(rooted_residuals(portion, residuals)).sum(axis=1)
+            residuals[each.solve[:, None], each.slots] = np.where(found.found[:, None], whitened, np.nan)
+    costs = np.square(rooted_residuals(portion.acting(), residuals)).sum(axis=1)
     return np.where(np.isfinite(costs), costs, np.inf)
 
 

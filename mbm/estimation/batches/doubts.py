@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.binding import affine
+from mbm.equations.losses import loss_weights, rooted_slopes
 from mbm.equations.metric import rounded_turns, turning
 from mbm.equations.surface import exact_constraints, plainly_affine
 from mbm.equations.types import Floats, Mask
-from mbm.estimation.batches.factor import Factors, Spread, factors, rooted_slopes
+from mbm.estimation.batches.factor import Factors, Spread, factors
 from mbm.estimation.batches.portion import DerivedColumns, Portion, stated
-from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.surface import Held
-from mbm.estimation.batches.types import Ends, Which
-from mbm.estimation.trust.coarse import LEAST_ROWS, SIGNS, at_edge, clauses_read, coarse, rounded_column
+from mbm.estimation.batches.types import Ends
 from mbm.estimation.trust.curvature import MOST_DERIVED, UNMOVED, directions
-from mbm.estimation.trust.hidden import LEAST_REDUNDANCY, narrow, stated_noise, tail
 from mbm.estimation.trust.leverage import drawn
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
@@ -29,8 +27,7 @@ from mbm.estimation.trust.nonlinearity import (
     end_ratios,
     too_much,
 )
-from mbm.estimation.trust.plausibility import CHECKED, STRAINED, innovations
-from mbm.problem.types import BlockRole, Problem
+from mbm.problem.types import Problem
 from mbm.solver.decisions import ABSURD, BEND_STEP, LEAST_SIZE, vanishing
 
 if TYPE_CHECKING:
@@ -55,31 +52,20 @@ def doubtful(
     residuals: Floats,
     along: Tangents | None,
 ) -> Mask:
-    """Solves (K,) whose intervals may miss their ends, whose priors may be strained, or that may hide outliers.
+    """Solves (K,) whose intervals may miss their ends, or with rows that may draw the fit to themselves.
 
     ``residuals`` (K, m) are plain; ``along`` are the directions that constraints leave (None: there are none).
     """
-    wrong = _strained(problem, portion, spread.basis, residuals)
     if not portion.equations.lossy:
-        wrong |= _hiding(problem, portion, residuals, spread.basis)
         around = _Intervals(portion, ends, found, spread.deviation, None)
-        return wrong | spread.looked_at & _bent(problem, around, derived)
-    weights, slopes = _weights(portion, residuals), portion.linearised(ends.points)[1]
+        return spread.looked_at & _bent(problem, around, derived)
+    weights, slopes = loss_weights(portion.acting(), residuals), portion.linearised(ends.points)[1]
     weighed = np.sqrt(weights)[:, :, None] * slopes
     fixed = factors(weighed, along)
-    wrong |= _drawn(portion, residuals, weights, np.matmul(slopes, fixed.root)) | ~fixed.good
+    wrong = _drawn(portion, residuals, weights, np.matmul(slopes, fixed.root)) | ~fixed.good
     width = fixed.root.shape[2] - (0 if fixed.gone is None else fixed.gone.sum(axis=1))
     noise = np.sqrt(np.square(np.matmul(weighed, spread.factor)).sum(axis=(1, 2)) / width)
     return wrong | _bent(problem, _Intervals(portion, ends, fixed, noise, np.sqrt(weights)), derived)
-
-
-def _weights(portion: Portion, residuals: Floats) -> Floats:
-    """ρ' of plain residuals (K, m); 1 without a loss."""
-    weights = np.ones(residuals.shape)
-    for loss, solve, slots in portion.losses():
-        place = solve[:, None]
-        weights[place, slots] = loss.weight(np.square(residuals[place, slots]).sum(axis=1))[:, None]
-    return weights
 
 
 def _bent(problem: Problem, around: _Intervals, derived: tuple[DerivedColumns, ...]) -> Mask:
@@ -188,41 +174,6 @@ def _off(ends: Floats, limit: float) -> Mask:
     return np.asarray(~(np.abs(ends - 1.0) <= limit - MARGIN).all(axis=0))
 
 
-def _strained(problem: Problem, portion: Portion, basis: Floats, residuals: Floats) -> Mask:
-    """Solves (K,) with a prior that may be farther from the data than `plausibility` leaves unsaid."""
-    wrong = np.zeros(portion.count, dtype=bool)
-    for owner, block in enumerate(problem.blocks):
-        if block.role is BlockRole.PRIOR:
-            solve, slot = portion.block_slots(owner)
-            leverage = np.square(basis[solve, slot]).sum(axis=1)
-            innovation = innovations(residuals[solve, slot], leverage, CHECKED / 10)
-            np.logical_or.at(wrong, solve, ~(np.abs(innovation) <= STRAINED * (1 - MARGIN)))
-    return wrong
-
-
-def _hiding(problem: Problem, portion: Portion, residuals: Floats, basis: Floats) -> Mask:
-    """Solves (K,) in whose stated noise outliers may hide."""
-    wrong = np.zeros(portion.count, dtype=bool)
-    if portion.most < LEAST_REDUNDANCY or portion.equations.likely:
-        return wrong
-    kept, components = portion.kept(), []
-    for owner in (owner for owner, block in enumerate(problem.blocks) if stated_noise(block)):
-        groups = [(solve, slots) for each, solve, slots in portion.groups() if each == owner]
-        for component in range(max((slots.shape[1] for _, slots in groups), default=0)):
-            there = np.zeros(kept.shape, dtype=bool)
-            for solve, slots in groups:
-                if component < slots.shape[1]:
-                    there[solve, slots[:, component]] = True
-            components.append(there & kept)
-    enough = [each.sum(axis=1) >= LEAST_REDUNDANCY for each in components]
-    for there, many in zip(components, enough, strict=True):
-        for place in np.flatnonzero(many & narrow(residuals, there)).tolist():
-            own, tested = there[place], sum(bool(each[place]) for each in enough)
-            redundancy = 1.0 - np.square(basis[place, own]).sum(axis=1)
-            wrong[place] |= tail(residuals[place, own], redundancy, tested, MARGIN) is not None
-    return wrong
-
-
 def _drawn(portion: Portion, residuals: Floats, weights: Floats, basis: Floats) -> Mask:
     """Solves (K,) with a row under a loss that may draw the fit to itself."""
     lossy = np.zeros(residuals.shape, dtype=bool)
@@ -248,65 +199,12 @@ def stationary(portion: Portion, ends: Ends, found: Factors, jacobian: Floats) -
         step = np.zeros(size.shape)
         step[:, place] = BEND_STEP * np.maximum(size[:, place], LEAST_SIZE)
         there = portion.linearised(equations.retract(ends.points, step))
-        moved = rooted_slopes(portion, *there)[:, :, place] - jacobian[:, :, place]
+        moved = rooted_slopes(portion.acting(), *there)[:, :, place] - jacobian[:, :, place]
         bend = np.sqrt(np.square(moved).sum(axis=1)) / step[:, place] * (1 + MARGIN)
         each = zip(found.scale[:, place], size[:, place], bend, spread, strict=True)
         zero = np.array([vanishing(*one) for one in each], dtype=bool)
         wrong |= near[:, place] & (zero | ~np.isfinite(bend))
     return wrong
-
-
-def misread(
-    problem: Problem, stack: Stack, which: Which, portion: Portion, residuals: Floats, basis: Floats, noise: Floats
-) -> Mask:
-    """Solves (K,) that `trust.coarse` or `trust.edges` may warn of; ``noise`` (K,) multiplies standard deviations."""
-    given = problem, stack, which, portion, residuals, basis, noise
-    return coarsely_read(*given) | read_at_edges(*given)
-
-
-@np.errstate(all="ignore")
-def coarsely_read(
-    problem: Problem, stack: Stack, which: Which, portion: Portion, residuals: Floats, basis: Floats, noise: Floats
-) -> Mask:
-    """Solves (K,) that `trust.coarse` may warn of; ``noise`` (K,) is what all standard deviations are multiplied by."""
-    found = np.zeros(portion.count, dtype=bool)
-    if portion.consensus or portion.equations.lossy or portion.equations.likely or portion.most < LEAST_ROWS:
-        return found
-    deviations: Floats | None = None
-    for number, (owner, solve, slots) in enumerate(portion.groups()):
-        name, table = rounded_column(problem, owner), problem.blocks[owner].table
-        positions = stack.equations.groups[number].positions
-        if name is None or table is None or positions is None or not len(solve):
-            continue
-        deviations = portion.deviations() if deviations is None else deviations
-        readings = np.full(residuals.shape, np.nan)
-        readings[solve, slots[:, 0]] = stack.tables[table].numbers(name)[positions[stack.lines(number, which)[1]]]
-        found |= coarse(readings, residuals * deviations, deviations * noise[:, None], basis, MARGIN)
-    return found
-
-
-@np.errstate(all="ignore")
-def read_at_edges(
-    problem: Problem, stack: Stack, which: Which, portion: Portion, residuals: Floats, basis: Floats, noise: Floats
-) -> Mask:
-    """Solves (K,) that `trust.edges` may warn of; arguments as `coarsely_read` has them."""
-    found = np.zeros(portion.count, dtype=bool)
-    clauses = {} if portion.consensus else clauses_read(problem, stack.equations)
-    if not clauses:
-        return found
-    deviations = portion.deviations()
-    for clause, (table, column) in clauses.items():
-        readings = np.full(residuals.shape, np.nan)
-        for number, (owner, solve, slots) in enumerate(portion.groups()):
-            positions = stack.equations.groups[number].positions
-            if owner == clause and positions is not None and len(solve):
-                readings[solve, slots[:, 0]] = stack.tables[table].numbers(column)[
-                    positions[stack.lines(number, which)[1]]
-                ]
-        raw, scaled = residuals * deviations, deviations * noise[:, None]
-        for sign in SIGNS:
-            found |= at_edge(readings, raw, scaled, basis, sign, MARGIN)[1]
-    return found
 
 
 BACK, NEARLY = 3, 0.03

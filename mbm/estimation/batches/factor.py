@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations.losses import rooted, rooted_jacobian
+from mbm.equations.losses import loss_weights
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.consensus.units import STATED_CUT, limits
@@ -33,34 +33,13 @@ class Sandwiches:
     deviation: Floats
 
 
-def rooted_residuals(portion: Portion, residuals: Floats) -> Floats:
-    """Residuals (K, m) in square-root form, from the plain ones; these where there are no losses."""
-    result = residuals.copy() if portion.equations.lossy else residuals
-    for loss, solve, slots in portion.losses():
-        place = solve[:, None]
-        result[place, slots] = rooted(loss, residuals[place, slots])
-    return result
-
-
-def rooted_slopes(portion: Portion, residuals: Floats, slopes: Floats) -> Floats:
-    """Derivatives (K, m, n) of the residuals in square-root form, from those of the plain ones."""
-    result = slopes.copy()
-    for loss, solve, slots in portion.losses():
-        place = solve[:, None]
-        result[place, slots] = rooted_jacobian(loss, residuals[place, slots], slopes[place, slots])
-    return result
-
-
 def counted(portion: Portion, residuals: Floats) -> Mask:
     """Which of the residuals (K, m) count at all: those that consensus keeps, with a weight above zero."""
     found = portion.kept()
-    for group, solve, slots in portion.bound_groups():
-        if not group.counting.all():
-            found[solve[:, None], slots] &= group.counting
-    for loss, solve, slots in portion.losses():
-        place = solve[:, None]
-        found[place, slots] &= (loss.weight(np.square(residuals[place, slots]).sum(axis=1)) > 0.0)[:, None]
-    return found
+    for each in portion.lines:
+        if not each.group.counting.all():
+            found[each.solve[:, None], each.slots] &= each.group.counting
+    return found & (loss_weights(portion.acting(), residuals) > 0.0) if portion.equations.lossy else found
 
 
 def outlying(portion: Portion, residuals: Floats, number: int, rows: int) -> Mask:
@@ -83,7 +62,7 @@ def sandwiches(
     ``unknown`` (blocks,) says whose noise was estimated.
     """
     along = np.matmul(slopes, root)
-    known = portion.by_slot([None if not unknown[owner] else np.zeros(1) for owner, _, _ in portion.groups()])
+    known = portion.by_slot([np.zeros(1) if unknown[each.group.kernel.owner] else None for each in portion.lines])
     pooled = pools(portion.losses(), residuals, along, known)
     half, sound = inverse_root(filled(pooled.curvature, gone))
     # in these coordinates the weights leave 1 at least: where there is next to none of it, the general path decides

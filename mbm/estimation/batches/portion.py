@@ -5,17 +5,16 @@ Quantities that are derived once in each solve, with their uncertainty, follow f
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.scatter import Scatter, scatter
+from mbm.equations.solves import Lines, Solves
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
 from mbm.estimation.batches.stack import Stack
@@ -24,69 +23,43 @@ from mbm.estimation.uncertainty.derived import cannot_vary, reported
 from mbm.problem.types import Derived
 from mbm.values import dataclass
 
-if TYPE_CHECKING:
-    from mbm.equations.losses import LossFunction
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Lines:
-    """The rows of one group that K solves have.
+class _Lines(Lines):
+    """With ``counts`` (K,) rows of each solve, and the ``inputs`` of their kernel.
 
-    ``counts`` (K,) of each solve, ``solve`` (R,) of each row, ``slots`` (R, outputs) among the residuals of its solve,
-    of which ``kept`` (R, outputs) count, ``whiteners`` and ``inputs`` of these rows: what is data in them stays, the
-    numbers of the unknowns are put there, from the places ``index`` (R, variables), or (1, variables) for all rows.
-    ``scatter`` says where derivatives go. ``block`` is where the residuals stand in each solve, if they do so equally
-    in all of them.
+    What is data in these stays, the numbers of the unknowns are put there, from the places ``index`` (R, variables), or
+    (1, variables) for all rows. ``scatter`` says where derivatives go.
     """
 
-    group: Group
     counts: Indices
-    solve: Indices
-    slots: Indices
-    kept: Mask
-    whiteners: tuple[Whitener, ...]
     index: Indices
     scatter: Scatter
     inputs: Floats
-    block: slice | None = None
-
-    def summed(self, values: Floats | Mask) -> Floats:
-        """Sums (K,) of numbers (K, m) over the residuals of each solve."""
-        if self.block is not None:
-            return np.asarray(values[:, self.block].sum(axis=1, dtype=np.float64))
-        rows = values[self.solve[:, None], self.slots].sum(axis=1, dtype=np.float64)
-        return np.asarray(np.bincount(self.solve, rows, len(values)), dtype=np.float64)
-
-    def put(self, values: NDArray[Any], target: NDArray[Any]) -> None:
-        """Put what the rows have (R, outputs, …) among the numbers (K, m, …) of the residuals of their solves."""
-        if self.block is None:
-            target[self.solve[:, None], self.slots] = values
-        else:
-            target[:, self.block] = values.reshape(target[:, self.block].shape)
 
 
-class Portion:
+class Portion(Solves):
     """The equations of some solves, at one point for each: arrays (K, …) over the solves.
 
-    ``most`` m is the largest number of residuals of a solve, ``most_limits`` of constraints; what a solve has less is
-    0. ``kept`` and ``factors`` as `Ends` has them: the latter divide residuals.
+    ``most_limits`` is the largest number of constraints of a solve; what a solve has less is 0. ``kept`` and
+    ``factors`` as `Ends` has them: the latter divide residuals.
     """
 
+    lines: tuple[_Lines, ...]
+
     def __init__(self, stack: Stack, which: Which, kept: Kept | None = None, factors: Floats | None = None) -> None:
-        self.count = len(which)
-        self.most = int(stack.residuals[places_of(which)].max(initial=0))
-        self.equations = stack.equations
-        self.consensus = kept is not None
+        size = len(which), int(stack.residuals[places_of(which)].max(initial=0))
         columns = _columns(stack.equations)
-        self._lines = []
-        taken = np.zeros(self.count, dtype=np.int64)
+        found = []
+        taken = np.zeros(size[0], dtype=np.int64)
         for number, group in enumerate(stack.equations.groups):
             counts = stack.rows[number, places_of(which)]
             lines = stack.lines(number, which)
             outputs = None if kept is None else kept.outputs[number]
             weight = None if factors is None else 1.0 / factors[:, group.kernel.owner][lines[0]]
-            self._lines.append(_lines(group, counts, lines, taken, outputs, weight, columns))
+            found.append(_lines(group, counts, lines, taken, outputs, weight, columns))
             taken += counts * group.kernel.outputs
+        super().__init__(stack.equations, tuple(found), size, consensus=kept is not None)
         self._limits = []
         taken = np.zeros(self.count, dtype=np.int64)
         for number, group in enumerate(stack.equations.constraints, len(stack.equations.groups)):
@@ -95,66 +68,20 @@ class Portion:
             taken += counts * group.kernel.outputs
         self.most_limits = int(taken.max(initial=0))
 
-    def block_slots(self, owner: int) -> tuple[Indices, Indices]:
-        """Solve (P,) and place (P,) of the residuals of a block that count."""
-        mine = [each for each in self._lines if each.group.kernel.owner == owner]
-        solves = [np.repeat(each.solve, each.slots.shape[1])[each.kept.ravel()] for each in mine]
-        slots = [each.slots[each.kept] for each in mine]
-        none = np.zeros(0, dtype=np.int64)
-        return np.concatenate([none, *solves]), np.concatenate([none, *slots])
-
-    def sums(self, values: Floats | Mask, owner: int) -> Floats:
-        """Sums (K,) of numbers (K, m) over the residuals of a block in each solve."""
-        mine = (each.summed(values) for each in self._lines if each.group.kernel.owner == owner)
-        return sum(mine, np.zeros(self.count))
-
-    def groups(self) -> Iterator[tuple[int, Indices, Indices]]:
-        """Block, solve (R,) and places (R, outputs) of the rows of each group."""
-        return ((each.group.kernel.owner, each.solve, each.slots) for each in self._lines)
-
-    def bound_groups(self) -> Iterator[tuple[Group, Indices, Indices]]:
-        """The same with the groups themselves."""
-        return ((each.group, each.solve, each.slots) for each in self._lines)
-
-    def kept(self) -> Mask:
-        """Which residuals (K, m) are there, and were not left out."""
-        result = np.zeros((self.count, self.most), dtype=bool)
-        for each in self._lines:
-            each.put(each.kept, result)
-        return result
-
-    def by_slot(self, values: Sequence[NDArray[Any] | None], missing: float = 1.0) -> NDArray[Any]:
-        """Numbers (K, m) of the residuals, from those (R, outputs) of the rows of each group (None: ``missing``)."""
-        result = np.full((self.count, self.most), missing)
-        for each, own in zip(self._lines, values, strict=True):
-            if own is not None:
-                each.put(np.broadcast_to(own, each.slots.shape), result)
-        return result
-
-    def deviations(self) -> Floats:
-        """The standard deviations (K, m) of independent components; 1 where a row has a matrix instead."""
-        return self.by_slot([_deviations(each.whiteners) for each in self._lines])
-
-    def losses(self, number: int | None = None) -> Iterator[tuple[LossFunction, Indices, Indices]]:
-        """Each loss (of one group, or all), with solve (U,) and places (U, k) of the residuals of its units."""
-        for each in self._lines if number is None else self._lines[number : number + 1]:
-            for whitener, loss in zip(each.whiteners, each.group.losses, strict=False):
-                yield loss, each.solve, each.slots[:, whitener.first : whitener.last]
-
     def as_many_rows(self, number: int) -> bool:
         """Whether all solves have as many rows of a group."""
-        counts = self._lines[number].counts
+        counts = self.lines[number].counts
         return bool((counts == counts[:1]).all())
 
     def values(self, number: int, points: Floats) -> Floats:
         """What a group says (R, outputs) at points (K, N), not whitened."""
-        each = self._lines[number]
+        each = self.lines[number]
         return each.group.cache.stream(each.group.number, each.group.kernel).values(_inputs(each, points))
 
     def residuals(self, points: Floats) -> Floats:
         """Whitened residuals (K, m) at points (K, N), without losses."""
         result = np.zeros((self.count, self.most))
-        for each in self._lines:
+        for each in self.lines:
             values = each.group.cache.stream(each.group.number, each.group.kernel).values(_inputs(each, points))
             each.put(_whitened(each, values), result)
         return result
@@ -163,7 +90,7 @@ class Portion:
         """Whitened residuals (K, m), and their derivatives by a step (K, m, n), without losses."""
         width = self.equations.dimension
         result, slopes = np.zeros((self.count, self.most)), np.zeros((self.count, self.most, width))
-        for each in self._lines:
+        for each in self.lines:
             values, dense = self._sloped(each, points)
             for whitener in each.whiteners:
                 part = dense[:, whitener.first : whitener.last]
@@ -225,20 +152,13 @@ def _lines(
         solve=solve,
         slots=slots,
         kept=np.ones(slots.shape, dtype=bool) if kept is None else kept,
+        place=places,
         whiteners=tuple(_taken(each, places, kept, weight) for each in group.whiteners),
         index=group.places if all(group.shared) else group.index[places],
         scatter=_scatter(group, group.touched if all(group.shared_columns) else group.columns[places], columns),
         inputs=_blank(group, group.parameters[places]),
         block=slice(int(taken[0]), int(taken[0] + counts[0] * outputs)) if alike else None,
     )
-
-
-@np.errstate(divide="ignore")
-def _deviations(whiteners: tuple[Whitener, ...]) -> Floats | None:
-    """Those (R, outputs) of the rows of a group; None where some equation has none."""
-    if not whiteners or any(each.weights.ndim != 2 for each in whiteners):
-        return None
-    return np.concatenate([1.0 / each.weights for each in whiteners], axis=1)
 
 
 def _taken(whitener: Whitener, places: Indices | slice, kept: Mask | None, weight: Floats | None) -> Whitener:
@@ -317,6 +237,7 @@ def _once(group: Group, solves: int) -> _Lines:
         solve=np.arange(solves),
         slots=np.zeros((solves, 1), dtype=np.int64),
         kept=np.ones((solves, 1), dtype=bool),
+        place=np.zeros(solves, dtype=np.int64),
         whiteners=(),
         index=group.places,
         scatter=Scatter(fixed=(), varying=()),

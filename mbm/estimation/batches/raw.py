@@ -21,13 +21,13 @@ def raw_rows(problem: Problem, stack: Stack, which: range, columns: Columns) -> 
     """What the equations of observations say at the ends of some solves, measured values taken as exact."""
     stack = stack.exactly()
     portion = Portion(stack, which)
-    for number, (owner, solve, slots) in enumerate(portion.groups()):
-        block, group = problem.blocks[owner], stack.equations.groups[number]
+    for number, each in enumerate(portion.lines):
+        group, solve, slots = each.group, each.solve, each.slots
+        owner, positions = group.kernel.owner, each.positions
+        block = problem.blocks[owner]
         if block.role is not BlockRole.OBSERVATION or not len(solve):
             continue
         table = None if block.table is None else stack.tables[block.table]
-        lines = stack.lines(number, which)[1]
-        positions = None if group.positions is None else group.positions[lines]
 
         def numbers(places: Indices | int, solve: Indices = solve) -> Values:
             return np.asarray(columns.points[solve, places])
@@ -35,7 +35,7 @@ def raw_rows(problem: Problem, stack: Stack, which: range, columns: Columns) -> 
         rows = AtRows(
             count=len(solve),
             group=group,
-            lines=lines,
+            lines=each.place,
             layout=stack.equations.layout,
             table=table,
             positions=positions,

@@ -94,6 +94,12 @@ class Ends:
     compared: Mask | None = None
     factors: Floats | None = None
 
+    @property
+    def minima(self) -> Mask:
+        """Which are minima (K,) away from bounds, with a finite cost."""
+        converged = np.array([reason.converged for reason in REASONS])
+        return np.asarray((self.reason >= 0) & converged[self.reason] & ~self.held & np.isfinite(self.cost))
+
     def part(self, which: Which) -> Ends:
         """Those of some solves."""
         every = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "kept"}

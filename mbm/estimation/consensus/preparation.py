@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.losses import loss_weights
 from mbm.equations.types import Floats, Mask, Minimum
 from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.search.starting import Beginning
@@ -57,9 +58,7 @@ def unit_weights(equations: Assembled, whole: Floats) -> Floats | None:
     """What each residual (all of them) counted: 0 where it was left out, ρ' under a loss; None if all counted fully."""
     if equations.rows is None and not equations.lossy:
         return None
-    found = np.ones(equations.whole)
-    for loss, lines in loss_lines(equations.everything()):
-        found[lines] = loss.weight(np.square(whole[lines]).sum(axis=1))[:, None]
+    found = loss_weights(loss_lines(equations.everything()), whole)
     if equations.rows is not None:
         counted = np.zeros(equations.whole)
         counted[equations.rows] = 1.0

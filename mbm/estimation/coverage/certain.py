@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.likelihoods import likely
+from mbm.equations.solves import likely
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.problem.likelihoods.types import SHIFT
 from mbm.values import dataclass

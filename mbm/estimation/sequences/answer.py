@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.assembly import Assembled, loss_lines, rooted_residuals
+from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.binding import Group
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Observability, Reason
@@ -88,7 +88,7 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
     residuals = counted.plain_residuals(numbers)
     reason = _reason(walked)
     # What losses leave of the squares of rows is in the cost of a walk, whatever these are beside the walk.
-    rooted = rooted_residuals(counted, residuals)
+    rooted = counted.rooted(residuals)
     cost = track.cost + float(np.nansum(np.square(residuals) - np.square(rooted)))
     fit = _fit(walked, reason, cost)
     hypotheses = _hypotheses(walked, free)

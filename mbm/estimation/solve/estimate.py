@@ -14,7 +14,6 @@ from mbm.equations.assembling import blank
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache
-from mbm.equations.likelihoods import log_likelihood
 from mbm.equations.metric import first_bad
 from mbm.equations.spreads import Influence, Limited
 from mbm.equations.surface import wholly_affine
@@ -38,7 +37,7 @@ from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, reached
 from mbm.estimation.trust.contradiction import contradictions
 from mbm.estimation.trust.curvature import Curvature, curvature
-from mbm.estimation.trust.plausibility import doubts, of_residuals
+from mbm.estimation.trust.plausibility import doubts, fit_of, of_residuals
 from mbm.estimation.trust.unexamined import unexamined
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.freedom import with_motions
@@ -223,7 +222,7 @@ def answered(
         weights=unit_weights(weighted, whole),
         outliers=outliers(weighted, whole),
         robust_cost=robust_cost(weighted, minimum),
-        log_likelihood=log_likelihood(weighted, minimum.residuals),
+        log_likelihood=outcome.log_likelihood,
         alternatives=lambda: beside()[0],
         tally=tally,
         origin=origin,
@@ -257,7 +256,8 @@ def answered(
 def _doubts_of(propagation: Propagation, minimum: Minimum, residuals: Floats, fit: Fit) -> tuple[Diagnostic, ...]:
     """What is to be said of other residuals (m,) at a minimum, with another fit."""
     outcome = replace(propagation.outcome, fit=fit)
-    return of_residuals(replace(propagation, outcome=outcome), replace(minimum, residuals=residuals))
+    told, moved = replace(propagation, outcome=outcome), replace(minimum, residuals=residuals)
+    return of_residuals(told, moved, fit_of(told, moved))
 
 
 def _profiles(

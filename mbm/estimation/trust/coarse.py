@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from functools import partial
 from math import comb, erfc, exp, pi, sqrt
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.minimise.native.tails import solver_code
 from mbm.estimation.native.code import AnyCode
 from mbm.estimation.trust import faults
-from mbm.estimation.trust.uneven import NO_DIFFERENCE, told_apart
+from mbm.estimation.trust.fits import Fits, Said
+from mbm.estimation.trust.uneven import NO_DIFFERENCE, outlying_rows, told_apart, uneven_noise
 from mbm.expression.nodes import Column
 from mbm.expression.rows import RowChoice
-from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
-from mbm.text.types import Diagnostic
 
 ALIKE, OPPOSED = 1.70, 2.58
 """Standard deviations from the mean beyond which successive residuals are taken to be correlated: positively, which
@@ -30,11 +29,13 @@ def in_order(problem: Problem, owner: int) -> bool:
     return block.role is BlockRole.OBSERVATION and block.table is not None and problem.sequence is None
 
 
-def directions(equations: Assembled, minimum: Minimum, estimated: Covariance) -> Floats:
-    """The orthonormal directions (m, k) in which residuals follow the estimates; NaN where one has no number."""
-    image = minimum.jacobian @ estimated.factor
-    if not equations.lossy and estimated.variance > 0.0:  # the factor is that of the inverse normal equations
-        return np.asarray(image / np.sqrt(estimated.variance))
+def directions(image: Floats, *, scaled: bool) -> Floats:
+    """The orthonormal directions (m, k) in which residuals follow the estimates; NaN where one has no number.
+
+    ``image`` (m, k) is their Jacobian times a factor of the covariance, which is ``scaled`` to the normal equations.
+    """
+    if scaled:
+        return image
     return np.linalg.qr(image)[0] if bool(np.isfinite(image).all()) else np.full(image.shape, np.nan)
 
 
@@ -54,42 +55,50 @@ def lag_scores(code: AnyCode, residuals: Floats, basis: Floats, following: Indic
     return scores[..., 0], scores[..., 1], np.where(scores[..., 2] > 0.0, scores[..., 2], np.nan)
 
 
-def correlated(found: Floats, expected: Floats, spread: Floats, share: float = 0.0) -> np.ndarray:
-    """Where r is beyond what chance makes of it, or nearer to that than by a ``share``."""
+def correlated(found: Floats, expected: Floats, spread: Floats) -> np.ndarray:
+    """Where r is beyond what chance makes of it."""
     away = (found - expected) / spread
-    return np.asarray((away > ALIKE * (1.0 - share)) | (away < -OPPOSED * (1.0 - share)))
+    return np.asarray((away > ALIKE) | (away < -OPPOSED))
 
 
-@np.errstate(all="ignore")
-def autocorrelation(
-    problem: Problem,
-    equations: Assembled,
-    minimum: Minimum,
-    basis: Floats,
-    tested: Indices,
-    *,
-    overstated: bool,
-) -> tuple[Diagnostic, ...]:
-    """A warning where residuals at a minimum are correlated along the rows, but for places that are ``tested`` (k,).
+def autocorrelated(fits: Fits, overstated: Mask, tested: Indices | None = None) -> Said:
+    """Residuals that are correlated along the rows, but for places (k,) that are ``tested`` (None: none).
 
-    ``basis`` (m, k) has the directions in which residuals follow the estimates;
-    ``overstated``: chi² says that the stated noise is too large.
+    ``overstated`` (K,): chi² says that the stated noise is too large.
     """
-    if equations.rows is not None or equations.likely:
-        return ()
-    following = np.full(equations.count, -1, dtype=np.int64)
-    for group in equations.groups:
-        if in_order(problem, group.kernel.owner) and group.rows > 1:
-            places = group.first + np.arange(group.count - group.kernel.outputs)
-            following[places] = places + group.kernel.outputs
-    following[tested] = -1
-    if not bool((following >= 0).any()) or not bool(np.isfinite(basis).all()):
-        return ()
-    found, expected, spread = lag_scores(solver_code(equations), minimum.residuals, basis, following)
-    if not correlated(found, expected, spread):
-        return ()
-    sums = float(found), float(expected), float(spread)
-    return (faults.autocorrelated_residuals(problem.span, *sums, overstated=overstated),)
+    following = _following(fits)
+    if following is None:
+        return
+    if tested is not None:
+        following[:, tested] = -1
+    scores = lag_scores(solver_code(fits.solves.equations), fits.residuals, fits.basis, following)
+    for place in np.flatnonzero(correlated(*scores)).tolist():
+        numbers, small = [float(each[place]) for each in scores], bool(overstated[place])
+        yield place, partial(faults.autocorrelated_residuals, fits.problem.span, *numbers, overstated=small)
+
+
+def _following(fits: Fits) -> Indices | None:
+    """The places (K, m) of the residuals after each, -1 for none; None where no rows are in order, or none is normal.
+
+    Windows are stacked by time, and a solve by itself has its rows as the table has them.
+    """
+    if fits.solves.consensus or fits.solves.equations.likely:
+        return None
+    none = np.full(1, -1, dtype=np.int64)
+    every = []
+    for each in fits.solves.lines:
+        owner, positions, solve = each.group.kernel.owner, each.positions, each.solve
+        table, after = fits.problem.blocks[owner].table, none
+        if in_order(fits.problem, owner) and len(solve) > 1 and positions is not None and table is not None:
+            rows = fits.tables[table].rows[positions]
+            same = solve[1:] == solve[:-1]
+            sorted_already = bool((rows[1:] > rows[:-1])[same].all())
+            order = slice(None) if sorted_already else np.lexsort((rows, solve))
+            after = np.full(each.slots.shape, -1, dtype=np.int64)
+            after[order] = np.vstack([np.where(same[:, None], each.slots[order][1:], -1), after[:1]])
+        every.append(after)
+    following = fits.solves.by_slot(every, missing=-1)
+    return following if bool((following >= 0).any()) else None
 
 
 COARSE = 0.55
@@ -144,8 +153,8 @@ def steps(readings: Floats) -> Floats:
 
 
 @np.errstate(all="ignore")
-def coarse(readings: Floats, raw: Floats, deviations: Floats, basis: Floats, share: float = 0.0) -> Mask:
-    """Where the steps of readings are coarse, or nearly: nearer to that than by a ``share``.
+def coarse(readings: Floats, raw: Floats, deviations: Floats, basis: Floats) -> Mask:
+    """Where the steps of readings are coarse.
 
     ``readings`` (…, m) are NaN for other rows, ``raw`` (…, m) what the model is larger by, ``deviations`` (…, m) the
     standard deviations as estimated, ``basis`` (…, m, k) orthonormal, the directions in which residuals follow
@@ -159,45 +168,30 @@ def coarse(readings: Floats, raw: Floats, deviations: Floats, basis: Floats, sha
     wave = np.exp(2j * np.pi * (readings + raw) / step[..., None]) / deviations
     along = np.einsum("...mk,...m->...k", basis, np.where(there, wave, 0.0))
     shift = step / np.pi * np.sqrt(np.square(np.abs(along)).sum(axis=-1))
-    return np.asarray((scatter < COARSE * step * (1.0 + share)) & (shift > COARSE_SHIFT * (1.0 - share)))
+    return np.asarray((scatter < COARSE * step) & (shift > COARSE_SHIFT))
 
 
-def coarse_readings(
-    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, estimated: Covariance
-) -> tuple[Diagnostic, ...]:
-    """A warning for each clause whose readings have coarse steps at a minimum."""
-    if minimum.blocks is not None or equations.rows is not None or equations.likely or equations.lossy:
-        return ()
-    stepped = dict(_stepped(problem, tables, equations))
-    if not stepped or not bool(np.isfinite(estimated.factor).all()):
-        return ()
-    basis = directions(equations, minimum, estimated)
-    factors = np.ones(equations.count) if equations.factors is None else equations.picked(equations.factors)
-    redundancy = max(equations.count - basis.shape[1], 1)
-    common = float(np.sqrt(minimum.cost / redundancy)) if equations.factors is None else 1.0
-    told = []
-    for number, readings in stepped.items():
-        group = equations.groups[number]
-        block = problem.blocks[group.kernel.owner]
-        own = slice(group.first, group.first + group.count)
-        unit = factors[own] / group.whiteners[0].weights[:, 0]
-        if bool(coarse(readings, minimum.residuals[own] * unit, common * unit, basis[own])):
-            scatter = common * float(np.median(unit)) / float(steps(readings))
-            counts = bool((readings >= 0.0).all() and (readings == np.rint(readings)).all())
-            told.append(faults.coarse_readings(block.span, block.name, scatter, counts=counts))
-    return tuple(told)
-
-
-def _stepped(problem: Problem, tables: Mapping[str, Table], equations: Assembled) -> Iterator[tuple[int, Floats]]:
-    """The groups, by number, whose readings are in steps, and these readings (rows,)."""
-    for number, group in enumerate(equations.groups):
-        owner = group.kernel.owner
-        name, table = rounded_column(problem, owner), problem.blocks[owner].table
-        if name is None or table is None or group.positions is None or group.rows < LEAST_ROWS:
+def coarse_readings(fits: Fits) -> Said:
+    """Clauses whose readings have coarse steps."""
+    equations = fits.solves.equations
+    if fits.solves.consensus or equations.likely or equations.lossy or fits.solves.most < LEAST_ROWS:
+        return
+    for owner, block in enumerate(fits.problem.blocks):
+        name = rounded_column(fits.problem, owner)
+        if name is None or block.table is None:
             continue
-        readings = tables[table].numbers(name)[np.asarray(group.positions)]
-        if bool(np.isfinite(steps(readings))):
-            yield number, readings
+        readings = fits.column(owner, block.table, name)
+        which = np.flatnonzero(np.isfinite(steps(readings)))
+        if not len(which):
+            continue
+        deviations = fits.deviations()
+        found = coarse(readings[which], fits.errors()[which], deviations[which], fits.basis[which])
+        for place in which[found].tolist():
+            there = np.isfinite(readings[place])
+            own = readings[place, there]
+            scatter = float(np.median(deviations[place, there])) / float(steps(own))
+            counts = bool((own >= 0.0).all() and (own == np.rint(own)).all())
+            yield place, partial(faults.coarse_readings, block.span, block.name, scatter, counts=counts)
 
 
 SELDOM = 0.01
@@ -222,14 +216,12 @@ SIGNS = 1.0, -1.0
 
 
 @np.errstate(all="ignore")
-def at_edge(
-    readings: Floats, raw: Floats, deviations: Floats, basis: Floats, sign: float, margin: float = 0.0
-) -> tuple[Floats, Mask]:
+def at_edge(readings: Floats, raw: Floats, deviations: Floats, basis: Floats, sign: float) -> tuple[Floats, Mask]:
     """The least (``sign`` 1) or largest (−1) of the readings (…,), and whether it may be a limit that matters (…,).
 
     ``readings`` (…, m) are NaN for other rows, ``raw`` (…, m) what the model is larger by, ``deviations`` (…, m) the
     standard deviations as estimated, ``basis`` (…, m, k) orthonormal, the directions in which residuals follow
-    estimates. Limits are reached nearer by a share ``margin``.
+    estimates.
     """
     there = np.isfinite(readings)
     ordered = np.where(there, sign * readings, np.inf)
@@ -241,7 +233,7 @@ def at_edge(
     if not told.any():
         return edge, told
     depth = np.where(there, least - ordered - sign * raw, -np.inf) / deviations
-    near = (depth > -NEAR * (1.0 + margin)).sum(axis=-1)
+    near = (depth > -NEAR).sum(axis=-1)
     size = np.where(there, np.abs(readings), 0.0).max(axis=-1, keepdims=True)
     noisy = (there & (np.abs(raw) > NO_DIFFERENCE * size)).any(axis=-1)
     found = noisy & told & ((count > 1) | (near > 1))
@@ -249,7 +241,7 @@ def at_edge(
     tied &= found[..., None]
     hidden[tied] = [_below(each) for each in depth[tied].tolist()]
     shift = np.sqrt(np.square(np.einsum("...mk,...m->...k", basis, hidden)).sum(axis=-1))
-    return edge, np.asarray(found & (shift > EDGE_SHIFT * (1.0 - margin)))
+    return edge, np.asarray(found & (shift > EDGE_SHIFT))
 
 
 def _below(depth: float) -> float:
@@ -290,43 +282,37 @@ def clauses_read(problem: Problem, equations: Assembled) -> dict[int, tuple[str,
     return found
 
 
-@np.errstate(all="ignore")
-def readings_at_edges(
-    problem: Problem,
-    tables: Mapping[str, Table],
-    equations: Assembled,
-    minimum: Minimum,
-    basis: Floats,
-    variance: float,
-) -> Iterator[Diagnostic]:
-    """A warning for each clause some of whose readings stand at a limit that is not stated.
-
-    ``basis`` (m, k) are the directions of the fit, ``variance`` is that of whitened residuals.
-    """
-    factors = np.ones(equations.count) if equations.factors is None else equations.picked(equations.factors)
-    read: dict[int, tuple[Floats, Indices]] = {}
-    for owner, (table, column) in clauses_read(problem, equations).items():
-        groups = [group for group in equations.groups if group.kernel.owner == owner and group.rows]
-        numbers = tables[table].numbers(column)
-        if groups:
-            places = np.concatenate([group.first + np.arange(group.rows) for group in groups])
-            read[owner] = np.concatenate([numbers[np.asarray(group.positions)] for group in groups]), places
-    weights = np.ones(equations.count)
-    for group in equations.groups:
-        if group.kernel.owner in read:
-            weights[group.first : group.first + group.rows] = group.whiteners[0].weights[:, 0]
-    deviations = factors * np.sqrt(variance) / weights
-    for owner, (readings, places) in read.items():
-        own, block = deviations[places], problem.blocks[owner]
-        alike = [each for other, (each, _) in read.items() if problem.blocks[other].factor_name == block.factor_name]
+def readings_at_edges(fits: Fits) -> Said:
+    """Clauses some of whose readings stand at a limit that is not stated."""
+    clauses = {} if fits.solves.consensus else clauses_read(fits.problem, fits.solves.equations)
+    if not clauses:
+        return
+    read = {owner: fits.column(owner, *column) for owner, column in clauses.items()}
+    raw, deviations, blocks = fits.errors(), fits.deviations(), fits.problem.blocks
+    for owner, readings in read.items():
+        block, left = blocks[owner], np.ones(fits.solves.count, dtype=bool)
         for sign in SIGNS:
-            edge, suspect = at_edge(readings, minimum.residuals[places] * own, own, basis[places], sign)
-            if not suspect:
-                continue
-            away = np.abs(np.concatenate(alike) - edge)
-            count = int((readings == edge).sum())
-            if by_chance(count, len(readings), away[away > 0.0], float(np.median(own))) < SELDOM:
-                yield faults.readings_at_edge(
-                    block.span, block.name, (count, len(readings)), float(edge), lower=sign > 0
+            edges, suspect = at_edge(readings, raw, deviations, fits.basis, sign)
+            for place in np.flatnonzero(suspect & left).tolist():
+                alike = [each[place] for k, each in read.items() if blocks[k].factor_name == block.factor_name]
+                away, own, edge = np.abs(np.concatenate(alike) - edges[place]), readings[place], float(edges[place])
+                there = np.isfinite(own)
+                count, deviation = (
+                    (int((own == edge).sum()), int(there.sum())),
+                    float(np.median(deviations[place, there])),
                 )
-                break
+                if by_chance(*count, away[away > 0.0], deviation) < SELDOM:
+                    left[place] = False
+                    said = partial(faults.readings_at_edge, block.span, block.name, count, edge, lower=sign > 0)
+                    yield place, said
+
+
+def uneven_rows(fits: Fits, over: Mask, tested: Indices | None = None) -> Said:
+    """What is said of rows beside one another; arguments as for `autocorrelated`."""
+    alike = set()
+    for place, make in autocorrelated(fits, over, tested):
+        alike.add(place)
+        yield place, make
+    yield from (each for each in uneven_noise(fits) if each[0] not in alike)
+    yield from outlying_rows(fits)
+    yield from readings_at_edges(fits)

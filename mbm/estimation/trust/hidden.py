@@ -11,19 +11,18 @@ to, which is exact where alike residuals stand in groups, and otherwise makes th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from functools import partial
 from math import cbrt, erfc, sqrt
 
 import numpy as np
 
-from mbm.equations.assembly import Assembled
-from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
+from mbm.equations.solves import Solves
+from mbm.equations.types import Floats, Mask
 from mbm.estimation.trust import faults
+from mbm.estimation.trust.fits import Fits, Said
 from mbm.estimation.trust.uneven import BY_CHANCE, table_rows
-from mbm.estimation.uncertainty.variance import redundancy_numbers
-from mbm.problem.tables import Table
-from mbm.problem.types import Block, BlockRole, Problem
-from mbm.text.types import Diagnostic
+from mbm.problem.types import Block, BlockRole
 from mbm.values import dataclass
 
 LEAST_REDUNDANCY = 20.0
@@ -70,10 +69,10 @@ def narrow(residuals: Floats, there: Mask | bool = True) -> Mask:
 
 
 @np.errstate(all="ignore")
-def tail(residuals: Floats, redundancy: Floats, components: int, share: float = 0.0) -> Tail | None:
+def tail(residuals: Floats, redundancy: Floats, components: int) -> Tail | None:
     """What lies beyond most of the ``residuals`` (n,), if it is more than normal errors have; else None.
 
-    It is one of so many ``components`` of a solve; by a ``share`` less is taken for as much.
+    It is one of so many ``components`` of a solve.
     """
     checked = redundancy > CHECKED
     freedom = float(redundancy[checked].sum())
@@ -84,10 +83,10 @@ def tail(residuals: Floats, redundancy: Floats, components: int, share: float = 
     core = float(np.median(sizes)) / CORE
     squares = np.square(sizes / sizes[-1])
     kurtosis = float(np.square(squares).mean() / squares.mean() ** 2)
-    if core > NARROW * (1.0 + share) or kurtosis < 3.0 + LONG * (1.0 - share):
+    if core > NARROW or kurtosis < 3.0 + LONG:
         return None
     chance = kurtosis_tail(kurtosis, freedom)
-    return Tail(core=core, far=far / core) if chance * components < BY_CHANCE * (1.0 + share) else None
+    return Tail(core=core, far=far / core) if chance * components < BY_CHANCE else None
 
 
 def _in_steps(sizes: Floats) -> bool:
@@ -126,60 +125,55 @@ def stated_noise(block: Block) -> bool:
     return block.role is BlockRole.OBSERVATION and block.table is not None and not block.unknown_factor
 
 
-def hidden_outliers(
-    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, observed: Observability
-) -> Iterator[Diagnostic]:
-    """A warning for each clause in whose stated noise outliers hide."""
-    held = minimum.constraints is not None and bool(minimum.constraints.forcing.any())
-    if equations.lossy or equations.likely or held or bool(minimum.at_bound.any()):
+def hidden_outliers(fits: Fits) -> Said:
+    """Clauses in whose stated noise outliers hide."""
+    solves, problem, residuals = fits.solves, fits.problem, fits.residuals
+    if solves.equations.lossy or solves.equations.likely or solves.most < LEAST_REDUNDANCY:
         return
-    if len(minimum.residuals) != equations.count:
+    owners = [owner for owner, block in enumerate(problem.blocks) if stated_noise(block)]
+    components = [(owner, there) for owner in owners for there in _components(solves, owner)]
+    if not components:
         return
-    components = [
-        (owner, places)
-        for owner, block in enumerate(problem.blocks)
-        if stated_noise(block)
-        for places in _components(equations, owner)
-        if len(places) >= LEAST_REDUNDANCY
+    enough = np.array([there.sum(axis=1) >= LEAST_REDUNDANCY for _, there in components])
+    asked = enough & ~fits.held & np.array([narrow(residuals, there) for _, there in components])
+    for place in np.flatnonzero(asked.any(axis=0)).tolist():
+        left, tested = fits.redundancy(place), int(enough[:, place].sum())
+        mine = [components[k] for k in np.flatnonzero(asked[:, place]).tolist()]
+        for owner in dict.fromkeys(owner for owner, _ in mine):
+            far, core = np.zeros(solves.most), np.inf
+            for own in (there[place] for each, there in mine if each == owner):
+                found = tail(residuals[place, own], left[own], tested)
+                if found is not None:
+                    far[own] = found.far
+                    core = min(core, found.core)
+            if far.any():
+                block = problem.blocks[owner]
+                said = partial(faults.hidden_outliers, block.span, block.name, core, _farthest(fits, place, owner, far))
+                yield place, said
+
+
+def _components(solves: Solves, owner: int) -> Iterator[Mask]:
+    """Which residuals (K, m) that count are those of each component of a clause."""
+    lines = [
+        each
+        for each in solves.lines
+        if each.group.kernel.owner == owner and not solves.equations.eliminated(each.group)
     ]
-    asked = [each for each in components if bool(narrow(minimum.residuals[each[1]]))]
-    if not asked:
-        return
-    redundancy = redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
-    for owner in dict.fromkeys(owner for owner, _ in asked):
-        far, core = np.zeros(equations.whole), np.inf
-        for places in (places for each, places in asked if each == owner):
-            found = tail(minimum.residuals[places], redundancy[places], len(components))
-            if found is not None:
-                far[places if equations.rows is None else equations.rows[places]] = found.far
-                core = min(core, found.core)
-        if far.any():
-            block = problem.blocks[owner]
-            rows = _farthest(problem, tables, equations, owner, far)
-            yield faults.hidden_outliers(block.span, block.name, core, rows)
+    kept = solves.kept()
+    for component in range(max((each.slots.shape[1] for each in lines), default=0)):
+        there = np.zeros(kept.shape, dtype=bool)
+        for each in lines:
+            if component < each.slots.shape[1]:
+                there[each.solve, each.slots[:, component]] = True
+        yield there & kept
 
 
-def _components(equations: Assembled, owner: int) -> Iterator[Indices]:
-    """The places (in m) of the residuals of each component of a clause."""
-    groups = [each for each in equations.groups if each.kernel.owner == owner and not equations.eliminated(each)]
-    for component in range(max((each.kernel.outputs for each in groups), default=0)):
-        places = np.concatenate(
-            [
-                each.first + component + each.kernel.outputs * np.arange(each.rows)
-                for each in groups
-                if component < each.kernel.outputs
-            ]
-        )
-        yield places if equations.rows is None else np.flatnonzero(np.isin(equations.rows, places))
-
-
-def _farthest(
-    problem: Problem, tables: Mapping[str, Table], equations: Assembled, owner: int, far: Floats
-) -> list[tuple[int, float]]:
+def _farthest(fits: Fits, place: int, owner: int, far: Floats) -> list[tuple[int, float]]:
     """Rows of a clause, and how far out they are, the worst first: those that are far, and the worst in any case."""
     found: list[tuple[int, float]] = []
-    for group in (each for each in equations.groups if each.kernel.owner == owner and each.rows):
-        out = far[group.first : group.first + group.count].reshape(group.rows, -1).max(axis=1)
-        found += zip(table_rows(problem, group, tables).tolist(), out.tolist(), strict=True)
+    for each in (each for each in fits.solves.lines if each.group.kernel.owner == owner and len(each.solve)):
+        mine = each.solve == place
+        rows = table_rows(fits.problem, each.group, fits.tables, each.place)[mine]
+        found += zip(rows.tolist(), far[each.slots[mine]].max(axis=1).tolist(), strict=True)
     found.sort(key=lambda each: -each[1])
     return found[: max(sum(out > NAMED for _, out in found), 1)]

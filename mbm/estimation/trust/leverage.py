@@ -23,6 +23,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.excerpt import excerpt
+from mbm.equations.losses import loss_weights
 from mbm.equations.metric import cost_at
 from mbm.equations.surface import plainly_affine
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum
@@ -68,20 +69,12 @@ class FixedWeights:
         return self.equations.retract(x, step)
 
 
-def loss_weights(equations: Assembled, plain: Floats) -> Floats:
-    """ρ' of the residuals ``plain`` (m,); 1 without a loss."""
-    weights = np.ones(len(plain))
-    for loss, lines in loss_lines(equations):
-        weights[lines] = loss.weight(np.square(plain[lines]).sum(axis=1))[:, None]
-    return weights
-
-
 def fixed_weights(
     equations: Assembled, minimum: Minimum, estimated: Covariance
 ) -> tuple[FixedWeights, Minimum, Covariance] | None:
     """The equations, the minimum and the covariance with fixed weights; None where the weights leave too little."""
     plain = equations.plain_residuals(minimum.point)
-    roots = np.sqrt(loss_weights(equations, plain))
+    roots = np.sqrt(loss_weights(loss_lines(equations), plain))
     fixed = FixedWeights(equations=equations, roots=roots)
     residuals, jacobian = roots * plain, fixed.jacobian(minimum.point)
     image = jacobian @ estimated.factor
@@ -152,7 +145,7 @@ def _apart(problem: Problem, equations: Assembled, point: Floats, factor: Floats
     others = excerpt(replace(equations, numbers=point), equations.free, units)
     there = minimise(others, point, ROUGH).point
     residuals, slopes = equations.plain_residuals(there), equations.plain_jacobian(there) @ factor
-    weights = np.where(without, 0.0, loss_weights(equations, residuals))
+    weights = np.where(without, 0.0, loss_weights(loss_lines(equations), residuals))
     information = (weights[:, None] * slopes).T @ slopes
     if not np.linalg.eigvalsh(information)[0] > EPSILON * np.trace(information):
         return np.full(equations.count, np.nan)

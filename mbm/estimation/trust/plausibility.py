@@ -10,23 +10,25 @@ is of the curvature at zero, means nothing.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, mentioned
-from mbm.equations.likelihoods import excess_of, larger
-from mbm.equations.types import Covariance, Fit, Floats, Mask, Minimum
+from mbm.equations.solves import alone
+from mbm.equations.types import Covariance, Floats, Mask, Minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust import faults as trust_faults
-from mbm.estimation.trust.coarse import autocorrelation, coarse_readings, directions, readings_at_edges
+from mbm.estimation.trust.coarse import coarse_readings, directions, uneven_rows
 from mbm.estimation.trust.curvature import Curvature, DerivedEnds
+from mbm.estimation.trust.fits import Fits, Said, only
 from mbm.estimation.trust.hidden import hidden_outliers
 from mbm.estimation.trust.nonlinearity import IntervalEnds
-from mbm.estimation.trust.uneven import outlying_rows, uneven_noise
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.statistics import Statistics
+from mbm.estimation.uncertainty.variance import redundancy_numbers
 from mbm.expression.evaluate import evaluate
 from mbm.problem.naming import scalar_name
 from mbm.problem.previous import has_before, looks_back
@@ -36,6 +38,7 @@ from mbm.problem.types import BlockRole, Problem
 from mbm.solver.chi_square import chi_square_tail
 from mbm.solver.decisions import FARTHEST
 from mbm.text.types import Diagnostic, Span
+from mbm.values import once
 
 IMPROBABLE = 1e-6
 """Probability of a cost as large as the one found below which data and stated noise disagree: never by chance."""
@@ -80,8 +83,10 @@ def doubts(
     if bent is not None:
         found += _nonlinear(equations, bent.ends)
         found += _nonlinear_derived(propagation, bent.derived)
-    found += of_residuals(propagation, minimum)
-    found += coarse_readings(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
+    fit = fit_of(propagation, minimum)
+    dense = fit if minimum.blocks is None else None
+    found += of_residuals(propagation, minimum, fit)
+    found += () if dense is None else only(coarse_readings(dense))
     if equations.likely:  # loaded by problems with likelihoods only
         found += vanishing_scales(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if outcome.freedoms.poor:
@@ -90,21 +95,49 @@ def doubts(
         from mbm.estimation.trust.leverage import leverage
 
         found += leverage(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
-    return (*found, *_strained(problem, equations, minimum, outcome.covariance))
+    return (*found, *(only(strained(dense)) if dense is not None else ()))
 
 
-@np.errstate(all="ignore")
-def of_residuals(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic, ...]:
-    """Doubts of the noise, by the sizes of residuals and their order; as for `doubts`."""
-    problem, equations, outcome = propagation.problem, propagation.equations, propagation.outcome
-    return (
-        *_noise(problem, equations, outcome),
-        *hidden_outliers(problem, propagation.binder.tables, equations, minimum, outcome.observed),
-        *_correlated(propagation, minimum),
+def fit_of(propagation: Propagation, minimum: Minimum) -> Fits | None:
+    """The solve as one of several; None where the residuals are those of other rows."""
+    equations, estimated = propagation.equations, propagation.outcome.covariance
+    if len(minimum.residuals) != equations.count:
+        return None
+    image = np.zeros((equations.count, 0)) if minimum.blocks is not None else minimum.jacobian @ estimated.factor
+    scaled = not equations.lossy and estimated.variance > 0.0  # else the factor is not that of the normal equations
+    image = image / np.sqrt(estimated.variance) if scaled else image
+    solves = alone(equations)
+
+    def redundancy(_: int) -> Floats:
+        left = redundancy_numbers(minimum.jacobian, propagation.outcome.observed, minimum.blocks)
+        return equations.expanded(left)
+
+    pushed = minimum.constraints is not None and bool(minimum.constraints.forcing.any())
+    return Fits(
+        problem=propagation.problem,
+        tables=propagation.binder.tables,
+        solves=solves,
+        residuals=equations.expanded(minimum.residuals)[None],
+        basis=equations.expanded(directions(image, scaled=scaled))[None],
+        image=equations.expanded(image)[None],
+        noise=np.sqrt([estimated.variance]),
+        held=np.array([pushed or bool(minimum.at_bound.any())]),
+        stated=once(solves.deviations),
+        redundancy=redundancy,
     )
 
 
-def _correlated(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic, ...]:
+@np.errstate(all="ignore")
+def of_residuals(propagation: Propagation, minimum: Minimum, fit: Fits | None) -> tuple[Diagnostic, ...]:
+    """Doubts of the noise, by the sizes of residuals and their order; as for `doubts`."""
+    return (
+        *_noise(propagation.problem, propagation.equations, propagation.outcome),
+        *(() if fit is None else only(hidden_outliers(fit))),
+        *_correlated(propagation, minimum, fit),
+    )
+
+
+def _correlated(propagation: Propagation, minimum: Minimum, fit: Fits | None) -> tuple[Diagnostic, ...]:
     """Errors that are alike along the rows: of chains first, as these name their clause, then of the other rows.
 
     Where none are, those that grow with the readings.
@@ -122,14 +155,9 @@ def _correlated(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic,
         if found:
             return found
         tested = np.concatenate([tested, *(each.places.ravel() for each in chains)])
-    if minimum.blocks is not None or len(minimum.residuals) != equations.count or minimum.cost == 0.0:
+    if minimum.blocks is not None or fit is None:
         return ()
-    basis = directions(equations, minimum, outcome.covariance)
-    tables, variance = propagation.binder.tables, outcome.covariance.variance
-    found = autocorrelation(problem, equations, minimum, basis, tested, overstated=over)
-    found = found or tuple(uneven_noise(problem, tables, equations, minimum, basis))
-    found = (*found, *outlying_rows(problem, tables, equations, minimum, basis))
-    return (*found, *readings_at_edges(problem, tables, equations, minimum, basis, variance))
+    return only(uneven_rows(fit, np.array([over]), tested))
 
 
 def _noise(problem: Problem, equations: Assembled, outcome: Statistics) -> Iterator[Diagnostic]:
@@ -154,15 +182,15 @@ def _tail(problem: Problem, equations: Assembled, outcome: Statistics) -> float 
     if equations.lossy and not follows_statement(equations):
         return None
     if fit.chi2_p is None and fit.sigma0 is not None and equations.likely:
-        return None if equations.lossy or problem.estimates_noise else _scattered(equations, fit)
+        return None if equations.lossy or problem.estimates_noise else _scattered(outcome)
     tested = not equations.lossy or equations.rows is not None or equations.likely or problem.estimates_noise
     return fit.chi2_p if tested or fit.sigma0 is None else chi_square_tail(fit.cost, fit.dof)
 
 
-def _scattered(equations: Assembled, fit: Fit) -> float | None:
+def _scattered(outcome: Statistics) -> float | None:
     """The same of counts that are too small for χ², which shows that they scatter too much, and no more."""
-    factor = float(larger(*excess_of(equations))[0])
-    tail = chi_square_tail(fit.cost / factor, fit.dof) if np.isfinite(factor) else 1.0
+    factor = np.inf if outcome.counted is None else float(outcome.counted.larger[0])
+    tail = chi_square_tail(outcome.fit.cost / factor, outcome.fit.dof) if np.isfinite(factor) else 1.0
     return tail if tail < UNLIKELY else None
 
 
@@ -261,39 +289,29 @@ def _reach(ratio: float) -> str:
     return "as far" if times == "1" else f"{times} times as far"
 
 
-def _strained(
-    problem: Problem, equations: Assembled, minimum: Minimum, estimated: Covariance
-) -> tuple[Diagnostic, ...]:
+def strained(fits: Fits) -> Said:
     """Priors that the data contradict."""
-    priors = [i for i, block in enumerate(problem.blocks) if block.role is BlockRole.PRIOR]
-    rows = {i: equations.block_rows(i) for i in priors}
-    count = sum(map(len, rows.values()))
-    if not count or len(minimum.residuals) != equations.count or minimum.blocks is not None:
-        return ()
-    limit = max(STRAINED, float(np.sqrt(2 * np.log(count / IMPROBABLE))) if count > 1 else STRAINED)
-    found = []
-    for number, places in rows.items():
-        leverage = np.square(minimum.jacobian[places] @ estimated.factor).sum(axis=1)
-        worst = _largest(innovations(minimum.residuals[places], leverage))
-        if worst > limit:
-            block = problem.blocks[number]
-            found.append(faults.prior_against_data(block.span, block.name, worst))
-    return tuple(found)
+    blocks = fits.problem.blocks
+    priors = {i: fits.solves.block_slots(i) for i, block in enumerate(blocks) if block.role is BlockRole.PRIOR}
+    count = sum((np.bincount(solve, minlength=fits.solves.count) for solve, _ in priors.values()), np.zeros(1))
+    limit = np.where(count > 1, np.maximum(STRAINED, np.sqrt(2 * np.log(count / IMPROBABLE))), STRAINED)
+    for number, own in priors.items():
+        away = np.abs(innovations(fits.residuals[own], np.square(fits.image[own]).sum(axis=1)))
+        worst = np.zeros(fits.solves.count)
+        np.maximum.at(worst, own[0], np.where(np.isfinite(away), away, 0.0))
+        block = blocks[number]
+        for place in np.flatnonzero(worst > limit).tolist():
+            yield place, partial(faults.prior_against_data, block.span, block.name, float(worst[place]))
 
 
-def innovations(residuals: Floats, leverage: Floats, least: float = CHECKED) -> Floats:
-    """Residuals of priors over the root of one minus their leverage; 0 where not more than ``least`` of it is left.
+def innovations(residuals: Floats, leverage: Floats) -> Floats:
+    """Residuals of priors over the root of one minus their leverage; 0 where nothing of it is left to check them.
 
     That is the difference of a prior from the estimate without it, over the standard deviation of that difference (the
     normalised innovation).
     """
     free = np.maximum(1.0 - leverage, 0.0)
-    return np.where(free > least, residuals / np.sqrt(free), 0.0)
-
-
-def _largest(values: Floats | Sequence[float]) -> float:
-    finite = np.abs(np.asarray(values, dtype=np.float64))
-    return float(np.nanmax(finite, initial=0.0))
+    return np.where(free > CHECKED, residuals / np.sqrt(free), 0.0)
 
 
 EXACT = 1e-9

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
+from functools import partial
 from math import erfc, sqrt
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import ALL, Group, measured_side
-from mbm.equations.types import Floats, Indices, Mask, Minimum
+from mbm.equations.solves import Lines
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.trust import faults
+from mbm.estimation.trust.fits import Fits, Said
 from mbm.estimation.uncertainty.student import beyond
 from mbm.problem.factors import factor_groups
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
-from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
 TELLING_ROWS = 20
@@ -164,26 +166,45 @@ def _ranks(values: Floats | Indices) -> Floats:
     return result.reshape(values.shape)
 
 
-def uneven_noise(
-    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, basis: Floats
-) -> Iterator[Diagnostic]:
-    """A warning for each observation whose errors are uneven; ``basis`` (m, k) are the directions of the fit."""
-    owners = told_apart(problem, equations)
+def uneven_noise(fits: Fits) -> Said:
+    """Observations whose errors are uneven."""
+    solves, equations = fits.solves, fits.solves.equations
+    owners = () if solves.consensus or solves.most < TELLING_ROWS else told_apart(fits.problem, equations)
+    if not owners:
+        return
+    leverage, errors = np.einsum("kmn,kmn->km", fits.basis, fits.basis), fits.errors()
     for owner in owners:
-        groups = [group for group in equations.groups if group.kernel.owner == owner]
-        if sum(group.rows for group in groups) < TELLING_ROWS:
-            continue
-        places = np.concatenate([group.first + np.arange(group.rows) for group in groups])
-        sides = [measured_side(problem, group, tables) for group in groups]
-        measured = np.concatenate([side[:, 0] for side in sides if side is not None])
-        errors = np.concatenate([group.values(minimum.point)[:, 0] for group in groups])
-        rows = np.concatenate([table_rows(problem, group, tables) for group in groups])
-        leverage = np.square(basis[places]).sum(axis=1)
-        columns = measured + errors, errors, minimum.residuals[places], leverage, rows
-        names = "fitted", "errors", "residuals", "leverage", "rows"
-        clause = Clauses(**{name: each[None] for name, each in zip(names, columns, strict=True)})
-        for _, grown, correlation in clause.uneven(len(owners)):
-            yield uneven_clause(problem, owner, grown, correlation)
+        fitted, rows = _read(fits, (owner,))
+        fitted += errors
+        counts = (rows >= 0).sum(axis=1)
+        for count in np.unique(counts[counts >= TELLING_ROWS]).tolist():
+            which = np.flatnonzero(counts == count)
+            there = None if count == solves.most else np.nonzero(rows[which] >= 0)[1].reshape(-1, count)
+            at = which if there is None else (which[:, None], there)
+            alike = Clauses(
+                fitted=fitted[at],
+                errors=errors[at],
+                residuals=fits.residuals[at],
+                leverage=leverage[at],
+                rows=rows[at],
+            )
+            block = fits.problem.blocks[owner]
+            for place, grown, correlation in alike.uneven(len(owners)):
+                yield int(which[place]), partial(faults.uneven_noise, block.span, block.name, grown, correlation)
+
+
+def _read(fits: Fits, owners: tuple[int, ...]) -> tuple[Floats, Indices]:
+    """Readings (K, m) of some blocks with one a row, and the numbers of the rows, -1 elsewhere."""
+    problem, tables = fits.problem, fits.tables
+
+    def readings(each: Lines) -> Floats | None:
+        return measured_side(problem, each.group, tables, each.place) if each.group.kernel.owner in owners else None
+
+    def rows(each: Lines) -> Indices | None:
+        mine = each.group.kernel.owner in owners
+        return table_rows(problem, each.group, tables, each.place)[:, None] if mine else None
+
+    return fits.of_rows(readings), fits.of_rows(rows, -1)
 
 
 def table_rows(problem: Problem, group: Group, tables: Mapping[str, Table], lines: Indices | slice = ALL) -> Indices:
@@ -192,12 +213,6 @@ def table_rows(problem: Problem, group: Group, tables: Mapping[str, Table], line
     if table is None or group.positions is None:
         return np.zeros(group.rows, dtype=np.int64)
     return np.asarray(tables[table].rows[group.positions[lines]])
-
-
-def uneven_clause(problem: Problem, owner: int, grown: With, correlation: float) -> Diagnostic:
-    """The warning about a clause."""
-    block = problem.blocks[owner]
-    return faults.uneven_noise(block.span, block.name, grown, correlation)
 
 
 OUTLYING_BY_CHANCE = 0.03
@@ -287,33 +302,27 @@ def pool(problem: Problem, equations: Assembled) -> tuple[int, ...]:
     return tuple(read) if alone and set(read) <= set(told_apart(problem, equations)) else ()
 
 
-def outlying_rows(
-    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, basis: Floats
-) -> Iterator[Diagnostic]:
-    """A warning if one row makes unknown noise large; ``basis`` (m, k) are the directions of the fit."""
-    blocks = pool(problem, equations)
-    groups = [group for group in equations.groups if group.kernel.owner in blocks and group.rows]
-    if not groups:
+def outlying_rows(fits: Fits) -> Said:
+    """Solves in which one row makes unknown noise large."""
+    blocks = () if fits.solves.consensus else pool(fits.problem, fits.solves.equations)
+    if not blocks:
         return
-    places = np.concatenate([group.first + np.arange(group.rows) for group in groups])
-    found = outlier(minimum.residuals[places], basis[places])
-    if found is None:
+    residuals, basis, own = fits.residuals, fits.basis, fits.solves.of_blocks(blocks)
+    suspected = np.flatnonzero(suspects(residuals, np.square(basis).sum(axis=2), own))
+    if not len(suspected):
         return
-    errors = np.concatenate([group.values(minimum.point)[:, 0] for group in groups])
-    sides = [measured_side(problem, group, tables) for group in groups]
-    measured = np.concatenate([side[:, 0] for side in sides if side is not None])
-    if has_noise(measured, errors):
-        numbers = np.concatenate([table_rows(problem, group, tables) for group in groups])
-        owners = np.repeat([group.kernel.owner for group in groups], [group.rows for group in groups])
-        yield outlying_row(problem, int(owners[found.place]), int(numbers[found.place]), found)
+    measured, rows = _read(fits, blocks)
+    owners, errors = fits.of_rows(lambda each: np.array([[each.group.kernel.owner]]), -1), fits.errors()
+    for place in suspected.tolist():
+        at = np.flatnonzero(own[place])
+        found = outlier(residuals[place, at], basis[place, at])
+        if found is not None and has_noise(measured[place, at], errors[place, at]):
+            slot = place, at[found.place]
+            block = fits.problem.blocks[int(owners[slot])]
+            told = int(rows[slot]), found.distance, found.probability, found.widened
+            yield place, partial(faults.outlying_row, block.span, block.name, *told)
 
 
 def has_noise(measured: Floats, errors: Floats) -> bool:
     """Whether readings differ from the model's values by more than rounding."""
     return bool(np.abs(errors).max() > NO_DIFFERENCE * np.abs(measured + errors).max())
-
-
-def outlying_row(problem: Problem, owner: int, row: int, found: Outlier) -> Diagnostic:
-    """The warning about a row of a clause."""
-    block = problem.blocks[owner]
-    return faults.outlying_row(block.span, block.name, row, found.distance, found.probability, found.widened)

@@ -10,19 +10,20 @@ that of random effects beside stated noise, they are those of Hartung and Knapp 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable
 from math import inf
+from typing import TypeAlias
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.likelihoods import likely
 from mbm.equations.metric import column_norms
+from mbm.equations.solves import Counted, Solves, alone
 from mbm.equations.spreads import Freedom
 from mbm.equations.types import Covariance, Floats, Mask, Minimum, Noise, NoiseState, Observability
+from mbm.estimation.uncertainty.student import FEW_SCALED, enough, few_told, scaled, scaled_blocks
 from mbm.estimation.uncertainty.variance import redundancy_numbers
-from mbm.values import dataclass
+from mbm.values import dataclass, replace
 
 LEAST = 1.0
 """Least effective degrees of freedom: below, an estimated variance tells next to nothing."""
@@ -41,63 +42,8 @@ UNTOLD = 0.4
 """Relative variance that such noises add to a quantity, through its weights, from which on the intervals fall short: of
 two instruments with two readings each they hold the truth in 91 %, with two and three in 93 %."""
 
-FEW_MONOTONE, FEW_WEIGHED, FEW_BOUNDED, FEW_ENDING, FEW_AGREEING = 8.0, 9.0, 12.0, 14.0, 18.0
-"""Degrees of freedom below which intervals fall short where one scale is estimated under a loss whose influence never
-falls, under one whose influence does, under one that nearly leaves large residuals out, or does, and by consensus: such
-estimates of a scale scatter more than s², and Student's t does not know it. Simulated lines are held in 75 % (5 rows:
-27 % of the scales are less than a quarter of what they should be), 88 % (6 rows), 92 % (9 rows) and 94.5 % (10 rows) of
-all cases under Huber's loss, in 91.7 % with 10 rows and 93.7 % with 12 under Cauchy's, in 92.5 % with 14 under Tukey's,
-in 93.8 to 94.5 % with 16 to 24, in 92.1 % with 12 under Geman and McClure's and in 94 % with 14 to 18, and in 90 % with
-10 to 15 rows by consensus."""
-
-FAR_OUT = 1e12
-"""Squared residual, in units of the scale of a loss, far out: of one that is bounded, weight times square vanishes."""
-
-FEW_SCALED = 30.0
-"""Degrees of freedom below which intervals fall short where a scale is an unknown of a likelihood: that of greatest
-likelihood is low by the root of ν/n, so that a mean and slope of 30 exact readings are held in 93 %."""
-
-FEW_TOLD, FEW_ROUNDED = 4.0, 15.0
-"""The same where one unknown is all there is to the scales, and Student's t takes account of it, and where such
-readings are rounded. Simulated lines with 6 readings of which two are limits are held in 92.7 %, with 8 in 94.3 to
-95 %; a mean of rounded readings whose noise is 0.6 steps, in 90 % with 8 readings and 94 % with 20."""
-
 BALANCING = 20
 """Rounds in which weights are brought to where each row tells as much as any other."""
-
-
-def enough(equations: Assembled, *, consensus: bool) -> float:
-    """Degrees of freedom that tell unknown noise well enough under the losses that there are; 0 without any."""
-    if consensus:
-        return FEW_AGREEING
-    if scaled(equations):
-        return FEW_SCALED
-    losses = [loss for group in equations.groups for loss in group.losses]
-    far = [float(loss.weight(np.array([FAR_OUT * loss.scale**2]))[0]) for loss in losses]
-    if 0.0 in far:
-        return FEW_ENDING
-    bounded = any(weight * FAR_OUT < 1.0 / FAR_OUT**0.5 for weight in far)
-    if bounded:
-        return FEW_BOUNDED
-    falling = any(weight * FAR_OUT**0.75 < 1.0 for weight in far)
-    return FEW_WEIGHED if falling else FEW_MONOTONE * bool(losses)
-
-
-def scaled(equations: Assembled) -> bool:
-    """Whether scales of likelihoods are among the unknowns."""
-    return any(group.readings is not None and group.readings.scales for group in equations.groups)
-
-
-def scaled_blocks(equations: Assembled) -> tuple[int, ...]:
-    """The blocks whose scale is one unknown that all of them share; none where there are several, or none."""
-    stated = [(group.kernel.owner, group.readings) for group in equations.groups if group.readings is not None]
-    names = {name for _, each in stated for name in each.scales}
-    return tuple({owner: None for owner, each in stated if each.scales}) if len(names) == 1 else ()
-
-
-def few_told(equations: Assembled) -> float:
-    """Degrees of freedom that tell the one unknown scale well enough."""
-    return FEW_ROUNDED if any(each.rounded for _, each in likely(equations.groups)) else FEW_TOLD
 
 
 def of_scale(rows: Floats, limits: Floats, told: Floats) -> tuple[Floats, Floats]:
@@ -112,8 +58,8 @@ def of_scale(rows: Floats, limits: Floats, told: Floats) -> tuple[Floats, Floats
     return np.maximum((rows - limits) * share, LEAST), np.sqrt(1.0 / share)
 
 
-def common(dof: float, shape: tuple[int, ...], inflation: float = 1.0) -> Freedom:
-    """The same degrees of freedom for all, and the same inflation."""
+def common(dof: Floats | float, shape: tuple[int, ...], inflation: Floats | float = 1.0) -> Freedom:
+    """The same degrees of freedom for all, and the same inflation, or those of an axis of length 1 along it."""
     return Freedom(dof=np.full(shape, dof), inflation=np.full(shape, inflation))
 
 
@@ -242,6 +188,7 @@ def _scatter(grams: Floats, counts: Floats) -> Floats:
 class Freedoms:
     """What the degrees of freedom of quantities follow from: ``dof`` of all alike, or groups of unknown noise.
 
+    Of many solves side by side, all arrays have a leading axis of them.
     ``factor`` (n, k) is that of the covariance, ``grams`` and ``counts`` as `effective` has them (None: all alike), or
     ``grams``, ``scatter`` and ``products`` as `of_parameters` does. ``estimated`` are the blocks of each of these
     groups or parameters, or those whose noise has ``dof`` (none: all have).
@@ -249,32 +196,38 @@ class Freedoms:
     freedom, where grams or an ``inflation`` of all alike need it. ``scaled``: one scale of a likelihood is an unknown.
     """
 
-    dof: float
+    dof: Floats | float
     factor: Floats
     grams: Floats | None = None
     counts: Floats | None = None
     scatter: Floats | None = None
     products: Floats | None = None
     estimated: tuple[tuple[int, ...], ...] = ()
-    few: bool = False
-    misfit: float = 1.0
-    inflation: float = 1.0
+    few: Mask | bool = False
+    misfit: Floats | float = 1.0
+    inflation: Floats | float = 1.0
     scaled: bool = False
 
+    def at(self, place: int) -> Freedoms:
+        """Those of one of many solves."""
+        names = "dof", "factor", "grams", "counts", "few", "misfit", "inflation"
+        own = ((name, getattr(self, name)) for name in names)
+        return replace(self, **{name: each[place] for name, each in own if isinstance(each, np.ndarray)})
+
     @property
-    def poor(self) -> bool:
+    def poor(self) -> Mask:
         """Whether intervals of some estimate fall short even so."""
         if self.grams is None or self.counts is None:
-            return self.few
-        return bool(untold(self.factor, self.grams, self.counts).any())
+            return np.asarray(self.few)
+        return np.asarray(untold(self.factor, self.grams, self.counts).any(axis=-1))
 
     def of_noise(self, block: int) -> float:
-        """Those of the variance of the rows of a block; infinite where it was not estimated."""
+        """Those of the variance of the rows of a block of one solve; infinite where it was not estimated."""
         pool = next((i for i, blocks in enumerate(self.estimated) if block in blocks), None)
         if self.estimated and pool is None:
             return inf
         if self.grams is None or pool is None:
-            return self.dof
+            return float(self.dof)
         scatter = self.scatter
         if scatter is None and self.counts is not None:
             scatter = _scatter(self.grams, self.counts)
@@ -282,24 +235,72 @@ class Freedoms:
         return max(2.0 / variance, LEAST) if variance > 0.0 else inf
 
     def of(self, gradient: Floats) -> Freedom:
-        """Those of quantities with the gradient (…, n), of the shape of its leading axes."""
+        """Those of quantities of one solve with the gradient (…, n), of the shape of its leading axes."""
         if self.grams is None:
             return common(self.dof, gradient.shape[:-1], self.inflation)
-        found = self._of_images(gradient.reshape(-1, gradient.shape[-1]) @ self.factor)
+        found = self.of_images(gradient.reshape(-1, gradient.shape[-1]) @ self.factor)
         shape = gradient.shape[:-1]
         return Freedom(dof=found.dof.reshape(shape), inflation=found.inflation.reshape(shape))
 
     def of_coordinates(self, count: int) -> Freedom:
-        """Those of the ``count`` coordinates themselves."""
-        return self._of_images(self.factor) if self.grams is not None else common(self.dof, (count,), self.inflation)
+        """Those of the ``count`` coordinates of one solve themselves."""
+        return self.of_images(self.factor) if self.grams is not None else common(self.dof, (count,), self.inflation)
 
-    def _of_images(self, images: Floats) -> Freedom:
+    def of_images(self, images: Floats) -> Freedom:
         """Those of quantities whose gradient times the factor of the covariance are ``images`` (p, k)."""
         if self.grams is not None and self.scatter is not None and self.products is not None:
             return of_parameters(images, self.grams, self.scatter, self.products)
         if self.grams is None or self.counts is None:
-            return common(self.dof, images.shape[:-1], self.inflation)
+            each = (np.asarray(number)[..., None] for number in (self.dof, self.inflation))
+            return common(next(each), images.shape[:-1], next(each))
         return effective(images, self.grams, self.counts, self.misfit)
+
+
+Seen: TypeAlias = Callable[[], tuple[Solves, Floats, Floats]]
+"""The rows of K solves, their whitened Jacobians times the factor of the covariance (K, m, k), and how many (K,) of the
+rows with an unknown scale are only limits."""
+
+
+def freedoms_of(
+    equations: Assembled,
+    told: tuple[tuple[int, ...], ...],
+    fit: tuple[Floats, Floats],
+    factor: Floats,
+    seen: Seen,
+    *,
+    every: bool,
+    consensus: bool,
+) -> Freedoms:
+    """The degrees of freedom of K solves, of the blocks of each noise that is ``told`` by residuals.
+
+    ``fit`` has the redundancy (K,) and the cost (K,) of each, ``factor`` (K, n, k) is that of the covariance.
+    ``every``: all rows share the noise that is told. Stated noise leaves infinitely many. Losses, and one noise that
+    all rows share, leave the redundancy.
+    """
+    dof, cost = fit
+    sharing = () if told or equations.lossy else scaled_blocks(equations)
+    if sharing:
+        solves, image, limits = seen()
+        mine = np.square(np.where(solves.of_blocks(sharing)[:, :, None], image, 0.0)).sum(axis=(1, 2))
+        own, growth = of_scale(solves.of_blocks(sharing, counting=True).sum(axis=1), limits, mine)
+        return Freedoms(dof=own, factor=factor, few=own < few_told(equations), inflation=growth, scaled=True)
+    if not (told or equations.lossy):
+        few = (dof < FEW_SCALED) & scaled(equations)
+        return Freedoms(dof=np.full(dof.shape, inf), factor=factor, few=few, inflation=np.ones(dof.shape))
+    if equations.lossy or (len(told) == 1 and every):
+        few = (dof < enough(equations, consensus=consensus)) & bool(told)
+        return Freedoms(dof=np.maximum(dof, LEAST), factor=factor, few=few)
+    solves, image, _ = seen()
+    rows = np.stack([solves.of_blocks(blocks, counting=True) for blocks in told], axis=1)
+    images = np.where(rows[..., None], image[:, None], 0.0)
+    return Freedoms(
+        dof=np.full(dof.shape, inf),
+        factor=factor,
+        grams=np.matmul(np.swapaxes(images, -1, -2), images),
+        counts=rows.sum(axis=-1).astype(np.float64),
+        estimated=told,
+        misfit=cost / np.maximum(dof, 1),
+    )
 
 
 def freedoms(
@@ -308,43 +309,42 @@ def freedoms(
     observed: Observability,
     covariance: Covariance,
     noises: Iterable[tuple[Noise, tuple[int, ...]]],
-    dof: int,
+    fit: tuple[int, Counted | None],
 ) -> Freedoms:
     """The degrees of freedom at a minimum, whose Jacobian is whitened with the final ``noises``.
 
-    Each noise comes with the blocks that share it. Stated noise leaves infinitely many. Losses, and one noise that all
-    rows share, leave the redundancy ``dof``. Of several noises in sparse problems the least
-    redundancy of any group counts, which is never more than is effective. Of two of which one is estimated as nothing,
-    the other has what both tell, as where days are pooled (GUM, H.5): means of 3 to 10 readings on each of 3 to 10
-    days are then held in 93 to 97 %, however much the days differ; with the days less one in 95 to 100 %.
+    Each noise comes with the blocks that share it; ``fit`` are the redundancy, and what counts of a likelihood. Of
+    several noises in sparse problems the least redundancy of any group counts, which is never more than is effective.
+    Of two of which one is estimated as nothing, the other has what both tell, as where days are pooled (GUM, H.5):
+    means of 3 to 10 readings on each of 3 to 10 days are then held in 93 to 97 %, however much the days differ; with
+    the days less one in 95 to 100 %.
     """
     told = tuple(blocks for noise, blocks in noises if noise.state is NoiseState.ESTIMATED)
     rows = [np.concatenate([equations.noise_rows(number) for number in blocks]) for blocks in told]
-    misfit = minimum.cost / max(dof, 1)
+    dof, counted = fit
     every = sum(map(len, rows)) == equations.count
-    if not (told or equations.lossy):
-        vanished = _vanished(equations, minimum, observed, noises)
-        if (sharing := scaled_blocks(equations)) and minimum.blocks is None:
-            return _of_scale(equations, minimum, covariance, sharing)
-        few = scaled(equations) and dof < FEW_SCALED
-        inflation = max(misfit, 1.0) ** 0.5 if vanished < inf else 1.0
-        return Freedoms(dof=vanished, factor=covariance.factor, few=few, inflation=inflation)
-    if equations.lossy or (len(told) == 1 and every):
-        few = bool(told) and dof < enough(equations, consensus=equations.rows is not None)
-        return Freedoms(dof=float(max(dof, LEAST)), factor=covariance.factor, few=few)
-    if minimum.blocks is not None:
+    if minimum.blocks is not None and told and not equations.lossy and not (len(told) == 1 and every):
         redundancy = redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
         least = min(float(redundancy[places].sum()) for places in rows)
         return Freedoms(dof=max(least, LEAST), factor=covariance.factor, estimated=told)
-    images = [minimum.jacobian[places] @ covariance.factor for places in rows]
-    return Freedoms(
-        dof=inf,
-        factor=covariance.factor,
-        grams=np.stack([image.T @ image for image in images]),
-        counts=np.array([len(places) for places in rows], dtype=np.float64),
-        estimated=told,
-        misfit=misfit,
-    )
+
+    def seen() -> tuple[Solves, Floats, Floats]:
+        image = equations.expanded(minimum.jacobian @ covariance.factor)[None]
+        return alone(equations), image, np.zeros(1) if counted is None else counted.limits
+
+    found = freedoms_of(
+        equations,
+        told,
+        (np.array([dof]), np.array([minimum.cost])),
+        covariance.factor[None],
+        seen,
+        every=every,
+        consensus=equations.rows is not None,
+    ).at(0)
+    vanished = inf if told or equations.lossy else _vanished(equations, minimum, observed, noises)
+    if vanished == inf:
+        return found
+    return replace(found, dof=vanished, inflation=max(minimum.cost / max(dof, 1), 1.0) ** 0.5)
 
 
 def _vanished(
@@ -361,14 +361,3 @@ def _vanished(
             if alone and int(np.linalg.matrix_rank(minimum.jacobian[rows])) == len(rows):
                 least = min(least, max(float(len(rows) - alone), LEAST))
     return least
-
-
-def _of_scale(equations: Assembled, minimum: Minimum, covariance: Covariance, blocks: tuple[int, ...]) -> Freedoms:
-    """Those where some ``blocks`` share one unknown scale."""
-    lines = np.concatenate([equations.block_rows(block) for block in blocks])
-    told = float(np.square(minimum.jacobian[lines] @ covariance.factor).sum())
-    count = sum(len(equations.noise_rows(block)) for block in blocks)
-    limits = sum(int(each.limits.sum()) for _, each in likely(equations.groups) if each.scales)
-    dof, inflation = (float(each[0]) for each in of_scale(*(np.array([each]) for each in (count, limits, told))))
-    few = dof < few_told(equations)
-    return Freedoms(dof=dof, factor=covariance.factor, few=few, inflation=inflation, scaled=True)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.likelihoods import likely
 from mbm.equations.metric import rounded_turns, turning
+from mbm.equations.solves import likely
 from mbm.equations.types import Equations, Floats, Indices, Mask, Minimum
 from mbm.solver.decisions import ABSURD, BEND_STEP, LEAST_SIZE, MOST_GROUPS, vanishing
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled, loss_lines
-from mbm.equations.likelihoods import is_untested
 from mbm.equations.manifolds import of_arrays
+from mbm.equations.solves import Counted, alone, counted_of
 from mbm.equations.surface import wholly_affine
 from mbm.equations.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
 from mbm.estimation.uncertainty.degrees import Freedoms, freedoms
@@ -69,11 +69,7 @@ class RowInfluence:
         parts = self._sparse(gradient) if self.minimum.blocks is not None else self._dense(gradient)
         if self.informing is not None:
             parts = parts * self.informing
-        if self.equations.rows is None:
-            return parts
-        whole = np.zeros((len(gradient), self.equations.whole))
-        whole[:, self.equations.rows] = parts
-        return whole
+        return self.equations.expanded(parts.T).T
 
     def of_shared(self, parts: Floats) -> tuple[Floats, Mapping[int, Floats]]:
         """As the protocol has it."""
@@ -156,7 +152,7 @@ class Statistics:
     """``covariance`` holds NaN also for what depends on noise that nothing tells, by the ``alternatives``.
 
     ``sigma_known`` is False where no noise at all is known. ``freedoms`` says how well standard deviations are known,
-    ``influence`` what the covariance is the sum of.
+    ``influence`` what the covariance is the sum of, ``counted`` what counts of a likelihood (None: there is none).
     """
 
     observed: Observability
@@ -166,7 +162,14 @@ class Statistics:
     sigma_known: bool
     freedoms: Freedoms
     influence: RowInfluence
+    counted: Counted | None
     diagnostics: tuple[Diagnostic, ...]
+
+    @property
+    def log_likelihood(self) -> float | None:
+        """log L of all readings, constants included; None where no equation has a likelihood."""
+        found = None if self.counted is None else self.counted.log_likelihood
+        return None if found is None else float(found[0])
 
 
 def statistics(
@@ -199,17 +202,23 @@ def statistics(
         for i, n in noise.items()
         if n.state not in (NoiseState.ESTIMATED, NoiseState.NOTHING)
     )
+    counted = None
+    if equations.likely:
+        own = equations.expanded(minimum.residuals)[None]
+        counted = counted_of(alone(equations), own, np.array([equations.count]))
     fit = fit_statistics(
         cost_of(problem, equations, minimum, noise, factors),
         equations.count if left is None else int((~left).sum()),
         observed.rank,
-        noise_stated=not noise and not equations.lossy and not is_untested(equations),
+        noise_stated=not noise and not equations.lossy and (counted is None or not counted.untested[0]),
         equalities=observed.equalities,
         tested=None if left is not None else tested,
     )
     known_by = _shared(problem, equations, minimum, estimated, noise)
     if known_by is None:
-        known_by = freedoms(equations, minimum, observed, estimated, [(noise[g[0]], g) for g in groups], fit.dof)
+        known_by = freedoms(
+            equations, minimum, observed, estimated, [(noise[g[0]], g) for g in groups], (fit.dof, counted)
+        )
     return Statistics(
         observed=observed,
         covariance=estimated,
@@ -225,6 +234,7 @@ def statistics(
             stated=stated,
             freedoms=known_by,
         ),
+        counted=counted,
         diagnostics=diagnostics,
     )
 

@@ -9,6 +9,8 @@ from math import erfc, exp, expm1, inf, isfinite, lgamma, log, log1p, pi, sqrt
 
 import numpy as np
 
+from mbm.equations.assembly import Assembled
+from mbm.equations.solves import likely
 from mbm.equations.types import Floats
 from mbm.values import dataclass
 
@@ -180,3 +182,59 @@ def _fraction(a: float, b: float, x: float) -> float:
 def _kept(value: float) -> float:
     """The value, away from zero."""
     return value if abs(value) > LEAST_TERM else LEAST_TERM
+
+
+FEW_MONOTONE, FEW_WEIGHED, FEW_BOUNDED, FEW_ENDING, FEW_AGREEING = 8.0, 9.0, 12.0, 14.0, 18.0
+"""Degrees of freedom below which intervals fall short where one scale is estimated under a loss whose influence never
+falls, under one whose influence does, under one that nearly leaves large residuals out, or does, and by consensus: such
+estimates of a scale scatter more than s², and Student's t does not know it. Simulated lines are held in 75 % (5 rows:
+27 % of the scales are less than a quarter of what they should be), 88 % (6 rows), 92 % (9 rows) and 94.5 % (10 rows) of
+all cases under Huber's loss, in 91.7 % with 10 rows and 93.7 % with 12 under Cauchy's, in 92.5 % with 14 under Tukey's,
+in 93.8 to 94.5 % with 16 to 24, in 92.1 % with 12 under Geman and McClure's and in 94 % with 14 to 18, and in 90 % with
+10 to 15 rows by consensus."""
+
+FAR_OUT = 1e12
+"""Squared residual, in units of the scale of a loss, far out: of one that is bounded, weight times square vanishes."""
+
+FEW_SCALED = 30.0
+"""Degrees of freedom below which intervals fall short where a scale is an unknown of a likelihood: that of greatest
+likelihood is low by the root of ν/n, so that a mean and slope of 30 exact readings are held in 93 %."""
+
+FEW_TOLD, FEW_ROUNDED = 4.0, 15.0
+"""The same where one unknown is all there is to the scales, and Student's t takes account of it, and where such
+readings are rounded. Simulated lines with 6 readings of which two are limits are held in 92.7 %, with 8 in 94.3 to
+95 %; a mean of rounded readings whose noise is 0.6 steps, in 90 % with 8 readings and 94 % with 20."""
+
+
+def enough(equations: Assembled, *, consensus: bool) -> float:
+    """Degrees of freedom that tell unknown noise well enough under the losses that there are; 0 without any."""
+    if consensus:
+        return FEW_AGREEING
+    if scaled(equations):
+        return FEW_SCALED
+    losses = [loss for group in equations.groups for loss in group.losses]
+    far = [float(loss.weight(np.array([FAR_OUT * loss.scale**2]))[0]) for loss in losses]
+    if 0.0 in far:
+        return FEW_ENDING
+    bounded = any(weight * FAR_OUT < 1.0 / FAR_OUT**0.5 for weight in far)
+    if bounded:
+        return FEW_BOUNDED
+    falling = any(weight * FAR_OUT**0.75 < 1.0 for weight in far)
+    return FEW_WEIGHED if falling else FEW_MONOTONE * bool(losses)
+
+
+def scaled(equations: Assembled) -> bool:
+    """Whether scales of likelihoods are among the unknowns."""
+    return any(group.readings is not None and group.readings.scales for group in equations.groups)
+
+
+def scaled_blocks(equations: Assembled) -> tuple[int, ...]:
+    """The blocks whose scale is one unknown that all of them share; none where there are several, or none."""
+    stated = [(group.kernel.owner, group.readings) for group in equations.groups if group.readings is not None]
+    names = {name for _, each in stated for name in each.scales}
+    return tuple({owner: None for owner, each in stated if each.scales}) if len(names) == 1 else ()
+
+
+def few_told(equations: Assembled) -> float:
+    """Degrees of freedom that tell the one unknown scale well enough."""
+    return FEW_ROUNDED if any(each.rounded for _, each in likely(equations.groups)) else FEW_TOLD

@@ -47,8 +47,8 @@ def first_order(
     )
 
 
-def violations(values: Floats, equality: Mask) -> Floats:
-    """How far each constraint is from being met, shape (k,) >= 0."""
+def violations(values: Floats, equality: Mask | bool) -> Floats:
+    """How far each constraint is from being met, of the shape of ``values``, >= 0."""
     return np.where(equality, np.abs(values), np.maximum(values, 0.0))
 
 
