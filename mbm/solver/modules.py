@@ -32,6 +32,11 @@ def consensus_module(lanes: int) -> Module:
     return module_of("consensus", (consensus_many, consensus_in_portions), constants={"LANES": lanes})
 
 
+def lags_module(lanes: int) -> Module:
+    """What tells correlated residuals, alone: it is made to run fast in less than a tenth of a second."""
+    return module_of("lags", (lag_scores,), constants={"LANES": lanes})
+
+
 def filters_module(lanes: int) -> Module:
     """Filters and smoothers likewise."""
     lagging = (lag_steps, lag_end, carry_on, growing_steps, growing_answers)

@@ -9,6 +9,7 @@ import pytest
 
 import mbm
 from mbm.estimation.native.callbacks import InterpretedCode
+from mbm.estimation.native.code import NativeCode
 from mbm.estimation.trust.coarse import lag_scores
 
 X = np.linspace(0.0, 1.0, 30)
@@ -36,7 +37,8 @@ def share(found: list[dict[str, Any]], code: str) -> float:
     return float(np.mean([code in codes(solve) for solve in found]))
 
 
-def test_the_moments_of_the_lag_are_those_of_whole_matrices() -> None:
+@pytest.mark.parametrize("alone", [False, True])
+def test_the_moments_of_the_lag_are_those_of_whole_matrices(alone: bool) -> None:
     """E and Var of eᵀBe / eᵀSe for e = Mu from traces of n × n matrices, where M is a projector and S picks the rows
     that follow or are followed: exact where these are all, the first order of a ratio elsewhere. Two data sets at once.
     """
@@ -47,7 +49,8 @@ def test_the_moments_of_the_lag_are_those_of_whole_matrices() -> None:
     basis = np.linalg.qr(rng.normal(size=(2, count, 3)))[0]
     residuals = rng.normal(size=(2, count))
     residuals -= np.einsum("tmk,tnk,tn->tm", basis, basis, residuals)
-    found, mean, spread = lag_scores(InterpretedCode("solver"), residuals, basis, following)
+    code = NativeCode(None).lags if alone else InterpretedCode("solver")
+    found, mean, spread = lag_scores(code, residuals, basis, following)
     for t in range(2):
         first = np.flatnonzero(following[t] >= 0)
         neighbours = np.zeros((count, count))

@@ -14,7 +14,7 @@ from mbm.equations.types import Floats
 from mbm.kernels.types import Stream
 from mbm.machine.interpreted import Interpreted, code_of
 from mbm.machine.kinds import LANES
-from mbm.solver.modules import consensus_module, filters_module, solver_module
+from mbm.solver.modules import consensus_module, filters_module, lags_module, solver_module
 
 KERNEL = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
 """The signature of ``call_kernel``."""
@@ -129,4 +129,5 @@ class InterpretedCode(Interpreted):
 @cache
 def _code(name: str) -> CodeType:
     """The text of a module, compiled once for a process."""
-    return code_of({"solver": solver_module, "consensus": consensus_module, "filters": filters_module}[name](LANES))
+    known = {"solver": solver_module, "consensus": consensus_module, "filters": filters_module, "lags": lags_module}
+    return code_of(known[name](LANES))

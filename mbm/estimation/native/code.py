@@ -60,8 +60,10 @@ class SolverCode:
     the store has of the fast one is taken at once.
     """
 
-    def __init__(self, store: Store | None, name: str, text: Callable[[], str]) -> None:
+    def __init__(self, store: Store | None, name: str, text: Callable[[], str], worth: float | None = None) -> None:
+        """``worth``: products from which the fast code pays (None: as is measured of the solver)."""
         self._store = store
+        self._worth = worth if worth is not None else WORTH if store is None else KEPT_WORTH
         self._name = f"{name} {source_digest('solver')}"
         self._text = text
         self._expected = 0.0
@@ -82,7 +84,7 @@ class SolverCode:
             found = None
             if not self._libraries:
                 found = fetched(self._name, self._store, OPTIMISED, compact=True)
-            if found is None and self._expected >= (WORTH if self._store is None else KEPT_WORTH):
+            if found is None and self._expected >= self._worth:
                 found = kept(self._name, self._text, self._store, OPTIMISED, compact=True)
             if found is not None:
                 self._libraries.append(found)
@@ -125,6 +127,14 @@ def _consensus_text() -> str:
     return llvm.text(consensus_module(LANES))
 
 
+def _lags_text() -> str:
+    """The IR of what tells correlated residuals."""
+    from mbm.machine import llvm
+    from mbm.solver.modules import lags_module
+
+    return llvm.text(lags_module(LANES))
+
+
 def _filters_text() -> str:
     """The IR of filters and smoothers."""
     from mbm.machine import llvm
@@ -156,6 +166,7 @@ class NativeCode:
         self._sure = isinstance(backend, MachineCode)
         self._solver: AnyCode | None = None
         self._consensus: AnyCode | None = None
+        self._lags: AnyCode | None = None
         self._filters: AnyCode | None = None
         self._callbacks: dict[tuple[int, ...], CallbackKernels] = {}
         self.sums: dict[object, NormalKernels] = {}
@@ -177,13 +188,20 @@ class NativeCode:
         return self._consensus
 
     @property
+    def lags(self) -> AnyCode:
+        """What tells correlated residuals, for many rows and unknowns: it runs fast from the first."""
+        if self._lags is None:
+            self._lags = self._made("lags", _lags_text, 0.0)
+        return self._lags
+
+    @property
     def filters(self) -> AnyCode:
         """Filters and smoothers, likewise."""
         if self._filters is None:
             self._filters = self._made("filters", _filters_text)
         return self._filters
 
-    def _made(self, name: str, text: Callable[[], str]) -> AnyCode:
+    def _made(self, name: str, text: Callable[[], str], worth: float | None = None) -> AnyCode:
         if not self._sure:
             from mbm.kernels.native.engine import hindrance
 
@@ -192,7 +210,7 @@ class NativeCode:
                 from mbm.estimation.native.callbacks import InterpretedCode
 
                 return InterpretedCode(name)
-        return SolverCode(self.store, name, text)
+        return SolverCode(self.store, name, text, worth)
 
     def callbacks(
         self, numbers: Sequence[int], kernels: Sequence[Kernel], streams: Sequence[Stream]

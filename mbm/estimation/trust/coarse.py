@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.minimise.native.tails import solver_code
+from mbm.estimation.minimise.native.tails import lags_code
 from mbm.estimation.native.code import AnyCode
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.fits import Fits, Said
@@ -71,7 +71,7 @@ def autocorrelated(fits: Fits, overstated: Mask, tested: Indices | None = None) 
         return
     if tested is not None:
         following[:, tested] = -1
-    scores = lag_scores(solver_code(fits.solves.equations), fits.residuals, fits.basis, following)
+    scores = lag_scores(lags_code(fits.solves.equations, fits.basis), fits.residuals, fits.basis, following)
     for place in np.flatnonzero(correlated(*scores)).tolist():
         numbers, small = [float(each[place]) for each in scores], bool(overstated[place])
         yield place, partial(faults.autocorrelated_residuals, fits.problem.span, *numbers, overstated=small)
