@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mbm.equations.manifolds import chart_slopes, moved, numbers_of_stated, tangent_axes, tangent_slopes
-from mbm.estimation.starts.closed_forms.relative_poses import inverse, product
+from mbm.estimation.starts.closed_forms.motions import inverse, product
 from mbm.problem.manifold import Piece, manifold_of
 from mbm.problem.types import UnknownKind
 from mbm.rotations import (

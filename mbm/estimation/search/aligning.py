@@ -25,7 +25,8 @@ from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import completions
-from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES, origin, product, relates, stepped
+from mbm.estimation.starts.closed_forms.motions import origin, product, stepped
+from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES, relates
 from mbm.estimation.starts.closed_forms.types import Situation
 from mbm.problem.types import UnknownKind
 from mbm.values import dataclass

@@ -7,7 +7,8 @@ import numpy as np
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.intersection import solved
-from mbm.estimation.starts.closed_forms.relative_poses import origin, relates, stepped
+from mbm.estimation.starts.closed_forms.motions import origin, stepped
+from mbm.estimation.starts.closed_forms.relative_poses import relates
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
 from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation
 from mbm.values import dataclass

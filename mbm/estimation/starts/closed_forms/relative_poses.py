@@ -2,85 +2,28 @@
 
 Along the shortest ways from a known member; along a tree that takes edges between neighbours of an ordered key before
 all others (loop closures); and by the chordal relaxation, rotations first, which uses every edge.
-
-Rotations and poses are the numbers that hold them here: steps, products, inverses, row by row.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import field
 
 import numpy as np
 
 from mbm.equations.binding import Group
 from mbm.equations.layout import Entry
-from mbm.equations.manifolds import moved
+from mbm.equations.losses import rooted
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.starts.closed_forms.intersection import solved
+from mbm.estimation.starts.closed_forms.motions import inverse, origin, product, stepped
 from mbm.estimation.starts.closed_forms.numerics.chordal import Frames, Motions, chordal
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
 from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, shortest_ways
 from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation, precision
-from mbm.problem.manifold import Piece
 from mbm.problem.types import BlockRole, UnknownKind
-from mbm.rotations import hamilton, matrix_of_quaternion, planar, quaternion_of_matrix
+from mbm.rotations import matrix_of_quaternion, planar, quaternion_of_matrix
 from mbm.values import dataclass
-
-
-def origin(entry: Entry) -> Floats:
-    """No motion: the numbers (s,) of the identity; some direction."""
-    found = np.zeros(entry.unknown.size)
-    for piece, number, _ in entry.unknown.manifold.spans():
-        if piece is not Piece.NUMBER:
-            found[number] = 1.0
-    return found
-
-
-def stepped(entry: Entry, numbers: Floats, step: Floats) -> Floats:
-    """Numbers (n, s) after steps (n, q) of their coordinates."""
-    result = numbers.copy()
-    for piece, number, coordinate in entry.unknown.manifold.spans():
-        places = slice(number, number + piece.size)
-        result[:, places] = moved(piece, numbers[:, places], step[:, coordinate : coordinate + piece.tangent])
-    return result
-
-
-def product(entry: Entry, first: Floats, second: Floats) -> Floats:
-    """The motions (n, s) first ∘ second."""
-    if entry.unknown.dimension == 3:
-        q = hamilton(first[:, :4], second[:, :4])
-        shift = _rotated(first[:, :4], second[:, 4:]) + first[:, 4:] if second.shape[1] > 4 else second[:, 4:]
-        return np.hstack([q, shift])
-    c, s = np.cos(first[:, 0]), np.sin(first[:, 0])
-    result = np.empty_like(second)
-    result[:, 0] = np.remainder(first[:, 0] + second[:, 0] + np.pi, 2 * np.pi) - np.pi
-    if second.shape[1] > 1:
-        x, y = second[:, 1], second[:, 2]
-        result[:, 1], result[:, 2] = first[:, 1] + c * x - s * y, first[:, 2] + s * x + c * y
-    return result
-
-
-def inverse(entry: Entry, numbers: Floats) -> Floats:
-    """The inverse motions (n, s)."""
-    result = numbers.copy()
-    if entry.unknown.dimension == 3:
-        result[:, 1:4] *= -1.0
-        if numbers.shape[1] > 4:
-            result[:, 4:] = -_rotated(result[:, :4], numbers[:, 4:])
-        return result
-    result[:, 0] *= -1.0
-    if numbers.shape[1] > 1:
-        c, s = np.cos(result[:, 0]), np.sin(result[:, 0])
-        result[:, 1] = -(c * numbers[:, 1] - s * numbers[:, 2])
-        result[:, 2] = -(s * numbers[:, 1] + c * numbers[:, 2])
-    return result
-
-
-def _rotated(q: Floats, v: Floats) -> Floats:
-    """Vectors (n, 3) turned by unit quaternions (n, 4)."""
-    twice = 2.0 * np.cross(q[:, 1:], v)
-    return np.asarray(v + q[:, :1] * twice + np.cross(q[:, 1:], twice))
-
 
 KINDS = (UnknownKind.POSE, UnknownKind.ROTATION)
 """Of unknowns that it places."""
@@ -88,6 +31,11 @@ KINDS = (UnknownKind.POSE, UnknownKind.ROTATION)
 NEWTON = 20
 FOUND_MOTION = 1e-9
 """Residual at which a measured motion counts as found, beside one for motions far off."""
+
+
+LAST_LIMIT, NEXT_LIMIT = 3.0, 0.5
+"""Squared residual, beside its expectation, beyond which a motion hardly counts in the end; and the share of the limit
+that is left from one relaxation to the next."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -139,12 +87,26 @@ class Edge:
     pairs: tuple[Pairs, ...] = field(repr=False)
 
     def cost(self, numbers: Floats) -> float:
-        """The weighted squares of all residuals at the members' numbers (K, s); infinite where one has no value."""
+        """What all residuals cost at the members' numbers (K, s), by their losses; infinite where one has no value."""
         total = 0.0
-        for pairs in self.pairs:
-            values, _ = pairs.linearised(numbers[pairs.first], numbers[pairs.second], pairs.group.kernel.outputs)
-            total += float((np.square(values) * precision(pairs.group, pairs.lines)).sum())
+        for pairs, found in zip(self.pairs, self._whitened(numbers), strict=True):
+            for whitener, loss in zip(pairs.group.whiteners, pairs.group.losses, strict=False):
+                own = slice(whitener.first, whitener.last)
+                found[:, own] = rooted(loss, found[:, own])
+            total += float(np.square(found).sum())
         return total if np.isfinite(total) else np.inf
+
+    def squares(self, numbers: Floats) -> Floats:
+        """The squared lengths (m,) of the whitened residuals at the members' numbers (K, s)."""
+        parts = zip(self.pairs, self._whitened(numbers), strict=True)
+        return np.concatenate([np.square(found[pairs.lines]).sum(axis=1) for pairs, found in parts])
+
+    def _whitened(self, numbers: Floats) -> Iterator[Floats]:
+        for pairs in self.pairs:
+            group = pairs.group
+            found = np.zeros((group.rows, group.kernel.outputs))
+            found[pairs.lines], _ = pairs.linearised(numbers[pairs.first], numbers[pairs.second], group.kernel.outputs)
+            yield group.whitened(found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,20 +251,42 @@ def _best(plan: Plan, subset: Indices) -> Floats:
     """The numbers (members, s) by the way that fits best."""
     edges: Edge = plan.data
     found = [_composed(plan, subset)]
+    reached = finite(found[0], 1)
     early = behind_one_another(plan.candidate.entries[0], edges.first, edges.second)
     if early.any() and not early.all():
         foremost = foremost_edges(len(found[0]), edges.first, edges.second, np.where(early, 0.0, 1.0))
         found.append(_composed(plan, foremost))
-    reached = finite(found[0], 1)
-    relaxed = _relaxed(plan, reached)
+        if any(pairs.group.losses for pairs in edges.pairs):
+            found.append(_reweighted(plan, reached, found[-1], early))
+    relaxed = _relaxed(plan, reached, np.ones(len(edges.first)))
     if relaxed is not None:
         found.append(relaxed)
     costs = [edges.cost(np.where(reached[:, None], each, 0.0)) for each in found]
     return found[int(np.argmin(costs))]
 
 
-def _relaxed(plan: Plan, reached: Mask) -> Floats | None:
-    """The numbers (members, s) by the chordal relaxation, of the members that are ``reached``; None where it fails."""
+def _reweighted(plan: Plan, reached: Mask, begun: Floats, early: Mask) -> Floats:
+    """The numbers (members, s) by relaxations in which motions, but the ``early`` ones (m,), count the less the farther
+    they are from the last one, from those ``begun`` (graduated non-convexity, Geman and McClure; Yang et al. 2020).
+    """
+    edges: Edge = plan.data
+    numbers, limit = begun, np.inf
+    while limit > LAST_LIMIT * plan.candidate.entries[0].unknown.freedom:
+        squares = edges.squares(np.where(reached[:, None], numbers, 0.0))
+        limit = min(NEXT_LIMIT * limit, float(squares.max(initial=0.0)))
+        weights = np.where(early, 1.0, np.square(limit / (limit + squares)))
+        relaxed = _relaxed(plan, reached, weights) if limit > 0.0 else None
+        if relaxed is None:
+            break
+        numbers = relaxed
+    return numbers
+
+
+def _relaxed(plan: Plan, reached: Mask, weights: Floats) -> Floats | None:
+    """The numbers (members, s) by the chordal relaxation, of the members that are ``reached``; None where it fails.
+
+    Motions count with their ``weights`` (m,).
+    """
     edges: Edge = plan.data
     entry = plan.candidate.entries[0]
     numbers, known = _known(plan)
@@ -318,7 +302,7 @@ def _relaxed(plan: Plan, reached: Mask) -> Floats | None:
         second=edges.second[inside],
         turns=R,
         shifts=t if moves else None,
-        stiffness=edges.stiffness[inside],
+        stiffness=edges.stiffness[inside] * weights[inside, None],
     )
     found = chordal(motions, Frames(known=held, rotations=turns, translations=shifts))
     if found is None:
