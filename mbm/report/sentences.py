@@ -11,7 +11,6 @@ from mbm.report.elements import Scalar, scalars, unit_text
 from mbm.report.faults import listed
 from mbm.report.row_data import COORDINATE, OVER_POINTS, OVER_ROWS, RawResiduals, ResidualSummary, RootMean
 from mbm.report.types import Alternative, DerivedValue, Estimate, Kind, Observability, Piece, SolveReport
-from mbm.text.render import mend, where
 from mbm.text.types import Diagnostic, Severity
 
 MOST_NAMES = 12
@@ -151,7 +150,7 @@ def diagnostic_sentence(diagnostic: Diagnostic) -> str:
     said = f"{diagnostic.severity.value}[{diagnostic.code.name}]: {diagnostic.message}"
     if diagnostic.severity is not Severity.ERROR or diagnostic.place is None:
         return said
-    return f"{said}, {where(diagnostic.place)}: {mend(diagnostic)}"
+    return f"{said}, {diagnostic.place.where}: {diagnostic.mend}"
 
 
 def _rows(count: int) -> str:

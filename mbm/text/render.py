@@ -29,7 +29,7 @@ def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
     )
     gutter = _gutter(diagnostic)
     lines = [head]
-    place, hint = diagnostic.place, mend(diagnostic)
+    place, hint = diagnostic.place, diagnostic.mend
     if isinstance(place, Span):
         beside = hint if hint is not None and _fits_beside(place, hint, gutter) else None
         lines.extend(_excerpt(place, beside, "^", gutter, paint, style))
@@ -61,7 +61,7 @@ def as_json(diagnostic: Diagnostic) -> dict[str, str | int | None]:
         "line": None,
         "column": None,
         "length": None,
-        "hint": mend(diagnostic),
+        "hint": diagnostic.mend,
     }
     if isinstance(place, Span):
         document |= {"file": place.source.name, "line": place.line, "column": place.column, "length": place.length}
@@ -70,30 +70,13 @@ def as_json(diagnostic: Diagnostic) -> dict[str, str | int | None]:
     return document
 
 
-def mend(diagnostic: Diagnostic) -> str | None:
-    """The hint; where a diagnostic with a place has none of its own, what its code says in general."""
-    if diagnostic.hint is not None or diagnostic.place is None:
-        return diagnostic.hint
-    said = diagnostic.code.mend
-    return said[:1].lower() + said[1:].rstrip(".")
-
-
 def _gutter(diagnostic: Diagnostic) -> int:
     places = (diagnostic.place, *(label.place for label in diagnostic.labels))
     return max([2, *(len(str(place.line)) for place in places if isinstance(place, Span))])
 
 
 def _arrow(place: Place, gutter: int, paint: Paint) -> str:
-    return f"{' ' * gutter}{paint('-->', Style.NOTE)} {where(place)}"
-
-
-def where(place: Place) -> str:
-    """The file, its line, and the column."""
-    if isinstance(place, Span):
-        return f"{one_line(place.source.name)}:{place.line}:{place.column}"
-    row = "" if place.row is None else f":{place.row}"
-    column = "" if place.column is None else f" (column {one_line(place.column)})"
-    return f"{one_line(place.file)}{row}{column}"
+    return f"{' ' * gutter}{paint('-->', Style.NOTE)} {place.where}"
 
 
 def _excerpt(place: Span, words: str | None, mark: str, gutter: int, paint: Paint, style: Style) -> list[str]:

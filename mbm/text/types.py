@@ -10,7 +10,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import TypeAlias
 
-from mbm.text.shown import cut
+from mbm.text.shown import cut, one_line
 from mbm.values import dataclass
 
 LONGEST_MESSAGE = 4000
@@ -70,6 +70,11 @@ class Span:
         """The characters themselves."""
         return self.source.text[self.start : self.end]
 
+    @property
+    def where(self) -> str:
+        """``file:line:column``."""
+        return f"{one_line(self.source.name)}:{self.line}:{self.column}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataPlace:
@@ -87,6 +92,13 @@ class DataPlace:
     def counted(self) -> int | None:
         """The row as sentences say it: as in the file, or as in the table in the text."""
         return self.row if self.number is None else self.number
+
+    @property
+    def where(self) -> str:
+        """``file:row (column name)``, as far as they are known."""
+        row = "" if self.row is None else f":{self.row}"
+        column = "" if self.column is None else f" (column {one_line(self.column)})"
+        return f"{one_line(self.file)}{row}{column}"
 
 
 Place: TypeAlias = Span | DataPlace
@@ -138,6 +150,13 @@ class Diagnostic:
         object.__setattr__(self, "message", cut(self.message, LONGEST_MESSAGE))
         if self.hint is not None:
             object.__setattr__(self, "hint", cut(self.hint, LONGEST_MESSAGE))
+
+    @property
+    def mend(self) -> str | None:
+        """The hint; where a diagnostic with a place has none of its own, what its code says in general."""
+        if self.hint is not None or self.place is None:
+            return self.hint
+        return self.code.mend[:1].lower() + self.code.mend[1:].rstrip(".")
 
 
 class MbmError(Exception):
