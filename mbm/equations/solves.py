@@ -118,9 +118,9 @@ class Solves:
         """Each loss with the places of the residuals of its units."""
         return ((loss, (solve[:, None], slots)) for loss, solve, slots in self.losses())
 
-    def losses(self, number: int | None = None) -> Iterator[tuple[LossFunction, Indices, Indices]]:
-        """Each loss (of one group, or all), with solve (U,) and places (U, k) of the residuals of its units."""
-        for each in self.lines if number is None else self.lines[number : number + 1]:
+    def losses(self) -> Iterator[tuple[LossFunction, Indices, Indices]]:
+        """Each loss, with solve (U,) and places (U, k) of the residuals of its units."""
+        for each in self.lines:
             for whitener, loss in zip(each.whiteners, each.group.losses, strict=False):
                 yield loss, each.solve, each.slots[:, whitener.first : whitener.last]
 

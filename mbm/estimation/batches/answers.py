@@ -24,13 +24,13 @@ from mbm.estimation.batches.factor import (
     counted,
     factors,
     informed,
-    outlying,
     sandwiches,
 )
 from mbm.estimation.batches.portion import DerivedColumns, Portion, derived_columns, stated
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.surface import held_back, limited_columns, near_limits
 from mbm.estimation.batches.types import Columns, Descent, Ends, Limits, Remarks, Rows, Which, places_of
+from mbm.estimation.consensus.units import outlying
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.coarse import coarse_readings, uneven_rows
@@ -113,7 +113,7 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
         derived=tuple((one.values, one.sigma, one.image) for one in derived),
         rms=mean_roots(portion.lines, residuals, counting, len(problem.blocks)) / noise[:, None],
         used=used_rows(portion.lines, counting, len(problem.blocks)),
-        outliers=_outliers(problem, stack, which, portion, ends, residuals),
+        outliers=_outliers(problem, stack, portion, ends, residuals),
         counting=counting if lossy or ends.kept is not None else None,
         priors=_priors(problem, stack, portion, ends.points),
         clean=solved & undoubted & (lossy | ~(tails < IMPROBABLE)) & (not examined_alone),
@@ -123,7 +123,7 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
         log_likelihood=counts.log_likelihood,
         degrees=replace(degrees, limited=limited),
         remarks=_remarks(fits, sigma0, tails, degrees.poor),
-        limits=_limits(problem, stack, which, portion, ends, surface),
+        limits=_limits(problem, stack, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
 
@@ -223,14 +223,14 @@ def _undoubted(
 
 
 def _limits(
-    problem: Problem, stack: Stack, which: Which, portion: Portion, ends: Ends, surface: tuple[Held, Tangents] | None
+    problem: Problem, stack: Stack, portion: Portion, ends: Ends, surface: tuple[Held, Tangents] | None
 ) -> Limits | None:
     """What is to be said of the constraints; None where there are none."""
     if surface is None or ends.multipliers is None:
         return None
     from mbm.estimation.batches.surface import limits
 
-    return limits(problem, stack, which, portion, *surface, ends.multipliers)
+    return limits(problem, stack, portion, *surface, ends.multipliers)
 
 
 def _unknown(problem: Problem) -> Mask:
@@ -334,19 +334,19 @@ def _reads_columns(block: Block) -> bool:
 
 
 def _outliers(
-    problem: Problem, stack: Stack, which: Which, portion: Portion, ends: Ends, residuals: Floats
+    problem: Problem, stack: Stack, portion: Portion, ends: Ends, residuals: Floats
 ) -> tuple[Rows | None, ...]:
     """The rows of each block of which an equation was left out, or is far off under a loss, by solve."""
     found: list[Rows | None] = [None] * len(problem.blocks)
-    for number, group in enumerate(stack.equations.groups):
-        owner = group.kernel.owner
+    far = outlying(portion.acting(), residuals)
+    every = (None,) * len(portion.lines) if ends.kept is None else ends.kept.outputs
+    for each, outputs in zip(portion.lines, every, strict=True):
+        owner, positions = each.group.kernel.owner, each.positions
         table = problem.blocks[owner].table
-        outputs = None if ends.kept is None else ends.kept.outputs[number]
-        if table is None or group.positions is None or (outputs is None and not group.losses):
+        if table is None or positions is None or (outputs is None and not each.group.losses):
             continue
-        solve, lines = stack.lines(number, which)
-        wrong = outlying(portion, residuals, number, len(solve)) if outputs is None else ~outputs.all(axis=1)
-        mine = Rows.of_rows(stack.tables[table], group.positions[lines][wrong], solve[wrong], len(which))
+        wrong = (far[each.solve[:, None], each.slots] if outputs is None else ~outputs).any(axis=1)
+        mine = Rows.of_rows(stack.tables[table], positions[wrong], each.solve[wrong], portion.count)
         before = found[owner]
         found[owner] = mine if before is None else before.joined(mine)
     return tuple(found)

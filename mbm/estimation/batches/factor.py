@@ -12,7 +12,6 @@ import numpy as np
 from mbm.equations.losses import loss_weights
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.portion import Portion
-from mbm.estimation.consensus.units import STATED_CUT, limits
 from mbm.estimation.trust.nonlinearity import ORTHONORMAL
 from mbm.estimation.uncertainty.sandwich import information, pools
 from mbm.solver.decisions import EXHAUSTED
@@ -40,15 +39,6 @@ def counted(portion: Portion, residuals: Floats) -> Mask:
         if not each.group.counting.all():
             found[each.solve[:, None], each.slots] &= each.group.counting
     return found & (loss_weights(portion.acting(), residuals) > 0.0) if portion.equations.lossy else found
-
-
-def outlying(portion: Portion, residuals: Floats, number: int, rows: int) -> Mask:
-    """The ``rows`` (R,) of a group that some equation takes for an outlier, as `preparation.outliers` does."""
-    found = np.zeros(rows, dtype=bool)
-    for _, solve, slots in portion.losses(number):
-        squares = np.square(residuals[solve[:, None], slots]).sum(axis=1)
-        found |= ~(squares <= limits(np.full(1, slots.shape[1]), STATED_CUT)[0])
-    return found
 
 
 @np.errstate(all="ignore")

@@ -5,7 +5,6 @@ Quantities that are derived once in each solve, with their uncertainty, follow f
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -60,11 +59,11 @@ class Portion(Solves):
             found.append(_lines(group, counts, lines, taken, outputs, weight, columns))
             taken += counts * group.kernel.outputs
         super().__init__(stack.equations, tuple(found), size, consensus=kept is not None)
-        self._limits = []
+        self.limits = []
         taken = np.zeros(self.count, dtype=np.int64)
         for number, group in enumerate(stack.equations.constraints, len(stack.equations.groups)):
             counts = stack.rows[number, places_of(which)]
-            self._limits.append(_lines(group, counts, stack.lines(number, which), taken, None, None, columns))
+            self.limits.append(_lines(group, counts, stack.lines(number, which), taken, None, None, columns))
             taken += counts * group.kernel.outputs
         self.most_limits = int(taken.max(initial=0))
 
@@ -103,15 +102,11 @@ class Portion(Solves):
             each.put(dense, slopes)
         return result, slopes
 
-    def limits(self) -> Iterator[tuple[Group, Indices, Indices]]:
-        """Each group of constraints, with solve (R,) and places (R, outputs) of its rows."""
-        return ((each.group, each.solve, each.slots) for each in self._limits)
-
     def constrained(self, points: Floats) -> tuple[Floats, Floats]:
         """Values (K, c) of the constraints at points (K, N), and their derivatives by a step (K, c, n)."""
         values = np.zeros((self.count, self.most_limits))
         slopes = np.zeros((self.count, self.most_limits, self.equations.dimension))
-        for each in self._limits:
+        for each in self.limits:
             found, steep = self._sloped(each, points)
             each.put(found, values)
             each.put(steep, slopes)

@@ -11,7 +11,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.factor import Spread
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
-from mbm.estimation.batches.types import DegreesColumns, Ends, Limits, Rows, Tangents, Which
+from mbm.estimation.batches.types import DegreesColumns, Ends, Limits, Rows, Tangents
 from mbm.estimation.coverage.limits import Lines, box, narrow, single_limits
 from mbm.estimation.minimise.constrained.linearise import violations
 from mbm.estimation.uncertainty.student import coverage_factors
@@ -22,7 +22,7 @@ from mbm.values import dataclass
 
 
 def limits(
-    problem: Problem, stack: Stack, which: Which, portion: Portion, found: Held, along: Tangents, multipliers: Floats
+    problem: Problem, stack: Stack, portion: Portion, found: Held, along: Tangents, multipliers: Floats
 ) -> Limits:
     """The constraints of some solves."""
     owners = tuple(dict.fromkeys(group.kernel.owner for group in stack.equations.constraints))
@@ -34,32 +34,32 @@ def limits(
         active=np.stack([(found.active & mine[owner]).any(axis=1) for owner in owners], axis=1),
         pushed=np.stack([(pushing & mine[owner]).any(axis=1) for owner in owners], axis=1),
         rows=_rows(portion, owners),
-        at_limit=tuple(_at_limit(problem, stack, which, portion, found, owner) for owner in owners),
-        multipliers=_in_order(problem, stack, which, portion, multipliers),
+        at_limit=tuple(_at_limit(problem, stack, portion, found, owner) for owner in owners),
+        multipliers=_in_order(problem, stack, portion, multipliers),
         dimension=stack.equations.dimension - along.taken + along.equalities,
         moving=stack.equations.dimension - along.taken,
     )
 
 
-def _in_order(problem: Problem, stack: Stack, which: Which, portion: Portion, multipliers: Floats) -> Floats:
+def _in_order(problem: Problem, stack: Stack, portion: Portion, multipliers: Floats) -> Floats:
     """The multipliers (K, c) in the order of each solve by itself: windows are stacked by time, and look at rows as
     they stand in their table.
     """
     found = multipliers.copy()
-    for number, (group, solve, slots) in enumerate(portion.limits(), len(stack.equations.groups)):
-        table = problem.blocks[group.kernel.owner].table
-        if table is not None and group.positions is not None:
-            rows = stack.tables[table].rows[group.positions[stack.lines(number, which)[1]]]
-            found[solve[:, None], slots] = multipliers[solve[:, None], slots[np.lexsort((rows, solve))]]
+    for each in portion.limits:
+        table, positions = problem.blocks[each.group.kernel.owner].table, each.positions
+        if table is not None and positions is not None:
+            order = np.lexsort((stack.tables[table].rows[positions], each.solve))
+            found[each.solve[:, None], each.slots] = multipliers[each.solve[:, None], each.slots[order]]
     return found
 
 
 def _mine(portion: Portion, owner: int) -> Mask:
     """Which constraints (K, c) are those of a block."""
     found = np.zeros((portion.count, portion.most_limits), dtype=bool)
-    for group, solve, slots in portion.limits():
-        if group.kernel.owner == owner:
-            found[solve[:, None], slots] = True
+    for each in portion.limits:
+        if each.group.kernel.owner == owner:
+            found[each.solve[:, None], each.slots] = True
     return found
 
 
@@ -75,23 +75,23 @@ def _value(problem: Problem, found: Held, owner: int, mine: Mask) -> Floats:
 def _rows(portion: Portion, owners: tuple[int, ...]) -> Indices:
     """How often (K, owners) each block of constraints is there."""
     found = np.zeros((portion.count, len(owners)), dtype=np.int64)
-    for group, solve, _ in portion.limits():
-        found[:, owners.index(group.kernel.owner)] += np.bincount(solve, minlength=portion.count)
+    for each in portion.limits:
+        found[:, owners.index(each.group.kernel.owner)] += np.bincount(each.solve, minlength=portion.count)
     return found
 
 
-def _at_limit(problem: Problem, stack: Stack, which: Which, portion: Portion, found: Held, owner: int) -> Rows | None:
+def _at_limit(problem: Problem, stack: Stack, portion: Portion, found: Held, owner: int) -> Rows | None:
     """The rows that are at their limit, of inequalities over a table."""
     block = problem.blocks[owner]
     if block.table is None or block.constraint is ConstraintKind.EQUAL:
         return None
     result: Rows | None = None
-    for number, (group, solve, slots) in enumerate(portion.limits(), len(stack.equations.groups)):
-        if group.kernel.owner != owner or group.positions is None:
+    for each in portion.limits:
+        positions = each.positions
+        if each.group.kernel.owner != owner or positions is None:
             continue
-        reached = found.active[solve[:, None], slots].any(axis=1)
-        lines = stack.lines(number, which)[1]
-        mine = Rows.of_rows(stack.tables[block.table], group.positions[lines][reached], solve[reached], len(which))
+        reached = found.active[each.solve[:, None], each.slots].any(axis=1)
+        mine = Rows.of_rows(stack.tables[block.table], positions[reached], each.solve[reached], portion.count)
         result = mine if result is None else result.joined(mine)
     return result
 
@@ -196,9 +196,10 @@ def _kinds(portion: Portion) -> tuple[Mask, Mask]:
     equations = portion.equations
     there = np.zeros((portion.count, portion.most_limits), dtype=bool)
     equality = there.copy()
-    for group, solve, slots in portion.limits():
-        there[solve[:, None], slots] = True
-        equality[solve[:, None], slots] = equations.equality[group.first : group.first + group.kernel.outputs]
+    for each in portion.limits:
+        first, at = each.group.first, (each.solve[:, None], each.slots)
+        there[at] = True
+        equality[at] = equations.equality[first : first + each.group.kernel.outputs]
     return there, equality
 
 
@@ -216,8 +217,8 @@ def limited_columns(portion: Portion, found: Held | None, points: Floats) -> Lim
         plain = np.zeros(len(equations.layout.number), dtype=bool)
         plain[equations.free] = True
         exact = np.zeros(found.there.shape, dtype=bool)
-        for group, solve, slots in portion.limits():
-            exact[solve[:, None], slots] = affine(group, plain)
+        for each in portion.limits:
+            exact[each.solve[:, None], each.slots] = affine(each.group, plain)
         single, owner = single_limits(found.slopes, exact & found.there & ~found.equality)
         places = equations.layout.number[equations.free]
         place = np.where(places >= 0, points[:, places], 0.0)

@@ -41,16 +41,11 @@ def outliers(equations: Assembled, whole: Floats) -> Mask | None:
     """
     if equations.rows is None and not equations.lossy:
         return None
-    from mbm.estimation.consensus.units import STATED_CUT, limits
+    from mbm.estimation.consensus.units import outlying
 
-    found = np.zeros(equations.whole, dtype=bool)
+    found = outlying(loss_lines(equations.everything()), whole)
     if equations.rows is not None:
-        found[:] = True
-        found[equations.rows] = False
-    for _, lines in loss_lines(equations.everything()):
-        squares = np.square(whole[lines]).sum(axis=1)
-        limit = limits(np.full(1, lines.shape[1]), STATED_CUT)[0]
-        found[lines[~(squares <= limit)]] = True
+        found |= ~np.isin(np.arange(equations.whole), equations.rows)
     return found
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from math import erfc, sqrt
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.losses import Acting
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.problem.types import Block, Consensus, Problem
@@ -207,4 +208,14 @@ def variances_at(squares: Floats, units: Units, dimension: int) -> Floats:
             mine = units.group == group
             least = float(np.median(units.rounding[mine]))
             found[mine] = max(robust_variance(squares, units, dimension, mine), least, 1e-300)
+    return found
+
+
+def outlying(acting: Iterable[Acting], residuals: Floats) -> Mask:
+    """Which residuals are those of units beyond three stated deviations; ``acting`` as for `rooted_residuals`."""
+    found = np.zeros(residuals.shape, dtype=bool)
+    for _, at in acting:
+        own = residuals[at]
+        limit = limits(np.full(1, own.shape[-1]), STATED_CUT)[0]
+        found[at] = ~(np.square(own).sum(axis=-1) <= limit)[..., None]
     return found
