@@ -200,3 +200,8 @@ def taken_away(slopes: Floats, equality: Mask, *, whole: bool = True) -> tuple[F
     of_equalities = np.linalg.svd(rows[equality], compute_uv=False) if bool(equality.any()) else np.zeros(0)
     equalities = decided_rank(len(of_equalities), of_equalities, 0)
     return directions, decided_rank(len(singular), singular, 0), equalities
+
+
+def violations(values: Floats, equality: Mask | bool) -> Floats:
+    """How far each constraint is from being met, of the shape of ``values``, >= 0."""
+    return np.where(equality, np.abs(values), np.maximum(values, 0.0))

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.binding import Group
+from mbm.equations.metric import violations
 from mbm.equations.types import Conflict
-from mbm.estimation.minimise.constrained.linearise import violations
 from mbm.estimation.search.solution import Solution
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.types import Block, Problem

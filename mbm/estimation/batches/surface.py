@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.binding import affine
-from mbm.equations.metric import scale_of
+from mbm.equations.metric import scale_of, violations
 from mbm.equations.spreads import Limited
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.factor import Spread
@@ -13,7 +13,6 @@ from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import DegreesColumns, Ends, Limits, Rows, Tangents
 from mbm.estimation.coverage.limits import Lines, box, narrow, single_limits
-from mbm.estimation.minimise.constrained.linearise import violations
 from mbm.estimation.uncertainty.student import coverage_factors
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.types import Problem

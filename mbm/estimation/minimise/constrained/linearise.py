@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.metric import column_norms, first_bad, magnitudes, scale_of
+from mbm.equations.metric import column_norms, first_bad, magnitudes, scale_of, violations
 from mbm.equations.types import ConstraintState, Floats, Mask, Minimum, Reason
 from mbm.estimation.minimise.constrained.types import ConstrainedEquations, Linearised
 from mbm.estimation.minimise.native.minimum import without_value
@@ -45,11 +45,6 @@ def first_order(
         rounding=ROUNDING_ERRORS * EPSILON * (np.abs(slopes) @ size + np.abs(values)),
         noise=noise,
     )
-
-
-def violations(values: Floats, equality: Mask | bool) -> Floats:
-    """How far each constraint is from being met, of the shape of ``values``, >= 0."""
-    return np.where(equality, np.abs(values), np.maximum(values, 0.0))
 
 
 def met(here: Linearised, equality: Mask, share: float = MET) -> Mask:
