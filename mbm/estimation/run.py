@@ -7,6 +7,7 @@ put other rows outside, the answer is that of the rows that were used, and says 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
@@ -133,14 +134,14 @@ def _enclosing(found: Elaborated, settings: Settings) -> Solving[Enclosure]:
 
 
 def _one_of(problem: Problem) -> Callable[..., Solution]:
-    """What solves one data set by itself: as `estimate` does."""
+    """What solves one data set of a problem by itself: as `estimate` does."""
     window = problem.request.window
     if window is not None and window.carry:
         # Loaded by problems with states only, so that the others start at once.
         from mbm.estimation.sequences.carrying import Carrying
 
         return Carrying(problem)
-    return estimate if problem.sequence is None else moved
+    return partial(estimate if problem.sequence is None else moved, problem)
 
 
 def _estimating(
@@ -150,7 +151,6 @@ def _estimating(
 
     def solve(selection: Selection, starts: Mapping[str, Floats], last: Solution | None) -> Solution:
         solution = make(
-            found.problem,
             kernels,
             selection.tables,
             key=selection.key,

@@ -59,12 +59,12 @@ class Carrying:
             raise MbmError(faults.not_carried(window.span, "is for `:method (interval)`"))
         if window.column != sequence.column:
             raise MbmError(faults.not_carried(window.span, f"has steps of `{sequence.column}`"))
+        self._problem = problem
         self._window: Window = window
         self._last: _Window | None = None
 
     def __call__(
         self,
-        problem: Problem,
         kernels: KernelSet,
         tables: Mapping[str, Table],
         *,
@@ -81,7 +81,7 @@ class Carrying:
 
         """
         began = perf_counter()
-        sequence = problem.sequence
+        problem, sequence = self._problem, self._problem.sequence
         steps = np.zeros(0) if sequence is None else tables[sequence.steps].numbers(sequence.column)
         others = {name: cell for name, cell in key.items() if name != self._window.column}
         carried = self._carried(others, steps)
