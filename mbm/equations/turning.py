@@ -13,10 +13,12 @@ from mbm.problem.types import Equation
 def may_turn(equations: Assembled) -> Mask:
     """Which residuals (m,) movements of the unknowns may turn, so that their squares have the same sum.
 
-    A difference from data has a direction of its own.
+    A difference from data has a direction of its own, and so have the residuals of a likelihood.
     """
     parts = [
-        np.tile(
+        np.zeros(group.units.size, dtype=bool)
+        if group.readings is not None
+        else np.tile(
             np.repeat([not _from_data(e) for e in group.equations], [len(e.components) for e in group.equations]),
             group.rows,
         )
