@@ -96,9 +96,10 @@ SPECIAL = {
 
 UNITS_INTRODUCTION = """Quantities are kept in SI: a unit is a factor and a dimension. A unit is stuck to its number
 (`5mm`, `40deg/s^2`), or stated by `:unit`. Factors are joined by `*` or `/`, and may have whole powers: `N*m`, `m/s^2`,
-`1/s`, `s^-1`. These and no others are known. A prefix stands before a unit that takes prefixes: `mA`, `kohm`, `ueV`
-(`µ` is `u`). `G` is the standard acceleration of gravity. A result without a stated unit is in SI, in the unit with the
-shortest name: `ohm`, `W/m/K`, `m/s^2`.
+`s^-1`. What begins with a digit is a number, so that `1/s` is a unit in quotes only: `:unit "1/s"`. These and no others
+are known. A prefix stands before a unit that takes prefixes: `mA`, `kohm`, `ueV` (`µ` is `u`). `G` is the standard
+acceleration of gravity. A result without a stated unit is in SI, in the unit with the shortest name: `ohm`, `W/m/K`,
+`m/s^2`.
 
 ## Temperatures
 

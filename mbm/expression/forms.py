@@ -39,7 +39,7 @@ def number_form(node: Number, span: Span) -> Form:
     """A number as a numeral with its SI unit; ``(* 1.5rad (^ 1m 1/2))`` where a power of the unit is not whole."""
     if node.dimension is not None and any(e.denominator != 1 for e in node.dimension.exponents):
         return _fractional(node.value, node.dimension, span)
-    unit = node.dimension.suffix() if node.dimension is not None else ""
+    unit = node.dimension.symbol() if node.dimension is not None else ""
     value = node.value
     if isinstance(value, Fraction) and unit:
         value = nearest(value)
@@ -52,7 +52,7 @@ def _fractional(value: int | Fraction | float, dimension: Dimension, span: Span)
     A factor without a unit would take whatever dimension its use asks for; one in rad has none.
     """
     denominator = lcm(*(e.denominator for e in dimension.exponents))
-    whole = numeral(1, span, (dimension**denominator).suffix())
+    whole = numeral(1, span, (dimension**denominator).symbol())
     root = sequence((symbol("^", span), whole, numeral(Fraction(1, denominator), span)), span)
     return sequence((symbol("*", span), numeral(value, span, "rad"), root), span)
 

@@ -92,7 +92,8 @@ class Dimension:
 
     @lru_cache(maxsize=256)  # noqa: B019 - a small value, of which there are few
     def symbol(self) -> str:
-        """The SI unit as text, such as ``m/s^2`` or ``W/m/K``; empty for a pure number.
+        """The SI unit as text, such as ``m/s^2``, ``W/m/K`` or ``s^-1``; empty for a pure number. It reads back,
+        alone and stuck to a number.
 
         A unit with a name of its own stands for what would be longer without it.
         """
@@ -116,18 +117,12 @@ class Dimension:
     def _of_bases(self, name: str = "", name_above: bool = True) -> str:
         """The base units as text, beside a unit with a name."""
         above = [_power(base, e) for base, e in zip(_BASES, self.exponents, strict=True) if e > 0]
-        below = [_power(base, -e) for base, e in zip(_BASES, self.exponents, strict=True) if e < 0]
+        below = [(base, -e) for base, e in zip(_BASES, self.exponents, strict=True) if e < 0]
         if name:
-            (above if name_above else below).insert(0, name)
-        if not above and not below:
-            return ""
-        return "/".join(["*".join(above) or "1", *below])
-
-    def suffix(self) -> str:
-        """The SI unit as it is stuck to a number: ``s^-2`` where ``symbol`` says ``1/s^2``, which would add a digit."""
-        if any(e > 0 for e in self.exponents):
-            return self.symbol()
-        return "*".join(_power(base, e) for base, e in zip(_BASES, self.exponents, strict=True) if e)
+            above, below = ([name, *above], below) if name_above else (above, [(name, 1), *below])
+        if not above:  # the `1` of `1/s` would join the number that the unit is stuck to
+            return "*".join(_power(unit, -e) for unit, e in below)
+        return "/".join(["*".join(above), *(_power(unit, e) for unit, e in below)])
 
     def describe(self) -> str:
         """How a message names the dimension."""

@@ -12,7 +12,7 @@ from mbm.language import faults as language_faults
 from mbm.language.session import ProblemDefinition, Program
 from mbm.problem import faults
 from mbm.text.suggest import closest, listed, suggestion
-from mbm.text.types import Diagnostic, Form, Keyword, MbmError, Numeral, Sequence, Span, Symbol, Text
+from mbm.text.types import Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
 
@@ -210,9 +210,7 @@ def _entry_name(item: object) -> str | None:
 
 def stated_unit(form: Form) -> Unit:
     """The unit behind ``:unit``: ``m``, ``m/s``, ``"1/s"``."""
-    if isinstance(form, Numeral) and form.value == 1 and form.unit:
-        text = "1" + form.unit
-    elif isinstance(form, Symbol):
+    if isinstance(form, Symbol):
         text = form.name
     elif isinstance(form, Text):
         text = form.value

@@ -162,7 +162,7 @@ class _Use:
     @property
     def one(self) -> str:
         """A standard deviation of the component, as a problem file writes it."""
-        return f"1{self.measured.suffix() or ('rad' if self.component.angle else '')}"
+        return f"1{self.measured.symbol() or ('rad' if self.component.angle else '')}"
 
 
 def factor_faults(blocks: Iterable[Block], inference: Inference) -> Iterator[Diagnostic]:

@@ -154,15 +154,31 @@ def too_deeply_nested(place: Span, limit: int) -> Diagnostic:
     )
 
 
+LOOKED_BACK = 80
+"""Characters before a number in which its keyword is looked for: no file of many faults is read again for each."""
+
+
 def bad_number(place: Span) -> Diagnostic:
     """``12abc$``, ``3..4``: begins as a number does and is none."""
     written = place.text
     digits = written.rstrip("/").partition("/")
     if digits[1] and not digits[2][:1].isdigit() and _is_plain_number(digits[0]):
-        hint = f"a unit below the line is written `{digits[0]}{digits[2]}^-1`"
+        before = place.source.text[max(0, place.start - LOOKED_BACK) : place.start]
+        number = "" if before.rstrip().endswith(":unit") else digits[0]
+        hint = f"a unit below the line is written `{number}{_above(digits[2])}`"
     else:
         hint = "numbers are `12`, `-3.5`, `2e-3`, `1/3`; quantities `5mm`, `40deg/s^2`"
     return Diagnostic(code=BAD_NUMBER, message=f"`{shown(written)}` is no number", place=place, hint=hint)
+
+
+def _above(units: str) -> str:
+    """``m/s^2``, which divides, as a factor: ``m^-1*s^-2``."""
+    factors = (part.partition("*") for part in units.split("/"))
+    return "*".join(
+        f"{unit}^-{power or 1}{times}{rest}"
+        for first, times, rest in factors
+        for unit, _, power in [first.partition("^")]
+    )
 
 
 def zero_denominator(place: Span) -> Diagnostic:

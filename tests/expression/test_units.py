@@ -179,8 +179,8 @@ def test_factor_of_a_full_turn():
     ("unit", "shown"),
     [("V/A", "ohm"), ("N*m", "J"), ("W/m^2/K", "W/m^2/K"), ("kg/m^3", "kg/m^3"), ("m/s^2", "m/s^2"),
      ("J/kg/K", "J/kg/K"), ("kg/s^2", "N/m"), ("kg/m/s", "Pa*s"), ("A/V", "S"), ("m^2/s^2", "m^2/s^2"),
-     ("m^3/kg/s^2", "m^3/kg/s^2"), ("V*s", "Wb"), ("1/V", "1/V"), ("A*s", "C"), ("F/m", "F/m"),
-     ("kg", "kg"), ("1/s", "1/s")],
+     ("m^3/kg/s^2", "m^3/kg/s^2"), ("V*s", "Wb"), ("1/V", "V^-1"), ("A*s", "C"), ("F/m", "F/m"),
+     ("kg", "kg"), ("1/s", "s^-1"), ("1/m^2/s", "m^-2*s^-1"), ("1/A/s", "C^-1")],
 )  # fmt: skip
 def test_dimensions_are_said_in_the_unit_that_a_person_would_write(unit, shown):
     dimension = parse_unit(unit).dimension

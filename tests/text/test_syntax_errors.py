@@ -65,6 +65,20 @@ def test_independent_errors_are_reported_together_in_order():
     ]
 
 
+@pytest.mark.parametrize(
+    ("text", "mend"),
+    [
+        ("(k :unit 1/s)", "`s^-1`"),
+        ("(k :unit\n  1/m^2/s)", "`m^-2*s^-1`"),
+        ("(= 2/s k)", "`2s^-1`"),
+        ("(= 0.5/m*K k)", "`0.5m^-1*K`"),
+    ],
+)
+def test_a_unit_below_the_line_is_shown_as_it_is_written(text, mend):
+    (diagnostic,) = diagnostics_of(text)
+    assert diagnostic.hint == f"a unit below the line is written {mend}"
+
+
 def test_an_unclosed_bracket_is_looked_for_by_the_layout():
     (diagnostic,) = diagnostics_of('(problem x\n  (data d (csv "a")\n  (unknowns (b :init 1)))\n')
     assert (diagnostic.place.line, diagnostic.place.column) == (2, 3)
