@@ -35,7 +35,8 @@ def sandwiched(seen: Local, points: Floats, given: Callable[[Local], Floats], fa
     residuals, slopes, steps = _linearised(seen, points)
     by_loss: dict[LossFunction, list[Units]] = {}
     for loss, lines in loss_lines(equations):
-        by_loss.setdefault(loss, []).append((loss, np.zeros(len(lines), dtype=np.int64), lines))
+        if len(lines):
+            by_loss.setdefault(loss, []).append((loss, np.zeros(len(lines), dtype=np.int64), lines))
     ones = np.ones((1, len(residuals)))
     losses = [summed(parts, residuals[None], ones) for parts in by_loss.values()]
     if any(not sums.curvature[0] > 0.0 for _, sums in losses):
@@ -84,7 +85,7 @@ def _linearised(seen: Local, points: Floats) -> tuple[Floats, Floats, Indices]:
         group.whiten_rows(dense)
         lines = slice(group.first, group.first + group.count)
         residuals[lines] = group.whitened(placed.values(points.ravel())).ravel()
-        slopes[lines] = dense.reshape(group.count, -1)
+        slopes[lines] = dense.reshape(group.count, equations.dimension)
         of_rows[lines] = np.repeat(steps, group.kernel.outputs)
     return residuals, slopes, of_rows
 
@@ -98,7 +99,7 @@ def _weighed(seen: Local, factors: Floats) -> Local:
 
 
 def _weighed_group(group: Group, factors: Floats) -> Group:
-    roots = np.sqrt(factors[group.first : group.first + group.count]).reshape(group.rows, -1)
+    roots = np.sqrt(factors[group.first : group.first + group.count]).reshape(group.rows, group.kernel.outputs)
     whiteners = []
     for each in group.whiteners:
         own = roots[:, each.first].reshape(-1, *(1,) * (each.weights.ndim - 1))

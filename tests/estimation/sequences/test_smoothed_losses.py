@@ -41,6 +41,19 @@ def test_sigmas_are_those_of_all_steps_at_once(loss, dynamics, model):
     assert smoother["end"].sigma == pytest.approx(batch["end"].sigma, rel=1e-4)
 
 
+def test_a_table_without_rows_leaves_the_sandwich_as_it_is():
+    text = """(problem p (data d external) (data e external) (states :over t (x :init 0.1 :sigma 1))
+      (dynamics (random-walk x :sigma 0.3)) (observe d (= z x) :sigma 0.5 :loss (huber 1.5))
+      (observe e (= [u v] [x (* 2 x)]) :sigma 1 {}) (solve :method smoother))"""
+    _, z = drawn(5, 35, 8.0)
+    none = np.zeros(0)
+    data = {"d": {"t": np.arange(35.0), "z": z}, "e": {"t": none, "u": none, "v": none}}
+    alone = solved(z, WALK, "(huber 1.5)", "batch")
+    for rest in ("", ":loss (tukey 4.7)"):
+        beside = mbm.loads(text.format(rest)).solve(data=data).solves[0]
+        np.testing.assert_allclose(beside["x"].sigma, alone["x"].sigma, rtol=1e-4)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", ["(huber 1.345)", "(tukey 4.685)"])
 @pytest.mark.parametrize("spread", [5.0, 50.0])
