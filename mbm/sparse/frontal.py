@@ -197,6 +197,12 @@ class FrontSolver:
         bad = self.routines.call("factorise_fronts", self.tree, np.ascontiguousarray(entries), panels)
         return None if bad else FrontFactor(fronts=self, panels=panels)
 
+    def spans(self) -> list[tuple[Indices, int]]:
+        """The rows of each front, its own ones first, and how many these are."""
+        table, rows = (np.asarray(each, dtype=np.int64) for each in self.held[:2])
+        begins, sizes, widths = table[:, of.Front.rows_at], table[:, of.Front.size], table[:, of.Front.width]
+        return [(rows[b : b + s], int(w)) for b, s, w in zip(begins, sizes, widths, strict=True)]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrontFactor:
@@ -212,6 +218,15 @@ class FrontFactor:
         own.routines.call("solve_fronts", own.tree, self.panels, x.shape[1], x)
         result = np.empty_like(x)
         result[own.order] = x
+        return result
+
+    def pivots(self) -> Floats:
+        """The diagonal of ``R`` by the matrix's columns (n,)."""
+        table = np.asarray(self.fronts.held[0], dtype=np.int64)
+        begins, sizes, widths = table[:, of.Front.panel_at], table[:, of.Front.size], table[:, of.Front.width]
+        steps = np.arange(int(widths.sum())) - np.repeat(np.cumsum(widths) - widths, widths)
+        result = np.empty(len(steps))
+        result[self.fronts.order] = self.panels[np.repeat(begins, widths) + steps * (np.repeat(sizes, widths) + 1)]
         return result
 
     def inverse(self, entries: int) -> Floats:

@@ -2,8 +2,7 @@
 
 In column-scaled coordinates it is the pseudo-inverse of ``JᵀJ``: the factor of that matrix with pins that hold what is
 free, between two projections along the free directions (Baarda's S-transformation). With a ``datum`` it is projected
-once more, to the least norm in the coordinates themselves. Directions that are known so weakly that rounding of ``JᵀJ``
-hides it are pinned likewise, and have their own part ``v vᵀ/σ²`` with the singular value σ of J itself.
+once more, to the least norm in the coordinates themselves.
 """
 
 from __future__ import annotations
@@ -59,8 +58,6 @@ class LocalNull:
 class SparseInverse:
     """``factors`` of the pinned, scaled matrix; ``scale`` (columns,); ``null`` (columns, g) orthonormal, free.
 
-    ``weak`` (columns, w) are orthonormal and weakly determined, with the singular values ``strengths`` (w,).
-
     Columns that are ``zero`` (columns,) in the Jacobian, or held, have no covariance. ``datum`` (n, g) is orthonormal.
     ``taken`` (n, k): the covariance without constraints, less ``taken @ takenᵀ``, is that with them.
 
@@ -70,8 +67,6 @@ class SparseInverse:
     factors: Factorised
     scale: Floats
     null: Floats
-    weak: Floats
-    strengths: Floats
     local: LocalNull
     zero: Mask
     datum: Floats | None = None
@@ -86,10 +81,8 @@ class SparseInverse:
 
     def _solved(self, right: Floats) -> Floats:
         layout = self.factors.plan.structure
-        given = layout.padded(right) / self.scale[:, None]
-        inner = self._projected(self.factors.solve(self._projected(given)))
-        inner += self.weak @ ((self.weak.T @ given) / np.square(self.strengths)[:, None])
-        found = np.asarray((inner / self.scale[:, None])[layout.free])
+        scaled = self._projected(layout.padded(right) / self.scale[:, None])
+        found = np.asarray((self._projected(self.factors.solve(scaled)) / self.scale[:, None])[layout.free])
         return found if self.taken is None else found - self.taken @ (self.taken.T @ right)
 
     def along(self, gradient: Floats, common: Floats) -> Floats:
@@ -118,11 +111,10 @@ class SparseInverse:
         for number, (family, where) in enumerate(zip(layout.families, self.factors.plan.pattern.diagonal, strict=True)):
             found[family.columns] = np.einsum("bii->bi", blocks[number, number][where]).reshape(-1)
         found -= self.local.squares(layout.columns)
-        if self._pinned.shape[1]:
-            across = self.factors.solve(self._pinned)
-            inner = self._pinned.T @ across
-            found += np.einsum("ck,ck->c", self._pinned, self._pinned @ inner - 2.0 * across)
-        found += np.square(self.weak / self.strengths).sum(axis=1)
+        if self.null.shape[1]:
+            across = self.factors.solve(self.null)
+            inner = self.null.T @ across
+            found += np.einsum("ck,ck->c", self.null, self.null @ inner - 2.0 * across)
         found[self.zero] = 0.0
         result: Floats = (np.maximum(found, 0.0) / np.square(self.scale))[layout.free]
         if self.taken is not None:
@@ -164,8 +156,6 @@ class SparseInverse:
                     image[:, :, right] += np.matmul(scaled[number][rows][:, :, left], found)
                 parts.append((image * scaled[number][rows]).sum(axis=2).reshape(-1))
             result[piece.residuals] = np.concatenate(parts) if parts else 0.0
-        for column in (self.weak / self.strengths).T:
-            result += np.square(self.factors.plan.image(scaled, column))
         for column in () if self.taken is None else layout.padded(self.taken).T:
             result -= np.square(self.factors.plan.image(values, column))
         return result if layout.rows is None else result[layout.rows]
@@ -187,14 +177,10 @@ class SparseInverse:
                 found[a, b] = (key, pattern.pairs[key].places(i, j), turned)
         return found
 
-    @property
-    def _pinned(self) -> Floats:
-        return np.hstack([self.null, self.weak])
-
     def _projected(self, x: Floats) -> Floats:
         x = np.where(self.zero[:, None], 0.0, x)
-        if self._pinned.shape[1]:
-            x = x - self._pinned @ (self._pinned.T @ x)
+        if self.null.shape[1]:
+            x = x - self.null @ (self.null.T @ x)
         return self.local.removed(x)
 
 

@@ -2,20 +2,26 @@
 
 Free directions of single members show in the diagonal blocks of the family that is eliminated; common ones are found by
 inverse iteration (block of trial vectors, Rayleigh-Ritz). Whether a direction is free is decided on ``‖J v‖``, not on
-``JᵀJ``, whose rounding hides all singular values below 1e-8.
+``JᵀJ``, whose rounding hides all singular values below 1e-8. Where what is determined is weakly so, all is done again
+by the triangle of the Jacobian.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
+from mbm.solver.decisions import CERTAIN, ROUNDED_DEPENDENCE
 from mbm.sparse.inverse import LocalNull, SparseInverse
 from mbm.sparse.normal import Normal
 from mbm.sparse.structure import Values
 from mbm.sparse.system import Factorised, Plan, factorised
+from mbm.sparse.triangles import PART, triangularised
 from mbm.values import dataclass
 
 TRIALS = 12
@@ -28,19 +34,18 @@ ROUNDS = 6
 SHIFTS = (1e-12, 1e-10, 1e-8)
 """What makes the scaled matrix invertible, until it is."""
 
-CERTAIN = 1e-11
+FINE = (ROUNDED_DEPENDENCE**2,)
+"""The same for the triangle of the Jacobian itself: nothing, beside what is not free."""
+
 SUSPECT = 1e-8
 GAP = 1e3
-"""Singular values, relative to the largest, that are zero: the first surely, the second if a gap follows them."""
+"""Singular values, relative to the largest, that are zero if a gap follows them; below `CERTAIN` all are."""
 
 WEAK = 1e-5
 """Singular values, relative to the largest, below which the rounding of ``JᵀJ`` would take digits from a variance."""
 
-APART = 0.1
-"""The same beside that of the last trial: only what is so far from it has converged, to 1e-12 in `ROUNDS`."""
-
-PART = 512
-"""Rows that are triangularised together: they stay in the cache, where tall matrices do not."""
+Factoring: TypeAlias = Callable[[Floats], Factorised | None]
+"""From what is added to the diagonal (columns,) of the scaled matrix to its factors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,7 +53,8 @@ class Decision:
     """``null`` (columns, g) common and ``inverse.local`` single free directions in scaled coordinates.
 
     ``smallest``, ``largest``: singular values of the scaled Jacobian on what is determined; ``unused`` (columns,) live
-    columns that are zero; ``complete`` False: there may be more free directions than were looked for.
+    columns that are zero; ``complete`` False: there may be more free directions than were looked for; ``triangular``:
+    the inverse is of the triangle of the Jacobian, as the normal equations lose what is weakly determined.
     """
 
     inverse: SparseInverse
@@ -56,6 +62,7 @@ class Decision:
     smallest: float
     largest: float
     complete: bool
+    triangular: bool
 
 
 def decided(found: Plan, values: Values, held: Mask, *, affine: bool = False) -> Decision:
@@ -73,20 +80,27 @@ def decided(found: Plan, values: Values, held: Mask, *, affine: bool = False) ->
     largest = _largest(found, scaled)
     local = _local(found, normal, scaled, zero)
     normal = _pinned(found, normal, local)
-    null, weak, strengths, complete = _common(found, normal, scaled, zero, largest, affine)
     added = np.where(zero, 1.0, 0.0)
-    added[_pivots(np.hstack([null, weak]))] += 1.0
-    factors = factorised(found, normal, added)
-    for shift in SHIFTS:
-        if factors is None:
-            factors = factorised(found, normal, added + shift)
+    factor: Factoring = partial(factorised, found, normal)
+    null, smallest, complete = _common(found, _shifted(factor, added, SHIFTS), scaled, zero, largest, affine)
+    triangular = smallest <= WEAK * largest
+    if triangular:
+        factor = partial(triangularised, found, scaled, rows=_rows(local, layout.columns))
+        null, smallest, complete = _common(found, _shifted(factor, added, FINE), scaled, zero, largest, affine)
+    added[_pivots(null)] += 1.0
+    factors = factor(added) or _shifted(factor, added, SHIFTS)
     if factors is None:
-        message = "the scaled normal equations are not finite"
+        message = "the scaled equations are not finite"
         raise ArithmeticError(message)
-    own = strengths[: weak.shape[1]]
-    inverse = SparseInverse(factors=factors, scale=scale, null=null, weak=weak, strengths=own, local=local, zero=zero)
-    smallest = float(strengths[0]) if len(strengths) else largest
-    return Decision(inverse=inverse, unused=zero & ~still, smallest=smallest, largest=largest, complete=complete)
+    inverse = SparseInverse(factors=factors, scale=scale, null=null, local=local, zero=zero)
+    return Decision(
+        inverse=inverse,
+        unused=zero & ~still,
+        smallest=smallest,
+        largest=largest,
+        complete=complete,
+        triangular=triangular,
+    )
 
 
 def _local(found: Plan, normal: Normal, values: Values, zero: Mask) -> LocalNull:
@@ -133,17 +147,23 @@ def _pinned(found: Plan, normal: Normal, local: LocalNull) -> Normal:
     return replace(normal, blocks={**normal.blocks, key: blocks})
 
 
+def _rows(local: LocalNull, columns: int) -> Any:
+    """The free directions of single members as rows (k, columns) of unit weight."""
+    from scipy.sparse import csr_array
+
+    count, size = local.vectors.shape
+    places = local.columns.start + local.members[:, None] * size + np.arange(size)
+    return csr_array((local.vectors.reshape(-1), places.reshape(-1), np.arange(count + 1) * size), (count, columns))
+
+
 def _common(
-    found: Plan, normal: Normal, values: Values, zero: Mask, largest: float, affine: bool
-) -> tuple[Floats, Floats, Floats, bool]:
-    """Free directions (columns, g), weak ones (columns, w), the singular values of these and of the next one or two, if
-    any, and whether all free ones were found.
-    """
-    live, none = int((~zero).sum()), np.zeros((len(zero), 0))
+    found: Plan, factors: Factorised | None, values: Values, zero: Mask, largest: float, affine: bool
+) -> tuple[Floats, float, bool]:
+    """Free directions (columns, g), the smallest singular value of the others, and whether all free ones were found."""
+    live = int((~zero).sum())
     trials = min(TRIALS, live)
-    factors = _shifted(found, normal, zero)
     if not trials or factors is None or largest == 0.0:
-        return none, none, np.zeros(0), True
+        return np.zeros((len(zero), 0)), largest, True
     while True:
         directions = np.random.default_rng(0).standard_normal((len(zero), trials))
         directions[zero] = 0.0
@@ -156,8 +176,7 @@ def _common(
         singular, right = singular[::-1], right[::-1]
         free = free_count(singular / largest, affine)
         if free < trials or trials >= min(MOST, live):
-            turned, weak = basis @ right.T, int((singular <= min(WEAK * largest, APART * singular[-1])).sum())
-            return turned[:, :free], turned[:, free : max(free, weak)], singular[min(free, trials - 1) :], free < trials
+            return basis @ right[:free].T, float(singular[min(free, trials - 1)]), free < trials
         trials = min(2 * trials, MOST, live)
 
 
@@ -187,19 +206,19 @@ def _triangle(columns: list[Floats]) -> Floats:
 
 def free_count(shares: Floats, affine: bool = False) -> int:
     """How many of the singular values (ascending, relative to the largest) are zero."""
-    count = 0
+    count, certain = 0, ROUNDED_DEPENDENCE if affine else CERTAIN
     for k, share in enumerate(shares.tolist()):
         following = float(shares[k + 1]) if k + 1 < len(shares) else 1.0
-        if share <= CERTAIN or (not affine and share <= SUSPECT and share * GAP <= following):
+        if share <= certain or (not affine and share <= SUSPECT and share * GAP <= following):
             count = k + 1
         elif share > SUSPECT:
             break
     return count
 
 
-def _shifted(found: Plan, normal: Normal, zero: Mask) -> Factorised | None:
-    for shift in SHIFTS:
-        factors = factorised(found, normal, np.where(zero, 1.0, 0.0) + shift)
+def _shifted(factor: Factoring, added: Floats, shifts: tuple[float, ...]) -> Factorised | None:
+    for shift in shifts:
+        factors = factor(added + shift)
         if factors is not None:
             return factors
     return None

@@ -241,6 +241,18 @@ class Factorised:
         x[own] = work.rooted(self.roots, inner, transposed=True)
         return x
 
+    def least_pivot(self, diagonal: Floats) -> float:
+        """The smallest square of a pivot beside its element on the ``diagonal`` (columns,) of the matrix."""
+        squares = np.empty(len(diagonal))
+        if isinstance(self.rest, FrontFactor):
+            squares[self.plan.columns] = np.square(self.rest.pivots())
+        elif self.rest is not None:
+            squares[self.plan.columns] = np.square(np.diagonal(self.rest))
+        if self.plan.elimination is not None and self.roots is not None:
+            own = self.plan.structure.families[self.plan.elimination.family].columns
+            squares[own] = 1.0 / np.square(np.einsum("bii->bi", self.roots).reshape(-1))
+        return float((squares / diagonal).min(initial=1.0))
+
     def _rest(self, right: Floats) -> Floats:
         if isinstance(self.rest, np.ndarray):
             return self.plan.arithmetic.solved(self.rest, right)

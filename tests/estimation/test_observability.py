@@ -247,11 +247,14 @@ def test_what_cannot_be_told_in_affine_equations_stays_so():
         assert observed.estimable.tolist() == [False, False, True, False]
 
 
-@pytest.mark.parametrize(("apart", "rate"), [(100, 0.0041330424), (500, 0.0044544932)])
+@pytest.mark.parametrize(
+    ("apart", "rate"),
+    [(1, 0.00066501245), (5, 0.0014541524), (20, 0.00267678), (100, 0.0041330424), (500, 0.0044544932)],
+)
 def test_weak_directions_of_large_problems_keep_their_digits(apart, rate):
-    """801 unknowns: the normal equations, of a condition of 1e17 and more, have none of what parts o from x.
+    """801 unknowns: the normal equations, of a condition of 1e17 to 1e25, have none of what parts o from x.
 
-    The last rate's deviation is that of the smoother, which never forms them.
+    The last rate's deviation is that of the smoother, which never forms them. Half of the first reading is in o.
     """
     rows = " ".join(f"({apart * k}ms {0.3 + 0.001 * k:.4f}m)" for k in range(400))
     text = f"""(problem p (data d (table (t y) {rows})) (unknowns (o :init 0m :sigma 1m))
@@ -259,6 +262,7 @@ def test_weak_directions_of_large_problems_keep_their_digits(apart, rate):
       (observe d (= y (+ x o)) :sigma 0.1mm))"""
     solve = mbm.loads(text).solve().solves[0]
     assert str(solve.status) == "converged"
+    assert solve["o"].value == pytest.approx(0.15, abs=1e-6)
     assert solve["o"].sigma == pytest.approx(np.sqrt(0.5), rel=1e-6)
-    # What is known better than 1e-5 of the largest is left to the normal equations, which cost some digits.
-    assert solve["x.rate"].sigma[-1] == pytest.approx(rate, rel=1e-4)
+    # What is left of the condition; and equations without noise weigh 1e-4 in the batch, nothing in the smoother.
+    assert solve["x.rate"].sigma[-1] == pytest.approx(rate, rel=2e-3 if apart < 5 else 1e-4)

@@ -13,6 +13,7 @@ from mbm.solver.decisions import REACH
 from mbm.solver.step_control import relative_offset
 from mbm.sparse.normal import Normal
 from mbm.sparse.place import RULES, BlockEquations, Place, length_of, limited, newton_step, normal_at
+from mbm.sparse.rank import decided
 from mbm.sparse.system import Factorised, Plan, factorised
 from mbm.values import dataclass
 
@@ -24,6 +25,9 @@ CLOSE = 1e-2
 
 QUICK = 0.25
 """… and kept as long as each step brings the offset below this share."""
+
+HIDDEN = 100.0
+"""Pivots so many times as large as damping or rounding, or less, are not known to a per cent."""
 
 BOX_ROUNDS = 20
 """Times that a step is solved for again because it would leave the box."""
@@ -105,6 +109,8 @@ def proposed(equations: BlockEquations, state: State, here: Place) -> State:
     normal = normal_at(state.plan, here) if state.known.normal is None else state.known.normal
     step, factors = _solved(state, here, normal)
     state = replace(state, known=Known(normal=normal, factors=factors))
+    if equations.linear and state.damping <= state.least and (factors is None or _lost(state, here, factors)):
+        step = _exact(state, here, step)
     if step is None:
         return state
     found = (step, _promise(state.plan, here, step))
@@ -172,6 +178,28 @@ def _solved(state: State, here: Place, normal: Normal) -> tuple[Floats | None, F
         step = np.where(still, step, 0.0)
         gradient = here.gradient + state.plan.gradient(here.values, state.plan.image(here.values, step))
     return step, None
+
+
+def _lost(state: State, here: Place, factors: Factorised) -> bool:
+    """Whether damping or rounding hides what the normal equations know of some direction."""
+    layout = state.plan.structure
+    squares = np.where(layout.dead | here.held, 1.0, np.clip(here.squares, *DIAGONAL))
+    rounding = float(np.finfo(float).eps) * layout.count**0.5
+    return bool(factors.least_pivot(squares) <= HIDDEN * max(state.damping, rounding))
+
+
+def _exact(state: State, here: Place, step: Floats | None) -> Floats | None:
+    """The undamped ``step`` of least norm by the triangle of the Jacobian of linear equations.
+
+    The one given where the normal equations do as well, or bounds are in the way.
+    """
+    layout = state.plan.structure
+    found = decided(state.plan, here.values, layout.dead | here.held, affine=True)
+    if not found.triangular:
+        return step
+    whole = layout.padded(found.inverse.solve(-here.gradient[layout.free][:, None])[:, 0])
+    low, high = (-inf, inf) if here.gaps is None else here.gaps
+    return whole if bool((np.isfinite(whole) & (whole >= low) & (whole <= high)).all()) else step
 
 
 def _promise(found: Plan, here: Place, step: Floats) -> float:
