@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mbm.equations.types import Floats
+from mbm.estimation.consensus.faults import AMBIGUOUS_CONSENSUS
 from mbm.text.types import Code, Diagnostic, Label, Severity, Span
 
 CONTRADICTING_ROWS = Code(
@@ -195,6 +196,22 @@ def bad_leverage(span: Span, name: str, rows: Sequence[int]) -> Diagnostic:
         "of the loss",
         place=span,
         hint=BAD_LEVERAGE.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def equal_rows(span: Span, name: str, out: int, rows: Sequence[int], clauses: Sequence[str]) -> Diagnostic:
+    """The row ``out`` of the clause ``name`` is left out; any of its ``rows``, or of other ``clauses``, could be."""
+    more = f" and {len(rows) - MOST_LISTED:,} more" if len(rows) > MOST_LISTED else ""
+    listed = ", ".join(str(row) for row in rows[:MOST_LISTED]) + more
+    which = [f"row{'s' if len(rows) > 1 else ''} {listed}"] if rows else []
+    which += [f"the rows of {', '.join(f'`{each}`' for each in clauses)}"] if clauses else []
+    return Diagnostic(
+        code=AMBIGUOUS_CONSENSUS,
+        message=f"row {out} of `{name}` is left out, and one of {' and '.join(which)} could be in its place: the loss "
+        "is about the same, and nothing else tells which is wrong",
+        place=span,
+        hint=AMBIGUOUS_CONSENSUS.mend,
         severity=Severity.WARNING,
     )
 

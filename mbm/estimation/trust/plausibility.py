@@ -93,7 +93,9 @@ def doubts(
         found.append(trust_faults.small_sample(problem.span))
     if equations.lossy:  # loaded by problems with losses only, so that the others start at once
         from mbm.estimation.trust.leverage import leverage
+        from mbm.estimation.trust.swapped import swapped
 
+        found += swapped(problem, propagation.binder.tables, equations, minimum, outcome.influence.observed)
         found += leverage(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     return (*found, *(only(strained(dense)) if dense is not None else ()))
 

@@ -1,0 +1,106 @@
+"""Rows that a descending loss leaves out, and that other rows could be left out for at the same cost.
+
+The end of a chain of poses hangs on one step; a false loop from there to elsewhere holds it as well, at another place.
+The loss leaves out one of the two, and the cost is that of one row either way: which of them is wrong, nobody can tell.
+A row holds something alone where its redundancy is nothing, and a row that is left out would hold the same where the
+errors of the one move the value of the other in all directions: ``J (HᵀH)⁻¹ Hᵀ`` has full rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.excerpt import excerpt
+from mbm.equations.losses import loss_weights
+from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
+from mbm.estimation.trust.faults import equal_rows
+from mbm.estimation.trust.leverage import ALONE, KEPT
+from mbm.estimation.uncertainty.observability import covariance
+from mbm.estimation.uncertainty.variance import redundancy_numbers
+from mbm.problem.tables import Table
+from mbm.problem.types import Problem
+from mbm.text.types import Diagnostic
+
+LEFT_OUT = 0.05
+"""Weight up to which rows count as left out: a Cauchy loss leaves it at 4.4 times its parameter."""
+
+HOLDS = 1e-3
+"""Deviations by which one deviation of a row moves another that would hold the same: an angle far away shifts a
+thousand times as far as it turns, and rounding makes 1e-8 of nothing."""
+
+TRIED = 100
+"""Rows left out that are looked at, the first in their tables: each takes about as long as an iteration."""
+
+
+@np.errstate(all="ignore")
+def swapped(
+    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, observed: Observability
+) -> tuple[Diagnostic, ...]:
+    """A warning about the first row of each clause that is left out, and could take the place of others."""
+    if not minimum.reason.converged or equations.rows is not None or len(minimum.residuals) != equations.count:
+        return ()
+    weights = loss_weights(loss_lines(equations), equations.plain_residuals(minimum.point))
+    redundancy = redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
+    descending = [lines for loss, lines in loss_lines(equations) if not loss.convex and len(lines)]
+    alone = [lines[(redundancy[lines].max(axis=1) < ALONE) & (weights[lines[:, 0]] > KEPT)] for lines in descending]
+    out = [first for lines in descending for first in lines[weights[lines[:, 0]] < LEFT_OUT, 0].tolist()]
+    if not out or not any(len(lines) for lines in alone):
+        return ()
+    found: dict[int, tuple[int, list[int]]] = {}
+    owners = _owners(equations)
+    for line in sorted(out)[:TRIED]:
+        owner = int(owners[line])
+        if owner not in found:
+            moved = _moved(equations, minimum, observed, line)
+            others = [first for lines in alone for first in lines[_holding(moved, lines), 0].tolist()]
+            if others:
+                found[owner] = line, others
+    return tuple(_said(problem, tables, equations, owner, *each) for owner, each in found.items())
+
+
+def _owners(equations: Assembled) -> Indices:
+    """The block of each residual (m,)."""
+    found = np.zeros(equations.whole, dtype=np.int64)
+    for group in equations.groups:
+        found[group.first : group.first + group.count] = group.kernel.owner
+    return found
+
+
+def _moved(equations: Assembled, minimum: Minimum, observed: Observability, line: int) -> Floats:
+    """By how much one deviation of each residual (m, d) moves the unit of a residual that is left out."""
+    own = excerpt(equations, equations.free, equations.units[[line]])
+    slopes = own.plain_jacobian(minimum.point).T
+    if observed.inverse is None:
+        factor = covariance(observed).factor
+        return np.asarray(minimum.jacobian @ (factor @ (factor.T @ slopes)))
+    from mbm.sparse.inverse import inverse_of  # loaded by sparse problems only, so that the others start at once
+
+    spread = inverse_of(observed.inverse).solve(slopes)
+    return np.stack([minimum.jacobian @ column for column in spread.T], axis=1)
+
+
+def _holding(moved: Floats, lines: Indices) -> Mask:
+    """Which units (U, d) among the residuals the one that ``moved`` (m, d) tells would hold in all directions."""
+    if not len(lines) or lines.shape[1] > moved.shape[1]:
+        return np.zeros(len(lines), dtype=bool)
+    parts = np.nan_to_num(moved[lines])
+    return np.asarray(np.linalg.svd(parts, compute_uv=False)[:, -1] > HOLDS)
+
+
+def _said(
+    problem: Problem, tables: Mapping[str, Table], equations: Assembled, owner: int, line: int, others: list[int]
+) -> Diagnostic:
+    """The rows by their numbers, those of other clauses by the names of these."""
+    owners, numbers = _owners(equations), np.full(equations.whole, -1, dtype=np.int64)
+    for group in equations.groups:
+        table = problem.blocks[group.kernel.owner].table
+        if table is not None and group.positions is not None:
+            rows = np.asarray(tables[table].rows)[group.positions]
+            numbers[group.first : group.first + group.count] = np.repeat(rows, group.kernel.outputs)
+    block = problem.blocks[owner]
+    alike = sorted(int(numbers[each]) for each in others if owners[each] == owner)
+    names = sorted({problem.blocks[int(owners[each])].name for each in others} - {block.name})
+    return equal_rows(block.span, block.name, int(numbers[line]), alike, names)

@@ -1,0 +1,82 @@
+"""A false row in the place of a true one, under a loss that leaves rows out, at the same cost: said."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import mbm
+
+TEXT = """
+(problem chain
+  (data places external :key id)
+  (data steps external)
+  (unknowns (x :per places :fixed (= id 0)))
+  (observe steps (= d (- (x to) (x from))) :sigma 0.1 {how}))"""
+ODOMETRY = """
+(problem chain
+  (data places external :key id)
+  (data steps external)
+  (unknowns (x :per places :fixed (= id 0)))
+  (observe odometry steps (= d (- (x to) (x from))) :sigma 0.1 :when (= (- to from) 1))
+  (observe loops steps (= d (- (x to) (x from))) :sigma 0.1 :loss tukey :when (> (- to from) 1)))"""
+FALSE, TAIL = 40.0, 3
+
+
+def chain(count, *, false=FALSE, closed=False, seed=0):
+    """A chain of places a metre apart: loops join all but the last `TAIL`.
+
+    The last row, from the first place to the last, is ``false`` by so much; ``closed``: a true row joins these as well.
+    """
+    g, inner = np.random.default_rng(seed), count - TAIL
+    pairs = [(i, i + 1) for i in range(count - 1)] + [(i, i + 2) for i in range(inner - 2)]
+    pairs += [(0, inner - 1), (1, inner - 1)] + [(2, count - 1)] * closed + [(0, count - 1)]
+    first, last = np.array(pairs).T
+    d = (last - first).astype(float) + 0.1 * g.normal(size=len(first))
+    d[-1] += false
+    return {"places": {"id": np.arange(float(count))}, "steps": {"from": first, "to": last, "d": d}}
+
+
+def said(text, count, **how):
+    """What is said of it, and the estimates."""
+    found = mbm.loads(text).solve(data=chain(count, **how))
+    return messages(found.first), found["x"].value
+
+
+def messages(solve):
+    """What is said of which rows are wrong."""
+    return [
+        each.message
+        for each in solve.diagnostics
+        if each.code.name == "ambiguous-consensus" and "left out" in each.message
+    ]
+
+
+@pytest.mark.parametrize("loss", ["tukey", "cauchy", "geman-mcclure"])
+@pytest.mark.parametrize("count", [12, 80])
+def test_any_of_the_rows_that_hold_the_end_of_a_chain_may_be_the_false_one(count, loss):
+    """One of them is left out, the others are named: of many unknowns, too, which sparse matrices solve."""
+    (message,), _ = said(TEXT.format(how=f":loss {loss}"), count)
+    rows = sorted(int(each) for each in re.findall(r"\d+", message))
+    last = (count - 1) + (count - TAIL - 2) + 2 + 1
+    assert rows == [*range(count - TAIL, count), last]
+
+
+@pytest.mark.parametrize("count", [12, 80])
+def test_nothing_is_said_where_the_others_tell(count):
+    """Another true row to the end outvotes the false one; odometry without a loss is never left out."""
+    loss = TEXT.format(how=":loss tukey")
+    for told, x in (said(loss, count, closed=True), said(ODOMETRY, count), said(loss, count, false=0.0)):
+        assert told == []
+        assert abs(x[-1] - (count - 1)) < 1.0  # a step scatters by 0.1
+
+
+def test_solves_side_by_side_say_the_same():
+    tables = [chain(12, false=each)["steps"] for each in (0.0, FALSE, 0.0)]
+    steps = {name: np.concatenate([each[name] for each in tables]) for name in tables[0]}
+    steps["run"] = np.repeat([1, 2, 3], len(tables[0]["d"]))
+    text = TEXT.format(how=":loss tukey").rstrip()[:-1] + " (for-each run))"
+    found = mbm.loads(text).solve(data={"places": chain(12)["places"], "steps": steps})
+    assert [len(messages(each)) for each in found.solves] == [0, 1, 0]
