@@ -233,7 +233,7 @@ class Drafting:
             size=unknown.size,
             freedom=unknown.freedom,
             pieces=tuple((p.label, number, coordinate) for p, number, coordinate in unknown.manifold.spans()),
-            angle=unknown.kind is UnknownKind.ANGLE,
+            angles=tuple(number for number, angle in enumerate(unknown.manifold.number_angles()) if angle),
             positive=unknown.kind is UnknownKind.POSITIVE,
             family=None if unknown.family is None else self.places.family(unknown.family).number,
             start=None if replaced else rows(unknown.start, "start"),

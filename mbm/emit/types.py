@@ -171,8 +171,8 @@ class RowPrograms:
 class UnknownShape:
     """An unknown: ``size`` numbers and ``freedom`` coordinates for each member of ``family`` (None: one member).
 
-    ``pieces`` are the parts of its manifold in order: label, numbers, coordinates. ``unit`` has a ``scale``.
-    ``bounded`` are the coordinates that
+    ``pieces`` are the parts of its manifold in order: label, numbers, coordinates. ``angles`` are those of the numbers
+    of a member that are one. ``unit`` has a ``scale``. ``bounded`` are the coordinates that
     ``lower`` and ``upper`` speak of; ``fallback`` are the numbers to begin with where the problem states none, or
     (``replaced``) instead of what it states, given by the caller of the compiler.
     """
@@ -185,7 +185,7 @@ class UnknownShape:
     size: int
     freedom: int
     pieces: tuple[tuple[str, int, int], ...]
-    angle: bool
+    angles: tuple[int, ...]
     positive: bool
     family: int | None
     start: RowPrograms | None

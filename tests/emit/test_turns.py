@@ -56,3 +56,38 @@ def test_in_generated_solvers(target, tmp_path):
     for name, (value, sigma) in WANTED.items():
         assert float(rows[name]["value"]) == pytest.approx(value, rel=1e-9), name
         assert float(rows[name]["sigma"]) == pytest.approx(sigma, rel=1e-9), name
+
+
+POSED = """(problem posed
+  (data d (table (k x y u v) {rows}))
+  (data e (table (k) (1) (2)))
+  (unknowns (R (rotation 2) :init (rot2 3)) (T (pose 2) :per e.k :init (pose2 0 0 3)))
+  (observe one d (= [u v] (rotate R [x y])) :sigma 0.01)
+  (observe each d (= [u v] (transform (T k) [x y])) :sigma 0.01)
+  (derive (h (heading R))))
+"""
+BEYOND = math.pi + 0.14
+"""Turns from 3 to where whole turns begin anew; the measurements are without errors."""
+ROTATED = POSED.format(
+    rows=" ".join(
+        f"({k} {x} {y} {c * x - s * y!r} {s * x + c * y!r})"
+        for k, x, y in ((1, 1, 0), (1, 0, 1), (2, 1, 0), (2, 0, 1))
+        for c, s in ((math.cos(BEYOND), math.sin(BEYOND)),)
+    )
+)
+
+
+@pytest.mark.parametrize("target", [pytest.param("c", marks=needs_compiler), "python"])
+def test_rotations_and_poses_of_the_plane(target, tmp_path):
+    folder = written(of_text(ROTATED, target), tmp_path)
+    if target == "c":
+        assert make(folder, "all", "test", watched=False).returncode == 0
+        found = run("./posed", "data/d.csv", "data/e.csv", folder=folder)
+    else:
+        assert run(sys.executable, "test_posed.py", folder=folder).returncode == 0
+        found = run(sys.executable, "posed.py", "data/d.csv", "data/e.csv", folder=folder)
+    rows = {row["name"]: float(row["value"]) for row in csv.DictReader(found.stdout.splitlines())}
+    for name in ("R", "T[1][1]", "T[2][1]", "h"):
+        assert rows[name] == pytest.approx(BEYOND - 2 * math.pi, rel=1e-9), name
+    for place in (2, 3):
+        assert [rows[f"T[{k}][{place}]"] for k in (1, 2)] == pytest.approx([0.0, 0.0], abs=1e-9)

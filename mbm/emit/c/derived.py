@@ -78,7 +78,7 @@ def derived_functions(blueprint: Blueprint, static: StaticSystem) -> str:
 
 def estimates(blueprint: Blueprint) -> str:
     """The array of the estimates: the numbers of the solver, or a copy of them with angles in (-pi, pi]."""
-    return "estimates" if any(unknown.angle for unknown in blueprint.unknowns) else "point"
+    return "estimates" if any(unknown.angles for unknown in blueprint.unknowns) else "point"
 
 
 def capacity(cells: Cells, derived: DerivedShape) -> str:

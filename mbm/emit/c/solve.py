@@ -205,18 +205,18 @@ def _status_of(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
 
 def _reported(blueprint: Blueprint) -> Iterator[str]:
     """The estimates, where they are not the numbers of the solver: angles in (-pi, pi]."""
-    angles = [number for number, unknown in enumerate(blueprint.unknowns) if unknown.angle]
-    if not angles:
+    if estimates(blueprint) == "point":
         return
     yield from (
         f"    for (c = 0; c < f->offsets[{len(blueprint.unknowns)}]; c++)",
         "        f->estimates[c] = f->point[c];",
     )
-    for number in angles:
-        yield from (
-            f"    for (c = f->offsets[{number}]; c < f->offsets[{number + 1}]; c++)",
-            "        f->estimates[c] = turned_to(f->point[c], 0.0);",
-        )
+    for number, unknown in enumerate(blueprint.unknowns):
+        for angle in unknown.angles:
+            yield from (
+                f"    for (c = f->offsets[{number}] + {angle}; c < f->offsets[{number + 1}]; c += {unknown.size})",
+                "        f->estimates[c] = turned_to(f->point[c], 0.0);",
+            )
 
 
 def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:

@@ -140,7 +140,7 @@ def _start(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
         f"for (c = 0; c < {unknown.size}; c++) {{",
         f"    const double found = begun(stated[c], {ends}, lower[c], upper[c]);",
     )
-    within = "within_turn(found, lower[c], upper[c])" if unknown.angle else "found"
+    within = "within_turn(found, lower[c], upper[c])" if unknown.angles else "found"
     yield f"    f->start[number + c] = {within};"
     if unknown.positive:
         yield from ("    if (!(found > 0.0))", f"        return {cells.status('BAD_START')};")

@@ -106,7 +106,11 @@ def _tables(blueprint: Blueprint) -> Iterator[str]:
         [
             *_assigned("KEYS", map(literal, blueprint.for_each), "Columns that tell the data sets apart."),
             *_assigned("NAMES", [literal(u.name) for u in blueprint.unknowns], "The unknowns."),
-            *_assigned("ANGLES", [u for u, each in enumerate(blueprint.unknowns) if each.angle], "Which are angles."),
+            *_assigned(
+                "ANGLES",
+                [(u, n, each.size) for u, each in enumerate(blueprint.unknowns) for n in each.angles],
+                "Unknowns that hold angles: which of them, which of its numbers, of how many.",
+            ),
             *_assigned("FAMILIES", families, "Where their members stand: name, table, key; None: there is one."),
             *_assigned("DERIVED_SHOWN", [f"({each})" for each in derived], "Unit, its factor and its zero in SI."),
             *_assigned(

@@ -123,7 +123,7 @@ def _start(unknown: UnknownShape) -> Iterator[str]:
             for word, programs in zip(("least", "greatest"), unknown.start_range, strict=True)
         )
     yield "    ends = zip(*(each.ravel().tolist() for each in (stated, least, greatest, lower, upper)), strict=True)"
-    if unknown.angle:
+    if unknown.angles:
         yield "    found = [within_turn(begun(*each), each[3], each[4]) for each in ends]"
     else:
         yield "    found = [begun(*each) for each in ends]"

@@ -242,9 +242,9 @@ def spread(
 def reported(p: Prepared, point: Array) -> Array:
     """The estimates of a point (N,): its numbers, with angles in (-pi, pi]."""
     found = np.array(point)
-    for u in ANGLES:
-        own = slice(p.offsets[u], p.offsets[u + 1])
-        found[own] = [turned_to(angle, 0.0) for angle in found[own]]
+    for u, angle, size in ANGLES:
+        own = slice(p.offsets[u] + angle, p.offsets[u + 1], size)
+        found[own] = [turned_to(value, 0.0) for value in found[own]]
     return found
 
 
