@@ -280,9 +280,18 @@ def _reached(
     or kinks. What turns back on the way stays.
     """
     far = NORMAL_95 * np.sqrt(np.square(gradient @ around.factor).sum(axis=1))
-    moved = values(around.points(directions(around.factor.shape[1]))) - values(around.minimum.point[None])
+    points = around.points(directions(around.factor.shape[1]))
+    moved = values(points) - values(around.minimum.point[None])
     if angle:
         moved = moved - 2 * np.pi * np.round(moved / (2 * np.pi))
+    beyond = ((moved < -(1.0 + FARTHER) * far * ends.lower) | (moved > (1.0 + FARTHER) * far * ends.upper)).any(axis=1)
+    if not beyond.any():
+        return ends
+    # where the cost has grown by more than at an end, they reach that much less
+    squares = np.square(residuals_at(around.equations, points[beyond])).sum(axis=1)
+    grown = (squares - around.minimum.cost) / (NORMAL_95**2 * around.variance)
+    share = np.where(grown < np.inf, 1.0 / np.sqrt(np.maximum(grown, 1.0)), 0.0)
+    moved = np.where(share[:, None] > 0.0, moved[beyond] * share[:, None], 0.0)
     reached = -np.nanmin(moved, axis=0, initial=0.0) / far, np.nanmax(moved, axis=0, initial=0.0) / far
     lower, upper = (
         np.where(np.isneginf(each), each, np.fmax(each, more))

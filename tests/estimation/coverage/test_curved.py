@@ -225,3 +225,40 @@ def test_what_bends_across_its_slope_goes_as_far_as_the_estimates_take_it(each: 
         wanted = [values.min(), values.max()]
         assert each_solve["bent"].interval() == pytest.approx(wanted, abs=0.01 * np.ptp(wanted))
         assert any(d.code.name == "too-nonlinear" for d in each_solve.diagnostics)
+
+
+COUNTED = """(problem p (data d (table (x n) (1 3) (2 4) (3 5) (4 11))) (unknowns (a) (b)) {stated}
+  (observe d (= n (+ {a} (* b x))) :distribution poisson) (derive (g a) (f (+ a (* b x)) :over (grid x 0 5 2))))"""
+
+
+@pytest.mark.parametrize(
+    ("stated", "a"),
+    [("", "a"), ("(constraints (<= (+ a b) 20))", "a"), ("(constants (c 1 :sigma 0.001))", "(* c a)")],
+)
+def test_what_is_derived_of_counts_ends_where_their_likelihood_does(stated: str, a: str) -> None:
+    x, n = np.arange(1.0, 5.0), np.array([3.0, 4.0, 5.0, 11.0])
+    found = mbm.loads(COUNTED.format(stated=stated, a=a)).solve()
+    at_0, at_5 = np.meshgrid(np.linspace(-4.0, 7.0, 1101), np.linspace(4.0, 20.0, 1601), indexing="ij")
+    model = at_0 + (at_5 - at_0) / 5 * x[:, None, None]
+    cost = 2 * (model - n[:, None, None] * np.log(np.maximum(model, 1e-300))).sum(axis=0)
+    cost[(model <= 0.0).any(axis=0)] = np.inf
+    inside = cost < cost.min() + norm.ppf(0.975) ** 2
+    wanted = np.array([[each[inside].min(), each[inside].max()] for each in (at_0, at_5)])
+    # profiles are followed to a thousandth, of derived quantities to a hundredth of the cost's root
+    assert found["a"].interval() == pytest.approx(wanted[0], abs=0.02 * np.ptp(wanted[0]))
+    assert found["g"].interval() == pytest.approx(wanted[0], abs=0.02 * np.ptp(wanted[0]))
+    assert found["f"].interval() == pytest.approx(wanted, abs=0.02 * np.ptp(wanted[1]))
+    assert sum(each.code.name == "too-nonlinear" for each in found.diagnostics) >= 3
+
+
+def test_what_is_derived_of_rounded_readings_goes_as_far_as_these_let_it() -> None:
+    """All readings are 5, in steps of 1 and with a scatter of 0.1."""
+    found = mbm.loads(
+        "(problem p (data d (table (x) (5) (5) (5) (5))) (unknowns (m))"
+        " (observe d (= x m) :sigma 0.1 :resolution 1) (derive (twice (* 2 m))))"
+    ).solve()
+    mean = np.linspace(4.0, 6.0, 4001)
+    cost = -8 * np.log(norm.cdf((5.5 - mean) / 0.1) - norm.cdf((4.5 - mean) / 0.1))
+    inside = mean[cost < cost.min() + norm.ppf(0.975) ** 2]
+    assert found["m"].interval() == pytest.approx([inside.min(), inside.max()], abs=2e-3)
+    assert found["twice"].interval() == pytest.approx(2 * inside[[0, -1]], abs=4e-3)
