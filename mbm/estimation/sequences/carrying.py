@@ -19,6 +19,7 @@ from mbm.estimation.sequences.walk import Memory
 from mbm.estimation.settings import Settings
 from mbm.kernels.types import KernelSet
 from mbm.problem.requests import Window
+from mbm.problem.sequence.certain import let_go
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Method, Problem
 from mbm.text.types import MbmError
@@ -59,7 +60,7 @@ class Carrying:
             raise MbmError(faults.not_carried(window.span, "is for `:method (interval)`"))
         if window.column != sequence.column:
             raise MbmError(faults.not_carried(window.span, f"has steps of `{sequence.column}`"))
-        self._problem = problem
+        self._problem, self._later = problem, let_go(problem)
         self._window: Window = window
         self._last: _Window | None = None
 
@@ -85,7 +86,8 @@ class Carrying:
         steps = np.zeros(0) if sequence is None else tables[sequence.steps].numbers(sequence.column)
         others = {name: cell for name, cell in key.items() if name != self._window.column}
         carried = self._carried(others, steps)
-        ready = begun(smoothed(problem), kernels, tables, starts, settings, cache, carried)
+        whole = smoothed(problem if carried is None else self._later)
+        ready = begun(whole, kernels, tables, starts, settings, cache, carried)
         for limit, span in limits_of(problem, ready.equations):
             raise MbmError(faults.not_carried(span, f"has an {limit}" if limit[0] == "i" else f"has {limit}"))
         memory = memory_of(ready)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from mbm.expression.nodes import Apply, Column, Member, Number, Operation
+from mbm.expression.nodes import Member, Number
 from mbm.language import faults as language_faults
 from mbm.language.values import Value
 from mbm.problem import faults
@@ -15,9 +15,9 @@ from mbm.problem.joining import with_families
 from mbm.problem.naming import PRIOR
 from mbm.problem.reading.declarations import Declaration, components, named_column, read_declaration, refuse_texts
 from mbm.problem.scopes import Entry, Steps
+from mbm.problem.sequence.certain import held_at_first
 from mbm.problem.sequence.types import INTERVAL, PREVIOUS, RATE, State
-from mbm.problem.tables import ROW
-from mbm.problem.types import Block, Family, NoiseKind, RowValues, Unknown, UnknownKind, ValueCase
+from mbm.problem.types import Block, Family, NoiseKind, Unknown, UnknownKind
 from mbm.text.types import Form, MbmError, Numeral, Sequence, Symbol
 from mbm.values import dataclass
 
@@ -99,7 +99,7 @@ def first_states(
         prior = left.get(PRIOR + name)
         certain = _certain(declaration, prior) if prior is not None else ()
         if prior is not None and any(certain):
-            held[name] = _held_at_first(held[name], certain)
+            held[name] = held_at_first(held[name], certain)
             if all(certain):
                 prior = None
                 del left[PRIOR + name]
@@ -129,27 +129,6 @@ def _certain(declaration: Declaration, prior: Block) -> tuple[bool, ...]:
         message = "a rotation or a translation is certain as a whole, or not at all"
         raise MbmError(language_faults.bad_form(equation.span, message, ":sigma [0 0.1 0.1]"))
     return found
-
-
-def _held_at_first(unknown: Unknown, certain: tuple[bool, ...]) -> Unknown:
-    """The state with what is certain fixed at the first step."""
-    family = unknown.family
-    if family is None:
-        return unknown
-    first = Apply(Operation.EQUAL, (Column(family.rows, ROW), Number(1)))
-    stated = unknown.fixed
-    cases = stated.cases if stated is not None else (ValueCase(static=(), values=(Number(0),) * len(certain)),)
-    fixed = tuple(
-        replace(
-            case,
-            values=tuple(
-                Apply(Operation.IF, (first, Number(1), value)) if sure else value
-                for value, sure in zip(case.values, certain, strict=True)
-            ),
-        )
-        for case in cases
-    )
-    return replace(unknown, fixed=RowValues(table=family.rows, cases=fixed, span=unknown.span))
 
 
 def _without(prior: Block, certain: tuple[bool, ...]) -> Block:

@@ -57,6 +57,27 @@ def test_windows_of_a_linear_problem_say_what_all_rows_so_far_say(method):
     assert solve.dof == sum(((each["k"] > end - 8) & (each["k"] <= end)).sum() for each in tables.values())
 
 
+@pytest.mark.parametrize("method", ["smoother", "batch"])
+def test_what_is_certain_at_the_first_step_is_so_at_no_later_one(method):
+    tables = walk()
+    result = mbm.loads(WALK.format(method=method, sigma=":sigma 0", rest="")).solve(data=tables)
+    for solve in result.solves:
+        means, covariances = least_squares(tables, solve.key["k"], sigma=1e-5)
+        count = len(solve["x"].keys)
+        np.testing.assert_allclose(solve["x"].value, means[-count:, 0], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(solve["x"].sigma, np.sqrt(covariances[-count:, 0, 0]), atol=2e-5)
+
+
+def test_a_window_of_one_step_is_not_certain_either():
+    text = """(problem p (data z external) (states :over k (x :init 0 :sigma 0)) (dynamics (random-walk x :sigma 1))
+      (observe z (= y x) :sigma 1) (window k :length 2.2 :step 1.5 :carry true) (solve :method smoother))"""
+    data = {"z": {"k": np.array([0.0, 1.0, 3.1]), "y": np.array([0.3, 1.0, 9.0])}}
+    last = mbm.loads(text).solve(data=data).solves[-1]
+    # From x(0) = 0 the step to k = 1 has the variance 1, and so has its row.
+    np.testing.assert_allclose(last["x"].value, [0.5], atol=1e-12)
+    np.testing.assert_allclose(last["x"].sigma, [np.sqrt(0.5)], atol=1e-12)
+
+
 def test_what_no_row_has_determined_when_it_leaves_is_still_open():
     """Without a prior of x the first rows tell the sum of x and b alone: later ones of x tell both."""
     tables = walk()
