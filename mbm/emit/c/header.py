@@ -119,7 +119,7 @@ def _result(blueprint: Blueprint) -> Iterator[str]:
         "    long free;             /* n, estimated coordinates */",
         "    const long *coordinates;     /* (n) their places among all coordinates */",
         "    const double *covariance;    /* (n, n) row by row; NaN: not determined */",
-        "    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */",
+        "    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined, at a bound */",
     )
 
 

@@ -122,7 +122,7 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
 def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:
     name = blueprint.identifier
     yield from (
-        "/* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */",
+        "/* Where the answer stands; `sigma` of what is not determined or at a bound is negative, of what stays 0. */",
         f"static void answer(struct frame *f, {name}_result *result)",
         "{",
         f"    const long n = f->system->n, all = f->firsts[{len(blueprint.unknowns)}];",
@@ -150,7 +150,7 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
         "        f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;",
         "    for (c = 0; c < n; c++) {",
         "        const double variance = f->covariance[c * n + c];",
-        "        f->sigma[f->coordinates[c]] = variance >= 0.0 ? sqrt(variance) : -1.0;",
+        "        f->sigma[f->coordinates[c]] = variance >= 0.0 && f->sides[c] == 0 ? sqrt(variance) : -1.0;",
         "    }",
         f"    result->numbers = f->offsets[{len(blueprint.unknowns)}];",
         "    result->point = f->point;",

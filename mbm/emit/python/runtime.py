@@ -231,7 +231,8 @@ def spread(
     sigma = np.full(size, np.nan)
     for line in np.flatnonzero(~loose):
         own = view(gradient[line])
-        if (deficient and not determines(p.system, own, p.work)) or is_untold(p.free, p.apart, p.covariances, own):
+        free = deficient and not determines(p.system, own, p.work)
+        if free or held_by_bounds(p.free, p.work.answer.sides, own) or is_untold(p.free, p.apart, p.covariances, own):
             continue
         on = gradient[line] != 0.0
         variance = gradient[line, on] @ matrix[np.ix_(on, on)] @ gradient[line, on]
@@ -258,9 +259,9 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
     Returns:
         ``status`` (see `STATUSES`), ``iterations``, ``evaluations``, ``cost`` (weighted sum of squares without losses),
         ``robust_cost``, ``freedom``, ``sigma0``; ``estimates``: name → ``value`` (members, size), ``sigma`` (members,
-        coordinates; 0: it stays, NaN: not determined), in SI, and ``keys`` (members,) of families; ``derived``: name →
-        ``value`` and ``sigma`` (rows, size), in SI; ``covariance`` (n, n), and ``coordinates`` (n,): the place of each
-        of its rows among all coordinates; ``point`` (N,): the numbers of the solver, angles by any turns;
+        coordinates; 0: it stays, NaN: not determined, or at a bound), in SI, and ``keys`` (members,) of families;
+        ``derived``: name → ``value`` and ``sigma`` (rows, size), in SI; ``covariance`` (n, n), and ``coordinates``
+        (n,): the place of each of its rows among all coordinates; ``point`` (N,): the solver's, angles by any turns;
         ``agreement``: which ``units`` agree (``inside``, clause by clause, row by row), None without consensus.
 
     Raises:
@@ -306,7 +307,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         if states[DEFICIENT]:
             mask_undetermined(p.system, p.work, matrix.reshape(-1))
         mask_untold(n, p.apart, p.covariances, matrix.reshape(-1))
-        sigma[coordinates] = np.sqrt(np.diag(matrix))
+        sigma[coordinates] = np.where(sides[:n] != 0, np.nan, np.sqrt(np.diag(matrix)))
     estimates = {}
     for u, name in enumerate(NAMES):
         own, mine = slice(p.offsets[u], p.offsets[u + 1]), slice(p.firsts[u], p.firsts[u + 1])

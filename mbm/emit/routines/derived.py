@@ -37,6 +37,20 @@ def gather_gradient(
     return 1
 
 
+def held_by_bounds(n: Integer, sides: ConstantIntegers, gradient: ConstantReals) -> Integer:
+    """1 where a quantity with the ``gradient`` (n,) varies only as estimates leave the bounds that hold them.
+
+    ``sides`` (n,) are not 0 where a bound holds a coordinate.
+    """
+    held = 0
+    for i in range(n):
+        if gradient[i] != 0.0:
+            if sides[i] == 0:
+                return 0
+            held = 1
+    return held
+
+
 def put_spread(
     n: Integer,
     count: Integer,

@@ -326,7 +326,7 @@ static long column_of(const struct frame *f, long place)
 }
 
 /* The standard deviation of quantity `row` of those with the derivatives `slopes`, by linear propagation; negative
- * where the data do not determine it, or it has no derivative at the estimates. */
+ * where the data do not determine it, only bounds hold it, or it has no derivative at the estimates. */
 static double spread_of(struct frame *f, long row, long count, const long *rows, const long *tangents,
     const long *columns, const double *slopes, double *gradient)
 {
@@ -347,7 +347,7 @@ static double spread_of(struct frame *f, long row, long count, const long *rows,
             if (gradient[j] != 0.0)
                 variance += gradient[i] * f->covariance[i * n + j] * gradient[j];
     }
-    if (!isfinite(variance))
+    if (!isfinite(variance) || held_by_bounds(n, f->sides, gradient))
         return -1.0;
     return variance > 0.0 ? sqrt(variance) : 0.0;
 }
@@ -505,7 +505,7 @@ static int prepare(struct frame *f, const derived_data *data,
     return 0;
 }
 
-/* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
+/* Where the answer stands; `sigma` of what is not determined or at a bound is negative, of what stays 0. */
 static void answer(struct frame *f, derived_result *result)
 {
     const long n = f->system->n, all = f->firsts[1];
@@ -530,7 +530,7 @@ static void answer(struct frame *f, derived_result *result)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
         const double variance = f->covariance[c * n + c];
-        f->sigma[f->coordinates[c]] = variance >= 0.0 ? sqrt(variance) : -1.0;
+        f->sigma[f->coordinates[c]] = variance >= 0.0 && f->sides[c] == 0 ? sqrt(variance) : -1.0;
     }
     result->numbers = f->offsets[1];
     result->point = f->point;

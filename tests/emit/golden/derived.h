@@ -58,7 +58,7 @@ typedef struct {
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
     const double *covariance;    /* (n, n) row by row; NaN: not determined */
-    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
+    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined, at a bound */
     long h_members;
     const long *h_rows;    /* (members) the row of the table that names each */
     const double *h;          /* (members × 1) real, shown in m */
