@@ -13,8 +13,9 @@ from mbm.estimation.search.solution import Solution
 from mbm.estimation.sequences import faults
 from mbm.estimation.sequences.filtering import smoothed
 from mbm.estimation.sequences.limits import limits_of
+from mbm.estimation.sequences.places import names_of_step
 from mbm.estimation.sequences.run import begun, ended, memory_of
-from mbm.estimation.sequences.types import Prior
+from mbm.estimation.sequences.types import Carried, Name
 from mbm.estimation.sequences.walk import Memory
 from mbm.estimation.settings import Settings
 from mbm.kernels.types import KernelSet
@@ -28,12 +29,13 @@ from mbm.values import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Window:
-    """A window that is solved, of these other keys: its steps (T,), and the memory of its walk.
+    """A window that is solved, of these other keys: its steps (T,), the memory of its walk, and what numbers are there.
 
-    It ``begins`` with what is stated of the first step.
+    ``before`` is what it began with, None: what is stated of the first step.
     """
 
-    begins: bool
+    before: Carried | None
+    names: tuple[list[Name], list[Name]]
     others: Mapping[str, CellKey]
     steps: Floats
     memory: Memory
@@ -93,16 +95,18 @@ class Carrying:
         memory = memory_of(ready)
         found = ended(ready, memory, kernels, key=key, starts=starts, settings=settings, began=began)
         if found.minimum.reason.converged:
-            self._last = _Window(begins=carried is None, others=others, steps=steps, memory=memory)
+            names = names_of_step(ready.equations.layout, ready.places)
+            self._last = _Window(before=carried, names=names, others=others, steps=steps, memory=memory)
         return found
 
-    def _carried(self, others: Mapping[str, CellKey], steps: Floats) -> Prior | None:
+    def _carried(self, others: Mapping[str, CellKey], steps: Floats) -> Carried | None:
         last = self._last
         if last is None or last.others != others or not len(steps):
             return None
         count = int(np.searchsorted(last.steps, steps[0]))
-        if last.begins and count == 0:
-            return None
+        if count == 0 and last.steps[0] == steps[0]:
+            return last.before
         if count == len(last.steps) or last.steps[count] != steps[0]:
             raise MbmError(faults.not_carried(self._window.span, "has a window without a step of the one before"))
-        return last.memory.carried(count)
+        numbers, coordinates = ({name: at for at, name in enumerate(each)} for each in last.names)
+        return Carried(prior=last.memory.carried(count), numbers=numbers, coordinates=coordinates)

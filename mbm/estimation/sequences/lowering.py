@@ -61,9 +61,10 @@ def lowered(
     tables: Mapping[str, Table],
     cache: EvaluationCache,
     *,
-    begins: bool = True,
+    new: Mask | None = None,
 ) -> Lowered:
-    """The local problems of a sequence. Rows of no step are those of the first, where the sequence ``begins`` there.
+    """The local problems of a sequence. Rows of no step are those of the first: all of them, or those with numbers
+    that are ``new`` (N,).
 
     Raises:
         MbmError: equations such as filters do not take: with states of several steps, sampled at times that are
@@ -96,7 +97,7 @@ def lowered(
             limits.append(_by_step(with_rows(group, first), equal, at[first], steps))
         else:
             stepped = block.table is not None and sequence.column in tables[block.table].columns
-            own = group if begins or stepped else with_rows(group, np.arange(0))
+            own = group if new is None or stepped else with_rows(group, np.flatnonzero(new[group.index].any(axis=1)))
             rows = _by_step(own, equal, steps_of(own, block, places, sequence, tables), steps)
             (limits if block.role is BlockRole.CONSTRAINT else seen).append(rows)
     observed = [each for each in seen if problem.blocks[each.group.kernel.owner].role is BlockRole.OBSERVATION]

@@ -11,6 +11,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.layout import Entry, Layout
 from mbm.equations.types import Indices, Mask
 from mbm.estimation.sequences import faults
+from mbm.estimation.sequences.types import Name
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -107,6 +108,19 @@ def spread_places(equations: Assembled, spread: Assembled, places: Places) -> Pl
         number=number,
         coordinate=coordinate,
     )
+
+
+def names_of_step(layout: Layout, places: Places) -> tuple[list[Name], list[Name]]:
+    """What the numbers (N,) and the free coordinates (n,) of a step are."""
+    order = spread_entries(layout)
+    numbers = [name for e in order for name in _names(e, e.unknown.size)]
+    coordinates = [name for e in order for name in _names(e, e.unknown.freedom)]
+    return numbers, [coordinates[at] for at in places.free]
+
+
+def _names(entry: Entry, size: int) -> list[Name]:
+    keys = (None,) if entry.unknown.is_state or entry.keys is None else entry.keys
+    return [(entry.unknown.name, key, part) for key in keys for part in range(size)]
 
 
 def spread_entries(layout: Layout) -> list[Entry]:

@@ -26,9 +26,9 @@ from mbm.estimation.sequences.limits import beyond_bounds, refuse_limits
 from mbm.estimation.sequences.local import Local
 from mbm.estimation.sequences.lowering import lowered
 from mbm.estimation.sequences.noise import covariance_of
-from mbm.estimation.sequences.places import Places, places_of
+from mbm.estimation.sequences.places import Places, names_of_step, places_of
 from mbm.estimation.sequences.spread import Told, told
-from mbm.estimation.sequences.types import Prior, Rules, Track
+from mbm.estimation.sequences.types import Carried, Prior, Rules, Track
 from mbm.estimation.sequences.walk import Chained, Memory
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.estimate import bound_equations, decided
@@ -72,7 +72,7 @@ def begun(
     starts: Mapping[str, Floats],
     settings: Settings,
     cache: EvaluationCache,
-    carried: Prior | None = None,
+    carried: Carried | None = None,
 ) -> Begun:
     """What a walk over all steps takes; it may begin with what is ``carried`` on from rows before.
 
@@ -90,8 +90,15 @@ def begun(
     places = places_of(equations, len(tables[sequence.steps]), method)
     if not len(places.free):
         raise MbmError(no_unknowns(problem.span))
-    low = lowered(problem, sequence, equations, places, tables, cache, begins=carried is None)
-    prior = carried or prior_of(problem, sequence, equations, places, low.priors, tables, low.chained.seen)
+    new, names = None, names_of_step(equations.layout, places)
+    if carried is not None:
+        new = np.zeros(len(equations.numbers), dtype=bool)
+        new[places.numbers[0]] = [name not in carried.numbers for name in names[0]]
+    low = lowered(problem, sequence, equations, places, tables, cache, new=new)
+    if carried is None:
+        prior = prior_of(problem, sequence, equations, places, low.priors, tables, low.chained.seen)
+    else:
+        prior = carried.named(*names, low.chained.seen.equations.layout.start)
     if np.isnan(prior.point).any():
         if not low.chained.linear:
             missing = int(places.numbers[0][np.flatnonzero(np.isnan(prior.point))[0]])

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
+from mbm.problem.tables import CellKey
 from mbm.values import dataclass
+
+Name: TypeAlias = tuple[str, CellKey | None, int]
+"""A number or coordinate of a step: its unknown, the key of its member of a family, and which one of it it is."""
+
+LEFT_OF_ROUNDINGS = 1e-9
+"""Share of the longest direction below which another one is what roundings leave of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,6 +41,32 @@ class Prior:
     def filled(self) -> Prior:
         """The same with 0 where there is no start."""
         return replace(self, point=np.nan_to_num(self.point))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Carried:
+    """A prior, and where each of its numbers (N,) and coordinates (n,) stands in it."""
+
+    prior: Prior
+    numbers: Mapping[Name, int]
+    coordinates: Mapping[Name, int]
+
+    def named(self, numbers: Sequence[Name], coordinates: Sequence[Name], starts: Floats) -> Prior:
+        """The prior of these; what is not in it begins with ``starts`` (numbers,), and nothing is known of it."""
+        point = starts.copy()
+        for place, name in enumerate(numbers):
+            if name in self.numbers:
+                point[place] = self.prior.point[self.numbers[name]]
+        there = np.array([name in self.coordinates for name in coordinates], dtype=bool)
+        kept = [self.coordinates[name] for name in coordinates if name in self.coordinates]
+        factor, none = np.zeros((len(there), len(there))), np.eye(len(there))[~there]
+        known = np.linalg.qr(self.prior.factor[:, kept], mode="r")
+        factor[: len(known), there] = known
+        loose = np.zeros((len(self.prior.open), len(there)))
+        loose[:, there] = self.prior.open[:, kept]
+        _, sizes, directions = np.linalg.svd(loose, full_matrices=False)
+        span = directions[sizes > LEFT_OF_ROUNDINGS * sizes.max(initial=0.0)]
+        return Prior(point=point, factor=factor, open=np.concatenate([none, span]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -200,3 +200,47 @@ def test_what_is_not_carried_is_refused(case):
     except mbm.MbmError as error:
         said = str(error)
     assert words in said
+
+
+FAMILIES = """
+(problem families (data z external) (data q external)
+  (unknowns (b :per q.j :init 0 {prior}))
+  (states :over k (x :init 0 :sigma 1)) (dynamics (random-walk x :sigma 0.3))
+  (observe z (= y x) :sigma 0.1) (observe q (= u (+ (b j) x)) :sigma 0.2)
+  (window k :length 3 :step 1 :carry true) (solve :method {method}))"""
+SIGHTINGS = np.array([[0, 1, 0.1], [1, 2, 0.2], [2, 1, 0.7], [3, 3, 4.0], [4, 2, 1.0], [5, 3, 4.4], [6, 4, 9.0]])
+
+
+def family_by_least_squares(y, end, sigma):
+    """Means and deviations of the members by key, and of the last x, by all rows up to an end."""
+    seen = SIGHTINGS[SIGHTINGS[:, 0] <= end]
+    keys, steps = list(dict.fromkeys(seen[:, 1])), end + 1
+    rows = [(np.eye(steps)[0], 0.0, 1.0)]
+    rows += [(np.eye(steps)[k] - np.eye(steps)[k - 1], 0.0, 0.3) for k in range(1, steps)]
+    rows += [(np.eye(steps)[k], y[k], 0.1) for k in range(steps)]
+    wide = [(np.concatenate([h, np.zeros(len(keys))]) / s, v / s) for h, v, s in rows]
+    for k, j, u in seen:
+        h = np.zeros(steps + len(keys))
+        h[[int(k), steps + keys.index(j)]] = 1.0
+        wide.append((h / 0.2, u / 0.2))
+    wide += [(np.eye(steps + len(keys))[steps + at] / sigma, 0.0) for at in range(len(keys))]
+    H, v = np.array([h for h, _ in wide]), np.array([v for _, v in wide])
+    covariance = np.linalg.inv(H.T @ H)
+    mean, deviation = covariance @ H.T @ v, np.sqrt(np.diag(covariance))
+    members = {key: (mean[steps + at], deviation[steps + at]) for at, key in enumerate(keys)}
+    return members, (mean[steps - 1], deviation[steps - 1])
+
+
+@pytest.mark.parametrize("method", ["smoother", "batch"])
+@pytest.mark.parametrize(("prior", "sigma"), [("", np.inf), (":sigma 1", 1.0)])
+def test_members_of_families_are_carried_by_their_keys(method, prior, sigma):
+    """The keys stand in another order in the fourth window; the first one leaves with the sixth, new ones come."""
+    y = np.array([0.0, 0.3, 0.5, 0.9, 1.1, 1.0, 1.4])
+    tables = {"z": {"k": np.arange(7.0), "y": y}, "q": dict(zip("kju", SIGHTINGS.T, strict=True))}
+    result = mbm.loads(FAMILIES.format(method=method, prior=prior)).solve(data=tables)
+    assert len(result.solves) == 7
+    for solve in result.solves:
+        members, last = family_by_least_squares(y, int(solve.key["k"]), sigma)
+        for key, value, deviation in zip(solve["b"].keys, solve["b"].value, solve["b"].sigma, strict=True):
+            assert (float(value), float(deviation)) == pytest.approx(members[key], abs=1e-9)
+        assert (float(solve["x"].value[-1]), float(solve["x"].sigma[-1])) == pytest.approx(last, abs=1e-9)
