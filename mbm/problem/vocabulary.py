@@ -272,8 +272,11 @@ def previous(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value | None
         inner = inner.parent
     if not isinstance(inner, RowScope) or isinstance(inner, EarlierScope) or not inner.at_hand:
         raise MbmError(language_faults.bad_form(form.span, "there is no row at hand that another could precede", USAGE))
-    table = world.earlier(inner.table)
-    return evaluator.wanted(form.items[1], EarlierScope(world, table, inner.static, around=scope))
+    table, here = world.earlier(inner.table), world.here
+    if here.table == table.name and isinstance(here.member, ColumnMember):
+        here = replace(here, member=replace(here.member, column=name_before(here.member.column)))
+    with world.at(here):
+        return evaluator.wanted(form.items[1], EarlierScope(world, table, inner.static, around=scope))
 
 
 @dataclass(slots=True)

@@ -338,3 +338,30 @@ def test_batch_begins_where_a_smoother_ends():
     data = {"seen": {"t": t[step], "bx": beacons[which, 0], "by": beacons[which, 1], "r": ranges}}
     result = mbm.loads(text).solve(data=data)
     assert np.abs((result["p"].value - places) / result["p"].sigma).max() < 5
+
+
+BEFORE = """
+(problem before (data z (table (t y dy) (0 0.0 0) (1 0.3 0.5) (2 0.5 0.5) (3 0.9 0.5)))
+  (states :over t (s :init 0 :sigma 1)) (dynamics (random-walk s :sigma 0.3))
+  (observe z (= y s) :sigma 0.1) (observe rel z (= dy (- s (previous s))) :sigma 0.2)
+  (derive (up (- s (previous s)) :over z)) (solve :method {}))"""
+
+
+def test_a_state_in_previous_is_that_of_the_row_before():
+    """As dense least squares has it: the differences are measured, too."""
+    result = mbm.loads(BEFORE.format("batch")).solve()
+    eye = np.eye(4)
+    differences = eye[1:] - eye[:-1]
+    H = np.vstack([eye[:1], differences / 0.3, eye / 0.1, differences / 0.2])
+    v = np.concatenate([[0.0], np.zeros(3), np.array([0.0, 0.3, 0.5, 0.9]) / 0.1, np.full(3, 0.5 / 0.2)])
+    expected = np.linalg.lstsq(H, v, rcond=None)[0]
+    np.testing.assert_allclose(result["s"].value, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(result["s"].sigma, np.sqrt(np.diag(np.linalg.inv(H.T @ H))), rtol=1e-9)
+    np.testing.assert_allclose(result["up"].value[1:], np.diff(expected), rtol=0, atol=1e-9)
+    assert np.isnan(result["up"].value[0])
+
+
+@pytest.mark.parametrize("method", ["ekf", "smoother"])
+def test_filters_refuse_the_state_of_the_row_before(method):
+    with pytest.raises(mbm.MbmError, match="states of several steps"):
+        mbm.loads(BEFORE.format(method)).solve()
