@@ -19,6 +19,7 @@ from mbm.equations.layout import Layout
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.search.startless import refuse_guessing
 from mbm.estimation.settings import Settings
+from mbm.estimation.starts.nudging import off_stations
 from mbm.estimation.starts.projection import projected_points
 from mbm.estimation.starts.random_starts import costs, random_points
 from mbm.expression.nodes import Outlined
@@ -283,11 +284,15 @@ def _ended(equations: Assembled, completion: Completion, settings: Settings) -> 
         numbers = np.where(middle, layout.start, numbers)
         used = (*used, "the middle of the range")
     missing = replace(layout, start=numbers).missing()
-    if not bool(missing.any()):
-        return (Beginning(point=numbers, origin="; ".join(used)),)
     linear = affine_coordinates(equations, missing)
     if bool((linear == missing).all()):
-        return (Beginning(point=solved_linearly(equations, numbers, linear), origin="; ".join((*used, "linear"))),)
+
+        def completed(others: Floats) -> Floats:
+            return solved_linearly(equations, others, linear) if linear.any() else others
+
+        looked_at = bool(middle.any()) and equations.count * equations.dimension <= HUGE
+        point = off_stations(equations, numbers, middle, completed) if looked_at else completed(numbers)
+        return (Beginning(point=point, origin="; ".join((*used, "linear") if linear.any() else used)),)
     seen = _seen(equations, completion, settings)
     if seen:
         return tuple(end for each in seen for end in _ended(equations, each, settings))
