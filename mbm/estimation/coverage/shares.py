@@ -42,6 +42,13 @@ LONGEST, SHORTEST = 1e3, 0.125
 AS_GOOD_AS_NONE = 1e5
 """Multiple of the first distance beyond which an end without enough growth is one of the search, not of a limit."""
 
+HEAVY = 1e4
+"""Multiple of the distance at which a likelihood has begun to fall, from which on what has not fallen to nothing has no
+end: that of one degree of freedom takes 300, of half a degree 2000."""
+
+BEGUN = 1.0
+"""−log of the share of the greatest likelihood at which it has."""
+
 STEPS = 60
 """Steps on the way to where nothing is left."""
 
@@ -193,6 +200,9 @@ def _side(surprise: Callable[[float], float], limit: float, step: float, least: 
             inside, known[step] = step, found
         if known[inside] >= NOTHING_LEFT or outside <= (1.0 + AS_FAR) * inside or inside > WITHOUT_END:
             break
+        begun = min((place for place, left in known.items() if left > BEGUN), default=np.inf)
+        if inside > HEAVY * begun:
+            return _refined(surprise, known, endless=True)
         if np.isfinite(outside):
             step = max(SHORTEST * outside, np.sqrt(inside * outside))
         else:
@@ -201,18 +211,18 @@ def _side(surprise: Callable[[float], float], limit: float, step: float, least: 
         known[limit] = known[inside]
         inside = limit
     endless = 0.0 < inside < limit and np.isinf(outside) and known[inside] < NOTHING_LEFT
-    return _refined(surprise, {0.0: 0.0, inside: known[inside]}, endless)
+    return _refined(surprise, {0.0: 0.0, inside: known[inside]}, endless=endless)
 
 
-def _refined(surprise: Callable[[float], float], known: dict[float, float], endless: bool) -> Side:
-    """The side that is ``known`` at its first and last place, with as many between as it takes."""
+def _refined(surprise: Callable[[float], float], known: dict[float, float], *, endless: bool) -> Side:
+    """The side that is ``known`` at its first and last place and some between, with as many more as it takes."""
     # Loaded by likelihoods at limits only, so that the others start at once.
     from scipy.interpolate import Akima1DInterpolator
 
     places = np.array(sorted(known))
     if len(places) == 1:
         return Side(places=places, surprise=np.zeros(1), endless=endless)
-    pieces = [(float(places[0]), float(places[1]))]
+    pieces = list(pairwise(places.tolist()))
     while pieces and len(known) < MOST_PLACES:
         curve = None if len(known) < LEAST_PLACES else Akima1DInterpolator(places, [known[each] for each in places])
         still = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from scipy.stats import norm
+from scipy.stats import norm, t
 
 import mbm
 from tests.estimation.coverage.test_beside_limits import NEAR, shortest
@@ -62,3 +62,20 @@ def test_where_all_estimates_are_at_limits_each_has_the_interval_of_all_together
         for name, costs in (("a", cost.min(axis=1)), ("b", cost.min(axis=0))):
             # two steps of the grid
             assert found[name].interval() == pytest.approx(shortest(a[:, 0], costs), abs=8e-3)
+
+
+def test_near_a_limit_scatter_in_proportion_to_the_model_has_ends() -> None:
+    """The cost grows with the logarithm of the model only, far above: it once ended at 2.6e15."""
+    x, y = np.arange(1.0, 7.0), np.array([5.2, 4.1, 3.3, 4.4, 8.0, 6.7])
+    found = mbm.loads(
+        "(problem p (data d external) (unknowns (a) (b positive))"
+        " (observe d (= y (+ a (* b x))) :sigma (unknown (* 1 model))))"
+    ).solve(data={"d": {"x": x, "y": y}})
+    a, b = np.meshgrid(np.linspace(0.0, 12.0, 601), np.linspace(0.0, 3.0, 601), indexing="ij")
+    model = np.maximum(a[..., None] + b[..., None] * x, 1e-9)
+    cost = 6 * np.log(np.square(y / model - 1.0).mean(axis=-1)) + 2 * np.log(model).sum(axis=-1)
+    inside = cost - cost.min() < 6 * np.log1p(t.ppf(0.975, 4) ** 2 / 4)
+    for name, values in (("a", a[inside]), ("b", b[inside])):
+        # the scale is one of all estimates together, with effective degrees of freedom
+        wanted = [values.min(), values.max()]
+        assert found[name].interval() == pytest.approx(wanted, abs=0.15 * np.ptp(wanted))
