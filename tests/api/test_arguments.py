@@ -146,3 +146,16 @@ def test_what_an_angle_has_not_is_said_in_words() -> None:
     result = mbm.loads("(problem p (unknowns (x angle :init 1)) (observe (= 1 x) :sigma 1))").solve()
     with pytest.raises(AttributeError, match="`x` is an angle, which has no rotation"):
         _ = result["x"].rotation
+
+
+@pytest.mark.parametrize(
+    ("given", "code"),
+    [
+        ({"method": 3}, "unknown-method"),
+        ({"method": ["lm"]}, "unknown-method"),
+        ({"starts": True}, "unknown-override"),
+        ({"seed": True}, "unknown-override"),
+    ],
+)
+def test_options_of_another_type_are_refused(given: Any, code: str, compiled: mbm.CompiledProblem) -> None:
+    assert refused(lambda: compiled.solve(**given), code)

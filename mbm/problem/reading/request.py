@@ -112,6 +112,9 @@ def _columns(work: Workspace, clauses: list[Sequence]) -> dict[str, Span]:
     return found
 
 
+OWN = "leave it out for that of the problem"
+
+
 def requested(
     problem: Problem,
     *,
@@ -127,18 +130,21 @@ def requested(
     """
     request = problem.request
     if seed is not None:
-        if not (isinstance(seed, int) and 0 <= seed <= LARGEST_SEED):
-            raise MbmError(faults.bad_override("seed", f"should be a whole number in 0 … {LARGEST_SEED}"))
+        if not (isinstance(seed, int) and not isinstance(seed, bool) and 0 <= seed <= LARGEST_SEED):
+            message = f"should be a whole number in 0 … {LARGEST_SEED}"
+            raise MbmError(faults.bad_override("seed", message, OWN))
         if isinstance(request.starts, RandomStarts):
             request = replace(request, starts=replace(request.starts, seed=None))
         request = replace(request, seed=seed)
     if starts is not None:
-        if not (isinstance(starts, int) and 1 <= starts <= MAXIMUM_STARTS):
-            raise MbmError(faults.bad_override("starts", f"should be a whole number in 1 … {MAXIMUM_STARTS}"))
+        if not (isinstance(starts, int) and not isinstance(starts, bool) and 1 <= starts <= MAXIMUM_STARTS):
+            message = f"should be a whole number in 1 … {MAXIMUM_STARTS}"
+            raise MbmError(faults.bad_override("starts", message, OWN))
         kept = request.starts.seed if isinstance(request.starts, RandomStarts) else None
         request = replace(request, starts=RandomStarts(count=starts, seed=kept))
     if method is None:
         return replace(problem, request=request)
+    method = str(method)  # a value of another type names no solver either
     estimator = named_estimator(method)
     if estimator is None:
         chosen, routine = _named_method(method, None, routines)
