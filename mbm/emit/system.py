@@ -79,9 +79,9 @@ def static_system(blueprint: Blueprint, chunk: int) -> StaticSystem:
     prefix[at.Problem.noises] = 0 if scaled else len(unknown)
     prefix[at.Problem.scaled] = int(scaled)
     lossy = any(b.loss is not None for b, _ in measured)
-    affine = [c.kernel.affine_in(np.ones(len(c.tangents), dtype=bool)) for _, c in (*measured, *cases)]
-    linear = not lossy and all(affine[: len(measured)])
-    prefix[at.Problem.linear], prefix[at.Problem.affine] = int(linear), int(all(affine))
+    linear = not lossy and all(c.kernel.affine_in(np.ones(len(c.tangents), dtype=bool)) for _, c in measured)
+    sharp = all(case.kernel.affine_by_products for _, case in cases)
+    prefix[at.Problem.linear], prefix[at.Problem.affine] = int(linear), int(sharp)
     prefix[at.Problem.direct] = int(linear and len(measured) == len(cases))
     largest = max(c.kernel.outputs for _, c in cases)
     prefix[at.Problem.chunk] = max(chunk, 4 * (-(-largest // 4)))

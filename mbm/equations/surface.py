@@ -148,9 +148,15 @@ def plainly_affine(equations: Assembled) -> bool:
     return equations.linear or (plain and all(affine(group, free) for group in equations.groups))
 
 
-def wholly_affine(equations: Assembled) -> bool:
-    """Whether equations, losses aside, and constraints have the same derivatives everywhere."""
-    return plainly_affine(equations) and bool(exact_constraints(equations).all())
+def affine_by_products(equations: Assembled) -> bool:
+    """Whether derivatives are the same everywhere, and products of data: known to roundings of their own size.
+
+    Of equations, losses aside, and constraints, in all coordinates, fixed ones too.
+    """
+    if equations.implicit is not None or equations.likely:
+        return False
+    groups = (*equations.groups, *equations.constraints)
+    return all(group.gathered is None and not group.sampled and group.kernel.affine_by_products for group in groups)
 
 
 def exact_constraints(equations: Assembled) -> Mask:

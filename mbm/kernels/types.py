@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.expression.nodes import External, Outlined
-from mbm.machine.program import Program
+from mbm.machine.program import Operator, Program
 from mbm.symbolic.types import Chart, Parameter, Purpose, Slot
 from mbm.text.types import Span
 from mbm.values import dataclass
@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from mbm.kernels.store import Store
 
 Floats: TypeAlias = NDArray[np.float64]
+
+PRODUCTS = frozenset(
+    (Operator.MUL, Operator.DIV, Operator.NEG, Operator.SQUARE, Operator.TWICE, Operator.RECIPROCAL, Operator.SQRT)
+)
+"""Operations whose results have relative errors like those of what they take."""
 
 Tabulated: TypeAlias = Callable[[Floats], Floats]
 """A program for any number of rows: outputs (rows, outputs) at contiguous inputs (rows, inputs), by one thread."""
@@ -67,6 +72,17 @@ class Kernel:
         """Whether the outputs are affine in the tangents that the mask picks, whatever the others are."""
         columns = tangents[self.jacobian_columns]
         return not bool(self.dependence[np.ix_(columns, tangents)].any() or self.steps[tangents].any())
+
+    @property
+    def affine_by_products(self) -> bool:
+        """Whether all derivatives are constant in the tangents, and products of data: known to roundings of their size.
+
+        Differences of large numbers are known to roundings of these.
+        """
+        last = self.outputs + len(self.jacobian_columns)
+        needed = self.jacobian_program.restricted(range(self.outputs, last)).instructions
+        plain = not self.calls and all(each.operator in PRODUCTS for each in needed)
+        return plain and self.affine_in(np.ones(len(self.tangents), dtype=bool))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -54,8 +54,9 @@ dependences with errors of 1e-10. An ill-conditioned but determined problem (a p
 values that fall step by step, without such a gap."""
 
 ROUNDED_DEPENDENCE = 1e-13
-"""Those of affine equations are zero below this share: their derivatives do not depend on the point, and dependences in
-them come to 1e-16 … 3e-15 (decimal numbers of all sizes). The least certain deviations are known to a per cent."""
+"""Those of affine equations are zero below this share if their derivatives are products of data: no difference of large
+numbers makes their roundings larger. Dependences in them come to 1e-16 … 3e-15 (decimal numbers of all sizes). The
+least certain deviations are known to a per cent."""
 
 SHARE = 1e-6
 """A coordinate is undetermined if its component in the null space is above this, a derived quantity if the component

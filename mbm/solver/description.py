@@ -163,7 +163,7 @@ class Problem:
     linear: Integer
     """1: the residuals are affine in the unknowns."""
     affine: Integer
-    """1: residuals, losses aside, and constraints are."""
+    """1: residuals, losses aside, and constraints are, and their derivatives are products of data."""
     boxed: Integer
     """1: some coordinate has a bound or stays positive."""
     iterations: Integer

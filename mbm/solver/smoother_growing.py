@@ -64,7 +64,7 @@ def move_window(walk: Walk) -> None:
         put_prior(walk)
 
 
-def moved(walk: Walk, k: Integer, most: Real) -> Integer:
+def has_moved(walk: Walk, k: Integer, most: Real) -> Integer:
     """1: step k, whose factor the walk has, is farther from where the steps before it were solved with it than so many
     standard deviations.
     """
@@ -97,7 +97,7 @@ def solve_window(walk: Walk, k: Integer, unmoved: Real) -> Integer:
         if free < 0:
             return 0
         spread_first(walk, free)
-        if first > 0 and moved(walk, first, unmoved) == 1:
+        if first > 0 and has_moved(walk, first, unmoved) == 1:
             begin_at(walk, 0 if 2 * first <= k else 2 * first - k - 1)
     drop_open(walk, free)
     if first == 0:
@@ -105,7 +105,7 @@ def solve_window(walk: Walk, k: Integer, unmoved: Real) -> Integer:
     walk.next_base = k
     for i in range(first, k):
         if i > first:
-            if walk.next_base == k and moved(walk, i, EARLY * UNMOVED) == 1:
+            if walk.next_base == k and has_moved(walk, i, EARLY * UNMOVED) == 1:
                 walk.next_base = i
             keep_path(walk, i)
         spread_next(walk, i)

@@ -266,3 +266,17 @@ def test_weak_directions_of_large_problems_keep_their_digits(apart, rate):
     assert solve["o"].sigma == pytest.approx(np.sqrt(0.5), rel=1e-6)
     # What is left of the condition; and equations without noise weigh 1e-4 in the batch, nothing in the smoother.
     assert solve["x.rate"].sigma[-1] == pytest.approx(rate, rel=2e-3 if apart < 5 else 1e-4)
+
+
+@pytest.mark.parametrize("each", ["", "(for-each k)"])
+@pytest.mark.parametrize("noise", ["1mm", "unknown"])
+def test_dependences_through_differences_of_large_coordinates_are_exact(each: str, noise: str) -> None:
+    """Points of one line tell no plane; the differences of their grid coordinates have errors of 1e-10."""
+    text = f"""(problem plane (data d external) (unknowns (a :init 0m) (b :init 0) (c :init 0)) {each}
+      (observe d (= z (+ a (* b (- e 500000m)) (* c (- n 5400000m)))) :sigma {noise}))"""
+    along = np.round(np.arange(12) * 0.2 + 0.1, 1)
+    data = {"e": 500000 + along, "n": np.round(5400000 + 2 * along + 0.1, 1), "z": 100 + 0.05 * along, "k": along * 0}
+    data["z"] = data["z"] + 1e-3 * np.cos(np.arange(12.0))
+    found = mbm.loads(text).solve(data={"d": data}).solves[0]
+    assert found.status == "unobservable"
+    assert found.observability.rank == 2

@@ -16,7 +16,7 @@ from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.metric import first_bad
 from mbm.equations.spreads import Influence, Limited
-from mbm.equations.surface import wholly_affine
+from mbm.equations.surface import affine_by_products
 from mbm.equations.types import Fit, Floats, Indices, Minimum, Observability, Reason
 from mbm.estimation.consensus.known_ranges import known_ranges
 from mbm.estimation.consensus.preparation import outliers, prepared, robust_cost, unit_weights
@@ -328,7 +328,7 @@ def decided(
 
     ``weighted`` are the ``equations`` that the minimum is of, ``informing`` (m,) what their rows count with (None: 1).
     """
-    observed = observed_at(minimum, weighted.coordinates(minimum.point), informing, affine=wholly_affine(weighted))
+    observed = observed_at(minimum, weighted.coordinates(minimum.point), informing, affine=affine_by_products(weighted))
     observed, about = with_invariances(weighted, minimum, observed, settings)
     bent = curved_directions(weighted, minimum, observed)
     observed = with_gauge(observed, equations.layout, equations.free, about, settings.gauge, bent)

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.metric import rounding_at, terms_of_rows
-from mbm.equations.surface import wholly_affine
+from mbm.equations.surface import affine_by_products
 from mbm.equations.types import Floats, Indices, Minimum, Noise, Observability, Reason
 from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.minimise.minimise import minimise
@@ -163,7 +163,7 @@ class _Weighing:
 
     def _observed(self, minimum: Minimum) -> Observability:
         equations = self.equations
-        return observed_at(minimum, equations.coordinates(minimum.point), affine=wholly_affine(equations))
+        return observed_at(minimum, equations.coordinates(minimum.point), affine=affine_by_products(equations))
 
     def _minimise(self, factors: Floats | None) -> Minimum:
         minimum = self._minimum(factors)

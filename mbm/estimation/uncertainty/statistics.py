@@ -20,7 +20,7 @@ from mbm.equations import faults
 from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.manifolds import of_arrays
 from mbm.equations.solves import Counted, alone, counted_of
-from mbm.equations.surface import wholly_affine
+from mbm.equations.surface import affine_by_products
 from mbm.equations.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
 from mbm.estimation.uncertainty.degrees import Freedoms, freedoms
 from mbm.estimation.uncertainty.observability import covariance, in_datum, observed_at, propagate
@@ -319,7 +319,7 @@ def _alternatives(equations: Assembled, minimum: Minimum, noise: Mapping[int, No
     point = equations.coordinates(minimum.point)
 
     def with_weights(weights: Floats | None) -> Propagator:
-        observed = observed_at(minimum, point, weights, affine=wholly_affine(equations))
+        observed = observed_at(minimum, point, weights, affine=affine_by_products(equations))
         return observed, covariance(observed)
 
     given, structure = None, equations.structure

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
-from mbm.equations.surface import wholly_affine
+from mbm.equations.surface import affine_by_products
 from mbm.equations.types import Equations, Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
 from mbm.estimation.minimise.native.iteration import Iteration
@@ -269,7 +269,7 @@ def _described(
         (of.Problem.n, n),
         (of.Problem.component_count, len(components)),
         (of.Problem.linear, equations.linear),
-        (of.Problem.affine, base is not None and wholly_affine(base)),
+        (of.Problem.affine, base is not None and affine_by_products(base)),
         (of.Problem.boxed, _boxed(equations)),
         (of.Problem.iterations, iteration.most),
         (of.Problem.strict, iteration.strict),
