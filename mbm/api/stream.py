@@ -20,6 +20,7 @@ from mbm.estimation.sequences.run import Begun, begun
 from mbm.estimation.sequences.stepping import StepEstimate, Stepper
 from mbm.estimation.sequences.unsuited import unsuited
 from mbm.estimation.settings import settings_of
+from mbm.problem.bounded import refused_likelihoods
 from mbm.problem.types import Problem
 from mbm.report.elements import GEOMETRIC, coordinate_factors, element_names
 from mbm.report.named import Named, named
@@ -225,7 +226,7 @@ def stream(compilation: Compilation, origin: Origin, inputs: Inputs) -> Stream:
 
     """
     found = compilation.elaborated
-    problem = smoothed(found.problem)
+    problem = smoothed(found.problem, "a stream", "let `solve` with `:method batch` have all rows at once")
     _one_sequence(problem)
     starts = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     settings = settings_of(problem.request, forms=origin.registry.closed_forms)
@@ -250,6 +251,8 @@ def _one_sequence(problem: Problem) -> None:
             raise MbmError(faults.no_stream(f"with {what}", "compile it without, and take a stream for each key"))
     if any(constant.sigmas for constant in problem.constants):
         raise MbmError(faults.no_stream("with uncertain constants", "`solve` varies them"))
+    if refused := tuple(refused_likelihoods(problem, streaming=True)):
+        raise MbmError(*refused)
 
 
 def _plan(ready: Begun) -> Plan:

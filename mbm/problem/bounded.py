@@ -31,13 +31,20 @@ def called(likelihood: Likelihood) -> str:
     return "`:resolution`" if stated.step is not None else "`:below`" if stated.below is not None else "`:above`"
 
 
-def refused_likelihoods(problem: Problem) -> Iterator[Diagnostic]:
-    """What the method cannot take."""
+def refused_likelihoods(problem: Problem, *, streaming: bool = False) -> Iterator[Diagnostic]:
+    """What the method cannot take, or where steps come one by one (``streaming``) a stream."""
     request, sequence = problem.request, problem.sequence
     robust = f"`:robust {request.robust.kind.value}`" if request.robust is not None else ""
     filtering = sequence is not None and sequence.estimator.method is not SequenceMethod.BATCH
+    carrying = request.window is not None and request.window.carry
     why = (
-        (filtering, "a filter or smoother, whose updates are linear", "write `(solve :method batch)`"),
+        (streaming, "a stream, whose updates are linear", "let `solve` with `:method batch` have all rows at once"),
+        (carrying, "`:carry`, by which what leaves is a normal prior", "leave `:carry` out"),
+        (
+            filtering and not (streaming or carrying),
+            "a filter or smoother, whose updates are linear",
+            "write `(solve :method batch)`",
+        ),
         (bool(robust), robust, "leave it out; `:distribution (student dof)` has long tails of its own"),
         (request.method is Method.CLOSED_FORM or request.routine is not None, "a closed form", "use another `:method`"),
     )

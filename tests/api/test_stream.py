@@ -182,6 +182,14 @@ REFUSED = {
     "for-each": (CART.format(method="ekf", sigma=0.1, rest="(for-each k)"), "`for-each`"),
     "other rows": (CART.format(method="ekf", sigma="(first z s)", rest=""), "looks at rows of other steps"),
     "row": (CART.format(method="ekf", sigma="(* 0.1 row)", rest=""), "looks at rows of other steps"),
+    "counts": (
+        CART.format(method="batch", sigma="0.1 :distribution (student 3)", rest=""),
+        "`:distribution student` of `z` does not go with a stream",
+    ),
+    "all at once": (
+        CART.format(method="batch", sigma="0.1 :correlation (ar1 0.5)", rest=""),
+        "a stream takes one step after the other",
+    ),
     "lag": (CART.format(method="(smoother :lag 1000000000)", sigma=0.1, rest=""), "too-much-memory"),
 }
 

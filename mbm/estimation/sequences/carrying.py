@@ -88,7 +88,8 @@ class Carrying:
         steps = np.zeros(0) if sequence is None else tables[sequence.steps].numbers(sequence.column)
         others = {name: cell for name, cell in key.items() if name != self._window.column}
         carried = self._carried(others, steps)
-        whole = smoothed(problem if carried is None else self._later)
+        asked = problem if carried is None else self._later
+        whole = smoothed(asked, "`:carry`", "leave `:carry` out")
         ready = begun(whole, kernels, tables, starts, settings, cache, carried)
         for limit, span in limits_of(problem, ready.equations):
             raise MbmError(faults.not_carried(span, f"has an {limit}" if limit[0] == "i" else f"has {limit}"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mbm.problem.sequence.types import Estimator
 from mbm.text.types import Code, Diagnostic, Severity, Span
 
 NOT_FOR_FILTERS = Code(
@@ -103,9 +104,9 @@ def other_equations(span: Span | None, name: str) -> Diagnostic:
     return Diagnostic(code=OTHER_EQUATIONS, message=message, place=span, hint=OTHER_EQUATIONS.mend)
 
 
-def not_for_filters(span: Span | None, method: str, what: str, mend: str) -> Diagnostic:
+def not_for_filters(span: Span | None, estimator: Estimator, what: str, mend: str) -> Diagnostic:
     """Something that a filter or smoother cannot do; ``what`` follows on its name."""
-    return Diagnostic(code=NOT_FOR_FILTERS, message=f"`{method}` {what}", place=span, hint=mend)
+    return Diagnostic(code=NOT_FOR_FILTERS, message=f"{estimator.called} {what}", place=span, hint=mend)
 
 
 def overconfident_filter(span: Span | None, ratio: float, probability: float) -> Diagnostic:

@@ -21,12 +21,16 @@ def by_filter(problem: Problem) -> bool:
     return problem.sequence is not None and problem.sequence.estimator.method is not SequenceMethod.BATCH
 
 
-def smoothed(problem: Problem) -> Problem:
-    """The problem with a smoother where it asks for ``batch``: both take all rows together."""
+def smoothed(problem: Problem, purpose: str, instead: str) -> Problem:
+    """The problem with a smoother where it asks for ``batch``: both take all rows together.
+
+    Messages say that it is for a ``purpose``, and what to do ``instead``.
+    """
     sequence = problem.sequence
-    if sequence is None or by_filter(problem):
+    if sequence is None:
         return problem
-    return replace(problem, sequence=replace(sequence, estimator=Estimator(method=SequenceMethod.SMOOTHER)))
+    own = sequence.estimator if by_filter(problem) else Estimator(method=SequenceMethod.SMOOTHER)
+    return replace(problem, sequence=replace(sequence, estimator=replace(own, purpose=purpose, instead=instead)))
 
 
 def moved(

@@ -30,7 +30,7 @@ def refuse_limits(problem: Problem, equations: Assembled) -> None:
     what = "takes no {}: what is known later would have to meet it at steps that are over"
     mend = "use `(smoother)` or `:method batch`, which meet it, or a filter with `:constraints truncate`"
     for told, span in limits_of(problem, equations):
-        raise MbmError(faults.not_for_filters(span, f"(smoother :lag {estimator.lag})", what.format(told), mend))
+        raise MbmError(faults.not_for_filters(span, estimator, what.format(told), mend))
 
 
 def limits_of(problem: Problem, equations: Assembled) -> Iterator[tuple[str, Span | None]]:

@@ -24,7 +24,7 @@ from mbm.estimation.sequences.noise import Spreads, spread_of
 from mbm.estimation.sequences.places import NOT_OF_A_STEP, Places, moves, step_layout, transition_layout
 from mbm.estimation.sequences.walk import Chained
 from mbm.problem.kinds import ConstraintKind
-from mbm.problem.sequence.types import Sequence
+from mbm.problem.sequence.types import Estimator, Sequence
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Problem
 from mbm.symbolic.types import ColumnInput
@@ -81,7 +81,7 @@ def lowered(
     undivided: list[tuple[Group, Mask]] = []
     for group, equal in _with_equality(equations):
         block = problem.blocks[group.kernel.owner]
-        _refuse(block, group, equations, sequence.estimator.method.value)
+        _refuse(block, group, equations, sequence.estimator)
         if block.role is BlockRole.TRANSITION or block.name in exact:
             moving.append(_by_step(group, equal, np.asarray(group.positions), steps - 1))
         elif block.name in known:
@@ -147,19 +147,19 @@ def _with_equality(equations: Assembled) -> list[tuple[Group, Mask]]:
     return found
 
 
-def _refuse(block: Block, group: Group, equations: Assembled, method: str) -> None:
+def _refuse(block: Block, group: Group, equations: Assembled, estimator: Estimator) -> None:
     if block.unknown_factor:
         what = f"needs the noise of `{block.name}`: a factor follows from the residuals of all steps"
-        raise MbmError(faults.not_for_filters(block.span, method, what, "state `:sigma`, or use `:method batch`"))
+        raise MbmError(faults.not_for_filters(block.span, estimator, what, f"state `:sigma`, or {estimator.instead}"))
     if block.structure.joins:
         what = f"takes one step after the other, and {block.structure.what} of `{block.name}` joins their rows"
-        raise MbmError(faults.not_for_filters(block.span, method, what, "use `:method batch`"))
+        raise MbmError(faults.not_for_filters(block.span, estimator, what, estimator.instead))
     if equations.implicit is not None and block.errors:
         what = f"takes no `:errors` in measured columns, as `{block.name}` has"
-        raise MbmError(faults.not_for_filters(block.span, method, what, "use `:method batch`, or `:sigma` instead"))
+        raise MbmError(faults.not_for_filters(block.span, estimator, what, f"{estimator.instead}, or `:sigma` instead"))
     if group.sampled or any(triangle_kind(w) is None for w in group.whiteners):
         what = f"does not take the rows of `{block.name}`: they are sampled, or their noise is no triangle"
-        raise MbmError(faults.not_for_filters(block.span, method, what, "use `:method batch`"))
+        raise MbmError(faults.not_for_filters(block.span, estimator, what, estimator.instead))
 
 
 def of_no_step(group: Group, block: Block, places: Places, sequence: Sequence, tables: Mapping[str, Table]) -> bool:
@@ -194,8 +194,8 @@ def steps_of(group: Group, block: Block, places: Places, sequence: Sequence, tab
     steps = places.step_of_number[group.index]
     most = steps.max(axis=1, initial=NOT_OF_A_STEP)
     if bool(((steps != most[:, None]) & (steps != NOT_OF_A_STEP)).any()):
-        method, what = sequence.estimator.method.value, f"takes no rows with states of several steps (`{block.name}`)"
-        raise MbmError(faults.not_for_filters(block.span, method, what, "use `:method batch`"))
+        estimator, what = sequence.estimator, f"takes no rows with states of several steps (`{block.name}`)"
+        raise MbmError(faults.not_for_filters(block.span, estimator, what, estimator.instead))
     table = None if block.table is None else tables[block.table]
     if table is not None and group.positions is not None and sequence.column in table.columns:
         keys = tables[sequence.steps].numbers(sequence.column)

@@ -12,6 +12,7 @@ from mbm.equations.layout import Entry, Layout
 from mbm.equations.types import Indices, Mask
 from mbm.estimation.sequences import faults
 from mbm.estimation.sequences.types import Name
+from mbm.problem.sequence.types import Estimator
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -47,8 +48,8 @@ class Places:
         return int(np.count_nonzero(self.step_of_coordinate == NOT_OF_A_STEP))
 
 
-def places_of(equations: Assembled, steps: int, method: str) -> Places:
-    """The places in a problem with so many steps, for a ``method``.
+def places_of(equations: Assembled, steps: int, estimator: Estimator) -> Places:
+    """The places in a problem with so many steps, for an ``estimator``.
 
     Raises:
         MbmError: a state is fixed at some steps only.
@@ -64,7 +65,7 @@ def places_of(equations: Assembled, steps: int, method: str) -> Places:
     free_everywhere[equations.free] = True
     free_everywhere |= _moves(layout)
     varying = free_everywhere[coordinates[-1]] & ~layout.fixed[coordinates[-1]]
-    _refuse_held(layout, coordinates, varying, method)
+    _refuse_held(layout, coordinates, varying, estimator)
     free = np.flatnonzero(varying)
     still_coordinates = sum(e.members * e.unknown.freedom for e in still)
     plain_coordinates = sum(e.members * e.unknown.freedom for e in still if _rank(e) == 0)
@@ -158,13 +159,14 @@ def _moves(layout: Layout) -> Mask:
     return found
 
 
-def _refuse_held(layout: Layout, coordinates: Indices, varying: Mask, method: str) -> None:
+def _refuse_held(layout: Layout, coordinates: Indices, varying: Mask, estimator: Estimator) -> None:
     """States are free at all steps behind the first, or at none."""
     wrong = (layout.fixed[coordinates[1:]] == varying[None]).any(axis=0) & _moves(layout)[coordinates[-1]]
     if wrong.any():
         owner = layout.owner(int(coordinates[-1][np.flatnonzero(wrong)[0]])).unknown
         what = f"does not take states that are fixed at some steps only, as `{owner.name}` is"
-        raise MbmError(faults.not_for_filters(owner.span, method, what, "fix it at all steps, or use `:method batch`"))
+        mend = f"fix it at all steps, or {estimator.instead}"
+        raise MbmError(faults.not_for_filters(owner.span, estimator, what, mend))
 
 
 def _inverse(places: Indices, count: int, still: int) -> tuple[Indices, Indices]:

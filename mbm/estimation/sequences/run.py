@@ -86,8 +86,7 @@ def begun(
     _refuse(sequence, settings)
     equations, binder = bound_equations(problem, kernels, tables, starts, cache)
     refuse_limits(problem, equations)
-    method = sequence.estimator.method.value
-    places = places_of(equations, len(tables[sequence.steps]), method)
+    places = places_of(equations, len(tables[sequence.steps]), sequence.estimator)
     if not len(places.free):
         raise MbmError(no_unknowns(problem.span))
     new, names = None, names_of_step(equations.layout, places)
@@ -104,11 +103,14 @@ def begun(
             missing = int(places.numbers[0][np.flatnonzero(np.isnan(prior.point))[0]])
             name = next(e.unknown.name for e in equations.layout.entries if e.range.start <= missing < e.range.stop)
             what = f"begins where the equations are linearised, and `{name}` has no start"
-            raise MbmError(faults.not_for_filters(problem.unknown(name).span, method, what, "give it an `:init`"))
+            raise MbmError(
+                faults.not_for_filters(problem.unknown(name).span, sequence.estimator, what, "give it an `:init`")
+            )
         prior = prior.filled()
-    if sequence.estimator.method is SequenceMethod.SMOOTHER and low.chained.seen.equalities:
+    estimator = sequence.estimator
+    if estimator.method is SequenceMethod.SMOOTHER and low.chained.seen.equalities:
         what = "takes no equations among the constraints: they couple what it takes one after the other"
-        raise MbmError(faults.not_for_filters(sequence.estimator.span, method, what, "use `:method batch`"))
+        raise MbmError(faults.not_for_filters(estimator.span, estimator, what, estimator.instead))
     return Begun(
         problem=problem,
         sequence=sequence,
@@ -205,11 +207,11 @@ def _refuse(sequence: Sequence, settings: Settings) -> None:
     estimator = sequence.estimator
     if settings.robust is not None:
         what = "does not look for agreeing rows: `:robust` needs all steps at once"
-        mend = "use a `:loss` with `iterated-ekf` or a smoother, or `:method batch`"
-        raise MbmError(faults.not_for_filters(estimator.span, estimator.method.value, what, mend))
+        mend = f"use a `:loss` with `iterated-ekf` or a smoother, or {estimator.instead}"
+        raise MbmError(faults.not_for_filters(estimator.span, estimator, what, mend))
     if estimator.hypotheses > 1 and estimator.method is SequenceMethod.SMOOTHER:
         what, mend = "follows one hypothesis", "leave `:hypotheses` out, or use a filter"
-        raise MbmError(faults.not_for_filters(estimator.span, estimator.method.value, what, mend))
+        raise MbmError(faults.not_for_filters(estimator.span, estimator, what, mend))
 
 
 def _rules(estimator: Estimator, settings: Settings, lossy: bool) -> Rules:
@@ -217,7 +219,7 @@ def _rules(estimator: Estimator, settings: Settings, lossy: bool) -> Rules:
     if once and lossy:
         what = "linearises once, and a loss needs iteration"
         mend = "use `iterated-ekf` or a smoother"
-        raise MbmError(faults.not_for_filters(estimator.span, estimator.method.value, what, mend))
+        raise MbmError(faults.not_for_filters(estimator.span, estimator, what, mend))
     smooth = estimator.method is SequenceMethod.SMOOTHER
     windowed = WINDOWED_UNDER_LOSSES if lossy else WINDOWED
     return Rules(

@@ -34,7 +34,8 @@ class Estimator:
 
     ``skip``: a cut farther away than so many standard deviations is left out. ``iterated``: updates before cuts are.
     ``lag``: the smoother's steps (None: all). ``hypotheses``: how many are kept at most. ``cuts``: inequalities cut the
-    distribution of a filter, whatever its name.
+    distribution of a filter, whatever its name. ``purpose`` and ``instead``: what it is for, where that is no solve,
+    and what to do where it does not take something, as messages have it.
     """
 
     method: SequenceMethod = SequenceMethod.BATCH
@@ -43,7 +44,15 @@ class Estimator:
     lag: int | None = None
     hypotheses: int = 1
     cuts: bool = False
+    purpose: str = ""
+    instead: str = "use `:method batch`"
     span: Span | None = None
+
+    @property
+    def called(self) -> str:
+        """As messages name it."""
+        stated = self.method.value if self.lag is None else f"({self.method.value} :lag {self.lag})"
+        return self.purpose or f"`{stated}`"
 
     @property
     def whole(self) -> bool:

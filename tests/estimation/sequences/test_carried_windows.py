@@ -176,6 +176,14 @@ REFUSED = {
         WALK.format(method="smoother", sigma=":sigma 10 :in (-99 99)", rest=""),
         "has bounds, as `x` has",
     ),
+    "distribution": (
+        WALK.format(method="batch", sigma=":sigma 10", rest="").replace("0.5)", "0.5 :distribution (student 3))"),
+        "`:distribution student` of `z` does not go with `:carry`",
+    ),
+    "correlation": (
+        WALK.format(method="batch", sigma=":sigma 10", rest="").replace("0.5)", "0.5 :correlation (ar1 0.5))"),
+        "`:carry` takes one step after the other, and `:correlation` of `z` joins their rows",
+    ),
     "gap": (
         WALK.format(method="smoother", sigma=":sigma 10", rest="").replace("8 :step 3", "0.6 :step 0.5"),
         "without a step of the one before",
