@@ -240,10 +240,11 @@ class Likelihood:
         ways = np.vstack([directions(size), all_over / np.linalg.norm(all_over, axis=1, keepdims=True)])
         steps = self.edges.factor @ ways.T
         behind = which[0].behind(which[1], self.equations, steps, ends, inside)
-        if not behind:
-            return ends
-        farthest = -min(0.0, *behind), max(0.0, *behind)
-        return grown_enough(profile.begun_at(behind), law, level, first, farthest)
+        if behind:
+            profile = profile.begun_at(behind)
+            ends = grown_enough(profile, law, level, first, (-min(0.0, *behind), max(0.0, *behind)))
+        endless = which[0].endless(which[1], self.equations, steps, profile.reached(), inside)
+        return np.inf if endless[0] else ends[0], np.inf if endless[1] else ends[1]
 
     @np.errstate(all="ignore")
     def _direct(self, found: Quantities) -> tuple[Floats, Mask]:

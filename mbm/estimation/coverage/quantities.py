@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import islice
 
@@ -13,7 +13,7 @@ from mbm.equations.binding import Group, affine
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.coverage.limits import box
 from mbm.estimation.search.solution import DerivedSolution
-from mbm.estimation.trust.curvature import FARTHER, MOST_DERIVED
+from mbm.estimation.trust.curvature import FARTHER, MOST_DERIVED, MOST_LINES
 from mbm.estimation.trust.farthest import farthest
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.observability import STILL
@@ -124,6 +124,38 @@ class Quantities:
             found.update({float(changes[which]): points[which] for which in islice(good, 1)})
         return found
 
+    @np.errstate(all="ignore")
+    def endless(
+        self,
+        place: int,
+        equations: Assembled,
+        steps: Floats,
+        reached: list[Floats],
+        inside: Callable[[Floats], bool],
+    ) -> tuple[bool, bool]:
+        """Whether one of them has no end below and above: along ``steps`` (n, q), as where a divisor becomes 0, or at
+        the limits of the unknowns beside points (N,) that are ``reached``.
+        """
+        lines = np.concatenate([-LEAVING[::-1], [0.0], LEAVING])
+
+        def moved(step: Floats, sign: float, shares: Floats) -> Floats:
+            points = equations.retract(np.tile(self.point, (len(shares), 1)), shares[:, None] * step)
+            good = [inside(point) and _within(equations, point) for point in points]
+            return np.where(good, sign * self.changes(points)[:, place], np.nan)
+
+        def without_end(sign: float) -> bool:
+            far = np.nanmax(sign * table, axis=1, initial=0.0)
+            best = (which for which in np.argsort(-far)[:MOST_LINES].tolist() if far[which] > 0.0)
+            values = ((partial(moved, steps[:, which], sign), sign * table[which]) for which in best)
+            return any(np.isinf(farthest(value, lines, each)[0]) for value, each in values)
+
+        table = np.stack([moved(step, 1.0, lines) for step in steps.T])
+        points = [each for point in reached for each in _at_limits(equations, point) if inside(each)]
+        changes = self.changes(np.array(points))[:, place] if points else np.zeros(0)
+        return bool((changes == -np.inf).any()) or without_end(-1.0), bool((changes == np.inf).any()) or without_end(
+            1.0
+        )
+
     def beyond_all(self, place: int, paths: list[dict[float, Floats]]) -> bool:
         """Whether all values along one of the paths are lost in rounding beside that at the estimates, as of a quotient
         by what is at 0: it has no value there.
@@ -173,6 +205,16 @@ def _within(equations: Assembled, point: Floats) -> bool:
     limits = equations.constraint_values(point)[~equations.equality]
     lower, upper = box(equations)
     return bool((limits <= 0.0).all() and (lower <= place).all() and (place <= upper).all())
+
+
+def _at_limits(equations: Assembled, point: Floats) -> Iterator[Floats]:
+    """The points (N,) with one coordinate at a limit of its own, where they are within all limits."""
+    place = equations.coordinates(point)
+    for limits in box(equations):
+        for which in np.flatnonzero(np.isfinite(limits)).tolist():
+            there = equations.retract(point, (limits - place)[which] * np.eye(len(place))[which])
+            if _within(equations, there):
+                yield there
 
 
 def _distances(shares: Floats, reach: float) -> Floats:

@@ -245,6 +245,10 @@ class QuantityProfile(Profile):
         """The least of all ways."""
         return min(self._along(points, step) for points in (self._points, *self._paths))
 
+    def reached(self) -> list[Floats]:
+        """The points (N,) that were come to."""
+        return [point for points in (self._points, *self._paths) for point in points.values()]
+
     def begun_at(self, points: dict[float, Floats]) -> QuantityProfile:
         """The same that begins at more points, by the step of the number, too."""
         other = copy(self)

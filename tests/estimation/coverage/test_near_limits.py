@@ -79,3 +79,13 @@ def test_near_a_limit_scatter_in_proportion_to_the_model_has_ends() -> None:
         # the scale is one of all estimates together, with effective degrees of freedom
         wanted = [values.min(), values.max()]
         assert found[name].interval() == pytest.approx(wanted, abs=0.15 * np.ptp(wanted))
+
+
+def test_near_a_limit_at_0_a_quotient_by_what_it_limits_has_no_end() -> None:
+    """At b = 0, a has both signs within its likelihood and a - 1 has one; at a = 0, b may be anything above 0."""
+    text = """(problem p (data d (table (x y) (1 0.3) (2 0.1) (3 0.45) (4 0.2))) (unknowns (a) (b positive))
+        (observe d (= y (+ a (* 2 b x))) :sigma unknown) (derive (r (/ a b)) (j (/ (- a 1) b)) (h (/ b a))))"""
+    found = mbm.loads(text).solve()
+    assert list(found["r"].interval()) == list(found["h"].interval()) == [-np.inf, np.inf]
+    low, high = found["j"].interval()
+    assert low == -np.inf < high < 0.0
