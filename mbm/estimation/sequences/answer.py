@@ -99,7 +99,7 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         tables=walked.tables,
         layout=equations.layout,
         groups=groups,
-        constraints=_placed(walked, own, equations.constraints, solved.constraints),
+        constraints=_placed(walked, own, *_comparable(walked)),
         numbers=numbers,
         free=free,
         minimum=Minimum(
@@ -279,6 +279,20 @@ def _lost(walked: Walked, counted: Assembled, residuals: Floats) -> tuple[Diagno
     if 2 * int(wrong.sum()) <= len(wrong):
         return ()
     return (too_few_agree(walked.problem.span, int((~wrong).sum()), len(wrong)),)
+
+
+def _comparable(walked: Walked) -> tuple[tuple[Group, ...], tuple[Group, ...]]:
+    """The constraints that estimates are to meet, as they are told and as they were solved.
+
+    Those of two steps by a filter follow from different rows: no exact transition holds between them.
+    """
+    told, solved = walked.told.equations.constraints, walked.solved.equations.constraints
+    sequence = walked.problem.sequence
+    if sequence is None or sequence.estimator.whole:
+        return told, solved
+    exact = {each.exact for each in sequence.transitions}
+    kept = [at for at, each in enumerate(solved) if walked.problem.blocks[each.kernel.owner].name not in exact]
+    return tuple(told[at] for at in kept), tuple(solved[at] for at in kept)
 
 
 def _placed(walked: Walked, own: OwnSteps, told: tuple[Group, ...], solved: tuple[Group, ...]) -> tuple[Group, ...]:

@@ -94,3 +94,19 @@ def test_states_inside_an_aggregate_are_those_of_its_rows_in_constraints_too():
     np.testing.assert_allclose(found["x"].value, expected.x[:4], rtol=0, atol=1e-5)
     with pytest.raises(mbm.MbmError, match="states of several steps"):
         solved("truncated-ekf", rest=limit)
+
+
+@pytest.mark.parametrize("method", ["ekf", "iterated-ekf", "(smoother :lag 1)"])
+def test_estimates_of_filters_need_not_meet_exact_transitions(method):
+    """Each step has the mean of the rows so far, and of a lag more: no step has the number of the next one."""
+    rows = np.array([0.0, 0.3, 0.5, 0.9, 1.1])
+    text = f"""(problem still (data seen external) (states :over t (a :init 0 :sigma 1))
+      (dynamics (random-walk a :sigma 0)) (observe seen (= x a) :sigma 0.1) (solve :method {method}))"""
+    result = mbm.loads(text).solve(data={"seen": {"t": np.arange(5.0), "x": rows}})
+    weights = 1.0 + 100.0 * np.arange(1, 6)
+    means = 100.0 * np.cumsum(rows) / weights
+    if "lag" in method:
+        means, weights = (np.append(each[1:], each[-1]) for each in (means, weights))
+    assert result.solves[0].status.value == "converged"
+    np.testing.assert_allclose(result["a"].value, means, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(result["a"].sigma, weights**-0.5, rtol=1e-9)
