@@ -178,7 +178,9 @@ def _refined(outline: Outline, spots: Spots, k: int, coordinate: int) -> Spots |
 
 
 def _is_on(outline: Outline, piece: int, at: Floats) -> bool:
-    """Whether parameters lie on a piece, not beyond its ends: by the nearest chord of its arc."""
+    """Whether parameters are those of the sheet and lie on a piece, not beyond its ends: by its arc's nearest chord."""
+    if not (np.all(at >= -SLACK) and np.all(at <= 1 + SLACK)):
+        return False
     arc = outline.arc[piece]
     begin = outline.arcs.begin[arc]
     nodes = outline.arcs.nodes[begin : begin + outline.arcs.chords[arc] + 1]

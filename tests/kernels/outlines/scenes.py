@@ -14,6 +14,7 @@ MODELS = """
     (trans (0 0 0.15)
       (rotate (90deg 0 0)
         (sweep (disk 0.02) (spline ((r 0.08) ((+ r 0.1) 0.06) ((+ r 0.1) -0.06) (r -0.08))))))))
+(defmodel patch (r) (surface (s 0.3 2.2) (q 0 1) [(* r (cos s)) (* r (sin s)) (* 0.4 q)]))
 (defmodel post (r)
   (or (trans (0 0 -0.2) (box 0.5 0.4 0.1)) (trans (0 0 -0.15) (cylinder r 0.4)) (trans (0 0 0.3) (sphere 0.13))))
 """
@@ -33,6 +34,12 @@ SHAPES = {
     "post": "(post (/ a 2))",
     "bar": "(extrude (disk a) 0.3)",
 }
+ENDING = {
+    "arch": "(revolve (trans (0.3 0 0) (rectangular (/ a 2) a)) 200deg)",
+    "patch": "(patch a)",
+}
+"""Smooth faces that end before they are around."""
+
 CAMERAS = {
     "pinhole": ":focal (f 810) :center (320 240)",
     "distorted": ":focal (f 810) :center (320 240) :distortion (k 0.05 0.001 -0.002 0.01)",
@@ -58,7 +65,7 @@ SIZE, FOCAL, BEND = 0.2, 800.0, -0.1
 def compiled(shape: str, camera: str = "pinhole", measures=tuple(MEASURES), *, points=(), angles=ANGLES, place=PLACE):
     """The problem whose residuals are what is measured; its unknowns are a pose, a size, f and k, in this order."""
     seen = {"paper": (place[2], *place[:2]), "opengl": (*place[:2], -place[2])}.get(camera, place)
-    silhouette = f"(project cam (transform T {SHAPES[shape]}))"
+    silhouette = f"(project cam (transform T {(SHAPES | ENDING)[shape]}))"
     whole = [f"(observe {m} (let ((S {silhouette})) {MEASURES[m]}) :sigma 1)" for m in measures]
     rows = f"(observe points (contour-distance {silhouette} [u v]) :sigma 1)" if len(points) else ""
     text = f"""{MODELS}

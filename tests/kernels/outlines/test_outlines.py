@@ -153,6 +153,34 @@ def test_mug():
     agrees(measured("mug"), region, 2e-4)
 
 
+ENDS = {
+    "arch": (np.radians([0, 200]), [([0.2], [-SIZE, SIZE]), ([0.4], [-SIZE, SIZE])]),
+    "patch": (np.array([0.3, 2.2]), [([SIZE], [0, 0.4])]),
+}
+"""Angles about z between which smooth faces end, and the radii and heights of these."""
+
+
+@pytest.mark.parametrize("angles", [(0.7, 0.4, 0.3), (0.3, 0.2, 4.0), (-1.2, 0.9, 2.0), (2.0, -0.5, 1.0)])
+@pytest.mark.parametrize("shape", ENDS)
+def test_smooth_faces_that_end(shape, angles):
+    """The outermost of many points: 1e-3 rad beside an extreme of 0.4 m at 1.4 m, 1e-7 of its radius are missing."""
+    (begin, end), faces = ENDS[shape]
+    s = np.linspace(begin, end, 4001)
+    points = [
+        np.stack([radius * np.cos(s), radius * np.sin(s), np.full(len(s), z)], axis=1)
+        for (radius,), heights in faces
+        for z in heights
+    ]
+    image = seen(np.concatenate(points), angles=angles, place=(0.1, -0.05, 1.4))
+    found = measured(
+        shape, measures=("extent", "left", "right", "top", "bottom"), angles=angles, place=(0.1, -0.05, 1.4)
+    )
+    low, high = image.min(axis=0), image.max(axis=0)
+    np.testing.assert_allclose(found["extent"], high - low, atol=1e-3)
+    ends = [found["left"][0], found["right"][0], found["top"][1], found["bottom"][1]]
+    np.testing.assert_allclose(ends, [low[0], high[0], low[1], high[1]], atol=1e-3)
+
+
 def faces_of(boxes) -> list[shapely.Polygon]:
     found = []
     for sides, place in boxes:
