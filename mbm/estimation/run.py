@@ -167,18 +167,25 @@ def _estimating(
 def _one_by_one(
     problem: Problem, starts: Begun, solving: Solving[Solved]
 ) -> Callable[[Selection, Solution | None], Solved | Failure | Skipped]:
-    """What solves one selection of the rows by itself, whatever comes of it."""
+    """What solves one selection of the rows by itself, whatever comes of it.
+
+    Windows with too few rows are solved for what they carry to the next.
+    """
     window = problem.request.window
 
     def solve(selection: Selection, last: Solution | None) -> Solved | Failure | Skipped:
+        skipped: Skipped | None = None
         if window is not None and selection.rows is not None and selection.rows < window.min_rows:
-            return Skipped(key=selection.key, rows=selection.rows, wanted=window.min_rows)
+            skipped = Skipped(key=selection.key, rows=selection.rows, wanted=window.min_rows)
+            if not window.carry:
+                return skipped
         try:
-            return solving(selection, starts(selection.key) if callable(starts) else starts, last)
+            found = solving(selection, starts(selection.key) if callable(starts) else starts, last)
         except MbmError as error:
             if not selection.key or is_failed_call(error):
                 raise
-            return Failure(key=selection.key, diagnostics=error.diagnostics)
+            return skipped or Failure(key=selection.key, diagnostics=error.diagnostics)
+        return skipped or found
 
     return solve
 

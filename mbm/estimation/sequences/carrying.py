@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -65,6 +66,7 @@ class Carrying:
         self._problem, self._later = problem, let_go(problem)
         self._window: Window = window
         self._last: _Window | None = None
+        self._first: tuple[Mapping[str, CellKey], float] | None = None
 
     def __call__(
         self,
@@ -80,7 +82,7 @@ class Carrying:
         """The window of a key; the rows that have left are those of the windows before, whose ``last`` is not asked.
 
         Raises:
-            MbmError: as `moved`, or the window has no step in common with the one before.
+            MbmError: as `moved`.
 
         """
         began = perf_counter()
@@ -88,6 +90,7 @@ class Carrying:
         steps = np.zeros(0) if sequence is None else tables[sequence.steps].numbers(sequence.column)
         others = {name: cell for name, cell in key.items() if name != self._window.column}
         carried = self._carried(others, steps)
+        anew = carried is None and len(steps) > 0 and self._anew(others, float(steps[0]))
         asked = problem if carried is None else self._later
         whole = smoothed(asked, "`:carry`", "leave `:carry` out")
         ready = begun(whole, kernels, tables, starts, settings, cache, carried)
@@ -98,7 +101,15 @@ class Carrying:
         if found.minimum.reason.converged:
             names = names_of_step(ready.equations.layout, ready.places)
             self._last = _Window(before=carried, names=names, others=others, steps=steps, memory=memory)
+        if anew:
+            found = replace(found, diagnostics=(*found.diagnostics, faults.begun_anew(self._window.span)))
         return found
+
+    def _anew(self, others: Mapping[str, CellKey], step: float) -> bool:
+        """Whether a window that begins at a step with what is stated of the first is not at the first."""
+        if self._first is None or self._first[0] != others:
+            self._first = (others, step)
+        return self._first[1] != step
 
     def _carried(self, others: Mapping[str, CellKey], steps: Floats) -> Carried | None:
         last = self._last
@@ -108,6 +119,6 @@ class Carrying:
         if count == 0 and last.steps[0] == steps[0]:
             return last.before
         if count == len(last.steps) or last.steps[count] != steps[0]:
-            raise MbmError(faults.not_carried(self._window.span, "has a window without a step of the one before"))
+            return None
         numbers, coordinates = ({name: at for at, name in enumerate(each)} for each in last.names)
         return Carried(prior=last.memory.carried(count), numbers=numbers, coordinates=coordinates)

@@ -40,6 +40,14 @@ ANOTHER_HYPOTHESIS = Code(
     "Measure something that tells them apart, or exclude one with a constraint or the prior of the first step.",
 )
 
+BEGUN_ANEW = Code(
+    "begun-anew",
+    "A window with `:carry true` begins with what is stated of the first step though rows have left before it: no "
+    "window before it that converged has its first step. What those rows say is in none of the windows from here on (a "
+    "warning).",
+    "Take longer windows or smaller steps, so that each window has a step of the one before.",
+)
+
 OTHER_EQUATIONS = Code(
     "no-equation-for-row",
     "A row that a stream is given is of a kind that the data had no row of when the problem was compiled: words in it, "
@@ -54,7 +62,18 @@ def not_carried(span: Span | None, what: str) -> Diagnostic:
         code=NOT_FOR_FILTERS,
         message=f"`:carry` is for windows over the steps of a smoother or `batch` without limits; the problem {what}",
         place=span,
-        hint="leave `:carry` out, or take longer windows where a step of the one before is lacking",
+        hint="leave `:carry` out",
+    )
+
+
+def begun_anew(span: Span | None) -> Diagnostic:
+    """A window to which nothing is carried from the rows that have left."""
+    return Diagnostic(
+        code=BEGUN_ANEW,
+        severity=Severity.WARNING,
+        message="a window without a step of one before that converged begins anew, with `:init` and `:sigma`",
+        place=span,
+        hint=BEGUN_ANEW.mend,
     )
 
 

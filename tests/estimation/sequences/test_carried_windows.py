@@ -169,6 +169,39 @@ def test_windows_of_a_drive_are_consistent():
     assert result.solves[-1]["off"].sigma < 0.05
 
 
+def test_windows_with_few_rows_carry_what_they_have():
+    tables = walk()
+    text = WALK.format(method="smoother", sigma=":sigma 10", rest="")
+    few = mbm.loads(text.replace(":step 3", ":step 3 :min-rows 11")).solve(data=tables).solves
+    skipped = [str(solve.status) == "skipped" for solve in few]
+    assert skipped[0] and not all(skipped)
+    for solve in (solve for solve, left in zip(few, skipped, strict=True) if not left):
+        means, covariances = least_squares(tables, solve.key["k"])
+        np.testing.assert_allclose(solve["x"].value[-1], means[-1, 0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(solve["x"].sigma[-1], np.sqrt(covariances[-1, 0, 0]), rtol=1e-9)
+
+
+def test_a_gap_begins_anew_with_a_warning():
+    """Behind the gap each window says what all rows behind it say."""
+    tables = walk()
+    early, late = (
+        {name: {c: v[keep(each["k"])] for c, v in each.items()} for name, each in tables.items()}
+        for keep in (lambda k: k < 12, lambda k: k > 25)
+    )
+    both = {name: {c: np.concatenate([v, late[name][c]]) for c, v in each.items()} for name, each in early.items()}
+    solves = mbm.loads(WALK.format(method="smoother", sigma=":sigma 10", rest="")).solve(data=both).solves
+    behind = [solve for solve in solves if solve.key["k"] >= late["z"]["k"][0]]
+    for solve in behind:
+        means, covariances = least_squares(late, solve.key["k"])
+        np.testing.assert_allclose(solve["x"].value[-1], means[-1, 0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(solve["x"].sigma[-1], np.sqrt(covariances[-1, 0, 0]), rtol=1e-9)
+    warned = [any(each.code.name == "begun-anew" for each in solve.diagnostics) for solve in solves]
+    first = len(solves) - len(behind)
+    assert not any(warned[:first])
+    assert warned[first]
+    assert not warned[-1]
+
+
 REFUSED = {
     "filter": (WALK.format(method="ekf", sigma=":sigma 10", rest=""), "is for `:method ekf`"),
     "lag": (WALK.format(method="(smoother :lag 2)", sigma=":sigma 10", rest=""), "is for `:method smoother`"),
@@ -183,10 +216,6 @@ REFUSED = {
     "correlation": (
         WALK.format(method="batch", sigma=":sigma 10", rest="").replace("0.5)", "0.5 :correlation (ar1 0.5))"),
         "`:carry` takes one step after the other, and `:correlation` of `z` joins their rows",
-    ),
-    "gap": (
-        WALK.format(method="smoother", sigma=":sigma 10", rest="").replace("8 :step 3", "0.6 :step 0.5"),
-        "without a step of the one before",
     ),
     "no states": (
         "(problem p (data z external) (unknowns (a :init 0)) (observe z (= y a) :sigma 1)"
