@@ -205,7 +205,7 @@ MOST_LINES = 60
 """Lines that are shown unless all are asked for."""
 
 ENDS_APART = 4.0
-"""Standard deviations between the ends of a 95 % interval; they give the digits where none is known."""
+"""Standard deviations between the ends of a 95 % interval; they give the digits where it is not linear."""
 
 MOST_CUT = 4
 """Intervals that limits cut, told one by one."""
@@ -213,7 +213,7 @@ MOST_CUT = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntervalLine:
-    """The interval of a scalar as text: its ends with the digits of the standard deviation or of its length."""
+    """The interval of a scalar as text: its ends with the digits of the standard deviation, or of their distances."""
 
     name: str
     low: str
@@ -262,16 +262,24 @@ def lines_of(solve: SolveReport, items: Iterable[Estimate | DerivedValue] | None
         for scalar, dof, k, low, high, kind in zip(scalars(item), *columns, strict=True):
             if kind is None or scalar.fixed:
                 continue
-            spread = scalar.sigma if isfinite(scalar.sigma) else (high - low) / ENDS_APART
+            sigma = scalar.sigma if kind == IntervalKind.LINEAR else nan
             yield IntervalLine(
                 name=scalar.name,
-                low=_end(low, spread),
-                high=_end(high, spread),
+                low=_end(low, sigma if isfinite(sigma) else _apart(low, high, scalar.value)),
+                high=_end(high, sigma if isfinite(sigma) else _apart(high, low, scalar.value)),
                 unit=unit_text(scalar.quantity),
                 k=f"{k:.2f}" if isfinite(k) else "–",
                 dof="∞" if isinf(dof) else f"{dof:.1f}".removesuffix(".0") if isfinite(dof) else "–",
                 kind=kind,
             )
+
+
+def _apart(end: float, other: float, value: float) -> float:
+    """A standard deviation for the digits of an end: by how far it is from the other one, or from the value if that has
+    no end, and two digits of itself at least.
+    """
+    whole = abs(other - end) if isfinite(other) else 2.0 * abs(end - value)
+    return min(whole / ENDS_APART, abs(end) if abs(end) > UP_TO * whole else inf)
 
 
 def _end(value: float, spread: float) -> str:

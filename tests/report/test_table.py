@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 import mbm
+from mbm.cli.main import run
 from mbm.report.table import table
 from mbm.report.types import (
     Estimate,
@@ -224,3 +226,17 @@ def test_a_warning_says_which_solve_it_is_of() -> None:
     shown = " ".join(table(mbm.loads(text).solve().result).split())
     assert "improbable-noise" in shown
     assert "(run = 2)" in shown
+
+
+def test_ends_that_are_not_linear_have_digits_of_their_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The standard deviation of readings that are all in one step is far larger than the step."""
+    text = """(problem p (data d (table (x) (5) (5) (5) (5))) (unknowns (m))
+      (observe d (= x m) :sigma 0.1 :resolution 1) (derive (i (/ 1 (- m 4.5)))))"""
+    (tmp_path / "p.mbm").write_text(text)
+    run(["solve", str(tmp_path / "p.mbm"), "--intervals"])
+    solve = mbm.loads(text).solve()
+    said = capsys.readouterr().out
+    lines = {name: ends for name, *ends in re.findall(r"(?m)^  (\S+) +(\S+) +… +(\S+)", said)}
+    for name in ("m", "i"):
+        shown = [float(each.replace("∞", "inf")) for each in lines[name]]
+        assert shown == pytest.approx(list(solve[name].interval()), rel=0.05)
