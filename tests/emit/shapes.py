@@ -6,6 +6,11 @@ from tests.emit.agreeing import AGREEING
 
 LINE = "(data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1) (5 17.0)))"
 
+TURNS = """(problem turns "An angle at the cut, between readings on both sides of it, and what it turns."
+  (data d (table (y z) (3.141 1) (-3.141 1.2)))
+  (unknowns (a angle) (b))
+  (observe d (= (angle y) a) (= z (- b (cos a))) :sigma 0.1))"""
+
 SHAPES = {
     "plain": f"""(problem plain "A straight line." {LINE}
       (unknowns (a :init 1 :doc "slope") (b :init 0))
@@ -39,10 +44,6 @@ SHAPES = {
       (unknowns (a :init 1) (b :init 0.5))
       (observe d (= y (+ (* a x) b)) :sigma 0.2)
       (constraints (<= (+ a b) 3) (>= b -10)))""",
-    "turns": """(problem turns "An angle at the cut, between readings on both sides of it, and what it turns."
-      (data d (table (y z) (3.141 1) (-3.141 1.2)))
-      (unknowns (a angle) (b))
-      (observe d (= (angle y) a) (= z (- b (cos a))) :sigma 0.1))""",
     "rotation": """(problem rotation "A frame turned, from directions in it."
       (data d (table (x y z u v w) (1 0 0 0.36 0.93 0.1) (0 1 0 -0.93 0.35 0.05) (0 0 1 0.02 -0.12 0.99)
         (1 1 0 -0.56 1.3 0.14)))

@@ -17,7 +17,7 @@ import mbm
 from tests.emit.agreeing import AGREEING
 from tests.emit.making import PROBLEMS, emitted, make, of_text, run, written
 from tests.emit.outside import OUTSIDE
-from tests.emit.shapes import CORRECTED, SHAPES
+from tests.emit.shapes import CORRECTED, SHAPES, TURNS
 
 GOLDEN = Path(__file__).parent / "golden"
 
@@ -43,6 +43,12 @@ def test_c_compiles_without_a_warning_and_gives_the_reference_numbers(name, tmp_
     made = make(folder, "all", "test")
     assert made.returncode == 0, made.stdout + made.stderr
     assert "0 of" in made.stdout
+
+
+@needs_compiler
+def test_angles_begin_where_the_reference_says(tmp_path):
+    made = make(written(of_text(TURNS, "c"), tmp_path), "all", "test")
+    assert made.returncode == 0, made.stdout + made.stderr
 
 
 @needs_compiler

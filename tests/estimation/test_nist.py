@@ -47,7 +47,7 @@ def test_certified_standard_deviations(name, start):
     found = minimise(Regression(reference), reference.starts[start], Settings())
     observed = observability(found.jacobian, found.point, found.at_bound != 0)
     assert observed.rank == observed.dimension
-    noise = common_factor(found.cost, found.residuals.size - observed.rank)
+    noise = common_factor(found.cost, found.residuals.size - observed.rank, rounding=0.0)
     deviations = covariance(observed, noise.factor**2).sigma
     # Lanczos1 fits to the last digit of its data: s is rounding to three digits, and so are the deviations.
     tolerance = 3e-3 if name == "Lanczos1" else 1e-6

@@ -47,9 +47,10 @@ def test_redundancy_is_the_diagonal_of_the_residual_projection():
 
 
 def test_common_factor():
-    assert common_factor(8.0, 2).factor == pytest.approx(2.0, rel=1e-15)
-    assert common_factor(0.0, 2).state is NoiseState.EXACT
-    assert common_factor(3.0, 0).state is NoiseState.NO_REDUNDANCY
+    assert common_factor(8.0, 2, 0.0).factor == pytest.approx(2.0, rel=1e-15)
+    assert common_factor(0.0, 2, 0.0).state is NoiseState.EXACT
+    assert common_factor(1e-30, 2, 1e-14).state is NoiseState.EXACT  # 1e-15 is within a rounding of 1e-14
+    assert common_factor(3.0, 0, 0.0).state is NoiseState.NO_REDUNDANCY
 
 
 class Line:
@@ -74,7 +75,7 @@ class Line:
             Settings(),
         )
         observed = observability(found.jacobian, found.point, np.zeros(2, bool))
-        return found.residuals, redundancy_numbers(found.jacobian, observed)
+        return found.residuals, redundancy_numbers(found.jacobian, observed), np.zeros(self.x.size)
 
 
 def test_two_unknown_groups_maximise_the_restricted_likelihood():
@@ -105,7 +106,7 @@ def test_stated_noise_is_never_scaled():
     base = np.where(np.arange(80) < 40, 1.0, 1e-3)
     line = Line(x, y, groups, base)
     found = variance_components(line, groups)
-    residuals, redundancy = line(np.array([found.noises[0].factor]))
+    residuals, redundancy, _ = line(np.array([found.noises[0].factor]))
     assert found.settled
     # The condition that defines the factor; the stated rows, whose sigma is far too small, keep their misfit.
     assert residuals[:40] @ residuals[:40] == pytest.approx(redundancy[:40].sum(), rel=1e-8)
@@ -129,7 +130,7 @@ def test_group_that_is_fitted_exactly_or_unchecked():
         sigma = np.repeat(factors, [5, 1])
         observed = observability(matrix / sigma[:, None], np.ones(3), np.zeros(3, bool))
         answer = np.linalg.lstsq(matrix / sigma[:, None], right / sigma, rcond=None)[0]
-        return (matrix @ answer - right) / sigma, redundancy_numbers(matrix / sigma[:, None], observed)
+        return (matrix @ answer - right) / sigma, redundancy_numbers(matrix / sigma[:, None], observed), np.zeros(6)
 
     found = variance_components(solve, groups)
     assert found.noises[1].state is NoiseState.NO_REDUNDANCY
@@ -138,13 +139,13 @@ def test_group_that_is_fitted_exactly_or_unchecked():
     assert found.noises[0].factor == pytest.approx(np.sqrt(rest / 3), rel=1e-9)
 
 
-@pytest.mark.parametrize("at_minimum", [None, (np.array([1e200, 1.0]), np.ones(2))])
+@pytest.mark.parametrize("at_minimum", [None, (np.array([1e200, 1.0]), np.ones(2), np.zeros(2))])
 def test_rounds_end_where_nothing_is_told_of_the_noise(at_minimum):
     asked = []
 
     def solve(factors):
         asked.append(factors.copy())
-        return (np.array([2.0, 1.0]), np.ones(2)) if len(asked) == 1 else at_minimum
+        return (np.array([2.0, 1.0]), np.ones(2), np.zeros(2)) if len(asked) == 1 else at_minimum
 
     found = variance_components(solve, [np.array([0])])
     assert not found.settled

@@ -153,7 +153,7 @@ def test_any_text_at_any_place(text: str, name: str, line: str, color: bool) -> 
     assert objections(str(MbmError(made))) == []
     assert as_json(made)["file"] == f"a{name}"
     in_data = Diagnostic(code=CODE, message=text, place=DataPlace(file=name, column=line))
-    assert render(in_data, color=color).count("\n") == 1
+    assert render(in_data, color=color).count("\n") == 2  # the place, and how to mend it
 
 
 def test_messages_are_not_endless() -> None:

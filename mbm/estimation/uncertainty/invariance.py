@@ -122,7 +122,7 @@ def with_invariances(
     point = minimum.point
     held = minimum.constraints is not None and bool(minimum.constraints.forcing.any())
     seen = observed.rank == observed.dimension and not observed.condition > SEEN
-    if equations.linear or held or bool(observed.fixed.any()) or seen:
+    if equations.linear or held or bool(observed.fixed.any()) or seen or observed.rank == 0:
         return observed, point
     if equations.likely or equations.implicit is not None or not minimum.reason.converged or not minimum.cost > 0.0:
         return observed, point
