@@ -97,7 +97,7 @@ def effective(images: Floats, grams: Floats, counts: Floats, misfit: Floats | fl
     found = of_parameters(images, grams, scatter, products)
     share = (np.matmul(images, grams.sum(axis=-3)) * images).sum(axis=-1) / np.square(images).sum(axis=-1)
     shrunk = np.minimum(np.nan_to_num(share, nan=1.0) * np.square(found.inflation), 1.0)
-    beside = replace(found, dof=np.maximum(found.dof * shrunk, LEAST))
+    beside = replace(found, dof=np.where(found.dof < inf, np.maximum(found.dof * shrunk, LEAST), inf))
     if grams.shape[-3] != 1:
         return beside
     gram = grams[..., 0, :, :]

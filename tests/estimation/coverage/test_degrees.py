@@ -185,6 +185,14 @@ def test_few_readings_beside_stated_noise_hold_the_truth(rows: int, stated: floa
     assert 0.935 < np.mean(np.abs(error) < reach) < 0.97
 
 
+@pytest.mark.parametrize("rounding", [-1e-18, 0.0, 1e-18])
+def test_what_only_stated_noise_tells_has_infinitely_many(rounding: float) -> None:
+    """Whatever sign roundings give to the share of its variance that is estimated."""
+    found = effective(np.eye(2)[1:], np.diag([1.0, rounding])[None], np.array([4.0]))
+    assert found.dof.tolist() == [np.inf]
+    assert found.inflation.tolist() == [1.0]
+
+
 TWO = """
 (problem two
   (data d (table (g i x y) {rows}))
