@@ -301,6 +301,7 @@ def _group(equations: Assembled, group: Group, components: int, places: Indices,
         outputs=components,
         jacobian_rows=np.repeat(np.arange(components), n),
         jacobian_columns=np.tile(np.arange(n), components),
+        dependence=np.ones((components * n, n), dtype=bool),
         corrections=None,
     )
     return replace(
