@@ -320,13 +320,14 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Apply:
-    """An operation on nodes. ``angle``: differences of this number wrap.
+    """An operation on nodes, which its printed form leaves out: written out, shared ones may be without end. ``angle``:
+    differences of this number wrap.
 
     ``output`` says what an EXTERNAL one calls; its arguments are those of the call, element by element.
     """
 
     operation: Operation
-    arguments: tuple[Expression, ...]
+    arguments: tuple[Expression, ...] = field(repr=False)
     angle: bool = False
     span: Span | None = field(default=None, repr=False)
     output: Output | None = None
