@@ -60,7 +60,7 @@ def quantity_of(problem: Problem, unknown: Unknown) -> Quantity:
     """How an unknown is shown."""
     unit, scale = _unit(unknown.unit, unknown.kind is UnknownKind.ANGLE, problem, unknown.name, _united(unknown))
     if unknown.unit is None and unit is not None and _is_rate_of_angle(problem, unknown):
-        unit = f"rad{unit.removeprefix('1')}"
+        unit = f"rad/{unit.removesuffix('^-1')}" if unit.endswith("^-1") else f"rad*{unit}" if unit else "rad"
     return Quantity(
         name=unknown.name,
         kind=Kind(unknown.kind.value),
