@@ -68,7 +68,8 @@ class Decision:
 def decided(found: Plan, values: Values, held: Mask, *, affine: bool = False) -> Decision:
     """The rank decision for the Jacobian ``values``; columns in ``held`` (columns,) do not move.
 
-    That of ``affine`` equations carries no more than roundings, so that no gap makes a direction free.
+    That of ``affine`` equations whose derivatives are products of data carries no more than roundings, so that no gap
+    makes a direction free.
     """
     layout = found.structure
     still = layout.dead | held

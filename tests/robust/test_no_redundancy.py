@@ -94,7 +94,8 @@ AGREEING = """
 def test_rows_that_alone_keep_weight_have_the_noise_that_is_stated(loss, options, backend):
     """Of three points a line through two is left: the third counts next to nothing, and the fit shows no residual."""
     solve = mbm.loads(AGREEING.format(loss=loss, options=options)).solve(backend=backend).solves[0]
-    assert "ambiguous-consensus" in [d.code.name for d in solve.diagnostics]
+    said = [d.message for d in solve.diagnostics if d.code.name == "ambiguous-consensus"]
+    assert 1 <= len(said) == len(set(said)) <= 2  # that other rows fit as well, and which row could change places
     residuals = np.array([1.0, 2.1, 9.0]) - solve.estimates[0].value - solve.estimates[1].value * np.arange(3)
     kept = np.abs(residuals) < 1.0
     assert kept.sum() == 2

@@ -104,7 +104,7 @@ def observability(
 ) -> Observability:
     """The rank decision at ``point`` (n,) for a whitened Jacobian (m, n); coordinates in ``fixed`` (n,) do not move.
 
-    That of ``affine`` equations is the same everywhere, and its singular values count down to their rounding.
+    ``affine``: it is the same everywhere, of products of data, and its singular values count down to their rounding.
 
     Column scaling makes the decision independent of the units of the unknowns. With a ``surface`` only movements along
     it count: what equations determine is determined, and each independent one adds to the rank.
@@ -182,7 +182,7 @@ def observed_at(
 ) -> Observability:
     """The rank decision at a minimum with the coordinates ``point`` (n,), on the surface of its constraints.
 
-    ``weights`` (m,) multiply the rows of its Jacobian (None: all 1). ``affine``: equations and constraints are.
+    ``weights`` (m,) multiply the rows of its Jacobian (None: all 1). ``affine``: see `observability`.
     """
     if minimum.blocks is not None:
         # Loaded by sparse problems only, so that the others start at once.

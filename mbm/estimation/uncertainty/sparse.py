@@ -38,7 +38,7 @@ def sparse_observability(
 ) -> Observability:
     """The rank decision at a minimum of a sparse problem, with the coordinates ``point`` (n,).
 
-    ``weights`` (m,) multiply the rows of its Jacobian (None: all 1). ``affine``: equations and constraints are.
+    ``weights`` (m,) multiply the rows of its Jacobian (None: all 1). ``affine``: see `observability`.
     """
     blocks = blocks_of(minimum)
     fixed = minimum.at_bound != 0
