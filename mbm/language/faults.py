@@ -195,9 +195,9 @@ def ragged_matrix(span: Span, wanted: int, got: int) -> Diagnostic:
     )  # fmt: skip
 
 
-def length_clash(span: Span, left: str, right: str) -> Diagnostic:
+def length_clash(span: Span, left: str, right: str, hint: str | None = None) -> Diagnostic:
     """Two shapes that should agree."""
-    return Diagnostic(code=LENGTH_CLASH, message=f"{left} does not go with {right}", place=span)
+    return Diagnostic(code=LENGTH_CLASH, message=f"{left} does not go with {right}", place=span, hint=hint)
 
 
 def matrix_product(span: Span) -> Diagnostic:

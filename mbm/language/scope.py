@@ -132,13 +132,13 @@ def assemble(values: Many[Value], spans: Many[Span]) -> Array:
     return Array((len(values),), tuple(scalar(v, s) for v, s in zip(values, spans, strict=True)))
 
 
-def vector(value: Value, span: Span, length: int | None = None) -> Array:
+def vector(value: Value, span: Span, length: int | None = None, hint: str | None = None) -> Array:
     """A vector: also a list of numbers, a point, and (with ``length``) the elements of an opaque name."""
     wanted = "a vector" if length is None else f"a vector of length {length}"
     if isinstance(value, Placeable):
         point = value.as_point()
         if point is None:
-            raise MbmError(faults.wrong_kind(span, wanted, value.kind))
+            raise MbmError(faults.wrong_kind(span, wanted, value.kind, hint))
         value = point
     if isinstance(value, ListValue):
         value = Array((len(value.items),), tuple(scalar(v, span) for v in value.items))
@@ -147,9 +147,9 @@ def vector(value: Value, span: Span, length: int | None = None) -> Array:
     if isinstance(value, TextColumn):
         raise MbmError(faults.text_in_number_column(span, value.name, value.sample, value.sample_place))
     if not isinstance(value, Array) or value.is_matrix:
-        raise MbmError(faults.wrong_kind(span, wanted, describe(value)))
+        raise MbmError(faults.wrong_kind(span, wanted, describe(value), hint))
     if length is not None and value.shape[0] != length:
-        raise MbmError(faults.length_clash(span, describe(value), wanted))
+        raise MbmError(faults.length_clash(span, describe(value), wanted, hint))
     return value
 
 

@@ -17,7 +17,7 @@ from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
 from mbm.problem.dimensions import infer
 from mbm.problem.elaborated import Consulted, Elaborated
-from mbm.problem.elaboration import Routines, Workspace
+from mbm.problem.elaboration import CAMERA, Routines, Workspace
 from mbm.problem.joining import filtered, grid_tables, joined
 from mbm.problem.naming import TakenNames
 from mbm.problem.overrides import Overrides
@@ -99,8 +99,8 @@ def elaborate(
     states = _states(work, clauses)
     declarations = [d for c in _all(clauses, "unknowns") for d in declare_unknowns(work, c)]
     declarations += () if states is None else states.declarations
-    for clause in _all(clauses, "camera"):
-        with work.collecting():
+    for clause in _all(clauses, CAMERA):
+        with work.collecting(clause):
             read_camera(work, clause)
     _definitions(work, clauses)
     unknowns, priors = _unknowns(work, declarations)

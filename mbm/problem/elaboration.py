@@ -41,7 +41,7 @@ from mbm.problem.tables import CellKey, Format, Table
 from mbm.problem.types import Block, Derived, Equation, RowValues, Static, ValueCase
 from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.reader import read
-from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol
+from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol, Text
 from mbm.values import dataclass
 
 EQUATION, CHOICE = 20, 3
@@ -108,8 +108,11 @@ Routines: TypeAlias = Callable[[], tuple[str, ...]]
 
 T = TypeVar("T")
 
-STATES = "states"
-"""The clause that declares states."""
+STATES, CAMERA = "states", "camera"
+"""The clauses that declare states, and a camera."""
+
+_LAST_NAME = {STATES: None, CAMERA: 2}
+"""Behind which of its forms a clause declares no more names."""
 
 
 @dataclass(slots=True)
@@ -160,15 +163,16 @@ class Workspace:
     def collecting(self, declares: Form | None = None) -> Iterator[None]:
         """Errors inside are kept, so that one run reports what several clauses have wrong.
 
-        ``declares`` is the declaration at work, or the clause of states: where it fails, that its names are unknown
-        elsewhere is no news.
+        ``declares`` is the declaration at work, or the clause of states or of a camera: where it fails, that its names
+        are unknown elsewhere is no news.
         """
         try:
             yield
         except MbmError as error:
             found = [d for d in error.diagnostics if not self._follows(d)]
             if declares is not None:
-                inside = declares.items[1:] if isinstance(declares, Sequence) and declares.head == STATES else ()
+                last = _LAST_NAME.get(declares.head or "", 1) if isinstance(declares, Sequence) else 1
+                inside = declares.items[1:last] if isinstance(declares, Sequence) else ()
                 self.undeclared.update(name for each in (declares, *inside) if (name := _declared(each)))
             self._keep(found)
             if any(d.code in _ENDING for d in found):
@@ -373,6 +377,8 @@ def shaped(value: Value, shape: tuple[int, ...], span: Span, *, broadcast: bool 
 
 def _declared(form: Form) -> str | None:
     """The name that a declaration begins with, or would, had its list not been forgotten."""
+    if isinstance(form, Text):
+        return form.value
     return form.name if isinstance(form, Symbol) else form.head if isinstance(form, Sequence) else None
 
 

@@ -84,6 +84,38 @@ def test_wrong_cameras_are_refused(camera, says):
     assert says in f"{diagnostic.message} {diagnostic.hint}"
 
 
+@pytest.mark.parametrize(
+    ("clause", "code", "place", "mend"),
+    [
+        ("(camera cam :focal 0)", "bad-form", "0", "leave `:focal` out"),
+        ("(camera cam :focal (500 0))", "bad-form", "(500 0)", "leave `:focal` out"),
+        ("(camera cam :focal (1 2 3))", "length-clash", "(1 2 3)", "`:focal` takes two numbers, or one for both axes"),
+        ('(camera cam :center "middle")', "wrong-kind", '"middle"', "`:center` takes two numbers"),
+        ("(camera cam :distortion 0.1)", "wrong-kind", "0.1", "(k1 k2 p1 p2 k3)"),
+        ("(camera cam :distortion (1 2 3 4 5 6))", "length-clash", "(1 2 3 4 5 6)", "(k1 k2 p1 p2 k3)"),
+        ("(camera cam :near -1m)", "bad-form", "-1m", "`:near 1mm`"),
+        ("(camera cam :near 0)", "bad-form", "0", "`:near 1mm`"),
+        ("(camera cam :near 1kg)", "bad-form", "1kg", "`:near 1mm`"),
+        ("(camera cam :foca 500)", "bad-form", ":foca", "`:focal`"),
+        ("(camera cam :focal)", "bad-form", ":focal", "write the value after it"),
+        ("(camera cam :focal 500 :focal 500)", "duplicate-definition", ":focal", None),
+        ("(camera cam :model Pinhole)", "bad-form", "Pinhole", ":model pinhole"),
+        ("(camera cam :axes (x y z))", "bad-form", "(x y z)", ":axes opencv"),
+        ("(camera cam 500)", "bad-form", "500", "usage: (camera name"),
+        ('(camera "cam" :focal 500)', "bad-form", '"cam"', "usage: (camera name"),
+        ("(camera cam :per nowhere)", "unknown-table", "nowhere", "pts"),
+        ("(camera cam :per pts)", "table-without-key", "pts", ":key"),
+    ],
+)
+def test_a_mistake_in_a_camera_is_one_error_with_its_mend(clause, code, place, mend):
+    """Not another one wherever the camera is used."""
+    with pytest.raises(mbm.MbmError) as caught:
+        images(clause, POINTS)
+    (diagnostic,) = caught.value.diagnostics
+    assert (diagnostic.code.name, diagnostic.place.text) == (code, place)
+    assert mend is None or mend in diagnostic.hint
+
+
 def test_a_key_without_a_row_is_named():
     with pytest.raises(mbm.MbmError) as caught:
         mbm.loads(FAMILY.replace('("right" -0.3', '("rihgt" -0.3')).solve()

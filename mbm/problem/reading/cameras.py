@@ -14,6 +14,7 @@ from mbm.language.values import SCALARS, CameraValue, FamilyValue, Scope, TextCo
 from mbm.problem.clauses import Options, split_options
 from mbm.problem.elaboration import Workspace
 from mbm.problem.reading.declarations import family_of, keys_of
+from mbm.problem.reading.source_arguments import METRE
 from mbm.problem.scopes import Entry, MemberScope
 from mbm.problem.types import Family
 from mbm.text.suggest import closest
@@ -31,7 +32,8 @@ def read_camera(work: Workspace, clause: Sequence) -> None:
     """Declare a camera, or a family of them; its numbers are evaluated when it is first used."""
     items = clause.items[1:]
     if not items or not isinstance(items[0], Symbol):
-        raise MbmError(language_faults.bad_form(clause.span, "a camera begins with its name", USAGE))
+        place = items[0].span if items else clause.span
+        raise MbmError(language_faults.bad_form(place, "a camera begins with its name", USAGE))
     name = items[0]
     options = split_options(
         items[1:],
@@ -48,19 +50,19 @@ def read_camera(work: Workspace, clause: Sequence) -> None:
     form = options.get("model")
     word = (_choice(form, _MODELS, "model") or "pinhole") if form is None or _is_word(work, form, family) else None
     if distortion is not None and word is not None and word not in _COEFFICIENTS:
-        message = f"a {word} camera has no distortion"
+        message = f"this {word} camera has no distortion"
         raise MbmError(language_faults.bad_form(distortion.span, message, "leave `:distortion` out"))
 
     def camera(scope: Scope) -> CameraValue:
         model = word or _model(work, form, scope)
         return CameraValue(
             name.name,
-            _pair(work, options, "focal", Number(1, NONE if model in _COEFFICIENTS else None), scope),
+            _focal(work, options, Number(1, NONE if model in _COEFFICIENTS else None), scope),
             _pair(work, options, "center", ZERO, scope),
             _distortion(work, distortion, model, scope),
             axes,
             model,
-            NEAR if near is None else scalar(work.evaluator.wanted(near, scope), near.span),
+            NEAR if near is None else _near(work, near, scope),
         )
 
     def make() -> Value:
@@ -145,6 +147,26 @@ def _choice(form: Form | None, known: tuple[str, ...], option: str) -> str | Non
     return name
 
 
+def _focal(work: Workspace, options: Options, default: Number, scope: Scope) -> tuple[Expression, Expression]:
+    found = _pair(work, options, "focal", default, scope)
+    form = options.get("focal")
+    if form is not None and any(isinstance(each, Number) and each.value == 0 for each in found):
+        message = "a camera with a focal length of 0 sees all points at one"
+        raise MbmError(
+            language_faults.bad_form(form.span, message, USAGE, "leave `:focal` out for 1, or name an unknown")
+        )
+    return found
+
+
+def _near(work: Workspace, form: Form, scope: Scope) -> Expression:
+    """How near a camera sees, a length in front of it."""
+    found = scalar(work.evaluator.wanted(form, scope), form.span)
+    if isinstance(found, Number) and (found.value <= 0 or found.dimension not in (None, METRE)):
+        message = "what is nearer than this is not seen: it should be a length, more than 0"
+        raise MbmError(language_faults.bad_form(form.span, message, USAGE, "`:near 1mm`, or leave it out for 0.1 m"))
+    return found
+
+
 def _pair(work: Workspace, options: Options, name: str, default: Number, scope: Scope) -> tuple[Expression, Expression]:
     form = options.get(name)
     if form is None:
@@ -153,7 +175,7 @@ def _pair(work: Workspace, options: Options, name: str, default: Number, scope: 
     if isinstance(value, SCALARS):
         single = scalar(value, form.span)
         return single, single
-    first, second = vector(value, form.span, 2).elements
+    first, second = vector(value, form.span, 2, f"`:{name}` takes two numbers, or one for both axes").elements
     return first, second
 
 
@@ -162,8 +184,9 @@ def _distortion(work: Workspace, form: Form | None, model: str, scope: Scope) ->
     if form is None or model not in _COEFFICIENTS:
         return ()
     most, names = _COEFFICIENTS[model]
-    elements = vector(work.evaluator.wanted(form, scope), form.span).elements
+    listed = f"a list of coefficients, `({names})`; those left out are 0"
+    elements = vector(work.evaluator.wanted(form, scope), form.span, hint=listed).elements
     if len(elements) > most:
-        message = f"{len(elements)} coefficients"
-        raise MbmError(language_faults.length_clash(form.span, message, f"{names} (at most {most})"))
+        message = f"a list of {len(elements)} coefficients"
+        raise MbmError(language_faults.length_clash(form.span, message, f"{names} (at most {most})", listed))
     return elements + (ZERO,) * (most - len(elements))
