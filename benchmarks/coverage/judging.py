@@ -42,6 +42,7 @@ DOUBTS = frozenset(
         "too-few-agree",
         "too-nonlinear",
         "uneven-noise",
+        "weights-from-readings",
     )
 )
 """Diagnostics that speak of the uncertainty of a result."""

@@ -33,7 +33,7 @@ from mbm.estimation.batches.types import Columns, Descent, Ends, Limits, Remarks
 from mbm.estimation.consensus.units import outlying
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
 from mbm.estimation.trust import faults
-from mbm.estimation.trust.coarse import coarse_readings, uneven_rows
+from mbm.estimation.trust.coarse import of_readings, uneven_rows
 from mbm.estimation.trust.fits import Fits, Said
 from mbm.estimation.trust.hidden import hidden_outliers
 from mbm.estimation.trust.plausibility import (
@@ -140,6 +140,7 @@ REMARKED = frozenset(
         faults.READINGS_AT_EDGE,
         faults.SMALL_SAMPLE,
         faults.UNEVEN_NOISE,
+        faults.WEIGHTS_FROM_READINGS,
     )
 )
 """The codes of the warnings whose numbers follow from columns."""
@@ -183,7 +184,7 @@ def _remarks(fits: Fits, sigma0: Floats, tails: Floats, poor: Mask) -> Remarks:
     )
     small = ((place, partial(faults.small_sample, span)) for place in np.flatnonzero(poor).tolist())
     rows = uneven_rows(fits, overstated(tails, sigma0))
-    said: tuple[Said, ...] = (noise, hidden_outliers(fits), rows, coarse_readings(fits), small, strained(fits))
+    said: tuple[Said, ...] = (noise, hidden_outliers(fits), rows, of_readings(fits), small, strained(fits))
     found: dict[int, tuple[Callable[[], Diagnostic], ...]] = {}
     for place, make in chain.from_iterable(said):
         found[place] = (*found.get(place, ()), make)

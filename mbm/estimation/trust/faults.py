@@ -69,6 +69,14 @@ COARSE_READINGS = Code(
     "to half a step, however many readings there are (a warning).",
     "State the step and the scatter before rounding, `:resolution STEP :sigma FORM`, or read more digits.",
 )
+WEIGHTS_FROM_READINGS = Code(
+    "weights-from-readings",
+    "The standard deviations that are stated follow the readings themselves. Readings that came out low then weigh "
+    "more than others, and draw the estimates to themselves: counts with the root of each count as its standard "
+    "deviation are estimated one too low, however many rows there are (a warning).",
+    "Let the standard deviation follow the model: `:sigma (sqrt model)`, `(* 5% model)`; of counts say "
+    "`:distribution poisson`.",
+)
 OUTLYING_ROW = Code(
     "outlying-row",
     "One row is so far from what the others say that it alone makes the unknown noise large: without it the noise "
@@ -240,6 +248,18 @@ def coarse_readings(span: Span, name: str, scatter: float, *, counts: bool) -> D
         "model, too little to average the rounding errors out",
         place=span,
         hint=f"{COUNTED} {COARSE_READINGS.mend}" if counts else COARSE_READINGS.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def weights_from_readings(span: Span, name: str, shift: float) -> Diagnostic:
+    """The ``shift`` of estimates, in standard deviations, by weights that follow the readings of a clause."""
+    return Diagnostic(
+        code=WEIGHTS_FROM_READINGS,
+        message=f"the standard deviations of `{name}` follow its own readings, so that those that came out low weigh "
+        f"more: that draws the estimates by some {shift:.2g} standard deviations",
+        place=span,
+        hint=WEIGHTS_FROM_READINGS.mend,
         severity=Severity.WARNING,
     )
 

@@ -21,7 +21,7 @@ from mbm.equations.solves import alone
 from mbm.equations.types import Covariance, Floats, Mask, Minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust import faults as trust_faults
-from mbm.estimation.trust.coarse import coarse_readings, directions, uneven_rows
+from mbm.estimation.trust.coarse import directions, of_readings, uneven_rows
 from mbm.estimation.trust.curvature import Curvature, DerivedEnds
 from mbm.estimation.trust.fits import Fits, Said, only
 from mbm.estimation.trust.hidden import hidden_outliers
@@ -86,7 +86,7 @@ def doubts(
     fit = fit_of(propagation, minimum)
     dense = fit if minimum.blocks is None else None
     found += of_residuals(propagation, minimum, fit)
-    found += () if dense is None else only(coarse_readings(dense))
+    found += () if dense is None else only(of_readings(dense))
     if equations.likely:  # loaded by problems with likelihoods only
         found += vanishing_scales(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if outcome.freedoms.poor:
