@@ -22,6 +22,9 @@ from mbm.solver.linear_algebra import (
 )
 from mbm.solver.workspace import Work
 
+STILL = 1e-9
+"""What rounding makes of no movement, as a share of one, where columns have length 1."""
+
 REPEATED = 1e-12
 """The share of a constraint's slope that those before it leave, below which it says nothing new."""
 

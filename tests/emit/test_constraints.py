@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import importlib.util
+import shutil
 import sys
 
 import numpy as np
 import pytest
 
 import mbm
-from tests.emit.making import of_text, written
+from tests.emit.making import make, of_text, run, written
 
 KINDS = {
     "circle": ("(exp (+ (* a x) b))", "(= (+ (* a a) (* b b)) 0.3)", "ab"),
@@ -62,3 +64,48 @@ def test_random_data(kind, tmp_path, monkeypatch):
             assert abs(value - wanted[name].value) <= 1e-9 * size
             assert sigma == pytest.approx(wanted[name].sigma, rel=1e-8, abs=1e-9 * size)
     assert compared >= 6
+
+
+HELD = {
+    "sum of both": ("(+ a b)", True),
+    "scaled": ("(* 2 (+ a b))", True),
+    "one": ("a", True),
+    "equation": ("(+ c a)", False),
+    "bound": ("(* 3 c)", True),
+    "square": ("(* e e)", True),
+    "different limits": ("(+ e b)", True),
+    "no slope": ("(^ (- c 1.2) 2)", True),
+    "along": ("f", False),
+    "across": ("(+ f g)", True),
+    "free": ("h", False),
+    "beside": ("(+ c h)", False),
+}
+"""Quantities, and whether they change only as estimates leave the limits that hold them.
+
+The equation stays, whatever holds beside it; along its inequality f changes with the data.
+"""
+LIMITED = f"""(problem limited
+  (data d (table (x y z) (0.1 1.6 1) (0.4 1.9 2) (0.6 2.2 1) (0.8 2.3 2)))
+  (unknowns (a :init 0.5) (b :init 0.5) (c :init 1 :in (0 1.2)) (e :init 1) (f :init 0) (g :init 0) (h :init 0))
+  (observe d (= y (+ (* a x) b)) :sigma 0.05)
+  (observe d (= [z z y z y] [c e f g h]) :sigma 0.05)
+  (constraints (<= (+ a b) 1.8) (<= (* e 2) 2.4) (= (+ c a) 2.0) (<= (+ f g) 1))
+  (derive {" ".join(f"(q{i} {each})" for i, (each, _) in enumerate(HELD.values()))}))"""
+
+
+def held_in(lines: str) -> list[bool]:
+    """Which derived quantities a solver prints without a standard deviation."""
+    return [row["sigma"] == "" for row in csv.DictReader(lines.splitlines()) if row["name"].startswith("q")]
+
+
+def test_what_limits_hold_has_no_standard_deviation(tmp_path):
+    wanted = [held for _, held in HELD.values()]
+    result = mbm.loads(LIMITED).solve()
+    assert [bool(np.isnan(result[f"q{i}"].sigma)) for i in range(len(wanted))] == wanted
+    folder = written(of_text(LIMITED, "python"), tmp_path / "python")
+    assert held_in(run(sys.executable, "limited.py", "data/d.csv", folder=folder).stdout) == wanted
+    if shutil.which("cc") is None:
+        return
+    folder = written(of_text(LIMITED, "c"), tmp_path / "c")
+    assert make(folder).returncode == 0
+    assert held_in(run("./limited", "data/d.csv", folder=folder).stdout) == wanted

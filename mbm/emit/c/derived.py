@@ -23,7 +23,7 @@ static long column_of(const struct frame *f, long place)
 }}
 
 /* The standard deviation of quantity `row` of those with the derivatives `slopes`, by linear propagation; negative
- * where the data do not determine it, only bounds hold it, or it has no derivative at the estimates. */
+ * where the data do not determine it, only limits hold it, or it has no derivative at the estimates. */
 static double spread_of(struct frame *f, long row, long count, const long *rows, const long *tangents,
     const long *columns, const double *slopes, double *gradient)
 {{
@@ -44,7 +44,7 @@ static double spread_of(struct frame *f, long row, long count, const long *rows,
             if (gradient[j] != 0.0)
                 variance += gradient[i] * f->covariance[i * n + j] * gradient[j];
     }}
-    if (!isfinite(variance) || held_by_bounds(n, f->sides, gradient))
+    if (!isfinite(variance) || held_by_limits(f->system, &f->work, gradient, row, count, rows, tangents, columns))
         return -1.0;
     return variance > 0.0 ? sqrt(variance) : 0.0;
 }}

@@ -14,6 +14,7 @@ from mbm.emit.python.program import PROGRAM, SHOWING
 from mbm.emit.python.rows import clause_functions, finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
 from mbm.emit.python.text import WIDTH, docstring, literal, optional, remark
+from mbm.emit.routines.derived import OPEN
 from mbm.emit.routines.modules import called_in_python, emitted_module
 from mbm.emit.routines.noises import SCATTER, SQUARES, TOLD
 from mbm.emit.routines.untold import ASSUMPTIONS
@@ -173,7 +174,7 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         ("DATA_COUNT", description.DataSet.count),
     ]
     values += [("DATA_COLUMNS", description.DataBlock.columns), ("DATA_ROWS", description.DataBlock.rows)]
-    values += [("SCATTER", SCATTER), ("SQUARES", SQUARES), ("ASSUMPTIONS", ASSUMPTIONS)]
+    values += [("SCATTER", SCATTER), ("SQUARES", SQUARES), ("ASSUMPTIONS", ASSUMPTIONS), ("OPEN", OPEN)]
     if blueprint.agreement is None:
         yield "KEPT = False"
     else:

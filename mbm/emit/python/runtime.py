@@ -222,21 +222,20 @@ def spread(
     p: Prepared, size: int, places: Indices, lines: Any, slopes: Array, matrix: Array, *, deficient: bool
 ) -> Array:
     """Standard deviations (size,) by linear propagation; NaN for what is not determined or has no derivative."""
-    gradient, loose = np.zeros((size, p.free)), np.zeros(size, dtype=bool)
-    for line, place, slope in zip(lines, places, slopes, strict=True):
-        if p.column[place] >= 0:
-            gradient[line, p.column[place]] += slope
-        elif not p.fixed[place] and slope != 0.0:
-            loose[line] = True
-    sigma = np.full(size, np.nan)
-    for line in np.flatnonzero(~loose):
-        own = view(gradient[line])
-        free = deficient and not determines(p.system, own, p.work)
-        if free or held_by_bounds(p.free, p.work.answer.sides, own) or is_untold(p.free, p.apart, p.covariances, own):
+    sigma, n, count = np.full(size, np.nan), p.free, len(lines)
+    rows, every, slopes = view(lines, int), np.arange(count + 1), view(slopes)
+    columns = view([p.column[i] if p.column[i] >= 0 or p.fixed[i] else OPEN for i in places], int)
+    for which in range(size):
+        own = reals(n)
+        if not gather_gradient(n, which, count, rows, every, columns, slopes, own):
             continue
-        on = gradient[line] != 0.0
-        variance = gradient[line, on] @ matrix[np.ix_(on, on)] @ gradient[line, on]
-        sigma[line] = math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else np.nan
+        free = deficient and not determines(p.system, own, p.work)
+        held = held_by_limits(p.system, p.work, own, which, count, rows, every, columns)
+        if free or held or is_untold(n, p.apart, p.covariances, own):
+            continue
+        on = own[:n] != 0.0
+        variance = own[:n][on] @ matrix[np.ix_(on, on)] @ own[:n][on]
+        sigma[which] = math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else np.nan
     return sigma
 
 

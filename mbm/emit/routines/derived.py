@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Reals
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.solver.covariance import STILL, reflect_constraints, set_scales, to_null_space
+from mbm.solver.description import Problem
 from mbm.solver.linear_algebra import dot, filled
+from mbm.solver.trust_region import constraint_count
+from mbm.solver.workspace import Work
 
 OPEN = -2
 """The column of a coordinate that the data do not determine."""
@@ -37,18 +41,84 @@ def gather_gradient(
     return 1
 
 
-def held_by_bounds(n: Integer, sides: ConstantIntegers, gradient: ConstantReals) -> Integer:
-    """1 where a quantity with the ``gradient`` (n,) varies only as estimates leave the bounds that hold them.
+def held_by_limits(
+    problem: Problem,
+    work: Work,
+    gradient: ConstantReals,
+    which: Integer,
+    count: Integer,
+    rows: ConstantIntegers,
+    tangents: ConstantIntegers,
+    columns: ConstantIntegers,
+) -> Integer:
+    """1 where quantity ``which`` changes only as estimates leave the limits that hold them, see `gather_gradient`.
 
-    ``sides`` (n,) are not 0 where a bound holds a coordinate.
+    Also where it does not change at all and is calculated from such. After a solve. 0: it changes with other estimates,
+    too, or equations alone keep it.
     """
-    held = 0
-    for i in range(n):
-        if gradient[i] != 0.0:
-            if sides[i] == 0:
-                return 0
-            held = 1
-    return held
+    if dot(problem.n, gradient, gradient) == 0.0:
+        return made_of_limits(problem, work, which, count, rows, tangents, columns)
+    if share_beside(problem, work, 0, gradient) <= STILL:
+        return 0
+    return 1 if share_beside(problem, work, 1, gradient) <= STILL else 0
+
+
+def share_beside(problem: Problem, work: Work, limits: Integer, gradient: ConstantReals) -> Real:
+    """The share of the scaled length of a ``gradient`` (n,) that is along the surface of equations; 0: it is zero.
+
+    ``limits`` 1: along that of the bounds and inequalities that hold, too.
+    """
+    n = problem.n
+    answer = work.answer
+    scale = work.scale
+    line = work.line
+    holding = holding_constraints(problem, work)
+    for c in range(holding):
+        work.forces[c] = work.held[c] if limits == 1 or work.equation[c] == 1 else 0.0
+    for j in range(n):
+        work.chosen[j] = j
+    set_scales(problem, n, work.chosen, answer.triangle, holding, work.forces, work.slopes, scale)
+    whole = 0.0
+    count = 0
+    for j in range(n):
+        share = gradient[j] / scale[j]
+        whole += share * share
+        if limits == 0 or answer.sides[j] == 0:
+            work.chosen[count] = j
+            scale[count] = scale[j]
+            line[count] = share
+            count += 1
+    found = reflect_constraints(n, count, work.chosen, scale, holding, work.forces, work.slopes, work.reflections)
+    to_null_space(count, found, work.reflections, line)
+    return sqrt(dot(count - found, line[found:], line[found:]) / whole) if whole > 0.0 else 0.0
+
+
+def holding_constraints(problem: Problem, work: Work) -> Integer:
+    """How many constraints may hold after a solve."""
+    return constraint_count(problem, work.rows.data) if work.penalised == 1 else 0
+
+
+def made_of_limits(
+    problem: Problem,
+    work: Work,
+    which: Integer,
+    count: Integer,
+    rows: ConstantIntegers,
+    tangents: ConstantIntegers,
+    columns: ConstantIntegers,
+) -> Integer:
+    """1 where quantity ``which`` is calculated from an estimate that limits hold, alone or with others."""
+    holding = holding_constraints(problem, work)
+    for k in range(count):
+        place = columns[tangents[k]]
+        if rows[k] == which and place >= 0:
+            if work.answer.sides[place] != 0:
+                return 1
+            for c in range(holding):
+                slope = work.slopes[c * problem.n + place]
+                if work.held[c] != 0.0 and work.equation[c] == 0 and slope != 0.0:
+                    return 1
+    return 0
 
 
 def put_spread(

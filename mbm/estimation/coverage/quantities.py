@@ -16,7 +16,7 @@ from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust.curvature import FARTHER, MOST_DERIVED, MOST_LINES
 from mbm.estimation.trust.farthest import farthest
 from mbm.estimation.uncertainty.derived import Propagation
-from mbm.estimation.uncertainty.observability import STILL
+from mbm.solver.covariance import STILL
 from mbm.values import dataclass
 
 BETWEEN = 64

@@ -14,12 +14,13 @@ from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.uncertainty.degrees import common
-from mbm.estimation.uncertainty.observability import STILL, limited, pinned, pinned_coordinates, propagate
+from mbm.estimation.uncertainty.observability import limited, pinned, pinned_coordinates, propagate
 from mbm.estimation.uncertainty.statistics import Statistics
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of
 from mbm.problem.tables import Table
 from mbm.problem.types import Derived, Problem
+from mbm.solver.covariance import STILL
 from mbm.values import dataclass
 
 GRADIENT_LIMIT = 20_000_000

@@ -8,6 +8,7 @@ from mbm.equations.metric import metric, taken_away
 from mbm.equations.triangle import triangle
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum, Observability, Propagated
 from mbm.estimation.uncertainty.freedom import free_combinations
+from mbm.solver.covariance import STILL
 from mbm.solver.decisions import SHARE, decided_rank
 from mbm.values import dataclass
 
@@ -73,10 +74,6 @@ def propagate(gradient: Floats, observed: Observability, estimated: Covariance) 
 
 FEW_NUMBERS = 1000
 """Numbers in a Jacobian up to which its singular values are found in half the time without its triangle (measured)."""
-
-
-STILL = 1e-9
-"""What rounding makes of no movement, as a share of one, where columns have length 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
