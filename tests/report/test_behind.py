@@ -105,3 +105,31 @@ def test_a_point_in_the_plane_of_the_camera_is_no_number_and_said_so() -> None:
     assert [label.place.row for label in diagnostic.labels] == [4]
     assert solved.first.record.raw_residuals()["d"].behind == (2, 4)
     json.dumps(solved.document(), allow_nan=False)
+
+
+MIRRORED = """
+(problem mirrored {keys}
+  (data d external)
+  (camera cam :focal (500 500) :center (320 240))
+  (unknowns (T (pose 3){start}))
+  (observe d (= [u v] (project cam (transform T [x y z]))) :sigma 1px))"""
+
+
+@pytest.mark.parametrize("keys", ["", "(for-each k)"])
+def test_an_answer_that_is_mostly_behind_the_camera_says_so(keys: str) -> None:
+    """An image whose second coordinate grows upwards: the mirror image behind the camera fits, and is no answer."""
+    generator = np.random.default_rng(2)
+    points = generator.uniform(-0.5, 0.5, size=(24, 3))
+    seen = points + np.array([0.1, 0.0, 3.0])
+    uv = 500 * seen[:, :2] / seen[:, 2:] * [1, -1] + [320, 240] + generator.normal(size=(24, 2))
+    data = dict(zip(("x", "y", "z", "u", "v"), (*points.T, *uv.T), strict=True)) | {"k": np.repeat([1.0, 2.0], 12)}
+    start = " :init (pose3 (rot-y 180deg) [-0.1 0 -3])"
+    solved = mbm.loads(MIRRORED.format(keys=keys, start=start)).solve(data={"d": data})
+    for solve in solved.solves:
+        assert solve.status == "converged"
+        count = len(solve.record.raw_residuals()["d"].behind)
+        (said,) = [each for each in solve.diagnostics if each.code.name == "behind-camera"]
+        assert said.message.startswith(f"the points of {count} of {count} rows of `d` are behind the camera")
+        assert count == 24 // len(solved.solves)
+    upright = mbm.loads(MIRRORED.format(keys=keys, start="").replace("(500 500)", "(500 -500)")).solve(data={"d": data})
+    assert not [each for solve in upright.solves for each in solve.diagnostics if each.code.name == "behind-camera"]

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations.at_rows import AtRows
 from mbm.equations.faults import PRIOR_AGAINST_DATA
 from mbm.equations.losses import rooted_residuals, rooted_slopes
 from mbm.equations.metric import roundings
-from mbm.equations.solves import Counted, counted_of, mean_roots, used_rows
+from mbm.equations.solves import Counted, Lines, counted_of, mean_roots, used_rows
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.components import degrees_columns, informing_slopes
 from mbm.estimation.batches.doubts import doubtful, stationary
@@ -27,12 +28,14 @@ from mbm.estimation.batches.factor import (
     sandwiches,
 )
 from mbm.estimation.batches.portion import DerivedColumns, Portion, derived_columns, stated
+from mbm.estimation.batches.raw import rows_of
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.surface import held_back, limited_columns, near_limits
 from mbm.estimation.batches.types import Columns, Descent, Ends, Limits, Remarks, Rows, Which, places_of
 from mbm.estimation.consensus.units import outlying
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
 from mbm.estimation.trust import faults
+from mbm.estimation.trust.behind import mostly_behind
 from mbm.estimation.trust.coarse import of_readings, uneven_rows
 from mbm.estimation.trust.fits import Fits, Said
 from mbm.estimation.trust.hidden import hidden_outliers
@@ -122,7 +125,7 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
         challenged=_challenged(ends, other=lossy or stack.equations.likely or surface is not None),
         log_likelihood=counts.log_likelihood,
         degrees=replace(degrees, limited=limited),
-        remarks=_remarks(fits, sigma0, tails, degrees.poor),
+        remarks=_remarks(fits, sigma0, tails, degrees.poor, partial(rows_of, problem, stack, points=ends.points)),
         limits=_limits(problem, stack, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
@@ -133,6 +136,7 @@ REMARKED = frozenset(
     for code in (
         PRIOR_AGAINST_DATA,
         faults.AUTOCORRELATED_RESIDUALS,
+        faults.BEHIND_CAMERA,
         faults.COARSE_READINGS,
         faults.HIDDEN_OUTLIERS,
         faults.IMPROBABLE_NOISE,
@@ -171,11 +175,11 @@ def _fits(
     )
 
 
-def _remarks(fits: Fits, sigma0: Floats, tails: Floats, poor: Mask) -> Remarks:
+def _remarks(fits: Fits, sigma0: Floats, tails: Floats, poor: Mask, seeing: Callable[[Lines], AtRows]) -> Remarks:
     """The warnings about K solves, of a χ² with the probability ``tails`` (K,) of one as large.
 
     ``sigma0`` (K,) is the root mean square of the residuals per degree of freedom. ``poor`` (K,): the noise is told by
-    too few rows.
+    too few rows. ``seeing`` gives rows at the ends.
     """
     span, unlikely = fits.problem.span, improbable(tails, sigma0, lossy=fits.solves.equations.lossy)
     noise = (
@@ -184,7 +188,8 @@ def _remarks(fits: Fits, sigma0: Floats, tails: Floats, poor: Mask) -> Remarks:
     )
     small = ((place, partial(faults.small_sample, span)) for place in np.flatnonzero(poor).tolist())
     rows = uneven_rows(fits, overstated(tails, sigma0))
-    said: tuple[Said, ...] = (noise, hidden_outliers(fits), rows, of_readings(fits), small, strained(fits))
+    behind = mostly_behind(fits.problem, fits.solves, len(sigma0), seeing)
+    said: tuple[Said, ...] = (behind, noise, hidden_outliers(fits), rows, of_readings(fits), small, strained(fits))
     found: dict[int, tuple[Callable[[], Diagnostic], ...]] = {}
     for place, make in chain.from_iterable(said):
         found[place] = (*found.get(place, ()), make)

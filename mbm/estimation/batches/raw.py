@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from mbm.equations.at_rows import AtRows
-from mbm.equations.types import Indices
+from mbm.equations.solves import Lines
+from mbm.equations.types import Floats, Indices
 from mbm.estimation.batches.portion import Portion
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Columns
@@ -23,26 +24,10 @@ def raw_rows(problem: Problem, stack: Stack, which: range, columns: Columns) -> 
     portion = Portion(stack, which)
     for number, each in enumerate(portion.lines):
         group, solve, slots = each.group, each.solve, each.slots
-        owner, positions = group.kernel.owner, each.positions
-        block = problem.blocks[owner]
-        if block.role is not BlockRole.OBSERVATION or not len(solve):
+        owner = group.kernel.owner
+        if problem.blocks[owner].role is not BlockRole.OBSERVATION or not len(solve):
             continue
-        table = None if block.table is None else stack.tables[block.table]
-
-        def numbers(places: Indices | int, solve: Indices = solve) -> Values:
-            return np.asarray(columns.points[solve, places])
-
-        rows = AtRows(
-            count=len(solve),
-            group=group,
-            lines=each.place,
-            layout=stack.equations.layout,
-            table=table,
-            positions=positions,
-            tables=stack.tables,
-            numbers=numbers,
-            pick=stack.arranged.pick,
-        )
+        rows = rows_of(problem, stack, each, columns.points)
         every = np.ones(slots.shape, dtype=bool)
         yield RawRows(
             owner=owner,
@@ -51,5 +36,25 @@ def raw_rows(problem: Problem, stack: Stack, which: range, columns: Columns) -> 
             values=portion.values(number, columns.points),
             counting=every if columns.counting is None else columns.counting[solve[:, None], slots],
             behind=rows.behind(),
-            rows=np.ones(len(solve), dtype=np.int64) if table is None else table.rows[positions],
+            rows=np.ones(len(solve), dtype=np.int64) if rows.table is None else rows.table.rows[rows.positions],
         )
+
+
+def rows_of(problem: Problem, stack: Stack, lines: Lines, points: Floats) -> AtRows:
+    """The rows of a group that some solves have, at one of the ``points`` (K, N) for each."""
+    table = problem.blocks[lines.group.kernel.owner].table
+
+    def numbers(places: Indices | int) -> Values:
+        return np.asarray(points[lines.solve, places])
+
+    return AtRows(
+        count=len(lines.solve),
+        group=lines.group,
+        lines=lines.place,
+        layout=stack.equations.layout,
+        table=None if table is None else stack.tables[table],
+        positions=lines.positions,
+        tables=stack.tables,
+        numbers=numbers,
+        pick=stack.arranged.pick,
+    )

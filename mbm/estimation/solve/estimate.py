@@ -35,6 +35,7 @@ from mbm.estimation.search.twins import derived_agreement
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, reached
+from mbm.estimation.trust.behind import behind_at
 from mbm.estimation.trust.contradiction import contradictions
 from mbm.estimation.trust.curvature import Curvature, curvature
 from mbm.estimation.trust.plausibility import doubts, fit_of, of_residuals
@@ -246,7 +247,7 @@ def answered(
         elsewhere=propagation.elsewhere,
         diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *said),
         unexamined=lambda: unexamined(propagation, minimum, derived, bent()),
-        doubts=lambda: (*beside()[1], *doubts(propagation, minimum, derived, bent())),
+        doubts=lambda: (*beside()[1], *behind_at(propagation, minimum), *doubts(propagation, minimum, derived, bent())),
         doubts_of=partial(_doubts_of, propagation, minimum),
         influence=_influence(outcome, robust),
         lock=lock,

@@ -56,6 +56,14 @@ HIDDEN_OUTLIERS = Code(
     "Check the rows that are named. State the noise that most rows have with `:sigma`, and reject outliers "
     "by `:robust`; or let the residuals tell it, with a loss (`:sigma (unknown FORM) :loss cauchy`).",
 )
+BEHIND_CAMERA = Code(
+    "behind-camera",
+    "Most rows of a clause see points that are behind their camera: by the model, such points have an image, turned by "
+    "180°; by a camera they have none. The answer is the mirror image of what was photographed (a warning).",
+    "Look at the axes: a camera that looks along −z has `:axes opengl`, an image whose second coordinate grows upwards "
+    "a focal length of the other sign, `:focal (f (- f))`. If they are right, give the pose an `:init` before the "
+    "camera.",
+)
 SMALL_SAMPLE = Code(
     "small-sample",
     "The noise is estimated from so few rows that even intervals with Student's t and the corrections for small "
@@ -147,6 +155,18 @@ def autocorrelated_residuals(
         place=span,
         hint=AUTOCORRELATED_RESIDUALS.mend,
         severity=Severity.WARNING,
+    )
+
+
+def behind_camera(span: Span, name: str, behind: int, rows: int) -> Diagnostic:
+    """Most rows of a clause see points behind the camera."""
+    return Diagnostic(
+        code=BEHIND_CAMERA,
+        severity=Severity.WARNING,
+        message=f"the points of {behind} of {rows} rows of `{name}` are behind the camera, which sees none there: "
+        "look at its `:axes` and the signs of `:focal`",
+        place=span,
+        hint=BEHIND_CAMERA.mend,
     )
 
 

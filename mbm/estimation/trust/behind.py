@@ -1,0 +1,47 @@
+"""Whether most rows of a clause see their points behind the camera: a mirror image, which no photograph shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from mbm.equations.at_rows import AtRows, pinholes, rows_at
+from mbm.equations.solves import Lines, Solves, alone
+from mbm.equations.types import Indices, Minimum
+from mbm.estimation.trust import faults
+from mbm.estimation.trust.fits import Said, only
+from mbm.estimation.uncertainty.derived import Propagation
+from mbm.problem.types import BlockRole, Problem
+from mbm.text.types import Diagnostic
+
+
+def behind_at(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic, ...]:
+    """The warnings about one solve at its end."""
+    problem, equations = propagation.problem, propagation.equations
+    if not any(map(pinholes, equations.groups)):
+        return ()
+
+    def seeing(lines: Lines) -> AtRows:
+        return rows_at(problem, lines.group, equations.layout, propagation.binder.tables, minimum.point)
+
+    return only(mostly_behind(problem, alone(equations), 1, seeing))
+
+
+@np.errstate(all="ignore")
+def mostly_behind(problem: Problem, solves: Solves, count: int, seeing: Callable[[Lines], AtRows]) -> Said:
+    """Warnings about K = ``count`` solves; ``seeing`` gives rows at their ends."""
+    found: dict[int, Indices] = {}
+    for each in solves.lines:
+        owner = each.group.kernel.owner
+        if problem.blocks[owner].role is not BlockRole.OBSERVATION or not pinholes(each.group) or not len(each.solve):
+            continue
+        behind = seeing(each).behind()
+        if behind is not None:
+            own = found.setdefault(owner, np.zeros((2, count), dtype=np.int64))
+            own += [np.bincount(each.solve[behind], minlength=count), np.bincount(each.solve, minlength=count)]
+    for owner, (behind, rows) in found.items():
+        block = problem.blocks[owner]
+        for place in np.flatnonzero(2 * behind > rows).tolist():
+            yield place, partial(faults.behind_camera, block.span, block.name, int(behind[place]), int(rows[place]))
