@@ -93,19 +93,21 @@ def elaborated(
     program: Program, name: str | None, inputs: Inputs, registry: Registry, load: Loader | None = None
 ) -> Elaborated:
     """Definitions and tables → typed equations, checked as far as no number decides; ``load`` reads the tables."""
+    from mbm.expression.algebra import noting_constants
     from mbm.language.limits import recursion_room
     from mbm.problem.builder import elaborate
     from mbm.problem.clauses import select_problem
 
-    definition = select_problem(program, name)
-    with recursion_room(registry.limits):
-        return elaborate(
+    definition, asked = select_problem(program, name), set[str]()
+    with recursion_room(registry.limits), noting_constants(asked):
+        found = elaborate(
             program,
             definition,
             registry.front(drawing=inputs.drawing),
             inputs.overrides,
             load or (lambda wanted: loaded(wanted, program.base, inputs, registry)),
         )
+    return replace(found, consulted=replace(found.consulted, constants=tuple(sorted(asked))))
 
 
 def loaded(

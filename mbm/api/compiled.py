@@ -147,15 +147,18 @@ class CompiledProblem:
         if not any(constant.sigmas for constant in problem.constants):
             return result
         # Loaded by problems with uncertain constants only, so that the others start at once.
-        from mbm.api.considered import with_constants
+        from mbm.api.considered import given, with_constants
+        from mbm.problem.other_numbers import with_numbers
 
-        begun = replace(settings, init=_begun(result), progress=None)
+        begun, names = replace(settings, init=_begun(result), progress=None), self.kept.mentioned(problem)
 
-        def again(inputs: Inputs) -> Result:
-            other = compiled(self.origin, inputs, self.backend)
-            return other._solved(begun, other._for(data))
+        def again(numbers: Mapping[str, float]) -> Result:
+            if (found := with_numbers(now.elaborated, numbers)) is not None:
+                return self._solved(begun, replace(now, elaborated=compiler.checked(found, names)))
+            other = compiled(self.origin, given(self.inputs, problem.constants, numbers), self.backend)
+            return self._solved(begun, other._for(data))
 
-        return with_constants(result, problem, self.inputs, again)
+        return with_constants(result, problem, again)
 
     def _solved(self, settings: SolveSettings, now: Compilation) -> Result:
         """The report of a solve with constants as they are."""

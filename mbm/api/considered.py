@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from typing import TypeAlias
 
 from mbm.compiler import Inputs
 from mbm.problem.overrides import ConstantValue, Override
@@ -14,6 +15,12 @@ from mbm.report.spreads import ConsideredConstant, Floats
 from mbm.report.types import Result
 from mbm.scales import SI
 from mbm.text.types import MbmError
+
+Numbers: TypeAlias = Mapping[str, float]
+"""Numbers of constants in SI, by the names of the constants' elements."""
+
+Again: TypeAlias = Callable[[Numbers], Result]
+"""The problem solved again with others."""
 
 
 def without_variance_of(problem: Problem) -> str | None:
@@ -28,32 +35,43 @@ def without_variance_of(problem: Problem) -> str | None:
     return next(iter([*constants, *priors]), None)
 
 
-def with_constants(result: Result, problem: Problem, inputs: Inputs, again: Callable[[Inputs], Result]) -> Result:
+def with_constants(result: Result, problem: Problem, again: Again) -> Result:
     """The ``result`` with the uncertainties of constants, for which the ``problem`` is solved ``again`` with others."""
     constants = problem.constants
-    pairs = moved(constants, inputs, again)
+    pairs = moved(constants, again)
     places = list(_uncertain(constants))
     spans = {each.name: each.span for each in problem.unknowns} | {each.name: each.span for each in problem.derived}
 
     def solved(steps: Floats) -> Result | None:
         try:
-            return again(_moved(inputs, dict(zip(places, steps.tolist(), strict=True))))
+            return again(_moved(dict(zip(places, steps.tolist(), strict=True))))
         except MbmError:
             return None
 
     return with_bends(considered(result, pairs), result, solved, spans)
 
 
-def moved(
-    constants: tuple[ConstantValue, ...], inputs: Inputs, again: Callable[[Inputs], Result]
-) -> list[tuple[ConsideredConstant, Result, Result]]:
+def moved(constants: tuple[ConstantValue, ...], again: Again) -> list[tuple[ConsideredConstant, Result, Result]]:
     """Each number of the uncertain ``constants``, and what is found ``again`` with it below and above its value."""
     found = []
     for place in _uncertain(constants):
         named = _named(*place)
-        below, above = (again(_moved(inputs, {place: side * share_of(named)})) for side in (-1.0, 1.0))
+        below, above = (again(_moved({place: side * share_of(named)})) for side in (-1.0, 1.0))
         found.append((named, below, above))
     return found
+
+
+def given(inputs: Inputs, constants: tuple[ConstantValue, ...], numbers: Numbers) -> Inputs:
+    """Inputs with these numbers of constants in place of what the file says."""
+    others = {
+        constant.name: tuple(
+            numbers.get(name, own) for name, own in zip(constant.elements, constant.values, strict=True)
+        )
+        for constant in constants
+        if not numbers.keys().isdisjoint(constant.elements)
+    }
+    overrides = {name: Override(name=name, values=values, computed=True) for name, values in others.items()}
+    return replace(inputs, overrides={**inputs.overrides, **overrides})
 
 
 def _named(constant: ConstantValue, place: int) -> ConsideredConstant:
@@ -75,10 +93,9 @@ def _uncertain(constants: tuple[ConstantValue, ...]) -> Iterator[tuple[ConstantV
         yield from ((constant, place) for place, sigma in enumerate(constant.sigmas) if sigma > 0.0)
 
 
-def _moved(inputs: Inputs, steps: Mapping[tuple[ConstantValue, int], float]) -> Inputs:
-    """Inputs with numbers of constants moved by so many standard deviations."""
-    values = {constant.name: list(constant.values) for constant, _ in steps}
-    for (constant, place), step in steps.items():
-        values[constant.name][place] += step * constant.sigmas[place]
-    given = {name: Override(name=name, values=tuple(own), computed=True) for name, own in values.items()}
-    return replace(inputs, overrides={**inputs.overrides, **given})
+def _moved(steps: Mapping[tuple[ConstantValue, int], float]) -> Numbers:
+    """Numbers of constants moved by so many standard deviations."""
+    return {
+        constant.elements[place]: constant.values[place] + step * constant.sigmas[place]
+        for (constant, place), step in steps.items()
+    }

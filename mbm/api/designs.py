@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol, TypedDict
 import numpy as np
 
 from mbm import compiler
-from mbm.api.considered import moved
+from mbm.api.considered import Numbers, given as given_numbers, moved
 from mbm.api.planned import Plan, Planner
 from mbm.compiler import Inputs, SolveSettings
 from mbm.equations.selection import Selection, selections
@@ -118,13 +118,14 @@ def design_of(
     exact, notes = _exact(every, wish.solve, problem, inputs, given or {})
     solved = _solved(exact.of(every), problem, inputs)
 
-    def again(inputs: Inputs) -> Result:
-        other = compiler.elaborated(problem.program, problem.name, inputs, problem.registry, lambda _: exact.raw)
-        return _solved(exact.of(other), problem, inputs)
+    def again(numbers: Numbers) -> Result:
+        others = given_numbers(inputs, every.problem.constants, numbers)
+        other = compiler.elaborated(problem.program, problem.name, others, problem.registry, lambda _: exact.raw)
+        return _solved(exact.of(other), problem, others)
 
     pairs = [
         (constant, (below.solves[0], above.solves[0]))
-        for constant, below, above in moved(every.problem.constants, inputs, again)
+        for constant, below, above in moved(every.problem.constants, again)
     ]
     return designed(solved.solves[0], plan.candidates, wish, key=key, point=point, notes=notes, moved=pairs)
 

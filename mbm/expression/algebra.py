@@ -7,7 +7,9 @@ dimensions are both open, or both known, are combined; and no temperatures that 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from fractions import Fraction
 
 from mbm.expression.nodes import (
@@ -346,6 +348,27 @@ _UNFOLDED = CONDITIONS | {Operation.IF, Operation.EXTERNAL}
 """Operations whose value is no number, or that choose one, or that only a solve computes."""
 
 
+_asked: ContextVar[set[str] | None] = ContextVar("asked", default=None)
+
+
+@contextmanager
+def noting_constants(names: set[str]) -> Iterator[None]:
+    """Inside, the ``names`` of constants whose values decide what is compiled are noted, wherever it is deep inside."""
+    token = _asked.set(names)
+    try:
+        yield
+    finally:
+        _asked.reset(token)
+
+
+def known_value(node: Number | Constant) -> int | Fraction | float:
+    """The value of a number or constant, that decides what is compiled."""
+    names = _asked.get()
+    if names is not None and isinstance(node, Constant):
+        names.add(node.name)
+    return node.value
+
+
 def constant_value(node: Expression) -> int | Fraction | float | None:
     """The value of an expression over numbers and constants only, or None if it holds anything else.
 
@@ -354,7 +377,7 @@ def constant_value(node: Expression) -> int | Fraction | float | None:
 
     """
     if isinstance(node, Number | Constant):
-        return node.value
+        return known_value(node)
     if not isinstance(node, Apply):
         return None
     values: dict[int, int | Fraction | float] = {}
@@ -367,5 +390,5 @@ def constant_value(node: Expression) -> int | Fraction | float | None:
         if isinstance(each, Apply):
             values[id(each)] = fold_values(each.operation, [values[id(a)] for a in each.arguments])
         elif isinstance(each, Number | Constant):
-            values[id(each)] = each.value
+            values[id(each)] = known_value(each)
     return values[id(node)]

@@ -32,11 +32,13 @@ class Consulted:
     """Which values of the tables the equations were made for: with others, they may be others, or wrong.
 
     ``keyed`` are the tables of families of which a member was named by its key. ``everything``: no account was kept.
+    ``constants`` are the names of numbers of constants whose values decided something.
     """
 
     groupings: tuple[Grouping, ...] = ()
     keyed: tuple[str, ...] = ()
     everything: bool = False
+    constants: tuple[str, ...] = ()
 
     @property
     def nothing(self) -> bool:

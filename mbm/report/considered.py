@@ -150,7 +150,8 @@ def _residuals(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pai
     told, squares = solve.chi2_p, float(own @ own)
     if solve.dof is None or solve.cost is None or solve.robust_cost is not None:
         return None
-    if not np.isclose(*((squares, solve.cost) if told is None else (chi_square_tail(squares, solve.dof), told))):
+    both = (squares, solve.cost) if told is None else (chi_square_tail(squares, solve.dof), told)
+    if not np.isclose(*both, atol=0.0):
         return None
     if any(each.shape != own.shape for pair in pairs for each in pair):
         return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from math import prod
 
+from mbm.expression.algebra import known_value
 from mbm.expression.nodes import Column, ColumnMember, Component, Constant, LiteralMember, Member, Number, nearest
 from mbm.expression.rows import RowChoice
 from mbm.expression.units import parse_unit
@@ -122,7 +123,7 @@ def stretch(work: Workspace, form: Form, tables: tuple[Table, ...], column: str,
             right = f"column `{column}` of `{table.name}`, {known.dimension.describe()}"
             raise MbmError(faults.unit_clash(form.span, left, right, ()))
     stated_difference(value, form.span)
-    number = nearest(value.value)
+    number = nearest(known_value(value))
     if not 0 < number < float("inf"):
         raise MbmError(language_faults.bad_form(form.span, f"`{what}` is a number above zero", f"{what} 1s"))
     return number

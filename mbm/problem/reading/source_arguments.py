@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from mbm.expression.algebra import known_value
 from mbm.expression.nodes import Constant, Number, nearest
 from mbm.expression.units import NONE, Dimension, base
 from mbm.language import faults as language_faults
@@ -90,7 +91,7 @@ def _number(evaluator: Evaluator, scope: Scope, form: Form, argument: Argument) 
     value = evaluator.wanted(form, scope)
     if not isinstance(value, Number | Constant):
         raise MbmError(language_faults.wrong_kind(form.span, wanted, describe(value)))
-    number, dimension = nearest(value.value), value.dimension
+    number, dimension = nearest(known_value(value)), value.dimension
     fits = (None, METRE) if argument.kind is ArgumentKind.LENGTH else (None, NONE)
     if dimension not in fits:
         raise MbmError(language_faults.wrong_kind(form.span, wanted, f"`{form.span.text}`"))

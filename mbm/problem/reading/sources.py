@@ -7,6 +7,7 @@ from dataclasses import field, replace
 from graphlib import CycleError, TopologicalSorter
 from typing import TypeAlias
 
+from mbm.expression.algebra import known_value
 from mbm.expression.nodes import Constant, Number, nearest
 from mbm.expression.units import Dimension, Unit, parse_unit, scale_of
 from mbm.language import faults as language_faults
@@ -322,7 +323,7 @@ def _cell(evaluator: Evaluator, scope: Scope, form: Form) -> tuple[float | str, 
     if isinstance(form, Numeral) and isinstance(value, Number) and value.absolute:
         return nearest(form.value), form.unit
     if isinstance(value, Number | Constant):
-        return nearest(value.value), value.dimension.symbol() if value.dimension is not None else None
+        return nearest(known_value(value)), value.dimension.symbol() if value.dimension is not None else None
     raise MbmError(language_faults.wrong_kind(form.span, "a number or a text", describe(value)))
 
 
