@@ -41,9 +41,19 @@ def quaternion_of_vector(omega: Floats) -> Floats:
     return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * omega], axis=-1)
 
 
+def signed(q: Floats) -> Floats:
+    """Of unit quaternions (…, 4) and their negatives, which turn alike, those that are reported.
+
+    Their first number that is not zero is positive: w, and of half turns, where w is 0, x, or else y, or else z.
+    """
+    nonzero = q != 0.0
+    first = np.take_along_axis(q, nonzero.argmax(axis=-1)[..., None], axis=-1)
+    return np.where(first < 0.0, -q, q) + 0.0  # no zero is negative
+
+
 def vector_of_quaternion(q: Floats) -> Floats:
     """Log of unit quaternions (…, 4) as rotation vectors (…, 3), no longer than π."""
-    q = np.where(q[..., :1] < 0, -q, q)
+    q = signed(q)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, q[..., :1])
     factor = np.where(sine > 1e-150, angle / np.where(sine > 1e-150, sine, 1.0), 2.0)
@@ -64,7 +74,7 @@ def quaternion_of_matrix(matrices: Floats) -> Floats:
     k[..., 1, 3] = k[..., 3, 1] = m[..., 0, 2] + m[..., 2, 0]
     k[..., 2, 3] = k[..., 3, 2] = m[..., 2, 1] + m[..., 1, 2]
     q = np.linalg.eigh(k)[1][..., -1]
-    return np.where(q[..., :1] < 0, -q, q)
+    return signed(q)
 
 
 def matrix_of_quaternion(q: Floats) -> Floats:

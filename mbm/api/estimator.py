@@ -16,8 +16,9 @@ from mbm.compiler import Inputs
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.stream import Stream, threads
 from mbm.problem.types import Problem
-from mbm.report.elements import GEOMETRIC, number_factors
+from mbm.report.elements import GEOMETRIC, number_factors, quaternion_places
 from mbm.report.types import SolveReport, SolveStatus
+from mbm.rotations import signed
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -94,6 +95,7 @@ class Estimator:
     _factors: Floats = field(repr=False)
     _zeros: Floats = field(repr=False)
     _outer: Floats = field(repr=False)
+    _quaternions: Indices = field(repr=False)
     _plain: bool = field(repr=False)
     _places: Mapping[str, tuple[slice, tuple[int, ...]]] = field(repr=False)
     _made_of: tuple[Origin, Inputs, str] = field(repr=False)
@@ -209,16 +211,19 @@ class Estimator:
         return lengths.astype(np.int64)
 
     def _in_units(self, values: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-        """Values and covariance in the units of the report."""
-        return (values - self._zeros) / self._factors, covariance / self._outer
+        """Values and covariance in the units and with the signs of the report."""
+        found = (values - self._zeros) / self._factors
+        if self._quaternions.size:
+            found[..., self._quaternions] = signed(found[..., self._quaternions])
+        return found, covariance / self._outer
 
     def _answer(self, report: SolveReport) -> tuple[Floats, Floats, float, str]:
         n = len(self.names)
         found = report.covariance
-        matrix = np.full((n, n), np.nan) if found is None or found.matrix is None else found.matrix / self._outer
+        matrix = np.full((n, n), np.nan) if found is None or found.matrix is None else found.matrix
         numbers = np.concatenate([np.ravel(estimate.value) for estimate in report.estimates])
         cost = np.nan if report.cost is None else report.cost
-        return (numbers - self._zeros) / self._factors, matrix, cost, report.status.value
+        return *self._in_units(numbers, matrix), cost, report.status.value
 
 
 def _quickly(
@@ -253,13 +258,14 @@ def estimator(
     if first.covariance is None:
         raise TypeError(first.status)
     factors = np.array(first.covariance.factors)
-    places, scales, zeros, offset = {}, [], [], 0
+    places, scales, zeros, quaternions, offset = {}, [], [], [], 0
     for estimate in first.estimates:
         quantity, size = estimate.quantity, estimate.value.size
         per_number = number_factors(quantity) if quantity.kind in GEOMETRIC else np.array([quantity.scale.factor])
         scales.append(np.resize(per_number, size))
         zeros.append(np.full(size, 0.0 if quantity.kind in GEOMETRIC else quantity.scale.zero))
         places[quantity.name] = (slice(offset, offset + size), estimate.value.shape)
+        quaternions += [range(offset + q, offset + q + 4) for q in quaternion_places(quantity, size)]
         offset += size
     return Estimator(
         inputs=shapes.inputs,
@@ -271,7 +277,10 @@ def estimator(
         _factors=np.concatenate(scales),
         _zeros=np.concatenate(zeros),
         _outer=np.outer(factors, factors),
-        _plain=all(bool((each == 1.0).all()) for each in (factors, *scales)) and not any(each.any() for each in zeros),
+        _quaternions=np.array(quaternions, dtype=np.int64),
+        _plain=all(bool((each == 1.0).all()) for each in (factors, *scales))
+        and not any(each.any() for each in zeros)
+        and not quaternions,
         _places=MappingProxyType(places),
         _made_of=(origin, inputs, backend),
     )

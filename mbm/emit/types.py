@@ -15,6 +15,7 @@ from mbm.emit.foreign import Foreign
 from mbm.kernels.types import Kernel
 from mbm.machine.program import Program
 from mbm.problem.kinds import ConstraintMethod
+from mbm.problem.manifold import Piece
 from mbm.problem.types import BlockRole, Loss, Method, NoiseKind, UnknownKind
 from mbm.scales import Scale
 from mbm.solver.range_maps import RangeMaps
@@ -199,6 +200,11 @@ class UnknownShape:
     unit: Foreign
     scale: Scale
     doc: Foreign
+
+    @property
+    def quaternions(self) -> tuple[int, ...]:
+        """Where quaternions begin among the numbers of a member."""
+        return tuple(number for label, number, _ in self.pieces if label == Piece.QUATERNION.label)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,7 +19,7 @@ from mbm.problem.manifold import Manifold, Piece, manifold_of
 from mbm.problem.naming import member_name, scalar_name
 from mbm.report.digits import Measured, enclosed, measured
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask, Quantity, SolveReport
-from mbm.rotations import hamilton, matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
+from mbm.rotations import hamilton, matrix_of_quaternion, quaternion_of_matrix, signed, vector_of_quaternion
 from mbm.scales import SI
 from mbm.text.printer import plain_number
 from mbm.values import dataclass
@@ -41,6 +41,15 @@ def manifold(quantity: Quantity) -> Manifold:
 def number_factors(quantity: Quantity) -> Floats:
     """SI per unit shown for each number; only translations have a unit."""
     return np.array([f for p, f in _pieces(quantity) for _ in range(p.size)])
+
+
+def quaternion_places(quantity: Quantity, size: int) -> list[int]:
+    """Where quaternions begin among the numbers (size,) of a quantity, of all its members one after the other."""
+    if quantity.kind not in GEOMETRIC:
+        return []
+    found = manifold(quantity)
+    own = [first for piece, first, _ in found.spans() if piece is Piece.QUATERNION]
+    return [member + first for member in range(0, size, found.size) for first in own]
 
 
 def coordinate_factors(quantity: Quantity) -> Floats:
@@ -102,9 +111,19 @@ def _turn(first: Floats, second: Floats) -> Floats:
     return np.asarray(vector_of_quaternion(flat).reshape(*forth.shape[:-1], 3))
 
 
+def shown_numbers(quantity: Quantity, numbers: Floats) -> Floats:
+    """The numbers (…, size) of rotations, poses, similarities or directions in the unit of the quantity; quaternions
+    have the sign that is reported.
+    """
+    shown = numbers / number_factors(quantity)
+    for first in quaternion_places(quantity, shown.shape[-1]):
+        shown[..., first : first + 4] = signed(shown[..., first : first + 4])
+    return np.asarray(shown)
+
+
 def written(quantity: Quantity, numbers: Floats) -> Any:
     """One value (size,) as documents hold it; null where it is not finite. In the unit of the quantity."""
-    shown = np.where(np.isfinite(numbers), numbers, np.nan) / number_factors(quantity)
+    shown = shown_numbers(quantity, np.where(np.isfinite(numbers), numbers, np.nan))
     if not bool(np.isfinite(shown).all()):
         return None
     if quantity.kind is Kind.DIRECTION:

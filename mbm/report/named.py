@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from mbm.expression.units import parse_unit
 from mbm.problem.naming import member_name
-from mbm.report.elements import GEOMETRIC, number_factors, shown_bounds, shown_sigma
+from mbm.report.elements import GEOMETRIC, shown_bounds, shown_numbers, shown_sigma
 from mbm.report.intervals import Intervals, intervals, level_of
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask
-from mbm.rotations import matrix_of_quaternion, planar
+from mbm.rotations import matrix_of_quaternion, planar, signed
 from mbm.scales import SI
 from mbm.values import dataclass
 
@@ -89,7 +89,7 @@ class Named:
         quantity = self.item.quantity
         value = np.asarray(self.item.value)
         geometric = quantity.kind in GEOMETRIC
-        shown = value / number_factors(quantity) if geometric else quantity.scale.from_si(value)
+        shown = shown_numbers(quantity, value) if geometric else quantity.scale.from_si(value)
         return self._part(np.asarray(shown))
 
     @property
@@ -180,7 +180,9 @@ class Named:
 
     @property
     def quaternion(self) -> Floats:
-        """The unit quaternions (…, 4), w first; rotations of the plane are about z.
+        """The unit quaternions (…, 4), w first, and not negative; rotations of the plane are about z.
+
+        Of half turns, where w is 0, the first number that is not zero is positive.
 
         Raises:
             AttributeError: as for `rotation`.
@@ -191,7 +193,7 @@ class Named:
             return held[..., :4]
         half = held[..., 0] / 2
         none = np.zeros_like(half)
-        return np.stack([np.cos(half), none, none, np.sin(half)], axis=-1)
+        return signed(np.stack([np.cos(half), none, none, np.sin(half)], axis=-1))
 
     @property
     def translation(self) -> Floats:

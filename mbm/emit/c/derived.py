@@ -77,8 +77,10 @@ def derived_functions(blueprint: Blueprint, static: StaticSystem) -> str:
 
 
 def estimates(blueprint: Blueprint) -> str:
-    """The array of the estimates: the numbers of the solver, or a copy of them with angles in (-pi, pi]."""
-    return "estimates" if any(unknown.angles for unknown in blueprint.unknowns) else "point"
+    """The array of the estimates: the numbers of the solver, or a copy of them as they are reported, where that may
+    differ: angles in (-pi, pi], quaternions with a positive first number.
+    """
+    return "estimates" if any(u.angles or u.quaternions for u in blueprint.unknowns) else "point"
 
 
 def capacity(cells: Cells, derived: DerivedShape) -> str:

@@ -132,7 +132,13 @@ def _answer(made: FilterBlueprint) -> Iterator[str]:
             f"    result->{unknown.identifier} = reals + AT_REPORTED + {part.number};",
             f"    result->{unknown.identifier}_sigma = reals + AT_SIGMAS + {part.coordinate};",
         )
-    yield from (*derived_answers(made), "}", "")
+    signed = (plan.parts[u.name].number + quaternion for u in blueprint.unknowns for quaternion in u.quaternions)
+    yield from (
+        *derived_answers(made),
+        *(f"    sign_quaternion(reals + AT_REPORTED + {at});" for at in signed),
+        "}",
+        "",
+    )
 
 
 def _begin(made: FilterBlueprint, cells: Cells) -> Iterator[str]:

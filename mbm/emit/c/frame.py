@@ -125,7 +125,7 @@ def _struct(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         "    double *triangle, *covariance, *multipliers, *spare;",
     )
     if estimates(blueprint) != "point":
-        yield "    double *estimates;    /* the numbers of `point`, angles in (-pi, pi] */"
+        yield "    double *estimates;    /* the numbers of `point` as they are reported */"
     for derived in blueprint.derived:
         yield from (
             f"    double *derived_{derived.identifier}, *derived_{derived.identifier}_sigma;",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
 
-from mbm.emit.c.derived import estimates
 from mbm.emit.c.text import comment, remark
 from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.types import Blueprint, DerivedShape, TableShape, UnknownShape
@@ -113,7 +112,8 @@ def _result(blueprint: Blueprint) -> Iterator[str]:
         "    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */",
         "    long numbers;          /* N, numbers of all unknowns */",
     )
-    turned = ", angles by any turns" if estimates(blueprint) != "point" else ""
+    turned = ", angles by any turns" if any(u.angles for u in blueprint.unknowns) else ""
+    turned += ", quaternions of any sign" if any(u.quaternions for u in blueprint.unknowns) else ""
     yield from (
         f"    const double *point;   /* (N) the estimates, unknown after unknown, member after member{turned} */",
         "    long free;             /* n, estimated coordinates */",

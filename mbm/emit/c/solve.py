@@ -139,6 +139,12 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
         )
         if derived.table is not None:
             yield f"    result->{derived.identifier}_rows = f->derived_{derived.identifier}_count;"
+    for number, unknown in enumerate(blueprint.unknowns):
+        for quaternion in unknown.quaternions:
+            yield from (
+                f"    for (c = f->offsets[{number}] + {quaternion}; c < f->offsets[{number + 1}]; c += {unknown.size})",
+                "        sign_quaternion(f->estimates + c);",
+            )
     yield from (
         f"    if (f->states[{at.DEFICIENT}] != 0)",
         "        mask_undetermined(f->system, &f->work, f->covariance);",
@@ -204,7 +210,7 @@ def _status_of(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
 
 
 def _reported(blueprint: Blueprint) -> Iterator[str]:
-    """The estimates, where they are not the numbers of the solver: angles in (-pi, pi]."""
+    """The estimates, where they are not the numbers of the solver: angles in (-pi, pi]; signs come last."""
     if estimates(blueprint) == "point":
         return
     yield from (
@@ -338,8 +344,7 @@ def _begin(name: str) -> Iterator[str]:
         "        f->covariance[c] = NAN;",
         "    for (c = 0; c < f->system->numbers; c++)",
         "        f->point[c] = f->start[c];",
-        f"    f->states[{at.DEFICIENT}] = 0;",
-        "    f->work.penalised = 0;",
+        f"    f->states[{at.DEFICIENT}] = f->work.penalised = 0;",
         "    for (c = 0; c < n; c++)",
         "        f->sides[c] = 0;",
         "    answer(f, result);",

@@ -112,6 +112,11 @@ def _tables(blueprint: Blueprint) -> Iterator[str]:
                 [(u, n, each.size) for u, each in enumerate(blueprint.unknowns) for n in each.angles],
                 "Unknowns that hold angles: which of them, which of its numbers, of how many.",
             ),
+            *_assigned(
+                "QUATERNIONS",
+                [(u, n, each.size) for u, each in enumerate(blueprint.unknowns) for n in each.quaternions],
+                "Unknowns that hold quaternions: which of them, which of its numbers, of how many.",
+            ),
             *_assigned("FAMILIES", families, "Where their members stand: name, table, key; None: there is one."),
             *_assigned("DERIVED_SHOWN", [f"({each})" for each in derived], "Unit, its factor and its zero in SI."),
             *_assigned(

@@ -148,9 +148,8 @@ class Prepared:
         self.work.integers = integers(work_integers(self.system))
         share_out(self.system, self.work)
         rows = self.work.rows
-        rows.constants, rows.data = self.constants, self.data
-        rows.parameters, rows.whitening = self.parameters, self.weights
-        rows.index, rows.columns = self.index, self.columns
+        rows.constants, rows.data, rows.columns = self.constants, self.data, self.columns
+        rows.parameters, rows.whitening, rows.index = self.parameters, self.weights, self.index
         self.spare = reals(4 * self.free * self.free + 64 + SPARE[0] + (SPARE[1] + 1) * self.free)
         self.kappa, self.told = np.ones(KINDS), reals(TOLD)
         self.apart, self.covariances = reals(ASSUMPTIONS), reals((1 + ASSUMPTIONS) * self.free * self.free)
@@ -227,11 +226,11 @@ def spread(
     columns = view([p.column[i] if p.column[i] >= 0 or p.fixed[i] else OPEN for i in places], int)
     for which in range(size):
         own = reals(n)
-        if not gather_gradient(n, which, count, rows, every, columns, slopes, own):
+        known = gather_gradient(n, which, count, rows, every, columns, slopes, own)
+        if not known or (deficient and not determines(p.system, own, p.work)):
             continue
-        free = deficient and not determines(p.system, own, p.work)
         held = held_by_limits(p.system, p.work, own, which, count, rows, every, columns)
-        if free or held or is_untold(n, p.apart, p.covariances, own):
+        if held or is_untold(n, p.apart, p.covariances, own):
             continue
         on = own[:n] != 0.0
         variance = own[:n][on] @ matrix[np.ix_(on, on)] @ own[:n][on]
@@ -260,7 +259,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         ``robust_cost``, ``freedom``, ``sigma0``; ``estimates``: name → ``value`` (members, size), ``sigma`` (members,
         coordinates; 0: it stays, NaN: not determined, or at a bound), in SI, and ``keys`` (members,) of families;
         ``derived``: name → ``value`` and ``sigma`` (rows, size), in SI; ``covariance`` (n, n), and ``coordinates``
-        (n,): the place of each of its rows among all coordinates; ``point`` (N,): the solver's, angles by any turns;
+        (n,): the place of each of its rows among all coordinates; ``point`` (N,): the solver's, any turns and signs;
         ``agreement``: which ``units`` agree (``inside``, clause by clause, row by row), None without consensus.
 
     Raises:
@@ -287,8 +286,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         cost = float(results[PLAIN_COST])
         if len(NOISY) == 1:  # one unknown factor counts as 1 in the cost
             cost += (factors[0] * factors[0] - 1.0) * spread_of(0, SQUARES)
-        scatter = spread_of(-1, SCATTER) if SCALED else 0.0
-        found = 1
+        scatter, found = spread_of(-1, SCATTER) if SCALED else 0.0, 1
         if LOSSY and states[REASON] != NOT_FINITE_AT_START:
             found = sandwich(p.system, p.work, point, sides, p.spare, covariance)
         elif KEPT and states[REASON] != NOT_FINITE_AT_START:
@@ -307,6 +305,9 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
             mask_undetermined(p.system, p.work, matrix.reshape(-1))
         mask_untold(n, p.apart, p.covariances, matrix.reshape(-1))
         sigma[coordinates] = np.where(sides[:n] != 0, np.nan, np.sqrt(np.diag(matrix)))
+    for u, quaternion, size in QUATERNIONS:
+        for place in range(p.offsets[u] + quaternion, p.offsets[u + 1], size):
+            sign_quaternion(numbers[place:])
     estimates = {}
     for u, name in enumerate(NAMES):
         own, mine = slice(p.offsets[u], p.offsets[u + 1]), slice(p.firsts[u], p.firsts[u + 1])

@@ -19,6 +19,16 @@ def unit_vector(stated: ConstantReals, direction: Reals) -> None:
         direction[i] = stated[i] / length
 
 
+def sign_quaternion(quaternion: Reals) -> None:
+    """The sign that is reported, by `mbm.rotations.signed`: the first number (4,) that is not zero is positive."""
+    first = 0.0
+    for i in range(4):
+        if first == 0.0:
+            first = quaternion[i]
+    for i in range(4):
+        quaternion[i] = (-quaternion[i] if first < 0.0 else quaternion[i]) + 0.0
+
+
 def begun(stated: Real, least: Real, greatest: Real, lower: Real, upper: Real) -> Real:
     """Where a number begins: as stated, else in the middle of the range of starts, else in that of its bounds."""
     found = stated
