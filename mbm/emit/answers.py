@@ -28,7 +28,8 @@ class Reference:
     ``covariance`` (n, n) that of the estimated coordinates (NaN: not determined). ``start`` (N,) is where the solver
     begins: as the problem states, and where it states nothing at the answer. ``elsewhere`` (N,) is where the test
     begins instead (None: at ``start``): where that is the answer, or does not lead there. ``derived`` has values and
-    standard deviations (rows, size) of each derived quantity.
+    standard deviations (rows, size) of each derived quantity. ``condition`` is that of the Jacobian with columns of
+    length 1.
     """
 
     status: str
@@ -40,6 +41,7 @@ class Reference:
     dof: int
     start: Floats
     elsewhere: Floats | None
+    condition: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

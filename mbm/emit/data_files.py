@@ -9,6 +9,7 @@ import numpy as np
 from mbm.emit.answers import FAILED, Floats, Reference
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, GivenTable, OutputFile, TableShape
+from mbm.solver.decisions import EPSILON
 
 MOST_COVARIANCES = 60
 """Coordinates up to which all covariances are kept; beyond only the variances."""
@@ -49,17 +50,21 @@ def field(cell: Foreign) -> str:
 
 
 def _references(blueprint: Blueprint) -> str:
-    """``spread`` is the standard deviation by which a difference is measured where the number itself is small.
-
-    Of a number that constraints make zero but for rounding it is the largest one; of a covariance it is the product of
-    two, `_scales` where they are zero.
+    """``allowed`` is by how much a number of a generated solver may differ from ``value``.
 
     ``start`` is where the test begins, where that is not where the solver begins by itself.
     """
-    lines = ["solve,what,row,column,value,spread"]
+    lines = ["solve,what,row,column,value,allowed"]
     for number, reference in enumerate(blueprint.references):
         lines += [f"{number + 1},{line}" for line in _reference(reference)]
     return "\n".join(lines) + "\n"
+
+
+PROMISED = 1e-9
+"""What generated solvers promise of numbers, or of their standard deviations where these are larger, …"""
+EACH_WAY = 2.0
+"""… unless the condition leaves less: by so much grow roundings of J's columns, each an epsilon of its length, in the
+inverse of its triangle. In the covariance, its square, they are there twice."""
 
 
 def _reference(reference: Reference) -> Iterator[str]:
@@ -74,24 +79,34 @@ def _reference(reference: Reference) -> Iterator[str]:
         for i, value in enumerate(() if reference.elsewhere is None else reference.elsewhere)
         if np.isfinite(value)
     )
+    yield f"freedom,0,0,{reference.dof},0"
+    close = max(PROMISED, EACH_WAY * EPSILON * reference.condition)
+    for what, row, column, value, spread in _numbers(reference):
+        yield f"{what},{row},{column},{value!r},{close * max(abs(value), spread)!r}"
+
+
+def _numbers(reference: Reference) -> Iterator[tuple[str, int, int, float, float]]:
+    """What is compared: what it is, its place, the number, the standard deviation that differences are held against.
+
+    Of a number that constraints make zero but for rounding that is the largest one; of a covariance it is the product
+    of two, `_scales` where they are zero.
+    """
     largest = float(np.max(reference.spread, initial=0.0))
     for i, (value, own) in enumerate(zip(reference.numbers.tolist(), reference.spread.tolist(), strict=True)):
         if np.isfinite(value):
-            spread = largest if own == 0.0 and abs(value) <= ROUNDED_BASIS * largest else own
-            yield f"number,{i},0,{value!r},{spread!r}"
-    yield from (f"freedom,0,0,{reference.dof},0", f"cost,0,0,{reference.cost!r},1")
+            yield "number", i, 0, value, largest if own == 0.0 and abs(value) <= ROUNDED_BASIS * largest else own
+    yield "cost", 0, 0, reference.cost, 1.0
     for number, (values, sigmas) in enumerate(reference.derived):
         for i, (value, own) in enumerate(zip(values.ravel().tolist(), sigmas.ravel().tolist(), strict=True)):
             if np.isfinite(value) and np.isfinite(own):
-                yield f"derived,{number},{i},{value!r},{own!r}"
-                scale = abs(value) if own <= ROUNDED_BASIS * abs(value) else own
-                yield f"derived sigma,{number},{i},{own!r},{scale!r}"
+                yield "derived", number, i, value, own
+                yield "derived sigma", number, i, own, abs(value) if own <= ROUNDED_BASIS * abs(value) else own
     covariance = reference.covariance
     sigma = _scales(covariance)
     for i in range(len(covariance)):
         for j in range(i + 1) if len(covariance) <= MOST_COVARIANCES else (i,):
             if np.isfinite(covariance[i, j] * sigma[i] * sigma[j]):
-                yield f"covariance,{i},{j},{float(covariance[i, j])!r},{float(sigma[i] * sigma[j])!r}"
+                yield "covariance", i, j, float(covariance[i, j]), float(sigma[i] * sigma[j])
 
 
 def _scales(covariance: Floats) -> Floats:

@@ -237,6 +237,7 @@ def _failed() -> Reference:
         dof=0,
         start=nothing,
         elsewhere=None,
+        condition=1.0,
     )
 
 
@@ -262,6 +263,7 @@ def _reference(solution: Solution, again: Again | None, own: Agreement | RangeMa
         dof=solution.fit.dof,
         start=np.where(unknown, first.numbers, layout.start),
         elsewhere=elsewhere,
+        condition=solution.observability.condition,
     )
 
 

@@ -158,8 +158,9 @@ def test_the_test_of_a_solver_that_begins_at_the_answer_begins_elsewhere(target)
     files = {file.path: file.content.decode() for file in of_text(SHAPES["similarity"], target)}
     rows = [line.split(",") for line in files["reference.csv"].split("\n") if line]
     start = {row[2]: float(row[4]) for row in rows if row[1] == "start"}
-    answer = {row[2]: (float(row[4]), float(row[5])) for row in rows if row[1] == "number"}
-    spread = [abs(start[i] - value) / sigma for i, (value, sigma) in answer.items() if sigma > 0]
+    answer = {row[2]: float(row[4]) for row in rows if row[1] == "number"}
+    variance = {row[2]: float(row[4]) for row in rows if row[1] == "covariance" and row[2] == row[3]}
+    spread = [abs(start[i] - value) / variance[i] ** 0.5 for i, value in answer.items()]
     assert min(spread) > 0.1  # standard deviations: what the test solves is not solved already
     assert "begins at the answer" in files["README.md"]
 
@@ -262,7 +263,29 @@ def test_what_a_constraint_determines_is_compared_by_the_largest_sigma():
     found = {(row[2], row[3]): (float(row[4]), float(row[5])) for row in rows if row[1:2] == ["covariance"]}
     largest = max(value for value, _ in found.values())
     assert found["2", "2"][0] < 1e-24 * largest  # none, but for the rounding of its root
-    assert found["2", "2"][1] == pytest.approx(largest, rel=1e-12)  # a product of two square roots, rounded
+    assert found["2", "2"][1] == pytest.approx(1e-9 * largest, rel=1e-12)  # a product of two square roots, rounded
+
+
+@pytest.mark.parametrize("noise", ["0.05", "unknown"])
+def test_an_ill_conditioned_problem_passes_the_test_that_it_is_given(noise, tmp_path):
+    x = np.linspace(3.0, 9.0, 40)
+    y = 1.0 + 0.1 * x + 0.05 * np.random.default_rng(1).standard_normal(40)
+    powers = " ".join(f"(* c{i} (^ x {i}))" for i in range(10))
+    text = f"""(problem powers
+      (data d (table (x y) {" ".join(f"({a!r} {b!r})" for a, b in zip(x.tolist(), y.tolist(), strict=True))}))
+      (unknowns {" ".join(f"(c{i} :init 0)" for i in range(10))})
+      (observe d (= y (+ {powers})) :sigma {noise}))"""
+    folder = written(of_text(text, "python"), tmp_path)
+    found = run(sys.executable, "test_powers.py", folder=folder)
+    assert found.returncode == 0, found.stdout
+    columns = x[:, None] ** np.arange(10)
+    condition = np.linalg.cond(columns / np.linalg.norm(columns, axis=0))
+    assert condition > 1e8
+    rows = list(csv.DictReader((folder / "reference.csv").read_text().splitlines()))
+    own = [row for row in rows if row["what"] == "covariance" and row["row"] == row["column"]]
+    shares = [float(row["allowed"]) / float(row["value"]) for row in own]
+    # An epsilon of the condition, once each way; the condition itself is known to as many digits as that leaves.
+    np.testing.assert_allclose(shares, 2.0 * np.finfo(float).eps * condition, rtol=1e-6)
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not here")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from mbm.emit.c.filter_memory import DerivedRoom, derived_rooms
 from mbm.emit.c.filter_tables import begun, each_window, heads
-from mbm.emit.c.reading import DIFFERS, arguments_read, each_data_set, key_text, reference_freed, reference_read
+from mbm.emit.c.reading import arguments_read, each_data_set, key_text, reference_freed, reference_read
 from mbm.emit.c.text import in_unit, literal
 from mbm.emit.filtering.types import FilterBlueprint
 from mbm.emit.foreign import told
@@ -174,6 +174,14 @@ _KNOWN = """static double known(const struct csv *reference, long row, long colu
 }
 
 """
+_DIFFERS = """/* How far a number may lie from its reference: 1e-9 of its size or its standard deviation. */
+static int differs(double value, double reference, double sigma)
+{
+    const double size = fabs(reference) > sigma ? fabs(reference) : sigma;
+    return !(fabs(value - reference) <= 1e-9 * size);
+}
+
+"""
 _COMPARE = """/* Compares an answer with a row of `reference.csv`; how many numbers differ. */
 static long compare(const {name}_result *result, const struct csv *reference, long row, long *compared)
 {{
@@ -252,7 +260,7 @@ def test_file(made: FilterBlueprint) -> str:
     paths = ", ".join(f'(char *)"data/{table.identifier}.csv"' for table in made.files.tables)
     lines = [
         *heads(made, "the numbers of `mbm solve` for the steps of `data/` must come again."),
-        DIFFERS + _compare(made),
+        _DIFFERS + _compare(made),
         *_compare_sequence(made),
         "int main(void)",
         "{",

@@ -207,17 +207,6 @@ def arguments_read(blueprint: Blueprint, tables: Sequence[TableShape]) -> Iterat
     )
 
 
-DIFFERS = """/* How far a number may lie from its reference: 1e-9 of its size or its standard deviation. */
-static int differs(double value, double reference, double sigma)
-{
-    const double size = fabs(reference) > sigma ? fabs(reference) : sigma;
-    return !(fabs(value - reference) <= 1e-9 * size);
-}
-
-"""
-"""What tests of generated C compare with."""
-
-
 def reference_read(blueprint: Blueprint) -> Iterator[str]:
     """Statements of ``main`` of a test that read ``reference.csv`` and the tables from ``paths``."""
     name = blueprint.identifier

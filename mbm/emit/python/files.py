@@ -36,7 +36,7 @@ FOLDER = Path(__file__).parent
 
 
 def differences() -> tuple[list[str], int]:
-    """What differs by more than 1e-9 of its size or its standard deviation; how many numbers there are."""
+    """What differs by more than `reference.csv` allows; how many numbers there are."""
     with (FOLDER / "reference.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     paths = [str(FOLDER / "data" / name) for name in {files!r}]
@@ -47,7 +47,7 @@ def differences() -> tuple[list[str], int]:
         begun = {{int(r["row"]): float(r["value"]) for r in own if r["what"] == "start"}}
         result = solver.solve(chosen, solver.started(chosen, begun) if begun else None)
         for row in (r for r in own if r["what"] != "start"):
-            i, j, value, spread = int(row["row"]), int(row["column"]), float(row["value"]), float(row["spread"])
+            i, j, value, allowed = int(row["row"]), int(row["column"]), float(row["value"]), float(row["allowed"])
             answers = {{
                 "status": lambda: float(solver.STATUSES.index(result["status"])),
                 "number": lambda: result["point"][i],
@@ -59,7 +59,7 @@ def differences() -> tuple[list[str], int]:
             }}
             answer = answers[row["what"]]()
             compared += 1
-            if not abs(answer - value) <= 1e-9 * max(abs(value), spread):
+            if not abs(answer - value) <= allowed:
                 found.append(f"solve {{number}}: {{row['what']}} {{i}} {{j}}: {{answer!r}}, wanted {{value!r}}")
     return found, compared
 
