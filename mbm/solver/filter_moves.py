@@ -159,12 +159,15 @@ def predict(walk: Walk) -> Integer:
     copied(chain.numbers, walk.ahead, walk.point)
     carry_lines(walk, n, walk.factor)
     carry_lines(walk, walk.open_count, walk.open)
-    add_noise(walk, n, walk.factor)
+    add_noise(walk, n, walk.factor, walk.factor)
+    if chain.pools > 0:
+        carry_lines(walk, n, walk.errors)
+        add_noise(walk, n, walk.errors, walk.errors)
     return 1
 
 
-def add_noise(walk: Walk, count: Integer, lines: Reals) -> None:
-    """Vectors (count, n) and those of the noise, as the first `factor` that has the same covariance."""
+def add_noise(walk: Walk, count: Integer, lines: ConstantReals, factor: Reals) -> None:
+    """Vectors (count, n) and those of the noise, as the first ``factor`` that has the same covariance."""
     chain = walk.chain
     n = chain.n
     q = chain.noises
@@ -174,5 +177,5 @@ def add_noise(walk: Walk, count: Integer, lines: Reals) -> None:
     for j in range(n):
         for i in range(q):
             walk.chunk[j * stride + count + i] = walk.push[(j - still) * q + i] if j >= still else 0.0
-    filled(n * n, 0.0, walk.factor)
-    append_rows(n, stride, stride, walk.chunk, walk.factor)
+    filled(n * n, 0.0, factor)
+    append_rows(n, stride, stride, walk.chunk, factor)

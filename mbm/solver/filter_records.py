@@ -55,7 +55,11 @@ class Chain:
     lag: Integer
     """Steps after which a step is reported by a smoother of fixed lag; T: it is none."""
     constants: Integer
-    """Constants of the rows of a step, 0 where no loss of theirs has minima of its own."""
+    """Constants of the rows of a step, 0 where they have no loss."""
+    rivals: Integer
+    """1: a loss of theirs has minima of its own."""
+    pools: Integer
+    """Units of these rows with a loss, whose covariances are those of the sandwich; 0: they are not."""
     held: Integer
     """Steps whose rows and answers there is room for: step k is at ``k % held``. T, or fewer where steps come singly,
     in which case T is larger than any step."""
@@ -156,6 +160,24 @@ class Walk:
     """The constants of the rows of a step …"""
     widened: Reals = sized("constants")
     """… and with losses that are wider."""
+    pools: Reals = sized("pools * 7")
+    """Sums over the rows so far of each loss, as `filter_losses` has them, …"""
+    counted: Integer
+    """Steps of a window that moves on whose rows are in them."""
+    sums: Reals = sized("pools * 7")
+    """… with the rows at hand, too …"""
+    owners: Integers = sized("lines")
+    """… and whose sums each line of these counts for."""
+    curvatures: Reals = sized("pools")
+    """The factors of each loss in H …"""
+    variances: Reals = sized("pools")
+    """… and in G."""
+    errors: Reals = sized("pools * n * n")
+    """The factor of the covariance of a step that losses leave, where `factor` is that by which the step is weighed."""
+    base_errors: Reals = sized("pools * n * n")
+    """The same of `base_factor`."""
+    scores: Reals = sized("pools * (lines + n) * n")
+    """The triangle (n, n) of G, and rows that go into it."""
     newest: Reals = sized("numbers")
     """Where a smoother's path begins at the step that comes in."""
     mean: Reals = sized("numbers")

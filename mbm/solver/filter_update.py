@@ -16,6 +16,7 @@ from math import fabs, isfinite, sqrt
 from mbm.machine.words import ConstantReals, Integer, Real
 from mbm.solver.charts import transport
 from mbm.solver.covariance import singular_values
+from mbm.solver.filter_losses import WIDEST, spread_update
 from mbm.solver.filter_moves import to_columns
 from mbm.solver.filter_records import Walk, plain_step_cost, step_cost, step_lines, widen_losses
 from mbm.solver.linear_algebra import add_multiple, append_rows, copied, corner, dot, filled, solve_upper, times_upper
@@ -48,9 +49,6 @@ FIRST_COST = 1e300
 
 COUNTED = 0.5
 """Where losses leave less of the squares of a step's rows, another minimum is looked for."""
-
-WIDEST = 1e8
-"""How many times as wide losses are at first: plain least squares to rounding."""
 
 NARROWER = 0.5
 """How many times as wide they are next."""
@@ -244,7 +242,7 @@ def iterate_update(walk: Walk, m: Integer, free: Integer, size: Integer) -> Real
         root = walk.triangle[(size + 1) * (size + 1) - 1]
         return root * root
     cost = descend(walk, m, free, size, cost_of_share(walk, free, size))
-    if chain.constants > 0 and step_cost(walk, walk.trial) < COUNTED * plain_step_cost(walk, walk.trial):
+    if chain.rivals == 1 and step_cost(walk, walk.trial) < COUNTED * plain_step_cost(walk, walk.trial):
         return least_of_minima(walk, free, size, cost)
     return cost
 
@@ -275,14 +273,17 @@ def least_of_minima(walk: Walk, free: Integer, size: Integer, cost: Real) -> Rea
     return descend(walk, lines_at_share(walk, size), free, size, found)
 
 
-def update(walk: Walk) -> Integer:
-    """The step whose rows are loaded, at `point`, with what they say; 0 where something is not finite."""
+def best_point(walk: Walk) -> Integer:
+    """Let `trial` be where the rows that are loaded and what is known at `point` balance; how many vectors lead there.
+
+    0: there are no rows; -1: something is not finite. `free` are the open vectors among these.
+    """
     chain = walk.chain
     n = chain.n
     m = step_lines(walk, walk.point)
+    walk.last_cost = 0.0
     if m == 0:
-        walk.last_cost = 0.0
-        return 1
+        return 0
     free = turn_open(walk, m, walk.open)
     size = free + n
     copied(free * n, walk.open, walk.basis)
@@ -292,14 +293,29 @@ def update(walk: Walk) -> Integer:
     finite = walk.last_cost
     for j in range(chain.numbers):
         finite += walk.trial[j] * 0.0
-    if not isfinite(finite) or walk.last_cost >= FIRST_COST:
-        return 0
+    walk.free = free
+    return size if isfinite(finite) and walk.last_cost < FIRST_COST else -1
+
+
+def update(walk: Walk) -> Integer:
+    """The step whose rows are loaded, at `point`, with what they say; 0 where something is not finite."""
+    chain = walk.chain
+    n = chain.n
+    size = best_point(walk)
+    if size <= 0:
+        return 1 + size
+    free = walk.free
     copied(chain.numbers, walk.trial, walk.point)
+    copied(size * n, walk.basis, walk.local)
     set_new_factor(walk, size)
     walk.open_count -= free
     copied(walk.open_count * n, walk.open[free * n :], walk.square)
     copied(walk.open_count * n, walk.square, walk.open)
     transport(walk.seen, walk.mean, walk.step, walk.open_count, walk.turn, walk.open)
+    if chain.pools > 0:
+        transport(walk.seen, walk.mean, walk.step, size, walk.turn, walk.local)
+        transport(walk.seen, walk.mean, walk.step, n, walk.turn, walk.errors)
+        spread_update(walk, walk.point, free, size, 1)
     return 1
 
 

@@ -110,6 +110,8 @@ def filter_step(walk: Walk, k: Integer) -> Integer:
     """Step k, which follows on the one where the walk is; 0 where something is not finite."""
     if k > 0:
         load_move(walk, k - 1)
+    elif walk.chain.pools > 0:
+        copied(walk.chain.n * walk.chain.n, walk.factor, walk.errors)
     load_step(walk, k)
     if walk.chain.hypotheses > 1:
         return crowd_step(walk, k)
@@ -159,5 +161,5 @@ def filter_steps(walk: Walk, first: Integer, last: Integer) -> Integer:
         if filter_step(walk, k) == 0:
             walk.failed = k + 1
             return k - first
-        keep_step(walk, k)
+        keep_step(walk, k, walk.errors if walk.chain.pools > 0 else walk.factor)
     return last - first

@@ -11,9 +11,10 @@ from math import sqrt
 
 from mbm.machine.words import Integer
 from mbm.solver.charts import step_between
+from mbm.solver.filter_losses import WIDEST
 from mbm.solver.filter_moves import move_on
 from mbm.solver.filter_records import Walk, load_step, plain_step_cost, step_cost, widen_losses
-from mbm.solver.filter_update import COUNTED, NARROWER, WIDEST
+from mbm.solver.filter_update import COUNTED, NARROWER
 from mbm.solver.linear_algebra import copied, filled
 from mbm.solver.smoothers import backward, begin_path, load_noise, path_of, settle_base, smooth, spread_path
 
@@ -23,7 +24,7 @@ def smooth_all(walk: Walk) -> Integer:
     chain = walk.chain
     copied(chain.steps * chain.numbers, walk.points, walk.path)
     free = smooth_path(walk)
-    if free >= 0 and chain.constants > 0 and left_out(walk) == 1:
+    if free >= 0 and chain.rivals == 1 and left_out(walk) == 1:
         free = least_of_paths(walk)
     if free < 0:
         walk.failed = 1

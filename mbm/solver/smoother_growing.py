@@ -116,7 +116,7 @@ def solve_window(walk: Walk, k: Integer, unmoved: Real) -> Integer:
 def growing_step(walk: Walk, k: Integer) -> Integer:
     """Step k comes in: the answer for it is given all rows so far; 0 where something is not finite."""
     begun = 0
-    if walk.chain.constants > 0 and k > 0 and walk.open_count == 0:
+    if walk.chain.rivals == 1 and k > 0 and walk.open_count == 0:
         begun = find_newest(walk, k)
     if extend_path(walk, k) == 0:
         return 0

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from mbm.machine.words import Integer
 from mbm.solver.charts import step_between, transport
+from mbm.solver.filter_losses import spread_update
 from mbm.solver.filter_moves import add_noise, carried, carry_lines, move_on, predict
 from mbm.solver.filter_records import Walk, hold_move, load_move, load_step, plain_step_cost, step_cost, step_lines
-from mbm.solver.filter_update import COUNTED, set_new_factor, set_triangle_of, turn_open, update
+from mbm.solver.filter_update import COUNTED, best_point, set_new_factor, set_triangle_of, turn_open
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
 from mbm.solver.manifolds import retract
+from mbm.solver.smoother_losses import spread_base
 from mbm.solver.smoothers import (
+    backward,
     begin_path,
     drop_open,
     forward,
@@ -21,6 +24,7 @@ from mbm.solver.smoothers import (
     load_noise,
     path_of,
     set_base_vectors,
+    settle_base,
     slot_of,
     smooth,
     spread_first,
@@ -52,6 +56,10 @@ def leave_step(walk: Walk, k: Integer) -> None:
     set_new_factor(walk, size)
     drop_open(walk, free)
     transport(walk.seen, walk.base_mean, walk.base_step, walk.open_count, walk.turn, walk.open)
+    if walk.chain.pools > 0:
+        copied(n * n, walk.base_errors, walk.errors)
+        transport(walk.seen, walk.base_mean, walk.base_step, n, walk.turn, walk.errors)
+        spread_update(walk, path_of(walk, k), free, size, 0)
 
 
 def advance(walk: Walk) -> None:
@@ -69,13 +77,19 @@ def advance(walk: Walk) -> None:
         walk.wanted[chain.still + i] -= dot(q, walk.push[i * q :], walk.noise)
     carry_lines(walk, n, walk.factor)
     carry_lines(walk, walk.open_count, walk.open)
-    add_noise(walk, n, walk.factor)
+    add_noise(walk, n, walk.factor, walk.factor)
+    if chain.pools > 0:
+        carry_lines(walk, n, walk.errors)
+        add_noise(walk, n, walk.errors, walk.errors)
     hold_move(walk, chain.kept)
     own = path_of(walk, k + 1)
     retract(walk.seen, own, walk.wanted, walk.base_mean)
     transport(walk.seen, own, walk.wanted, n, walk.turn, walk.factor)
     transport(walk.seen, own, walk.wanted, walk.open_count, walk.turn, walk.open)
     copied(n * n, walk.factor, walk.base_factor)
+    if chain.pools > 0:
+        transport(walk.seen, own, walk.wanted, n, walk.turn, walk.errors)
+        copied(n * n, walk.errors, walk.base_errors)
     step_between(walk.seen, walk.base_mean, own, walk.turn, walk.base_step)
     filled(n, 0.0, walk.base_share)
     walk.loose = 1
@@ -101,6 +115,8 @@ def extend_path(walk: Walk, k: Integer) -> Integer:
     if k == 0:
         begin_path(walk)
         walk.base = 0
+        if chain.pools > 0:
+            copied(chain.n * chain.n, walk.base_factor, walk.base_errors)
         copied(chain.numbers, walk.point, walk.path)
         return 1
     filled(chain.noises, 0.0, walk.noises[slot_of(walk, k - 1) * chain.noises :])
@@ -139,16 +155,16 @@ def find_newest(walk: Walk, k: Integer) -> Integer:
     load_step(walk, k)
     if predict(walk) == 0 or step_cost(walk, walk.point) >= COUNTED * plain_step_cost(walk, walk.point):
         return 0
-    found = update(walk)
-    copied(walk.chain.numbers, walk.point, walk.newest)
-    return found
+    size = best_point(walk)
+    copied(walk.chain.numbers, walk.trial if size > 0 else walk.point, walk.newest)
+    return 0 if size < 0 else 1
 
 
 def lag_step(walk: Walk, k: Integer) -> Integer:
     """Step k comes in, and the one a lag before goes out; 0 where something is not finite."""
     chain = walk.chain
     begun = 0
-    if chain.constants > 0 and k > 0 and walk.open_count == 0:
+    if chain.rivals == 1 and k > 0 and walk.open_count == 0:
         spread_to_newest(walk, k)
         begun = find_newest(walk, k)
     if extend_path(walk, k) == 0:
@@ -165,16 +181,33 @@ def lag_step(walk: Walk, k: Integer) -> Integer:
     if k == chain.steps - 1:
         lag_end(walk, k)
     elif k - walk.base == chain.lag:
-        spread_first(walk, free)
-        walk.open_count -= free
-        keep_path(walk, walk.base)
-        walk.open_count += free
+        tell_base(walk, k, free)
     return 1
 
 
 def lag_end(walk: Walk, k: Integer) -> None:
     """The answers for the steps that are left in the window, of which k is the last."""
-    spread_path(walk, walk.base, k, walk.free)
+    if walk.chain.pools == 0:
+        spread_path(walk, walk.base, k, walk.free)
+        return
+    if walk.counted <= walk.base:
+        tell_base(walk, k, walk.free)
+    while walk.base < k:
+        advance(walk)
+        backward(walk, walk.base, k)
+        tell_base(walk, k, settle_base(walk, walk.base))
+
+
+def tell_base(walk: Walk, k: Integer, free: Integer) -> None:
+    """The answer for the first step of the window, of which k is the last."""
+    n = walk.chain.n
+    spread_first(walk, free)
+    if walk.chain.pools > 0:
+        spread_base(walk, k, free)
+        copied(n * n, walk.errors, walk.factor)
+    walk.open_count -= free
+    keep_path(walk, walk.base)
+    walk.open_count += free
 
 
 def lag_steps(walk: Walk, first: Integer, last: Integer) -> Integer:

@@ -118,7 +118,7 @@ def drop_open(walk: Walk, free: Integer) -> None:
 def keep_path(walk: Walk, k: Integer) -> None:
     """Let the answer for step k be the path's, with the factor where the walk is."""
     copied(walk.chain.numbers, path_of(walk, k), walk.point)
-    keep_step(walk, k)
+    keep_step(walk, k, walk.factor)
 
 
 def spread_path(walk: Walk, first: Integer, last: Integer, free: Integer) -> None:
@@ -255,7 +255,7 @@ def spread_next(walk: Walk, k: Integer) -> None:
             own[j] = 0.0
             for part in range(j + 1):
                 own[j] += known[part] * roots[part * q + j]
-    add_noise(walk, n, walk.factor)
+    add_noise(walk, n, walk.factor, walk.factor)
 
 
 def slot_of(walk: Walk, k: Integer) -> Integer:

@@ -165,6 +165,10 @@ MORE = {
         UNITS.replace("huber", "tukey").replace("iterated-ekf", "(smoother :lag 1)"),
         {"z": {"ms": [1, 3, 5, 7, 9], "mm": [30.0, 500.0, 20.0, 9000.0, 10.0]}},
     ),
+    "losses, lag": (
+        sequences.DRIVE.format(rest="", method="(smoother :lag 3)").replace(":sigma 0.1)", ":sigma 0.1 :loss huber)"),
+        sequences.drive("ekf")[1],
+    ),
     "units and loss": (UNITS, {"z": {"ms": [0.1, 0.3, 0.7], "mm": [3.0, 5.0, 2.0]}}),
 }
 

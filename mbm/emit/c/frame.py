@@ -13,12 +13,12 @@ from mbm.emit.c.text import remark
 from mbm.emit.foreign import Foreign, told
 from mbm.emit.reading import every_value
 from mbm.emit.routines.noises import FOUND
-from mbm.emit.routines.sandwich import SUMS
 from mbm.emit.routines.untold import ASSUMPTIONS
 from mbm.emit.system import StaticSystem, kinds_of_units, weights_width
 from mbm.emit.types import BlockShape, Blueprint, Choice, ColumnValue, InputValue
 from mbm.problem.types import BlockRole
 from mbm.solver import description as at
+from mbm.solver.loss_pools import SUMS
 
 
 def row_scratch(blueprint: Blueprint) -> tuple[int, int]:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from math import fabs
-
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
-from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Reals
 from mbm.solver.covariance import undetermined
 from mbm.solver.decisions import EXHAUSTED
 from mbm.solver.description import NO_LOSS, Problem, Unit
@@ -19,41 +17,9 @@ from mbm.solver.linear_algebra import (
     solve_lower_transposed,
     sum_of_products,
 )
-from mbm.solver.loss_spread import curvature_factor, loss_trace, spread_factor
-from mbm.solver.losses import loss_weight
+from mbm.solver.loss_pools import SUMS, TOTAL, TRACES, add_to_sums, first_with_loss, same_loss, spread_of_loss
+from mbm.solver.loss_spread import curvature_factor
 from mbm.solver.workspace import Work
-
-TOTAL = 0
-TRACES = 1
-SQUARED_TRACES = 2
-SPREAD = 3
-COUNT = 4
-STATED = 5
-SUMS = 6
-
-
-def same_loss(constants: ConstantReals, unit: Unit, other: Unit) -> Integer:
-    """Whether two units have the same loss."""
-    if unit.loss != other.loss:
-        return 0
-    if unit.loss == NO_LOSS:
-        return 1
-    a = unit.loss_at
-    b = other.loss_at
-    return 1 if constants[a] == constants[b] and constants[a + 1] == constants[b + 1] else 0
-
-
-def first_with_loss(problem: Problem, constants: ConstantReals, number: Integer, own: Integer) -> Integer:
-    """Whether no unit before unit ``own`` of block ``number`` has the same loss."""
-    unit = problem.blocks[number].units[own]
-    for b in range(problem.residual_blocks):
-        block = problem.blocks[b]
-        for u in range(block.unit_count):
-            if b == number and u == own:
-                return 1
-            if same_loss(constants, block.units[u], unit) == 1:
-                return 0
-    return 1
 
 
 def add_to_pool(
@@ -68,22 +34,7 @@ def add_to_pool(
 ) -> None:
     """Add what a unit with ``residuals`` (size,) and derivatives ``along`` (size, rank) gives to the sums."""
     size = unit.last - unit.first
-    kind = unit.loss
-    square = dot(size, residuals, residuals)
-    weight = 1.0
-    trace = float(size)
-    if kind != NO_LOSS:
-        scale = constants[unit.loss_at]
-        shape = constants[unit.loss_at + 1]
-        weight = loss_weight(kind, square, scale, shape)
-        trace = loss_trace(kind, square, scale, shape, size)
-    sums[TOTAL] += float(size) * weight
-    if stated == 1:
-        sums[STATED] += float(size) * weight
-    sums[SPREAD] += weight * weight * square
-    sums[COUNT] += float(size)
-    sums[TRACES] += trace
-    sums[SQUARED_TRACES] += trace * trace / float(size)
+    weight = add_to_sums(unit, constants, stated, dot(size, residuals, residuals), sums)
     for i in range(size):
         row = along[i * rank :]
         for a in range(rank):
@@ -184,11 +135,3 @@ def sandwich(
     product(rank, rank, n, spread, work.part, information)
     sum_of_products(rank, n, work.part, information, covariance)
     return 1
-
-
-def spread_of_loss(share: Real, sums: ConstantReals) -> Real:
-    """The factor of A in G."""
-    found = spread_factor(
-        share, sums[TOTAL], sums[TRACES], sums[SQUARED_TRACES], sums[SPREAD], sums[COUNT], sums[STATED]
-    )
-    return fabs(found)  # it is not negative

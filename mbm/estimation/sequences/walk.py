@@ -297,7 +297,8 @@ class Memory:
 def chain_of(chained: Chained, rules: Rules) -> Indices:
     """`Chain` of a sequence."""
     seen, moving = chained.seen, chained.moving
-    n = seen.equations.dimension
+    n, lossy = seen.equations.dimension, chained.lossy
+    apart = lossy and not rules.cut and rules.hypotheses == 1 and not (rules.smooth and rules.lag is None)
     steps = chained.steps
     cuts = 2 * n + seen.most_constraints if rules.cut and rules.smooth else 0
     lines = int(seen.residuals.max(initial=0)) + cuts
@@ -324,7 +325,9 @@ def chain_of(chained: Chained, rules: Rules) -> Indices:
         "lag": lag,
         "held": steps,
         "hypotheses": rules.hypotheses,
-        "constants": 0 if all(loss.convex for loss, _ in loss_lines(seen.equations)) else len(seen.native.constants),
+        "constants": len(seen.native.constants) if lossy else 0,
+        "rivals": int(not all(loss.convex for loss, _ in loss_lines(seen.equations))),
+        "pools": sum(len(group.losses) for group in seen.equations.groups) if apart else 0,
     }
     found = np.zeros(slots_of(Chain), dtype=np.int64)
     for name, value in values.items():

@@ -54,6 +54,60 @@ def test_a_table_without_rows_leaves_the_sandwich_as_it_is():
         np.testing.assert_allclose(beside["x"].sigma, alone["x"].sigma, rtol=1e-4)
 
 
+STEPWISE = """(problem p (data d external) (states :over t (x :init 0 :sigma 1)) (dynamics {dynamics})
+  (observe d (= z x) :sigma 0.5 :loss {loss}) {rest} (solve :method {method}))"""
+
+
+def stepwise(dynamics, loss, method, data, rest=""):
+    text = STEPWISE.format(dynamics=dynamics, loss=loss, method=method, rest=rest)
+    return mbm.loads(text).solve(data={"d": data}).solves
+
+
+@pytest.mark.parametrize("method", ["iterated-ekf", "(smoother :lag 2)"])
+@pytest.mark.parametrize("loss", ["(huber 1.5)", "(cauchy 2.4)", "(tukey 4.7)"])
+def test_sigmas_of_one_step_are_those_of_the_sandwich(method, loss):
+    """Of one step a filter is all steps at once."""
+    generator = np.random.default_rng(3)
+    z = 0.4 + 0.5 * generator.standard_normal(40)
+    z[:12] += generator.normal(0.0, 8.0, 12)
+    data = {"t": np.zeros(40), "z": z}
+    (batch,), (found,) = (stepwise(WALK, loss, each, data) for each in ("batch", method))
+    # What ends the searches moves weights by some 1e-6.
+    assert found["x"].sigma == pytest.approx(batch["x"].sigma, rel=1e-4)
+
+
+@pytest.mark.parametrize("loss", ["(huber 1.5)", "(tukey 4.7)"])
+def test_a_lag_of_all_steps_tells_what_all_steps_at_once_do(loss):
+    """The factors of the sandwich follow from the rows so far: a tenth may differ."""
+    _, z = drawn(5, 35, 8.0)
+    lag, batch = (solved(z, WALK, loss, method) for method in ("(smoother :lag 40)", "batch"))
+    np.testing.assert_allclose(lag["x"].value, batch["x"].value, atol=1e-4)
+    np.testing.assert_allclose(lag["x"].sigma, batch["x"].sigma, rtol=0.1)
+
+
+def walks(count, steps, share, spread):
+    """Sequences of rows, so large a share of which is grossly wrong, and their truth (count, steps)."""
+    truth, readings = [], []
+    for seed in range(count):
+        random = np.random.default_rng(seed)
+        truth.append(random.normal() + np.append(0.0, np.cumsum(random.normal(0, 0.3, steps - 1))))
+        wrong = random.random(steps) < share
+        readings.append(truth[-1] + random.normal(0, 0.5, steps) + wrong * random.normal(0, spread, steps))
+    runs, times = np.repeat(np.arange(count), steps), np.tile(np.arange(steps), count)
+    return np.array(truth), {"run": runs * 1.0, "t": times * 1.0, "z": np.concatenate(readings)}
+
+
+@pytest.mark.parametrize("method", ["iterated-ekf", "(smoother :lag 2)"])
+@pytest.mark.parametrize("loss", ["(huber 1.345)", "(cauchy 2.385)", "(tukey 4.685)"])
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_intervals_of_filters_hold_where_readings_are_wrong(method, loss, share):
+    """80 walks of 60 steps, alike in some five: the share of 960 has a deviation of 0.7 %."""
+    truth, data = walks(80, 60, share, 8.0)
+    solves = stepwise(WALK, loss, method, data, "(for-each run)")
+    errors = np.array([(solve["x"].value - x) / solve["x"].sigma for solve, x in zip(solves, truth, strict=True)])
+    assert 0.92 <= np.mean(np.abs(errors) < 1.96) <= 0.97
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", ["(huber 1.345)", "(tukey 4.685)"])
 @pytest.mark.parametrize("spread", [5.0, 50.0])
