@@ -13,6 +13,7 @@ from enum import Enum, StrEnum
 from fractions import Fraction
 from typing import Self, TypeAlias
 
+from mbm.expression.nets import SeenNet
 from mbm.expression.rows import Row, RowChoice
 from mbm.expression.units import Dimension
 from mbm.machine.program import Operator
@@ -259,7 +260,7 @@ class Sheet:
     """A piece of what is seen: u, v and the depth in terms of constants that are called by their position, from "0".
 
     The first ``parameters`` of them run from 0 to 1: one along a line, two over a surface. The other ``inputs`` stand
-    for numbers that a `Figure` is drawn from. ``straight``: the image of a line is a straight line.
+    for numbers that a `Figure` is drawn from. ``straight``: a line that takes u, v and the depth of both ends.
     """
 
     parameters: int
@@ -276,6 +277,7 @@ class Figure:
     ``lines`` and ``patches`` are (number of a sheet, places of its inputs). ``faces`` are flat, bounded by lines: each
     is (number of a line, whether it runs along). ``ends`` are flat as well, bounded by sides of patches: (number of a
     patch, side, whether it runs along), with sides 0…3: t = 0, s = 1, t = 1, s = 0, counter-clockwise in (s, t).
+    ``nets`` have points and faces of their own.
     """
 
     size: int
@@ -284,6 +286,7 @@ class Figure:
     faces: tuple[tuple[tuple[int, bool], ...], ...]
     patches: tuple[tuple[int, tuple[int, ...]], ...]
     ends: tuple[tuple[tuple[int, int, bool], ...], ...]
+    nets: tuple[SeenNet, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,8 +11,10 @@ from dataclasses import field
 
 from mbm.expression.algebra import ONE, add, multiply, subtract
 from mbm.expression.derivative import substituted
+from mbm.expression.nets import Net, SeenNet
 from mbm.expression.nodes import Apply, Constant, Expression, Figure, Leaf, Number, Parameter, Sheet, postorder
 from mbm.expression.projection import by_axes
+from mbm.expression.units import TAKE_PREFIXES
 from mbm.language import faults as language_faults
 from mbm.language.curves import Point
 from mbm.language.values import Array, Call, CameraValue
@@ -47,13 +49,15 @@ def drawn(call: Call, camera: CameraValue | None, shape: Shape) -> Drawn:
     for node, steps in _faces(call, root(shape)):
         if any(isinstance(step, Projection) for step in steps):
             raise MbmError(faults.already_projected(call.span))
-        if isinstance(node, Surface):
+        if isinstance(node, Surface) and node.net is not None:
+            drawing.add_net(node.net, steps)
+        elif isinstance(node, Surface):
             drawing.add_surface(node, steps)
         elif isinstance(node, SweptSide):
             drawing.add_side(node, steps)
         elif isinstance(node, SmoothFace):
             drawing.add_patch(node.patch, steps)
-    if not drawing.faces and not drawing.patches:
+    if not drawing.faces and not drawing.patches and not drawing.nets:
         raise MbmError(faults.no_faces(call.span, shape.kind))
     return drawing.finished()
 
@@ -86,9 +90,10 @@ class _Drawing:
         self._expressions: list[Expression] = []
         self._sheets: dict[Sheet, int] = {}
         self._lines: dict[tuple[int, tuple[int, ...]], int] = {}
-        self._line = _bent_line(call, camera) if _bends(camera) else None
+        self._line = _bent_line(call, camera, ()) if _bends(camera) else None
         self.faces: list[tuple[tuple[int, bool], ...]] = []
         self.patches: list[tuple[int, tuple[int, ...]]] = []
+        self.nets: list[SeenNet] = []
         self._ends: list[tuple[tuple[int, int, bool], ...]] = []
 
     def add_surface(self, surface: Surface, steps: tuple[Step, ...]) -> None:
@@ -110,6 +115,28 @@ class _Drawing:
         sheet, others = self._line if self._line is not None else (_STRAIGHT, ())
         places = (*first, *second, *(self._number(each) for each in others))
         return self._lines.setdefault((self._sheet(sheet), places), len(self._lines)), along
+
+    def add_net(self, net: Net, steps: tuple[Step, ...]) -> None:
+        """A mesh: what all its points have in common is said once."""
+        if not len(net.first):
+            return
+        call, span = self._call, self._call.span
+        call.evaluator.budget.make(_NUMBERS_PER_SHEET, call.form)
+        axes = tuple(Parameter(name, span) for name in ("x", "y", "z"))
+        point, of_point = _sheet(self._image(carried(Array((3,), axes), steps, call).elements), (), axes)
+        line, of_line = _bent_line(call, self._camera, steps) if self._line is not None else (_STRAIGHT, ())
+        one = Array((3,), tuple(Number(x, TAKE_PREFIXES["m"].dimension) for x in net.points[0].tolist()))
+        for each in carried(one, steps, call).elements:  # the dimensions of the others are seen in it
+            self._number(each)
+        self.nets.append(
+            SeenNet(
+                net=net,
+                point=self._sheet(point),
+                of_point=tuple(self._number(each) for each in of_point),
+                line=self._sheet(line),
+                of_line=tuple(self._number(each) for each in of_line),
+            )
+        )
 
     def add_side(self, side: SweptSide, steps: tuple[Step, ...]) -> None:
         """The patches of a swept side, and the flat ends that they bound."""
@@ -153,6 +180,7 @@ class _Drawing:
             faces=tuple(self.faces),
             patches=tuple(self.patches),
             ends=tuple(self._ends),
+            nets=tuple(self.nets),
         )
         return Drawn(figure=figure, numbers=tuple(self._expressions))
 
@@ -172,14 +200,13 @@ def _bends(camera: CameraValue | None) -> bool:
     return camera.model == "fisheye" or any(not isinstance(k, Number) or k.value != 0 for k in coefficients)
 
 
-def _bent_line(call: Call, camera: CameraValue | None) -> tuple[Sheet, tuple[Expression, ...]]:
-    """The image of the line between two points in the camera's frame; behind these it takes numbers of the camera."""
+def _bent_line(call: Call, camera: CameraValue | None, steps: tuple[Step, ...]) -> tuple[Sheet, tuple[Expression, ...]]:
+    """The image of the line between two points inside ``steps``; behind these it takes what else that depends on."""
     span = call.span
     share, *ends = (Parameter(name, span) for name in ("s", "x", "y", "z", "x", "y", "z"))
     pairs = zip(ends[:3], ends[3:], strict=True)
     inside = tuple(add(a, multiply(share, subtract(b, a, span), span), span) for a, b in pairs)
-    sheet, others = _sheet(_seen(call, camera, inside), (share,), tuple(ends))
-    return sheet, others
+    return _sheet(_seen(call, camera, carried(Array((3,), inside), steps, call).elements), (share,), tuple(ends))
 
 
 def _sheet(

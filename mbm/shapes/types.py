@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import TypeAlias
 
+from mbm.expression.nets import Net
 from mbm.expression.nodes import Expression, Parameter
 from mbm.language import faults
 from mbm.language.curves import CurveValue, Point
@@ -31,12 +32,16 @@ Step: TypeAlias = Transform | Projection
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surface:
-    """A surface model (Oyama & Tachi 1989, Fig. 3): points of shape (3,), and lines and planes over their numbers."""
+    """A surface model (Oyama & Tachi 1989, Fig. 3): points of shape (3,), and lines and planes over their numbers.
+
+    ``net`` holds the same of a mesh.
+    """
 
     vertexes: Mapping[int, Array]
     lines: Mapping[int, tuple[int, ...]]
     planes: Mapping[int, tuple[int, ...]]
     span: Span
+    net: Net | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,9 +13,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.expression.nodes import Figure
 from mbm.kernels.outlines.folds import CELLS, folds_of
-from mbm.kernels.outlines.surveyor import Surveyor
+from mbm.kernels.outlines.surveyor import Flats, Surveyor
 from mbm.kernels.types import Floats
 from mbm.values import dataclass
 
@@ -45,6 +44,7 @@ class Arc:
     """``nodes`` (n + 1, 2) are parameters of a sheet, ``points`` their images (n + 1, 2), the more covered side left.
 
     Between two nodes it runs straight in the parameters, or, if ``fold``, where the surface folds beside that line.
+    ``net`` is the number of that which it is an edge of, or −1.
     """
 
     sheet: int
@@ -54,6 +54,7 @@ class Arc:
     weight: int
     nodes: Floats
     points: Floats
+    net: int = -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,13 +72,12 @@ class _Patch:
     lines: tuple[Floats, ...]
 
 
-def arcs_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> tuple[Arc, ...] | None:
-    """The arcs of a figure for these numbers (size,); None where some of it is not in front of the camera."""
-    found = list(_edges(figure, surveyor, numbers))
-    patches = [_patch(surveyor, sheet, places, numbers) for sheet, places in figure.patches]
-    if any(arc is None for arc in found) or any(patch is None for patch in patches):
+def arcs_of(surveyor: Surveyor, numbers: Floats) -> tuple[Arc, ...] | None:
+    """The arcs of a figure for numbers with corners; None where some of it is not in front of the camera."""
+    arcs = _edges(surveyor, numbers)
+    patches = [_patch(surveyor, sheet, places, numbers) for sheet, places in surveyor.figure.patches]
+    if arcs is None or any(patch is None for patch in patches):
         return None
-    arcs = [arc for arc in found if arc is not None and arc.weight]
     surfaces = [patch for patch in patches if patch is not None]
     for patch in surfaces:
         for every in patch.lines:
@@ -93,7 +93,7 @@ def arcs_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> tuple[Arc, .
                     points=points,
                 )
             )
-    return (*arcs, *_sides(figure, surveyor, surfaces, numbers))
+    return (*arcs, *_sides(surveyor, surfaces, numbers))
 
 
 def _thinned(nodes: Floats, points: Floats) -> tuple[Floats, Floats]:
@@ -109,59 +109,78 @@ def _thinned(nodes: Floats, points: Floats) -> tuple[Floats, Floats]:
     return nodes[kept], points[kept]
 
 
-def _edges(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Iterator[Arc | None]:
-    """The lines, each weighed by the faces that it bounds."""
-    if not figure.lines:
-        return
-    every = _images_of_lines(figure, surveyor, numbers)
-    weights = [0] * len(every)
-    for face in figure.faces:
-        turn = int(np.sign(_area_of_face(every, face)))
-        for line, along in face:
-            weights[line] += turn if along else -turn
-    for (sheet, places), (at, table), weight in zip(figure.lines, every, weights, strict=True):
-        if not (table[:, 2] >= NEAREST_DEPTH).all():
-            yield None
-            continue
-        order = slice(None) if weight >= 0 else slice(None, None, -1)
-        yield Arc(
-            sheet=sheet,
-            places=np.array(places, dtype=np.int64),
-            fold=False,
-            straight=figure.sheets[sheet].straight,
-            weight=abs(weight),
-            nodes=at[order],
-            points=table[order, :2],
+_ENDS, _BENT_NODES = (np.stack([np.linspace(0, 1, k + 1), np.zeros(k + 1)], axis=1) for k in (1, BENT))
+"""Parameters of the nodes of lines."""
+
+
+def _edges(surveyor: Surveyor, numbers: Floats) -> list[Arc] | None:
+    """The lines, each weighed by the faces that it bounds; None where an end of one is not in front of the camera."""
+    flats = surveyor.flats
+    if not len(flats.sheet):
+        return []
+    ends = _ends_of_lines(surveyor, numbers)
+    if not (ends[..., 2] >= NEAREST_DEPTH).all():
+        return None
+    turns = np.sign(_areas_of_faces(flats, ends)).astype(np.int64)
+    around = np.repeat(turns, np.diff(flats.first, append=len(flats.sides)))
+    weights = np.bincount(flats.sides, weights=np.where(flats.along, around, -around), minlength=len(ends))
+    arcs = []
+    for line in np.flatnonzero(weights).tolist():
+        sheet, weight = int(flats.sheet[line]), int(weights[line])
+        own = surveyor.sheets[sheet]
+        places, nodes, points = flats.places[line, : own.inputs], _ENDS, ends[line, :, :2]
+        if not own.straight:
+            nodes, points = _BENT_NODES, surveyor.table(sheet, "places", _BENT_NODES, numbers[places])[:, :2]
+        back = 1 if weight > 0 else -1
+        arcs.append(
+            Arc(
+                sheet=sheet,
+                places=places,
+                fold=False,
+                straight=own.straight,
+                weight=abs(weight),
+                nodes=nodes[::back],
+                points=points[::back],
+                net=int(flats.net[line]),
+            )
         )
+    return arcs
 
 
-def _images_of_lines(figure: Figure, surveyor: Surveyor, numbers: Floats) -> list[tuple[Floats, Floats]]:
-    """Parameters (n + 1, 2) of the nodes of each line, and their geometry (n + 1, …); those of a sheet at once."""
-    found: dict[int, tuple[Floats, Floats]] = {}
-    owners = np.array([sheet for sheet, _ in figure.lines])
-    for sheet in dict.fromkeys(owners.tolist()):
-        own = np.flatnonzero(owners == sheet)
-        count = 2 if figure.sheets[sheet].straight else BENT + 1
-        at = np.stack([np.linspace(0, 1, count), np.zeros(count)], axis=1)
-        inputs = numbers[np.array([figure.lines[k][1] for k in own.tolist()], dtype=np.int64)]
-        table = surveyor.table(sheet, "geometry", np.tile(at, (len(own), 1)), np.repeat(inputs, count, axis=0))
-        found |= {k: (at, each) for k, each in zip(own.tolist(), np.split(table, len(own)), strict=True)}
-    return [found[k] for k in range(len(owners))]
+def _ends_of_lines(surveyor: Surveyor, numbers: Floats) -> Floats:
+    """u, v and the depth of both ends of each line (lines, 2, 3)."""
+    flats = surveyor.flats
+    found = np.empty((len(flats.sheet), 2, 3))
+    for sheet in np.unique(flats.sheet).tolist():
+        own, programs = np.flatnonzero(flats.sheet == sheet), surveyor.sheets[sheet]
+        inputs = numbers[flats.places[own, : programs.inputs]]
+        if not programs.straight:
+            at = np.tile(_ENDS, (len(own), 1))
+            inputs = surveyor.table(sheet, "places", at, np.repeat(inputs, 2, axis=0))
+        found[own] = inputs.reshape(-1, 2, 3)
+    return found
 
 
-def _area_of_face(every: list[tuple[Floats, Floats]], face: tuple[tuple[int, bool], ...]) -> float:
-    return doubled_area(np.array([every[line][1][0 if along else -1, :2] for line, along in face]))
+def _areas_of_faces(flats: Flats, ends: Floats) -> Floats:
+    """Twice the areas (faces,) of polygons, positive if they run counter-clockwise in the image."""
+    if not len(flats.first):
+        return np.zeros(0)
+    corners = ends[flats.sides, np.where(flats.along, 0, 1), :2]
+    corners -= np.repeat(corners[flats.first], np.diff(flats.first, append=len(corners)), axis=0)
+    after = np.append(corners[1:], corners[:1], axis=0)
+    after[flats.first - 1] = 0  # behind the last corner comes the first one, which adds nothing
+    return np.add.reduceat(corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0], flats.first)
 
 
-def areas_of_flats(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Floats:
+def areas_of_flats(surveyor: Surveyor, numbers: Floats) -> Floats:
     """Twice the areas (faces and ends,) of the images of polygons in all that is flat: zero where it is edge-on."""
-    every = _images_of_lines(figure, surveyor, numbers) if figure.lines else []
+    figure, numbers = surveyor.figure, surveyor.with_corners(numbers)
 
     def images(patch: int, number: int) -> Floats:
         sheet, places = figure.patches[patch]
         return surveyor.table(sheet, "geometry", side_parameters(number, _SHARES), numbers[list(places)])[:, :2]
 
-    areas = [_area_of_face(every, face) for face in figure.faces]
+    areas = _areas_of_faces(surveyor.flats, _ends_of_lines(surveyor, numbers))
     return np.array([*areas, *(_area_of_end(images, loop) for loop in figure.ends)])
 
 
@@ -234,17 +253,16 @@ def side_parameters(side: int, share: Floats) -> Floats:
     return np.stack(pair, axis=1)
 
 
-def _sides(figure: Figure, surveyor: Surveyor, patches: list[_Patch], numbers: Floats) -> Iterator[Arc]:
+def _sides(surveyor: Surveyor, patches: list[_Patch], numbers: Floats) -> Iterator[Arc]:
     """The sides of surfaces; those that coincide are one arc, cut wherever one of its surfaces turns its other side."""
 
     def images(patch: int, number: int) -> Floats | None:
         return patches[patch].sides[number]
 
-    turns = [int(np.sign(_area_of_end(images, loop))) for loop in figure.ends]
+    loops = surveyor.figure.ends
+    turns = [int(np.sign(_area_of_end(images, loop))) for loop in loops]
     ends = {
-        (p, side): turn if along else -turn
-        for turn, loop in zip(turns, figure.ends, strict=True)
-        for p, side, along in loop
+        (p, side): turn if along else -turn for turn, loop in zip(turns, loops, strict=True) for p, side, along in loop
     }
     for group in _same_sides(patches):
         share = _cuts(patches, group)

@@ -279,7 +279,7 @@ def _signed(
 
 def slopes_of(outline: Outline, feet: Feet) -> Floats:
     """Derivatives (n, size + 2) of the distances by the numbers of the figure, and by the points."""
-    size, count = len(outline.numbers), len(feet.distances)
+    size, count = outline.size, len(feet.distances)
     cells, parts = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     for own, places, slopes in outline.velocities(feet.spots):
         x, y = feet.normals[own].T

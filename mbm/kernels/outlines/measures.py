@@ -231,6 +231,9 @@ def _moved(outline: Outline, spot: Spots, coordinate: int) -> Floats:
         lean, slopes = (way[:count] @ lean)[None], (slopes @ way[:count])[:, None]
     inner = -slopes @ np.linalg.solve(bend, lean)
     found = outline.spread(spot)[0]
+    places, inner = outline.surveyor.by_numbers(
+        int(outline.arcs.net[arc]), outline.places(sheet, spot.arc), inner[None], outline.numbers
+    )
     for k in range(2):
-        np.add.at(found[k], outline.places(sheet, spot.arc)[0], inner[k])
+        np.add.at(found[k], places[0], inner[0, k])
     return np.asarray(found)

@@ -64,7 +64,7 @@ class Outlines:
         """Take the programs of a figure's sheets; figures that are not known are differentiated."""
         with self._lock:
             if figure not in self._surveyors:
-                self._surveyors[figure] = Surveyor(sheets, self._tabulate)
+                self._surveyors[figure] = Surveyor(figure, sheets, self._tabulate)
 
     def values(self, call: Outlined, arguments: Floats) -> Floats:
         """Numbers (rows, n); NaN where there is no outline."""
@@ -115,7 +115,7 @@ class Outlines:
     def areas_of_flats(self, figure: Figure, numbers: Floats) -> Floats:
         """What `arcs.areas_of_flats` gives, for sets of numbers (S, size): (S, faces and ends)."""
         with self._lock, np.errstate(all="ignore"):
-            return np.array([areas_of_flats(figure, self._surveyor(figure), each) for each in numbers])
+            return np.array([areas_of_flats(self._surveyor(figure), each) for each in numbers])
 
     def _feet(self, outline: Outline, points: Floats) -> Feet:
         """Those of the last call, if it was about the same points."""
@@ -142,14 +142,14 @@ class Outlines:
             numbers = table[rows][0].copy()
             key = figure, numbers.tobytes()
             if key not in self._kept:
-                _keep(self._kept, key, outline_of(figure, self._surveyor(figure), numbers))
+                _keep(self._kept, key, outline_of(self._surveyor(figure), numbers))
             yield rows, self._kept[key], key
 
     def _surveyor(self, figure: Figure) -> Surveyor:
         if figure not in self._surveyors:
             from mbm.kernels.outlines.sheets import programs_of
 
-            self._surveyors[figure] = Surveyor(programs_of(figure), self._tabulate)
+            self._surveyors[figure] = Surveyor(figure, programs_of(figure), self._tabulate)
         return self._surveyors[figure]
 
 

@@ -13,7 +13,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.expression.nodes import Figure
 from mbm.kernels.outlines.arcs import NEAREST_DEPTH, Arc, arcs_of, jacobian
 from mbm.kernels.outlines.region import rings_of
 from mbm.kernels.outlines.surveyor import Surveyor
@@ -61,7 +60,7 @@ class ArcTable:
     """Arcs as columns (arcs,): their sheets, whether they are folds, or straight; chords, and where ``nodes`` begin.
 
     ``images`` are those of the nodes. ``places`` (arcs, most inputs) hold the places of the inputs, as many as the
-    sheet has.
+    sheet has. ``net``: what they are edges of, or −1.
     """
 
     sheet: Indices
@@ -72,6 +71,7 @@ class ArcTable:
     nodes: Floats
     images: Floats
     places: Indices
+    net: Indices
 
 
 def _table(arcs: tuple[Arc, ...]) -> ArcTable:
@@ -88,6 +88,7 @@ def _table(arcs: tuple[Arc, ...]) -> ArcTable:
         nodes=np.concatenate([arc.nodes for arc in arcs]),
         images=np.concatenate([arc.points for arc in arcs]),
         places=places,
+        net=np.array([arc.net for arc in arcs]),
     )
 
 
@@ -102,7 +103,10 @@ class Spans:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outline:
-    """``arc``, ``first``, ``last`` (pieces,); ``following[k]`` is the piece after piece k on its ring."""
+    """``arc``, ``first``, ``last`` (pieces,); ``following[k]`` is the piece after piece k on its ring.
+
+    ``numbers`` are those of the figure, with corners. Derivatives are by the figure's own, (size,).
+    """
 
     surveyor: Surveyor = field(repr=False)
     numbers: Floats = field(repr=False)
@@ -112,6 +116,11 @@ class Outline:
     last: Floats
     following: Indices
     spans: Spans = field(repr=False)
+
+    @property
+    def size(self) -> int:
+        """How many numbers the figure has."""
+        return self.surveyor.figure.size
 
     def spots(self, arc: Indices, places: Floats) -> Spots:
         """The points at ``places`` (chord and fraction) of arcs."""
@@ -189,7 +198,7 @@ class Outline:
 
     def motion(self, spots: Spots, weights: Floats) -> Floats:
         """Σ weight (n, 2) × derivative by the numbers (size,) over spots and coordinates, with the parameters held."""
-        total = np.zeros(len(self.numbers))
+        total = np.zeros(self.size)
         for own, places, slopes in self.velocities(spots):
             np.add.at(total, places, np.einsum("nij,ni->nj", slopes, weights[own]))
         return total
@@ -197,13 +206,19 @@ class Outline:
     def velocities(self, spots: Spots) -> Iterator[tuple[Indices, Indices, Floats]]:
         """Positions of spots, the places (k, m) of their inputs and derivatives (k, 2, m) by these; sheet by sheet."""
         for sheet, own in self.by_sheet(spots.arc):
-            places = self.places(sheet, spots.arc[own])
+            arc = spots.arc[own]
+            places = self.places(sheet, arc)
             table = self.surveyor.table(sheet, "motion", spots.at[own], self.numbers[places])
-            yield own, places, table.reshape(len(own), 2, places.shape[1])
+            slopes, nets = table.reshape(len(own), 2, places.shape[1]), self.arcs.net[arc]
+            for net in np.unique(nets).tolist() if self.surveyor.figure.nets else ():
+                some = nets == net
+                yield own[some], *self.surveyor.by_numbers(net, places[some], slopes[some], self.numbers)
+            if not self.surveyor.figure.nets:
+                yield own, places, slopes
 
     def spread(self, spots: Spots) -> Floats:
         """Derivatives (n, 2, size) of the spots by all numbers, with the parameters held."""
-        found = np.zeros((len(spots.arc), 2, len(self.numbers)))
+        found = np.zeros((len(spots.arc), 2, self.size))
         for own, places, slopes in self.velocities(spots):
             for k in range(2):
                 np.add.at(found[:, k], (own[:, None], places), slopes[:, k])
@@ -246,11 +261,12 @@ class NoOutline(Enum):
     NOTHING_COVERED = "the shape covers nothing of the image: it has no size, or is a plate that is seen edge-on"
 
 
-def outline_of(figure: Figure, surveyor: Surveyor, numbers: Floats) -> Outline | NoOutline:
+def outline_of(surveyor: Surveyor, numbers: Floats) -> Outline | NoOutline:
     """The outline for these numbers (size,), or why there is none."""
     if not np.isfinite(numbers).all():
         return NoOutline.NOT_FINITE
-    arcs = arcs_of(figure, surveyor, numbers)
+    numbers = surveyor.with_corners(numbers)
+    arcs = arcs_of(surveyor, numbers)
     if arcs is None:
         return NoOutline.TOO_NEAR
     rings = rings_of(arcs) if arcs else []

@@ -57,8 +57,8 @@ def rings_of(arcs: tuple[Arc, ...]) -> list[list[Stretch]]:
     if not len(cells):
         return []
     inside = shapely.get_coordinates(shapely.point_on_surface(cells))
-    covered = cells[windings(inside, starts, ends, weights) > 0.5]
     chords = _Chords(starts, ends, owners, numbers, size)
+    covered = cells[chords.windings(inside, weights) > 0.5]
     found = []
     for polygon in shapely.get_parts(shapely.coverage_union_all(covered)):
         for number, ring in enumerate(shapely.get_rings(polygon)):
@@ -80,10 +80,10 @@ def _convex_ring(arcs: tuple[Arc, ...]) -> list[Stretch] | None:
         return None
     begins, ends = (np.array([arc.points[k] for arc in arcs]) for k in (0, -1))
     size = float(np.ptp(begins, axis=0).max())
-    meets = np.abs(ends[:, None] - begins[None]).max(axis=2) <= GRID * size
-    if not ((meets.sum(axis=0) == 1) & (meets.sum(axis=1) == 1)).all():
+    one, other = _pairs(ends, begins, GRID * size)
+    if not all(np.array_equal(np.sort(each), np.arange(len(arcs))) for each in (one, other)):
         return None
-    after = np.argmax(meets, axis=1).tolist()
+    after = other[np.argsort(one)].tolist()
     order = [0]
     while after[order[-1]] != 0:
         order.append(after[order[-1]])
@@ -101,21 +101,30 @@ def _joined_ends(lines: list[Floats]) -> list[Floats]:
     """The same with ends that differ by rounding made one: the grid would part what lies on both sides of its edge."""
     ends = np.array([points[k] for points in lines for k in (0, -1)])
     near = 10 * GRID * max(float(np.ptp(ends, axis=0).max()), 1e-300)
-    close = np.abs(ends[:, None] - ends[None]).max(axis=2) <= near
-    first = np.argmax(close, axis=1)
+    one, other = _pairs(ends, ends, near)
+    first = np.arange(len(ends))
+    np.minimum.at(first, one, other)
     found = [points.copy() for points in lines]
     for k in np.flatnonzero(first != np.arange(len(ends))).tolist():
         found[k // 2][-(k % 2)] = ends[first[k]]
     return found
 
 
-def windings(points: Floats, starts: Floats, ends: Floats, weights: Floats) -> Floats:
-    """How often chords run around points (n, 2), counter-clockwise ones positive."""
-    x, y = points[:, :1], points[:, 1:]
-    up = (starts[:, 1] <= y) & (ends[:, 1] > y)
-    down = (starts[:, 1] > y) & (ends[:, 1] <= y)
-    left = (ends[:, 0] - starts[:, 0]) * (y - starts[:, 1]) - (ends[:, 1] - starts[:, 1]) * (x - starts[:, 0])
-    return np.asarray(((up & (left > 0)) * weights).sum(axis=1) - ((down & (left < 0)) * weights).sum(axis=1))
+_SLANT = np.array([np.cos(1.0), np.sin(1.0)])
+"""A direction along which the corners of shapes seldom lie one beside the other."""
+
+
+def _pairs(points: Floats, others: Floats, near: float) -> tuple[Indices, Indices]:
+    """Positions of ``points`` (n, 2) and of ``others`` (m, 2) that are no farther than ``near`` apart in u and in v."""
+    order = np.argsort(others @ _SLANT)
+    along, reach = (others @ _SLANT)[order], 2 * near
+    here = points @ _SLANT
+    begin, end = np.searchsorted(along, here - reach, "left"), np.searchsorted(along, here + reach, "right")
+    count = end - begin
+    one = np.repeat(np.arange(len(points)), count)
+    other = order[np.arange(len(one)) + np.repeat(begin - np.cumsum(count) + count, count)]
+    close = np.abs(points[one] - others[other]).max(axis=1) <= near
+    return one[close], other[close]
 
 
 class _Chords:
@@ -126,6 +135,18 @@ class _Chords:
         self._lengths = np.maximum(np.linalg.norm(self._ways, axis=1), 1e-300)
         self._owners, self._numbers, self._size = owners, numbers, size
         self._tree = shapely.STRtree(shapely.linestrings(np.stack([starts, ends], axis=1)))
+
+    def windings(self, points: Floats, weights: Floats) -> Floats:
+        """How often chords run around points (n, 2), counter-clockwise ones positive."""
+        beyond = np.stack(
+            [np.full(len(points), max(self._starts[:, 0].max(), points[:, 0].max())), points[:, 1]], axis=1
+        )
+        own, chord = self._tree.query(shapely.linestrings(np.stack([points, beyond], axis=1)))
+        (x, y), (u, v) = (points[own] - self._starts[chord]).T, self._ways[chord].T
+        up, down = (y >= 0) & (v > y), (y < 0) & (v <= y)
+        left = u * y - v * x
+        turns = np.where(up & (left > 0), 1.0, np.where(down & (left < 0), -1.0, 0.0)) * weights[chord]
+        return np.asarray(np.bincount(own, weights=turns, minlength=len(points)), dtype=np.float64)
 
     def stretches(self, ring: Floats) -> list[Stretch]:
         """The stretches along a ring of chords' pieces (n + 1, 2), whose inside lies left."""

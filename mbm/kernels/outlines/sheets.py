@@ -5,7 +5,7 @@ D = det ∂x/∂(s, t), which is zero where a surface folds (Koenderink 1984):
 
     geometry   u, v, depth, x_s             of a line      u, v, depth, u_s, u_t, v_s, v_t, D_s, D_t   of a surface
     bending    x_ss                                        x_ss, x_st, x_tt (u before v), D_ss, D_st, D_tt
-    motion     derivatives of u and v by the inputs, (2, inputs)
+    motion     derivatives of u and v by the inputs, (2, inputs); those of the depth as well where nothing runs
     slant      those of the first derivatives of x, (2 or 4, inputs)
 """
 
@@ -68,7 +68,7 @@ def _differentiated(sheet: Sheet) -> SheetPrograms:
         straight=sheet.straight,
         geometry=program(*geometry),
         bending=program(*bending),
-        motion=program(casadi.vec(casadi.densify(casadi.jacobian(place, others)).T)),
+        motion=program(casadi.vec(casadi.densify(casadi.jacobian(place if sheet.parameters else found, others)).T)),
         slant=program(casadi.vec(casadi.densify(casadi.jacobian(flat, others)).T)),
     )
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from hashlib import sha256
-from itertools import pairwise
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.expression.nets import Net
 from mbm.expression.nodes import Number
 from mbm.expression.units import TAKE_PREFIXES, parse_unit
 from mbm.files.faults import unreadable_file
@@ -34,6 +35,8 @@ LENGTH = TAKE_PREFIXES["m"].dimension
 
 LARGEST = 50_000_000
 """Bytes of a file: a hundred thousand triangles take some 30 MB as text."""
+
+V = TypeVar("V", bound=Array | tuple[int, ...])
 
 READERS: Mapping[str, Callable[[bytes], Mesh]] = MappingProxyType(
     {".stl": stl.read, ".obj": obj.read, ".ply": ply.read}
@@ -74,7 +77,9 @@ class MeshMaker(FileReader):
             words = content.count(b" ") + content.count(b"\n")
             check_memory(text_memory(content, words), f"the mesh of {len(content):,} bytes", written.span)
             self.read.append(ReadFile(path=path, resolved=resolved, sha256=sha256(content).hexdigest()))
-            found = self.known[resolved, factor] = _surface(_mesh(reader, path, content, written.span), factor, call)
+            found = self.known[resolved, factor] = _surface(
+                _mesh(reader, path, content, written.span), factor, call.span
+            )
         return Shape(content=found, span=call.span)
 
 
@@ -125,14 +130,64 @@ def _mesh(reader: Callable[[bytes], Mesh], path: Path, content: bytes, span: Spa
         raise MbmError(faults.damaged_mesh(span, path, error.message, error.line)) from None
 
 
-def _surface(mesh: Mesh, factor: float, call: Call) -> Surface:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Numbered(Mapping[int, V]):
+    """Features by their numbers, from 1; each is made when it is asked for, of row ``number - 1``."""
+
+    count: int
+    make: Callable[[int], V]
+
+    def __getitem__(self, number: int) -> V:
+        """The feature. Raises KeyError."""
+        if not 1 <= number <= self.count:
+            raise KeyError(number)
+        return self.make(number - 1)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(1, self.count + 1))
+
+    def __len__(self) -> int:
+        return self.count
+
+
+def _surface(mesh: Mesh, factor: float, span: Span) -> Surface:
     """The features of a mesh, numbered from 1."""
-    call.evaluator.budget.make(3 * len(mesh.vertices), call.form)
-    rows = (factor * mesh.vertices).tolist()
-    vertexes = {i: Array((3,), tuple(Number(x, LENGTH) for x in row)) for i, row in enumerate(rows, start=1)}
-    lines = {i: (a + 1, b + 1) for i, (a, b) in enumerate(edges(mesh), start=1)}
-    planes = {i: tuple(corner + 1 for corner in face) for i, face in enumerate(mesh.faces, start=1)}
-    return Surface(vertexes=vertexes, lines=lines, planes=planes, span=call.span)
+    net = net_of(Mesh(vertices=factor * mesh.vertices, faces=mesh.faces))
+    bent = net.edges[_bent(net)]
+    return Surface(
+        vertexes=_Numbered(
+            len(net.points), lambda i: Array((3,), tuple(Number(x, LENGTH) for x in net.points[i].tolist()))
+        ),
+        lines=_Numbered(len(bent), lambda i: tuple((bent[i] + 1).tolist())),
+        planes=_Numbered(len(mesh.faces), lambda i: tuple(corner + 1 for corner in mesh.faces[i])),
+        span=span,
+        net=net,
+    )
+
+
+def net_of(mesh: Mesh) -> Net:
+    """The points and faces of a mesh as columns; corners that come twice in a row are one."""
+    counts = np.array([len(face) for face in mesh.faces], dtype=np.int64)
+    corners = np.fromiter(chain.from_iterable(mesh.faces), dtype=np.int64, count=int(counts.sum()))
+    begin = np.cumsum(counts) - counts
+    after = np.arange(1, len(corners) + 1)
+    after[begin + counts - 1] = begin
+    low, high = np.minimum(corners, corners[after]), np.maximum(corners, corners[after])
+    kept = low != high
+    count = len(mesh.vertices)
+    codes, sides = np.unique(low[kept] * count + high[kept], return_inverse=True)
+    owner = np.repeat(np.arange(len(counts)), counts)[kept]
+    digest = sha256(mesh.vertices.tobytes())
+    digest.update(corners.tobytes())
+    digest.update(counts.tobytes())
+    return Net(
+        key=digest.hexdigest(),
+        points=mesh.vertices,
+        edges=np.stack([codes // count, codes % count], axis=1),
+        sides=sides.reshape(-1),
+        along=(corners < corners[after])[kept],
+        first=np.flatnonzero(np.diff(owner, prepend=-1)),
+    )
 
 
 LEAST_ANGLE = np.deg2rad(1.0)
@@ -141,33 +196,38 @@ LEAST_ANGLE = np.deg2rad(1.0)
 
 def edges(mesh: Mesh) -> list[tuple[int, int]]:
     """The edges (positions from 0, the lower first) between faces that meet at more than `LEAST_ANGLE`, in order."""
-    with np.errstate(all="ignore"):  # of coordinates near the largest numbers squares are infinite
-        normals = [_normal(mesh.vertices[list(face)]) for face in mesh.faces]
-    beside: dict[tuple[int, int], list[tuple[int, bool]]] = defaultdict(list)
-    for number, face in enumerate(mesh.faces):
-        for a, b in pairwise((*face, face[0])):
-            if a != b:
-                beside[min(a, b), max(a, b)].append((number, a < b))
-    with np.errstate(all="ignore"):
-        return sorted(edge for edge, faces in beside.items() if _bent(faces, normals))
+    net = net_of(mesh)
+    return [(a, b) for a, b in net.edges[_bent(net)].tolist()]
 
 
-def _bent(faces: list[tuple[int, bool]], normals: list[NDArray[np.float64]]) -> bool:
-    """Whether one of the faces at an edge meets the first at an angle.
+def _bent(net: Net) -> NDArray[np.bool_]:
+    """At which edges one of the faces meets the first at an angle.
 
     Two faces that run along it in the same direction are seen from different sides: one of them is turned over.
     """
-    one, forward = faces[0]
-    for other, along in faces[1:]:
-        a, b = normals[one], normals[other] * (-1.0 if forward == along else 1.0)
-        if np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b) > LEAST_ANGLE:
-            return True
-    return False
+    found = np.zeros(len(net.edges), dtype=bool)
+    if not len(net.first):
+        return found
+    with np.errstate(all="ignore"):  # of coordinates near the largest numbers squares are infinite
+        owner = np.repeat(np.arange(len(net.first)), np.diff(net.first, append=len(net.sides)))
+        normals = _normals(net, owner)
+        order = np.argsort(net.sides, kind="stable")
+        side, along, normal = net.sides[order], net.along[order], normals[owner[order]]
+        begin = np.flatnonzero(np.diff(side, prepend=-1))
+        reference = np.repeat(begin, np.diff(begin, append=len(side)))
+        a, b = normal[reference], normal * np.where(along == along[reference], -1.0, 1.0)[:, None]
+        angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
+        found[side[(angles > LEAST_ANGLE) & (reference != np.arange(len(side)))]] = True
+    return found
 
 
-def _normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The direction a polygon faces, of length 1 or zero (Newell)."""
-    away = corners - corners[0]
-    total = np.cross(away, np.roll(away, -1, axis=0)).sum(axis=0)
-    length = float(np.linalg.norm(total))
-    return np.asarray(total / length if length > 0 else total)
+def _normals(net: Net, owner: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The directions (faces, 3) that polygons face, of length 1 or zero (Newell)."""
+    begin, end = net.edges[net.sides].T
+    corners = net.points[np.where(net.along, begin, end)]
+    away = corners - corners[net.first][owner]
+    after = np.append(away[1:], away[:1], axis=0)
+    after[net.first - 1] = 0  # behind the last corner comes the first one again
+    total = np.add.reduceat(np.cross(away, after), net.first, axis=0)
+    lengths = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(np.divide(total, lengths, out=total, where=lengths > 0))

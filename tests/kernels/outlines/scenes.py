@@ -65,7 +65,7 @@ SIZE, FOCAL, BEND = 0.2, 800.0, -0.1
 def compiled(shape: str, camera: str = "pinhole", measures=tuple(MEASURES), *, points=(), angles=ANGLES, place=PLACE):
     """The problem whose residuals are what is measured; its unknowns are a pose, a size, f and k, in this order."""
     seen = {"paper": (place[2], *place[:2]), "opengl": (*place[:2], -place[2])}.get(camera, place)
-    silhouette = f"(project cam (transform T {(SHAPES | ENDING)[shape]}))"
+    silhouette = f"(project cam (transform T {(SHAPES | ENDING).get(shape, shape)}))"
     whole = [f"(observe {m} (let ((S {silhouette})) {MEASURES[m]}) :sigma 1)" for m in measures]
     rows = f"(observe points (contour-distance {silhouette} [u v]) :sigma 1)" if len(points) else ""
     text = f"""{MODELS}

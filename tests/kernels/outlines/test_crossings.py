@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.expression.nodes import Figure
 from mbm.kernels.outlines.outline import ArcTable, Outline, Spans, _crossed
 from mbm.kernels.outlines.surveyor import Surveyor
 
@@ -20,10 +21,11 @@ def triangle(lines, first, last):
         nodes=np.tile([[0.0, 0.0], [1.0, 0.0]], (3, 1)),
         images=images,
         places=np.zeros((3, 1), dtype=np.int64),
+        net=np.full(3, -1),
     )
     none = Spans(piece=np.zeros(0, dtype=np.int64), first=np.zeros(0), last=np.zeros(0))
     return Outline(
-        surveyor=Surveyor((), dict),
+        surveyor=Surveyor(Figure(size=1, sheets=(), lines=(), faces=(), patches=(), ends=(), nets=()), (), dict),
         numbers=np.zeros(1),
         arcs=arcs,
         arc=np.arange(3),
