@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -281,7 +280,7 @@ def estimator(
         _plain=all(bool((each == 1.0).all()) for each in (factors, *scales))
         and not any(each.any() for each in zeros)
         and not quaternions,
-        _places=MappingProxyType(places),
+        _places=places,
         _made_of=(origin, inputs, backend),
     )
 

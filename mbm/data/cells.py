@@ -133,6 +133,8 @@ def _checked(value: object, place: DataPlace) -> Cell:
         raise MbmError(faults.bad_cell(place, f"the truth value `{str(value).lower()}`"))
     if isinstance(value, str | Real):
         return value
+    if type(value).__name__ == "Decimal":
+        return float(value)  # type: ignore[arg-type]
     raise MbmError(faults.bad_cell(place, f"a value of type `{type(value).__name__}`"))
 
 

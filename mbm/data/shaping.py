@@ -2,8 +2,8 @@
 API (a data frame, a dict of arrays, a structured array or a list of dicts), and the rows written in a problem →
 RawTable.
 
-Data frames (pandas, polars) are known by what they can do, neither library is imported. A frame's index is no column.
-Rows count from 1; those of a problem are numbered by their lines in its file.
+Data frames (pandas, polars) and tables of Arrow are known by what they can do, no library is imported. A frame's index
+is no column. Rows count from 1; those of a problem are numbered by their lines in its file.
 """
 
 from __future__ import annotations
@@ -42,6 +42,17 @@ class Frame(Protocol):
         """The column of a name, which converts to an array by ``to_numpy``."""
 
 
+class ArrowTable(Protocol):
+    """What tables and record batches of Arrow have in common."""
+
+    @property
+    def column_names(self) -> list[str]:
+        """The names of the columns, in order."""
+
+    def __getitem__(self, name: str) -> Any:
+        """The column of a name, which is an array for NumPy."""
+
+
 def table_from_given(name: str, given: object) -> RawTable:
     """The table that was given under ``name``; numbers are copied. Its path is ``<name>``, as messages print it.
 
@@ -55,6 +66,9 @@ def table_from_given(name: str, given: object) -> RawTable:
         columns = tuple(_column(column, given[column], path) for column in names)
     elif isinstance(given, np.ndarray):
         columns = _of_structured(given, path)
+    elif _is_arrow(given):
+        names = check_names(list(given.column_names), place)
+        columns = tuple(_column(column, np.asarray(given[column]), path) for column in names)
     elif _is_frame(given):
         names = check_names(list(given.columns), place)
         columns = tuple(_column(column, given[column].to_numpy(), path) for column in names)
@@ -68,6 +82,10 @@ def table_from_given(name: str, given: object) -> RawTable:
         raise MbmError(faults.not_a_table(place, f"a value of type `{type(given).__name__}`"))
     table = counted_table(path, None, columns)
     return replace(table, key=given.key, groups=given.groups) if isinstance(given, GivenColumns) else table
+
+
+def _is_arrow(given: object) -> TypeGuard[ArrowTable]:
+    return hasattr(type(given), "column_names")
 
 
 def _is_frame(given: object) -> TypeGuard[Frame]:
@@ -85,7 +103,7 @@ def _of_structured(array: NDArray[Any], path: str) -> tuple[Column, ...]:
 
 def _column(name: str, cells: object, path: str) -> Column:
     """The column of an array, of something that converts to one, or of a list of values."""
-    if isinstance(cells, list | tuple):
+    if isinstance(cells, list | tuple | range):
         return column_from_values(name, cells, path)
     if not isinstance(cells, np.ndarray):
         if not hasattr(cells, "__array__"):

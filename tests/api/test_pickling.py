@@ -162,3 +162,12 @@ def test_pickles_name_nothing_but_what_makes_them_again():
         "mbm.api.problem", "mbm.api.compiled", "mbm.api.pickled", "mbm.compiler", "mbm.api.recall", "mbm.text.types",
         "pathlib", "numpy", "numpy._core.multiarray", "numpy._core.numeric",
     }  # fmt: skip
+
+
+def test_estimates_of_arrays_are_the_same_again():
+    estimator = mbm.loads(LINE).compile(data=DATA).estimator()
+    found = estimator(*[DATA["d"][name.rpartition(".")[2]] for name in estimator.inputs])
+    back = again(found)
+    np.testing.assert_array_equal(back.values, found.values)
+    assert list(back) == list(found)
+    assert all(np.array_equal(back[name], found[name]) for name in found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
 
 import numpy as np
 import pandas as pd
@@ -46,6 +47,7 @@ RECORD = np.array([(1.5, "a"), (2.0, "b")], dtype=[("x", "f8"), ("name", "U3")])
         pd.DataFrame({"x": [1.5, 2], "name": pd.Categorical(["a", "b"])}, index=[7, 9]),
         pd.DataFrame({"x": pd.array([1.5, 2], dtype="Float64"), "name": pd.array(["a", "b"], dtype=object)}),
         PolarsLike(x=[1.5, 2.0], name=["a", "b"]),
+        {"x": [Decimal("1.5"), Decimal(2)], "name": ["a", "b"]},
     ],
 )
 def test_every_kind_of_table(load_given, given):
@@ -123,3 +125,18 @@ def test_units_key_and_gaps_are_treated_as_in_files(load_given, column):
 def test_whole_numbers_among_texts_are_keys_without_a_point():
     found = mixed_column("k", [1000.0, "a", 0.5, -123456789.0, 7, None]).texts
     assert found == ("1000", "a", "0.5", "-123456789", "7", "")
+
+
+def test_tables_of_arrow_and_their_gaps(load_given):
+    arrow = pytest.importorskip("pyarrow")
+    columns = {"x": [1.5, None, 2.5], "n": [1, None, 3], "on": [True, False, True], "name": ["a", "b", None]}
+    wanted = load_given({name: list(values) for name, values in columns.items()})
+    table = arrow.table(columns)
+    for given in (table, table.to_batches()[0], arrow.concat_tables([table.slice(0, 1), table.slice(1)])):
+        found = load_given(given)
+        np.testing.assert_array_equal(found.columns["x"].numbers, [1.5, np.nan, 2.5])
+        assert repr(cells(found)) == repr(cells(wanted))
+
+
+def test_a_range_is_a_column(load_given):
+    assert cells(load_given({"k": range(2, 5)})) == {"k": [2.0, 3.0, 4.0]}
