@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mbm.emit.types import OutputFile
     from mbm.equations.binding import EvaluationCache
     from mbm.equations.interruption import Interruption
+    from mbm.estimation.settings import Moves
     from mbm.kernels.called_functions import CalledFunctions
     from mbm.kernels.types import KernelSet
     from mbm.language.session import Program
@@ -64,7 +65,7 @@ class Inputs:
 class SolveSettings:
     """What a caller asks of a solve beyond the file; None leaves it to the file. ``init`` is a parsed JSON document.
 
-    ``for_each`` are key columns besides those of the file.
+    ``for_each`` are key columns besides those of the file. ``moved`` is what uncertain constants do to residuals.
     """
 
     init: Mapping[str, object] | None = None
@@ -76,6 +77,7 @@ class SolveSettings:
     interruption: Interruption | None = None
     workers: int | None = None
     for_each: tuple[str, ...] = ()
+    moved: Moves | None = None
 
 
 def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = None) -> Program:
@@ -239,7 +241,7 @@ def solved(
         result = result_of(
             found.problem,
             found.raw,
-            solutions(found, kernels, cache, starts, settings.interruption, forms, workers),
+            solutions(found, kernels, cache, starts, settings.interruption, forms, workers, settings.moved),
             file=file,
             asked=asked_options(cache.backend.name, inputs.overrides, inputs.paths, settings.init),
             covariance_full=settings.covariance_full,

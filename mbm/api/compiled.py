@@ -158,7 +158,7 @@ class CompiledProblem:
             other = compiled(self.origin, given(self.inputs, problem.constants, numbers), self.backend)
             return self._solved(begun, other._for(data))
 
-        return with_constants(result, problem, again)
+        return with_constants(result, problem, again, lambda moves: self._solved(replace(settings, moved=moves), now))
 
     def _solved(self, settings: SolveSettings, now: Compilation) -> Result:
         """The report of a solve with constants as they are."""

@@ -7,10 +7,11 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from mbm.compiler import Inputs
+from mbm.estimation.settings import Moves
 from mbm.problem.overrides import ConstantValue, Override
 from mbm.problem.types import Problem
 from mbm.report.bends import with_bends
-from mbm.report.considered import considered, share_of
+from mbm.report.considered import considered, moves_of, share_of
 from mbm.report.spreads import ConsideredConstant, Floats
 from mbm.report.types import Result
 from mbm.scales import SI
@@ -35,10 +36,15 @@ def without_variance_of(problem: Problem) -> str | None:
     return next(iter([*constants, *priors]), None)
 
 
-def with_constants(result: Result, problem: Problem, again: Again) -> Result:
-    """The ``result`` with the uncertainties of constants, for which the ``problem`` is solved ``again`` with others."""
+def with_constants(result: Result, problem: Problem, again: Again, beside: Callable[[Moves], Result]) -> Result:
+    """The ``result`` with the uncertainties of constants, for which the ``problem`` is solved ``again`` with others.
+
+    Unknown noise is that of a solve ``beside`` what constants do to residuals.
+    """
     constants = problem.constants
     pairs = moved(constants, again)
+    if problem.estimates_noise and problem.sequence is None and problem.request.window is None:
+        result = beside(moves_of(result, pairs))
     places = list(_uncertain(constants))
     spans = {each.name: each.span for each in problem.unknowns} | {each.name: each.span for each in problem.derived}
 

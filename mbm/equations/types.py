@@ -366,15 +366,16 @@ class NoiseState(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """Noise of one ``:sigma unknown`` group: its sigma times ``factor``.
+    """Noise of one ``:sigma unknown`` group: its sigma times ``factor``, known by ``dof`` (None: as many as the fit's).
 
-    Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight, not an estimate (of NOTHING, 0 is).
-    ``rho`` is the correlation of neighbouring rows, ``covariance`` (k, k) that of a row's components, where those are
-    estimated. ``dependent`` are components of which some combination has no residuals at all.
+    Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight (0 of NOTHING). ``rho`` is the
+    correlation of neighbouring rows, ``covariance`` (k, k) that of a row's components, if they are estimated. Of
+    ``dependent`` components some combination has no residuals at all.
     """
 
     factor: float
     state: NoiseState
+    dof: float | None = None
     rho: float | None = None
     covariance: Floats | None = None
     dependent: tuple[int, ...] = ()
@@ -384,12 +385,10 @@ class Noise:
         """Why nothing is estimated, as the beginning of a sentence."""
         if not self.dependent:
             return self.state.value
-        which = " and ".join(str(each + 1) for each in self.dependent)
+        which, nothing = " and ".join(str(each + 1) for each in self.dependent), "nothing to estimate the covariance"
         if len(self.dependent) == 1:
-            return f"component {which} has no scatter, which leaves nothing to estimate the covariance"
-        return (
-            f"components {which} have residuals that depend linearly, which leaves nothing to estimate the covariance"
-        )
+            return f"component {which} has no scatter, which leaves {nothing}"
+        return f"components {which} have residuals that depend linearly, which leaves {nothing}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

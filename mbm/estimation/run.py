@@ -22,7 +22,7 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.intervals.network import Enclosure
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.estimation.sequences.filtering import moved
-from mbm.estimation.settings import Forms, Settings, settings_of, standard_forms
+from mbm.estimation.settings import Forms, Moves, Settings, settings_of, standard_forms
 from mbm.estimation.solve.estimate import estimate
 from mbm.kernels.faults import is_failed_call
 from mbm.kernels.types import KernelSet
@@ -58,6 +58,7 @@ def solutions(
     interruption: Interruption | None = None,
     forms: Forms = standard_forms,
     workers: int | None = None,
+    moved: Moves | None = None,
 ) -> Solutions:
     """The solves that the problem's ``for-each`` and ``window`` ask for; one without them.
 
@@ -66,12 +67,13 @@ def solutions(
     one where that is better; one with too few rows is ``Skipped``. An ``interruption`` ends the solve at work, and
     makes no further ones. ``starts`` is None where no start is given from outside. ``workers`` threads share what can
     be made together, solves or starts (None: one for each processor); the answers do not depend on their number.
+    ``moved`` as `Moves`: no estimates are made together then.
 
     Raises:
         MbmError: the only solve cannot be set up.
     """
     problem = found.problem
-    settings = replace(settings_of(problem.request, interruption, forms), workers=workers)
+    settings = replace(settings_of(problem.request, interruption, forms), workers=workers, moved=moved)
     given = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     begun: Begun = given if starts is None else _with(starts, given) if given else starts
     make = _one_of(problem)
@@ -81,7 +83,7 @@ def solutions(
     solve = _one_by_one(problem, begun, _estimating(make, found, kernels, cache, settings))
     at_once = None
     several = problem.request.for_each or problem.request.window is not None
-    if several and problem.sequence is None:
+    if several and problem.sequence is None and moved is None:
         # Loaded by problems with many solves only, so that the others start at once.
         from mbm.estimation.batches.together import together
 

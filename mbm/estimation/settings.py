@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
 from mbm.equations.interruption import Interruption
@@ -14,13 +14,20 @@ from mbm.solver.description import RULES
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.equations.types import Floats
     from mbm.estimation.starts.closed_forms.types import ClosedForm
+    from mbm.problem.tables import CellKey
 
 FEW = 50
 """Starts that are not worth a thread of their own."""
 
 Forms: TypeAlias = "Callable[[], tuple[ClosedForm, ...]]"
 """What gives the closed forms; called only where they are needed."""
+
+
+Moves: TypeAlias = "Callable[[Mapping[str, CellKey]], Floats | None]"
+"""By the key of a solve, what one standard deviation of each of k uncertain constants does to its residuals (k, m),
+divided by the noise as it is stated; None where that is not known."""
 
 
 def standard_forms() -> tuple[ClosedForm, ...]:
@@ -36,8 +43,8 @@ class Settings:
     """``tolerance`` bounds the relative offset: the next step in standard deviations of the estimates.
 
     ``forms`` gives the closed forms that may give starts. ``interruption`` is asked between iterations, through
-    ``stopped()``. ``workers`` threads share many starts, and what is heavy in a large solve (None: one for each
-    processor); the answers do not depend on their number.
+    ``stopped()``. ``moved`` as `Moves`. ``workers`` threads share many starts, and what is heavy in a large solve
+    (None: one for each processor); the answers do not depend on their number.
     """
 
     method: Method = Method.AUTO
@@ -51,6 +58,7 @@ class Settings:
     tolerance: float = 1e-10
     interruption: Interruption | None = None
     forms: Forms = standard_forms
+    moved: Moves | None = None
     workers: int | None = None
 
     @property

@@ -8,7 +8,7 @@ to both together.
 The residuals e move by D, the constants' part of them that the unknowns do not take up: they have the covariance
 M + D Dᵀ, with M the projector on what unknowns leave, and e in its range. So (I + D Dᵀ)^-½ e has the covariance M that
 residuals have without constants, and is tested in their place; its squares are χ² with the degrees of freedom of the
-fit.
+fit. Unknown noise is estimated from them as they are, by the restricted likelihood of M + D Dᵀ.
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ from math import inf
 import numpy as np
 
 from mbm.equations.spreads import Freedom, Moved
+from mbm.estimation.settings import Moves
 from mbm.estimation.trust.plausibility import OF_RESIDUALS
 from mbm.estimation.uncertainty.derived import PINNED
 from mbm.estimation.uncertainty.student import coverage_factor
+from mbm.problem.tables import CellKey
 from mbm.report.elements import difference, element_names
 from mbm.report.spreads import ConsideredConstant, Ends, Floats, Spread
 from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Examined, Result, SolveReport
@@ -34,9 +36,6 @@ a search leaves of a deviation, 1e-8 or less, grows a hundredfold."""
 
 LEAST_MOVED = 1e-6
 """Share of its value by which a constant is moved at least, but no more than a standard deviation, for the rounding."""
-
-VARIANCE_ROUNDS = 30
-"""Of Newton's for the variance of unknown noise: each squares what it is off by, once it is near."""
 
 Pair = tuple[SolveReport, SolveReport]
 """A solve with a constant below and above its value."""
@@ -59,6 +58,32 @@ def considered(result: Result, moved: Sequence[tuple[ConsideredConstant, Result,
         for i, solve in enumerate(result.solves)
     )
     return replace(result, solves=solves)
+
+
+def moves_of(result: Result, moved: Sequence[tuple[ConsideredConstant, Result, Result]]) -> Moves:
+    """What a standard deviation of each constant does to the residuals of each solve, as the noise is estimated beside.
+
+    ``moved`` as for `considered`.
+    """
+    found: dict[tuple[tuple[str, CellKey], ...], Floats] = {}
+    shares = shares_of([constant for constant, _, _ in moved])
+    for i, solve in enumerate(result.solves):
+        own, *others = (_as_stated(each.solves[i]) for each in (result, *(b for _, *pair in moved for b in pair)))
+        if own is not None and all(each is not None and each.shape == own.shape for each in others):
+            sides = np.stack([each for each in others if each is not None]).reshape(len(moved), 2, -1)
+            found[tuple(solve.key.items())] = (sides[:, 1] - sides[:, 0]) / (2.0 * shares[:, None])
+    return lambda key: found.get(tuple(key.items()))
+
+
+def _as_stated(solve: SolveReport) -> Floats | None:
+    """The residuals of a solve divided by the noise as it is stated; None where it is not trusted, or some are out."""
+    if not solve.status.trusted or solve.robust_cost is not None or solve.made_from is None:
+        return None
+    solution = solve.made_from()[1]
+    residuals = solution.minimum.residuals
+    if solution.factors is None:
+        return residuals
+    return residuals * solution.factors if residuals.shape == solution.factors.shape else None
 
 
 def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> SolveReport:
@@ -107,7 +132,7 @@ def _tested(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]
     residuals, moves = both
     _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
     parts, stated = axes @ residuals, solve.chi2_p is not None
-    noise = 1.0 if stated else _variance(float(residuals @ residuals), parts, lengths, solve.dof)
+    noise = 1.0 if stated else next(iter(solution.noise.values())).factor ** 2
     residuals = residuals - (1.0 - np.sqrt(noise / (noise + np.square(lengths)))) * parts @ axes
     squares, fit = float(residuals @ residuals), solution.fit
     if stated:
@@ -120,21 +145,6 @@ def _tested(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]
         return replace(found, diagnostics=(*others, *doubts_of(residuals, fit)))
 
     return replace(solve, chi2_p=fit.chi2_p, examination=examined)
-
-
-def _variance(squares: float, parts: Floats, lengths: Floats, dof: int) -> float:
-    """The variance v of unknown noise at which eᵀ(I + D Dᵀ/v)⁻¹e/v is as large as its ``dof``.
-
-    ``squares`` is eᵀe, ``parts`` (k,) of e lie along D's singular vectors, whose singular values are ``lengths`` (k,).
-    By Newton's rounds from below, as the sum falls with v and is convex.
-    """
-    apart, along = np.square(lengths), np.square(parts)
-    rest = max(squares - float(along.sum()), 0.0)
-    found = rest / dof
-    for _ in range(VARIANCE_ROUNDS if found > 0.0 else 0):
-        excess = rest / found + float((along / (found + apart)).sum()) - dof
-        found += excess / (rest / found**2 + float((along / np.square(found + apart)).sum()))
-    return found or squares / dof or 1.0
 
 
 def _residuals(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> tuple[Floats, Floats] | None:

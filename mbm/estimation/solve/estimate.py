@@ -163,7 +163,7 @@ def estimate(
         from mbm.estimation.search.rival_places import with_rival_places
 
         found = with_rival_places(equations, found, settings, problem, tables)
-    end = reached(problem, robust, settings, found)
+    end = reached(problem, robust, settings, found, None if settings.moved is None else settings.moved(key))
     run = Run(
         problem=problem, kernels=kernels, tables=tables, key=key, settings=settings, equations=equations, binder=binder
     )

@@ -11,14 +11,21 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.metric import rounding_at, terms_of_rows
 from mbm.equations.surface import affine_by_products
-from mbm.equations.types import Floats, Indices, Minimum, Noise, Observability, Reason
+from mbm.equations.types import Floats, Indices, Minimum, Noise, NoiseState, Observability, Reason
 from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.search.search import Alternative, Found, reweighted
 from mbm.estimation.settings import Settings
 from mbm.estimation.uncertainty.informed import informed, without_stationary
 from mbm.estimation.uncertainty.observability import observed_at
-from mbm.estimation.uncertainty.variance import common_factor, redundancy_numbers, starting_factors, variance_components
+from mbm.estimation.uncertainty.variance import (
+    beside_constants,
+    common_factor,
+    redundancy_numbers,
+    starting_factors,
+    variance_components,
+    without_constants,
+)
 from mbm.problem.factors import factor_groups
 from mbm.problem.types import Problem
 from mbm.values import dataclass
@@ -47,9 +54,11 @@ class Reached:
     evaluations: int
 
 
-def reached(problem: Problem, robust: Prepared, settings: Settings, found: Found) -> Reached:
-    """From the minimum with the noise as stated to that with the noise as it is."""
-    run = _Weighing(problem, robust, settings, found)
+def reached(
+    problem: Problem, robust: Prepared, settings: Settings, found: Found, moves: Floats | None = None
+) -> Reached:
+    """From the minimum with the noise as stated to that with the noise as it is; ``moves`` (k, m) as in `Moves`."""
+    run = _Weighing(problem, robust, settings, found, moves)
     minimum, noise, factors = run.weighted()
     equations = run.equations.with_factors(factors)
     changed = factors is not robust.factors and bool(found.alternatives)
@@ -67,11 +76,14 @@ def reached(problem: Problem, robust: Prepared, settings: Settings, found: Found
 class _Weighing:
     """Minimisations of one data set, again for each round of the variance components; counts the work.
 
-    ``found`` is the minimum with the noise as stated.
+    ``found`` is the minimum with the noise as stated; ``moves`` are what uncertain constants do to residuals.
     """
 
-    def __init__(self, problem: Problem, robust: Prepared, settings: Settings, found: Found) -> None:
+    def __init__(
+        self, problem: Problem, robust: Prepared, settings: Settings, found: Found, moves: Floats | None
+    ) -> None:
         self.equations = robust.equations
+        self._moves = moves if moves is not None and moves.shape[1] == self.equations.whole else None
         self._robust = robust
         self.settings = settings
         self._place = problem.span
@@ -100,7 +112,10 @@ class _Weighing:
             observed = self._observed(minimum)
             cost = float(np.square(robust.scattering(minimum.residuals)).sum())
             dof = self.equations.count + observed.equalities - observed.rank
+            moves = self._left_over(minimum, observed, None)
             noise = common_factor(cost, dof, rounding_at(self.equations, minimum))
+            if moves is not None and noise.state is NoiseState.ESTIMATED:
+                noise = beside_constants(minimum.residuals, moves, dof)
             return minimum, dict.fromkeys(self.unknown[0], noise), None
         components = variance_components(self._reweighted, groups, self._starting(groups))
         factors = self._row_factors([noise.factor for noise in components.noises])
@@ -148,7 +163,19 @@ class _Weighing:
         minimum = informed(self.equations.with_factors(self._row_factors(factors)), minimum)
         observed = self._observed(minimum)
         checked = redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
-        return self._robust.scattering(minimum.residuals), checked, terms_of_rows(self.equations, minimum)
+        residuals, moves = self._robust.scattering(minimum.residuals), self._left_over(minimum, observed, factors)
+        if moves is not None:
+            residuals, checked = without_constants(residuals, checked, moves)
+        return residuals, checked, terms_of_rows(self.equations, minimum)
+
+    def _left_over(self, minimum: Minimum, observed: Observability, factors: Floats | None) -> Floats | None:
+        """What the unknowns leave of the moves (k, m), divided by the noise with these factors."""
+        if self._moves is None or minimum.blocks is not None or self._robust.factors is not None:
+            return None
+        moves = self._moves if factors is None else self._moves / self._row_factors(factors)
+        rank = observed.row_space.shape[1]
+        basis = minimum.jacobian / observed.scale @ (observed.row_space / observed.singular_values[:rank])
+        return None if moves.shape[1] != len(basis) else np.asarray(moves - moves @ basis @ basis.T)
 
     def _starting(self, groups: Sequence[Indices]) -> Floats:
         """Factors of the groups from which the rounds start."""

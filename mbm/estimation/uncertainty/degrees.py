@@ -309,7 +309,7 @@ def freedoms(
     observed: Observability,
     covariance: Covariance,
     noises: Iterable[tuple[Noise, tuple[int, ...]]],
-    fit: tuple[int, Counted | None],
+    fit: tuple[float, Counted | None],
 ) -> Freedoms:
     """The degrees of freedom at a minimum, whose Jacobian is whitened with the final ``noises``.
 

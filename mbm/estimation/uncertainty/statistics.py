@@ -186,12 +186,12 @@ def statistics(
     ``tested`` as for `fit_statistics`.
     """
     plain, left = plain_residuals(equations, minimum), equations.uncounted
-    variance, known = 1.0, True
+    variance, known, redundancy = 1.0, True, None
     groups = factor_groups(problem.blocks, noise)
     if len(groups) == 1 and factors is None:
         only = next(iter(noise.values()))
         variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
-        known = only.state is not NoiseState.NO_REDUNDANCY
+        known, redundancy = only.state is not NoiseState.NO_REDUNDANCY, only.dof
     stated, decided = _stated(equations, noise), observed
     estimated, observed = _estimated(equations, minimum, plain, decided, stated, variance)
     alternatives = tuple(_alternatives(equations, minimum, noise)) if factors is not None else ()
@@ -214,10 +214,11 @@ def statistics(
         equalities=observed.equalities,
         tested=None if left is not None else tested,
     )
+    told = fit.dof if redundancy is None else redundancy
     known_by = _shared(problem, equations, minimum, estimated, noise)
     if known_by is None:
         known_by = freedoms(
-            equations, minimum, observed, estimated, [(noise[g[0]], g) for g in groups], (fit.dof, counted)
+            equations, minimum, observed, estimated, [(noise[g[0]], g) for g in groups], (told, counted)
         )
     return Statistics(
         observed=observed,

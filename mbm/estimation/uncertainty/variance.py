@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import sqrt
+from math import exp, sqrt
 from typing import TypeAlias
 
 import numpy as np
@@ -79,6 +79,44 @@ def common_factor(cost: float, dof: int, rounding: float) -> Noise:
     if fits_exactly(cost, rounding):
         return Noise(factor=1.0, state=NoiseState.EXACT)
     return Noise(factor=sqrt(cost / dof), state=NoiseState.ESTIMATED)
+
+
+VARIANCE_ROUNDS = 50
+"""Of Fisher's scoring for the variance of one unknown noise beside constants: each leaves less than a half."""
+
+
+def beside_constants(residuals: Floats, moves: Floats, dof: int) -> Noise:
+    """The factor of one noise of all residuals e (m,), which uncertain constants move by ``moves`` D (k, m).
+
+    The restricted likelihood of e, whose covariance is v M + Dᵀ D with the projector M on what the unknowns leave: its
+    variance v by Fisher's scoring, and twice v² by the variance of that, the degrees of freedom. As many constants as
+    degrees of freedom may take up all residuals: then the factor is as without them, if anything too large.
+    """
+    _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
+    apart, along = np.square(lengths), np.square(axes @ residuals)
+    cost = float(residuals @ residuals)
+    rest, left = max(cost - float(along.sum()), 0.0), dof - len(lengths)
+    if left <= 0 or not rest > 0.0:
+        return Noise(factor=sqrt(cost / dof), state=NoiseState.ESTIMATED)
+    variance, told = rest / left, float(left)
+    for _ in range(VARIANCE_ROUNDS):
+        shares = variance / (variance + apart)
+        told = left + float(np.square(shares).sum())
+        squares = (rest + float((along * np.square(shares)).sum())) / variance
+        step = (squares - left - float(shares.sum())) / told
+        variance *= exp(min(max(step, -1.0), 1.0))
+        if abs(step) <= SETTLED_FACTORS:
+            break
+    return Noise(factor=sqrt(variance), state=NoiseState.ESTIMATED, dof=told)
+
+
+def without_constants(residuals: Floats, redundancy: Floats, moves: Floats) -> tuple[Floats, Floats]:
+    """Residuals (m,) in units of their noise and their redundancy numbers, as a variance component is scored beside
+    constants that move them by D (k, m): of (1 + Dᵀ D)⁻¹ e, and the diagonal of what that leaves of the redundancy.
+    """
+    _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
+    taken = np.square(lengths) / (1.0 + np.square(lengths))
+    return residuals - (taken * (axes @ residuals)) @ axes, redundancy - taken @ np.square(axes)
 
 
 def starting_factors(jacobian: Floats, redundancy: Floats, groups: Sequence[Indices]) -> Floats:
