@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Mapping
-from typing import SupportsIndex
+from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,6 +54,18 @@ def path_of(given: object) -> str:
     if not isinstance(given, str | os.PathLike) or not isinstance(found := os.fspath(given), str):
         raise MbmError(faults.no_path(given))
     return found
+
+
+def yes_or_no(argument: str, given: object) -> bool:
+    """Whether something is asked for.
+
+    Raises:
+        MbmError: it is neither True nor False (`wrong-argument`).
+
+    """
+    if not isinstance(given, bool | np.bool_):
+        raise MbmError(faults.no_yes_or_no(argument, given))
+    return bool(given)
 
 
 def threads(given: object) -> int | None:
@@ -163,7 +175,7 @@ def real(given: ArrayLike) -> NDArray[np.float64]:
 
 
 def overrides_of(constants: object) -> dict[str, Override]:
-    """The values of constants that a caller gives, by name. Raises MbmError (unknown-override)."""
+    """The values of constants that a caller gives, by name. Raises MbmError (wrong-value)."""
     from mbm.problem import faults
 
     found = {}
@@ -174,11 +186,16 @@ def overrides_of(constants: object) -> dict[str, Override]:
         try:
             numbers = np.asarray(value, dtype=np.float64).reshape(-1)
         except (TypeError, ValueError):
-            raise MbmError(faults.bad_override(name, "is no number")) from None
+            raise MbmError(faults.wrong_value(name, "is no number")) from None
         if not bool(np.isfinite(numbers).all()):
-            raise MbmError(faults.bad_override(name, "is not finite"))
+            raise MbmError(faults.wrong_value(name, "is not finite"))
         found[name] = Override(name=name, values=tuple(numbers.tolist()))
     return found
+
+
+def integer(given: Any) -> Any:
+    """A whole number of any type as Python's own; anything else as it is."""
+    return operator.index(given) if isinstance(given, SupportsIndex) and not isinstance(given, bool) else given
 
 
 def _whole(given: object) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbm import compiler
-from mbm.api.arguments import by_name, coordinates, threads
+from mbm.api.arguments import by_name, coordinates, integer, threads, yes_or_no
 from mbm.api.compilation import Compilation, Origin, compilation_of
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
@@ -109,10 +109,10 @@ class CompiledProblem:
             self.result(
                 SolveSettings(
                     init=_values(init),
-                    seed=seed,
+                    seed=integer(seed),
                     method=method,
-                    starts=starts,
-                    covariance_full=covariance_full,
+                    starts=integer(starts),
+                    covariance_full=yes_or_no("covariance_full", covariance_full),
                     workers=workers,
                 ),
                 data,

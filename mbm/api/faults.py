@@ -244,6 +244,16 @@ def not_by_name(argument: str, what: str) -> Diagnostic:
     )
 
 
+def no_yes_or_no(argument: str, given: object) -> Diagnostic:
+    """What is neither True nor False."""
+    return Diagnostic(
+        code=WRONG_ARGUMENT,
+        message=f"`{argument}` is {given!r}; True or False is wanted",
+        place=None,
+        hint="leave it out for False",
+    )
+
+
 def no_number_of_threads(given: object) -> Diagnostic:
     """A number of threads that is none."""
     return Diagnostic(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from mbm import compiler
-from mbm.api.arguments import by_name, overrides_of, path_of, text_of
+from mbm.api.arguments import by_name, overrides_of, path_of, text_of, yes_or_no
 from mbm.api.checking import without_start
 from mbm.api.compilation import Origin
 from mbm.api.compiled import CompiledProblem, as_json, compiled
@@ -154,7 +154,7 @@ class Problem:
             tables=by_name("data", data),
             overrides=overrides_of(constants),
             sandbox=self.sandbox,
-            allow_external=allow_external,
+            allow_external=yes_or_no("allow_external", allow_external),
         )
 
     def compiled(self, inputs: Inputs, backend: str) -> CompiledProblem:

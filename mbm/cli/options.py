@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -34,6 +35,35 @@ class Terminal:
     def shows_progress(self) -> bool:
         """Standard error is a terminal, and nobody asked for silence."""
         return not self.quiet and is_terminal(sys.stderr)
+
+
+if TYPE_CHECKING:
+    _Type = click.ParamType[int | float]
+else:
+    _Type = click.ParamType  # no generic class before click 8.3
+
+
+class NumberFrom(_Type):
+    """A number from ``least`` to ``most``, a ``whole`` one unless it says otherwise; 1e3 is whole, too."""
+
+    name = "number"
+
+    def __init__(self, least: float = -math.inf, most: float = math.inf, *, whole: bool = True) -> None:
+        self.least, self.most, self.whole = least, most, whole
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> int | float:
+        """The number; a message about the option where it is none."""
+        try:
+            found: int | float = int(value) if self.whole and str(value).isdecimal() else float(value)
+        except ValueError:
+            found = math.nan
+        if self.whole and isinstance(found, float) and found.is_integer():
+            found = int(found)
+        if not self.least <= found <= self.most or (self.whole and not isinstance(found, int)):
+            ends = f" from {self.least:g}" if self.least > -math.inf else ""
+            ends += f" to {self.most:g}" if self.most < math.inf else ""
+            self.fail(f"`{value}` is no {'whole ' if self.whole else ''}number{ends}", parameter, context)
+        return found
 
 
 def verbosity_options(function: _Function) -> _Function:

@@ -342,10 +342,10 @@ def given_numbers(entry: Entry, given: Floats | None) -> Floats:
     if numbers.size == unknown.size and entry.count > unknown.size:
         numbers = np.tile(numbers, entry.members)
     if numbers.size != entry.count:
-        message = f"has {numbers.size} numbers; {entry.count} are wanted"
-        raise MbmError(problem_faults.bad_override(unknown.name, message))
+        message = f"has {numbers.size} numbers; {'one is' if entry.count == 1 else f'{entry.count} are'} wanted"
+        raise MbmError(problem_faults.wrong_value(unknown.name, message))
     if bool(np.isinf(numbers).any()):
-        raise MbmError(problem_faults.bad_override(unknown.name, "is not finite"))
+        raise MbmError(problem_faults.wrong_value(unknown.name, "is not finite"))
     return numbers if unknown.manifold.flat else _on_manifold(unknown, numbers.reshape(-1, unknown.size)).reshape(-1)
 
 
@@ -356,7 +356,7 @@ def _on_manifold(unknown: Unknown, numbers: Floats) -> Floats:
         part = found[:, first : first + piece.size]
         if piece is Piece.SCALE and bool((part <= 0.0).any()):
             raise MbmError(
-                problem_faults.bad_override(
+                problem_faults.wrong_value(
                     unknown.name, "has a scale that is not above 0", "leave it out where it is not known"
                 )
             )
@@ -367,7 +367,7 @@ def _on_manifold(unknown: Unknown, numbers: Floats) -> Floats:
             if bool((length == 0.0).any()):
                 none, one = ("rotation", "[1, 0, 0, 0]") if piece is Piece.QUATERNION else ("direction", "[0, 0, 1]")
                 message, hint = f"is no {none}: its length is 0", f"{one} is one; leave it out where it is not known"
-                raise MbmError(problem_faults.bad_override(unknown.name, message, hint))
+                raise MbmError(problem_faults.wrong_value(unknown.name, message, hint))
             part /= length
     return found
 

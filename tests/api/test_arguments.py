@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -72,13 +73,13 @@ TURNED = """(problem turned
 @pytest.mark.parametrize(
     ("given", "code", "says"),
     [
-        ({"d": [0, 0, 0]}, "unknown-override", "`d` is no direction: its length is 0"),
-        ({"q": [0, 0, 0, 0]}, "unknown-override", "`q` is no rotation: its length is 0"),
-        ({"q": {"quaternion": [0, 0, 0, 0]}}, "unknown-override", "`q` is no rotation: its length is 0"),
+        ({"d": [0, 0, 0]}, "wrong-value", "`d` is no direction: its length is 0"),
+        ({"q": [0, 0, 0, 0]}, "wrong-value", "`q` is no rotation: its length is 0"),
+        ({"q": {"quaternion": [0, 0, 0, 0]}}, "wrong-value", "`q` is no rotation: its length is 0"),
         ({"q": {"matrix": np.zeros((3, 3)).tolist()}}, "bad-initial-values", "neither a rotation nor a pose"),
         ({"q": {"matrix": np.diag([1, 1, -1]).tolist()}}, "bad-initial-values", "neither a rotation nor a pose"),
         ({"q": {"matrix": np.diag([2, 1, 1]).tolist()}}, "bad-initial-values", "neither a rotation nor a pose"),
-        ({"s": [1, 0, 0, 0, 0, 0, 0, 0]}, "unknown-override", "`s` has a scale that is not above 0"),
+        ({"s": [1, 0, 0, 0, 0, 0, 0, 0]}, "wrong-value", "`s` has a scale that is not above 0"),
     ],
 )
 def test_starts_that_are_no_rotation_and_no_direction(given: Any, code: str, says: str) -> None:
@@ -153,9 +154,29 @@ def test_what_an_angle_has_not_is_said_in_words() -> None:
     [
         ({"method": 3}, "unknown-method"),
         ({"method": ["lm"]}, "unknown-method"),
-        ({"starts": True}, "unknown-override"),
-        ({"seed": True}, "unknown-override"),
+        ({"starts": True}, "wrong-value"),
+        ({"seed": True}, "wrong-value"),
     ],
 )
 def test_options_of_another_type_are_refused(given: Any, code: str, compiled: mbm.CompiledProblem) -> None:
     assert refused(lambda: compiled.solve(**given), code)
+
+
+def test_whole_numbers_of_any_type_are_settings(compiled: mbm.CompiledProblem) -> None:
+    wanted = compiled.solve(starts=3, seed=2)
+    found = compiled.solve(starts=cast("int", np.int64(3)), seed=cast("int", np.uint8(2)))
+    assert found.solves[0].cost == wanted.solves[0].cost
+    assert json.loads(found.to_json())["seed"] == 2
+
+
+@pytest.mark.parametrize("given", [{"allow_external": 3}, {"allow_external": None}, {"covariance_full": "no"}])
+def test_what_is_neither_true_nor_false(given: Any) -> None:
+    (name,) = given
+    text = "(problem p (unknowns (x :init 1)) (observe (= 1 x) :sigma 1))"
+    said = refused(lambda: mbm.loads(text).solve(**given), "wrong-argument")
+    assert f"`{name}` is {given[name]!r}; True or False is wanted" in said
+
+
+def test_a_start_that_is_nothing_is_no_start(compiled: mbm.CompiledProblem) -> None:
+    for name in compiled.solve().keys():  # noqa: SIM118 - a result is no dict
+        assert f"`{name}` is no number" in refused(lambda n=name: compiled.solve(init={n: None}), "bad-initial-values")

@@ -16,6 +16,7 @@ import pytest
 
 import mbm.cli.main
 from mbm.cli.group import COMMANDS, LATER
+from mbm.cli.options import NumberFrom
 from mbm.version import __version__
 
 Run = Callable[..., Any]
@@ -215,3 +216,24 @@ def test_the_process_ends_after_threads_and_what_is_registered_for_the_end() -> 
     )
     finished = process("-c", code)
     assert (finished.stdout, finished.stderr, finished.returncode) == ("said\nthread\nregistered\n", "", 7)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (("--starts", "0"), "'--starts': `0` is no whole number from 1"),
+        (("--starts", "2.5"), "'--starts': `2.5` is no whole number from 1"),
+        (("--seed", "x"), "'--seed': `x` is no whole number from 0"),
+        (("--seed", "-3"), "'--seed': `-3` is no whole number from 0"),
+        (("--workers", "inf"), "'--workers': `inf` is no whole number from 1"),
+    ],
+)
+def test_numbers_that_options_do_not_take(given: tuple[str, str], says: str, mbm: Run) -> None:
+    outcome = mbm("solve", "p.mbm", *given)
+    assert outcome.status == 2
+    assert says in outcome.err
+
+
+def test_numbers_with_an_exponent_are_whole_ones() -> None:
+    assert repr(NumberFrom(1).convert("1e3", None, None)) == "1000"
+    assert repr(NumberFrom(whole=False).convert("1e-3", None, None)) == "0.001"

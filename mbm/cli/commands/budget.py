@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mbm.cli.inputs import solve_options
-from mbm.cli.options import Terminal, allow_external_option, verbosity_options
+from mbm.cli.options import NumberFrom, Terminal, allow_external_option, verbosity_options
 from mbm.cli.output import say
 from mbm.cli.outputs import answered, outputs_at
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
 @click.option("--init", metavar="VALUES.json", help="Initial values: name → value, or a result document.")
-@click.option("--seed", type=int, metavar="N", help="Seed of all random numbers.")
+@click.option("--seed", type=NumberFrom(0), metavar="N", help="Seed of all random numbers.")
 @click.option("--json", "json_path", metavar="PATH|-", help="Write the result document, with the budgets.")
 @click.option("--csv", "csv_path", metavar="PATH", help="Write the budgets, one row for each input.")
 @click.option("--latex", "latex_path", metavar="PATH", help="Write the budgets as tables of LaTeX.")

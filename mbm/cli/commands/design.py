@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mbm.cli.inputs import initial_values, solve_options
-from mbm.cli.options import Terminal, allow_external_option, verbosity_options
+from mbm.cli.options import NumberFrom, Terminal, allow_external_option, verbosity_options
 from mbm.cli.output import say
 from mbm.cli.outputs import answered, outputs_at
 
@@ -23,15 +23,17 @@ if TYPE_CHECKING:
 @click.option("--candidates", metavar="TABLE", help="What could be measured: a file, or a table of the problem.")
 @click.option("--observation", metavar="NAME", help="The observation that the candidates are rows of, if unclear.")
 @click.option("--criterion", type=click.Choice(["A", "c", "D"]), help="What is to be small (one number: c).")
-@click.option("--choose", type=click.IntRange(1, 10_000), metavar="N", help="Choose the best N candidates.")
-@click.option("--budget", type=click.FloatRange(min=0), metavar="COST", help="Choose as many as their `cost` allows.")
+@click.option("--choose", type=NumberFrom(1, 10_000), metavar="N", help="Choose the best N candidates.")
+@click.option(
+    "--budget", type=NumberFrom(0, whole=False), metavar="COST", help="Choose as many as their `cost` allows."
+)
 @click.option("--repeats", is_flag=True, help="A candidate may be chosen more than once.")
 @click.option("--sigma", metavar="VALUE", help="A wanted standard deviation: tell the repeats it takes.")
 @click.option("--problem", metavar="NAME", help="The problem of the file, where it holds several.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
-@click.option("--solve", type=click.IntRange(min=1), default=1, metavar="N", help="Which solve, of many (from 1).")
-@click.option("--seed", type=click.IntRange(min=0), default=1, metavar="N", help="Seed of the search for sets.")
+@click.option("--solve", type=NumberFrom(1), default=1, metavar="N", help="Which solve, of many (from 1).")
+@click.option("--seed", type=NumberFrom(0), default=1, metavar="N", help="Seed of the search for sets.")
 @click.option("--json", "json_path", metavar="PATH|-", help="Write everything as JSON.")
 @click.option("--csv", "csv_path", metavar="PATH", help="Write the candidates (without any: what to expect) as CSV.")
 @click.option("--plot", "plot_path", metavar="PATH", help="Draw candidates and the worth of rows (.png .svg .pdf).")

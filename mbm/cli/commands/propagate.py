@@ -13,7 +13,7 @@ from mbm.cli import faults
 from mbm.cli.documents import refuse_standard_output
 from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
-from mbm.cli.options import Terminal, allow_external_option, terminal, verbosity_options
+from mbm.cli.options import NumberFrom, Terminal, allow_external_option, terminal, verbosity_options
 from mbm.cli.output import say
 from mbm.cli.outputs import answered, outputs_at
 from mbm.cli.progress import ProgressBar
@@ -32,10 +32,10 @@ AUTO = "auto"
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
 @click.option("--init", metavar="VALUES.json", help="Initial values: name → value, or a result document.")
-@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Seed of all random numbers.")
+@click.option("--seed", type=NumberFrom(0), metavar="N", help="Seed of all random numbers.")
 @click.option("--json", "json_path", metavar="PATH|-", help="Write the result document, with what the trials say.")
 @click.option("--samples", "samples_path", metavar="PATH", help="Write the joint samples (.npz .parquet .nc).")
-@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Threads; else all cores.")
+@click.option("--workers", type=NumberFrom(1), metavar="N", help="Threads; else all cores.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @allow_external_option
 @verbosity_options

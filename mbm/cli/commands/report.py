@@ -12,7 +12,7 @@ import click
 
 from mbm.cli.documents import refuse_standard_output
 from mbm.cli.inputs import solve_options
-from mbm.cli.options import allow_external_option, verbosity_options
+from mbm.cli.options import NumberFrom, allow_external_option, verbosity_options
 from mbm.cli.outputs import Output, answered, document_bytes, outputs_at
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ WORDS = (("problem", "--problem"), ("seed", "--seed"), ("init", "--init"), ("san
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
 @click.option("--init", metavar="VALUES.json", help="Initial values: name → value, or a result document.")
-@click.option("--seed", type=int, metavar="N", help="Seed of all random numbers.")
+@click.option("--seed", type=NumberFrom(0), metavar="N", help="Seed of all random numbers.")
 @click.option("--json", "json_path", metavar="PATH|-", help="Write the result document, too.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @allow_external_option

@@ -11,7 +11,7 @@ from mbm.cli import faults
 from mbm.cli.documents import refuse_standard_output
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import json_object, named_paths, named_texts
-from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
+from mbm.cli.options import NumberFrom, allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say
 from mbm.files.folders import check_folder, write_folder
 from mbm.files.journal import note, option_role
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @click.command("simulate")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--at", metavar="VALUES.json", help="The true values: name → value, or a result document.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, metavar="N", help="Seed of all random numbers.")
+@click.option("--seed", type=NumberFrom(0), default=1, metavar="N", help="Seed of all random numbers.")
 @click.option("-o", "--output", "folder", metavar="DIR", required=True, help="The folder to write.")
 @click.option("--problem", metavar="NAME", help="The problem of the file, where it holds several.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
@@ -35,7 +35,11 @@ if TYPE_CHECKING:
 @click.option("--noise", multiple=True, metavar="NAME=VALUE", help="The noise scale of an observation: ranges=5mm.")
 @click.option("--measured", multiple=True, metavar="NAME=COLUMN,…", help="What an observation measures, where unclear.")
 @click.option(
-    "--outliers", nargs=2, type=float, metavar="FRACTION SIZE", help="Gross errors of SIZE standard deviations."
+    "--outliers",
+    nargs=2,
+    type=NumberFrom(whole=False),
+    metavar="FRACTION SIZE",
+    help="Gross errors of SIZE standard deviations.",
 )
 @click.option("--draw-priors", is_flag=True, help="Draw unknowns with a prior from their prior.")
 @click.option("--force", is_flag=True, help="Write into a folder that holds other files.")

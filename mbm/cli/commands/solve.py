@@ -14,7 +14,7 @@ from mbm.cli import faults
 from mbm.cli.documents import refuse_standard_output
 from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
-from mbm.cli.options import Terminal, allow_external_option, terminal, verbosity_options
+from mbm.cli.options import NumberFrom, Terminal, allow_external_option, terminal, verbosity_options
 from mbm.cli.output import say
 from mbm.cli.outputs import Output, Scenes, answered, document_bytes, outputs_at
 from mbm.cli.progress import ProgressBar
@@ -40,13 +40,11 @@ BACKENDS = ("auto", "native", "casadi", "numpy")
 @click.option("--plot", "plot_path", metavar="PATH", help="Draw residuals, ellipses, data and model (.png .svg .pdf).")
 @click.option("--overlay", "overlay_path", metavar="PATH", help="Draw the images: measured and predicted features.")
 @click.option("--init", metavar="VALUES.json", help="Initial values: name → value, or a result document.")
-@click.option("--starts", type=click.IntRange(min=1), metavar="N", help="Random start points, for the best minimum.")
-@click.option("--seed", type=int, metavar="N", help="Seed of all random numbers.")
+@click.option("--starts", type=NumberFrom(1), metavar="N", help="Random start points, for the best minimum.")
+@click.option("--seed", type=NumberFrom(0), metavar="N", help="Seed of all random numbers.")
 @click.option("--method", metavar="M", help="auto, lm, dogleg, gauss-newton, …")
 @click.option("--backend", type=click.Choice(BACKENDS), default="auto", help="Backend that evaluates the equations.")
-@click.option(
-    "--workers", type=click.IntRange(min=1), metavar="N", help="Threads for many or large solves; else all cores."
-)
+@click.option("--workers", type=NumberFrom(1), metavar="N", help="Threads for many or large solves; else all cores.")
 @click.option(
     "--write",
     "written",

@@ -12,7 +12,15 @@ from mbm.cli.documents import refuse_standard_output
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import solve_options
 from mbm.cli.interrupts import interruptible
-from mbm.cli.options import Terminal, allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
+from mbm.cli.options import (
+    NumberFrom,
+    Terminal,
+    allow_external_option,
+    problem_at,
+    reads_so_far,
+    terminal,
+    verbosity_options,
+)
 from mbm.cli.output import say_error
 from mbm.cli.statuses import ATTENTION, OK
 from mbm.files.journal import Read
@@ -32,12 +40,12 @@ KINDS = ("models", "scene", "overlay", "map")
 @click.option("--show", multiple=True, type=click.Choice(KINDS), help="What to draw of a problem; else what suits.")
 @click.option("--photo", "photos", multiple=True, metavar="NAME", help="Draw the image of this name only.")
 @click.option("--image", metavar="FILE|DIR", help="The photograph beneath, or a folder of them by their names.")
-@click.option("--solve", type=click.IntRange(min=1), default=1, metavar="N", help="Which solve, of many (from 1).")
+@click.option("--solve", type=NumberFrom(1), default=1, metavar="N", help="Which solve, of many (from 1).")
 @click.option("--problem", metavar="NAME", help="The problem of the file, where it holds several.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant, initial value or argument.")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
 @click.option("--init", metavar="VALUES.json", help="Initial values: name → value, or a result document.")
-@click.option("--seed", type=int, metavar="N", help="Seed of all random numbers.")
+@click.option("--seed", type=NumberFrom(0), metavar="N", help="Seed of all random numbers.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @allow_external_option
 @verbosity_options

@@ -42,11 +42,6 @@ _RULES = [f"`{rule}`" for rule in RULES]
 UNKNOWN_METHOD = Code(
     "unknown-method", "`:method` names no solver.", f"Use `auto`, {', '.join(_RULES[:-1])} or {_RULES[-1]}."
 )
-UNKNOWN_OVERRIDE = Code(
-    "unknown-override",
-    "A constant or start is given from outside, but the problem has no constant or unknown of that name.",
-    "Correct the name.",
-)
 NO_UNKNOWNS = Code("no-unknowns", "The problem estimates and derives nothing.", "Add `(unknowns (name …)…)`.")
 NO_EQUATIONS = Code("no-equations", "The problem has neither observations nor priors.", "Add an `observe` clause.")
 TOO_MANY_STATIC_VALUES = Code(
@@ -233,21 +228,6 @@ def unknown_method(span: Span | None, name: str, known: tuple[str, ...]) -> Diag
         place=span,
         hint=suggestion(name, known, f"the solvers are {', '.join(f'`{each}`' for each in known)}"),
     )
-
-
-def unknown_override(name: str, known: tuple[str, ...], span: Span | None = None) -> Diagnostic:
-    """A value for a name that takes none."""
-    return Diagnostic(
-        code=UNKNOWN_OVERRIDE,
-        message=f"the problem has no constant or unknown `{name}` to set",
-        place=span,
-        hint=suggestion(name, known, f"values can be given for {listed(known)}" if known else None),
-    )
-
-
-def bad_override(name: str, message: str, hint: str | None = None) -> Diagnostic:
-    """A value that does not fit its name."""
-    return Diagnostic(code=UNKNOWN_OVERRIDE, message=f"the value given for `{name}` {message}", hint=hint)
 
 
 def no_unknowns(span: Span) -> Diagnostic:

@@ -75,12 +75,12 @@ def _overridden(work: Workspace, declared: Value, override: Override) -> Value:
     if isinstance(declared, Array) and isinstance(given, Array):
         if len(declared.elements) != len(given.elements):
             message = f"is {describe(given)}, but the constant is {describe(declared)}"
-            raise MbmError(faults.bad_override(override.name, message))
+            raise MbmError(faults.wrong_value(override.name, message))
         pairs = zip(given.elements, declared.elements, strict=True)
         return Array(declared.shape, tuple(_redimensioned(g, d, override) for g, d in pairs))
     if type(declared) is not type(given):
         message = f"is {describe(given)}, but the constant is {describe(declared)}"
-        raise MbmError(faults.bad_override(override.name, message))
+        raise MbmError(faults.wrong_value(override.name, message))
     return given
 
 
@@ -93,12 +93,12 @@ def _redimensioned(given: Expression, declared: Expression, override: Override) 
     stated, wanted = (_dimension(node) for node in (given, declared))
     if stated is not None and wanted is not None and stated != wanted:
         message = f"is {stated.describe()}, but the constant is {wanted.describe()}"
-        raise MbmError(faults.bad_override(override.name, message))
+        raise MbmError(faults.wrong_value(override.name, message))
     if isinstance(given, Number) and given.dimension is None:
         absolute = is_temperature(declared, declared.span or _NOWHERE)
         if absolute and not override.computed:
             message = f"has no unit, and would be in kelvin: write `{float(given.value):g}degC`"
-            raise MbmError(faults.bad_override(override.name, message))
+            raise MbmError(faults.wrong_value(override.name, message))
         return replace(given, dimension=wanted, absolute=absolute)
     return given
 

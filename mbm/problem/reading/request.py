@@ -112,9 +112,6 @@ def _columns(work: Workspace, clauses: list[Sequence]) -> dict[str, Span]:
     return found
 
 
-OWN = "leave it out for that of the problem"
-
-
 def requested(
     problem: Problem,
     *,
@@ -132,14 +129,14 @@ def requested(
     if seed is not None:
         if not (isinstance(seed, int) and not isinstance(seed, bool) and 0 <= seed <= LARGEST_SEED):
             message = f"should be a whole number in 0 … {LARGEST_SEED}"
-            raise MbmError(faults.bad_override("seed", message, OWN))
+            raise MbmError(faults.wrong_value("seed", message))
         if isinstance(request.starts, RandomStarts):
             request = replace(request, starts=replace(request.starts, seed=None))
         request = replace(request, seed=seed)
     if starts is not None:
         if not (isinstance(starts, int) and not isinstance(starts, bool) and 1 <= starts <= MAXIMUM_STARTS):
             message = f"should be a whole number in 1 … {MAXIMUM_STARTS}"
-            raise MbmError(faults.bad_override("starts", message, OWN))
+            raise MbmError(faults.wrong_value("starts", message))
         kept = request.starts.seed if isinstance(request.starts, RandomStarts) else None
         request = replace(request, starts=RandomStarts(count=starts, seed=kept))
     if method is None:
