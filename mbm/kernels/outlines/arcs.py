@@ -93,7 +93,35 @@ def arcs_of(surveyor: Surveyor, numbers: Floats) -> tuple[Arc, ...] | None:
                     points=points,
                 )
             )
-    return (*arcs, *_sides(surveyor, surfaces, numbers))
+    groups = _same_sides(surfaces)
+    beside = _on_sides(arcs, np.array([surfaces[group[0][0]].sides[group[0][1]] for group in groups]))
+    merged = {line for lines in beside.values() for line, _ in lines}
+    shared = {group: [arcs[line].weight * way for line, way in lines] for group, lines in beside.items()}
+    sides = _sides(surveyor, surfaces, numbers, [(each, sum(shared.get(k, ()))) for k, each in enumerate(groups)])
+    return (*(arc for k, arc in enumerate(arcs) if k not in merged), *sides)
+
+
+def _on_sides(arcs: list[Arc], sides: Floats) -> dict[int, list[tuple[int, int]]]:
+    """The numbers of arcs of flat faces that run along one of ``sides`` (k, CELLS + 1, 3): 1, or against it: −1."""
+    found: dict[int, list[tuple[int, int]]] = {}
+    lines = [k for k, arc in enumerate(arcs) if not arc.fold and arc.net < 0] if len(sides) else []
+    if not lines:
+        return found
+    limit = SAME * np.ptp(sides[..., :2].reshape(-1, 2), axis=0).max()
+    ends = np.array([arcs[k].points[[0, -1]] for k in lines])
+    tips = sides[:, [0, -1], :2]
+    for way in (1, -1):
+        near = np.abs(ends[:, None, ::way] - tips[None]).max(axis=(2, 3)) <= limit
+        for line, side in np.argwhere(near).tolist():
+            arc, images = arcs[lines[line]], sides[side, :, :2]
+            if arc.straight:
+                (x, y), (u, v) = (images - images[0]).T, images[-1] - images[0]
+                away = np.abs(x * v - y * u) / max(np.hypot(u, v), 1e-300)
+            else:
+                away = np.abs(arc.points[::way] - images[:: CELLS // BENT])
+            if away.max() <= limit:
+                found.setdefault(side, []).append((lines[line], way))
+    return found
 
 
 def _thinned(nodes: Floats, points: Floats) -> tuple[Floats, Floats]:
@@ -253,8 +281,13 @@ def side_parameters(side: int, share: Floats) -> Floats:
     return np.stack(pair, axis=1)
 
 
-def _sides(surveyor: Surveyor, patches: list[_Patch], numbers: Floats) -> Iterator[Arc]:
-    """The sides of surfaces; those that coincide are one arc, cut wherever one of its surfaces turns its other side."""
+def _sides(
+    surveyor: Surveyor, patches: list[_Patch], numbers: Floats, groups: list[tuple[list[tuple[int, int, bool]], int]]
+) -> Iterator[Arc]:
+    """The sides of surfaces; those that coincide are one arc, cut wherever one of its surfaces turns its other side.
+
+    ``groups`` are these, each with the weight that flat faces have there.
+    """
 
     def images(patch: int, number: int) -> Floats | None:
         return patches[patch].sides[number]
@@ -264,10 +297,10 @@ def _sides(surveyor: Surveyor, patches: list[_Patch], numbers: Floats) -> Iterat
     ends = {
         (p, side): turn if along else -turn for turn, loop in zip(turns, loops, strict=True) for p, side, along in loop
     }
-    for group in _same_sides(patches):
+    for group, flat in groups:
         share = _cuts(patches, group)
         first, own, _ = group[0]
-        weights = np.zeros(len(share) - 1, dtype=int)
+        weights = np.full(len(share) - 1, flat)
         for number, side, along in group:
             turn = _turned(patches[number], side, along, share) + ends.get((number, side), 0)
             weights += turn if along else -turn

@@ -33,13 +33,9 @@ SHAPES = {
     "mug": "(mug a)",
     "post": "(post (/ a 2))",
     "bar": "(extrude (disk a) 0.3)",
-}
-ENDING = {
     "arch": "(revolve (trans (0.3 0 0) (rectangular (/ a 2) a)) 200deg)",
     "patch": "(patch a)",
 }
-"""Smooth faces that end before they are around."""
-
 CAMERAS = {
     "pinhole": ":focal (f 810) :center (320 240)",
     "distorted": ":focal (f 810) :center (320 240) :distortion (k 0.05 0.001 -0.002 0.01)",
@@ -65,7 +61,7 @@ SIZE, FOCAL, BEND = 0.2, 800.0, -0.1
 def compiled(shape: str, camera: str = "pinhole", measures=tuple(MEASURES), *, points=(), angles=ANGLES, place=PLACE):
     """The problem whose residuals are what is measured; its unknowns are a pose, a size, f and k, in this order."""
     seen = {"paper": (place[2], *place[:2]), "opengl": (*place[:2], -place[2])}.get(camera, place)
-    silhouette = f"(project cam (transform T {(SHAPES | ENDING).get(shape, shape)}))"
+    silhouette = f"(project cam (transform T {SHAPES.get(shape, shape)}))"
     whole = [f"(observe {m} (let ((S {silhouette})) {MEASURES[m]}) :sigma 1)" for m in measures]
     rows = f"(observe points (contour-distance {silhouette} [u v]) :sigma 1)" if len(points) else ""
     text = f"""{MODELS}

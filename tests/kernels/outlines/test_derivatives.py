@@ -14,7 +14,7 @@ STEP = 1e-4
 SCENES = [
     *((shape, "pinhole") for shape in ("box", "l-block", "cylinder", "cone", "ellipsoid", "torus", "tube", "post")),
     *(("l-block", "distorted"), ("cylinder", "fisheye"), ("torus", "orthographic"), ("sphere", "distorted")),
-    *(("torus", "paper"), ("bar", "pinhole")),
+    *(("torus", "paper"), ("bar", "pinhole"), ("arch", "distorted")),
 ]
 
 

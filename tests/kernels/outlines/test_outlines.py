@@ -181,6 +181,27 @@ def test_smooth_faces_that_end(shape, angles):
     np.testing.assert_allclose(ends, [low[0], high[0], low[1], high[1]], atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("camera", "angles"), [("pinhole", ANGLES), ("distorted", ANGLES), ("paper", (2.0, -0.5, 1.0))]
+)
+def test_flat_ends_beside_smooth_sides(camera, angles):
+    """Six faces as cells of a grid: of an arc of 200° by 400 chords 1e-5 of the radius are missing in the middle."""
+    end, share = np.radians(200), np.linspace(0, 1, 401)
+    a, b = np.meshgrid(share, share[::40], indexing="ij")
+    faces = [(r, end * a, SIZE * (2 * b - 1)) for r in (0.2, 0.4)]
+    faces += [(0.2 + 0.2 * b, end * a, z) for z in (-SIZE, SIZE)]
+    faces += [(0.2 + 0.2 * a, angle, SIZE * (2 * b - 1)) for angle in (0, end)]
+    triangles = []
+    for radius, angle, z in faces:
+        points = np.stack(np.broadcast_arrays(radius * np.cos(angle), radius * np.sin(angle), z + 0 * a), axis=-1)
+        image = seen(points, camera, angles=angles)
+        cells = np.stack([image[:-1, :-1], image[1:, :-1], image[1:, 1:], image[:-1, 1:]], axis=2).reshape(-1, 4, 2)
+        triangles += [cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]]
+    region = shapely.union_all(shapely.polygons(np.concatenate(triangles)), grid_size=1e-6)
+    region = shapely.Polygon(region.exterior, [r for r in region.interiors if shapely.Polygon(r).area > 1])
+    agrees(measured("arch", camera, angles=angles), region, 2e-5, upward=camera == "paper")
+
+
 def faces_of(boxes) -> list[shapely.Polygon]:
     found = []
     for sides, place in boxes:
