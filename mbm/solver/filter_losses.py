@@ -30,6 +30,12 @@ from mbm.solver.loss_spread import curvature_factor
 WIDEST = 1e8
 """How many times as wide losses are for plain least squares to rounding."""
 
+NARROWER = 0.5
+"""How many times as wide they are next, on the way from there to what is stated."""
+
+NOTHING = 1e-6
+"""Share of the information of a row that losses leave, below which it has no standard deviation to speak of."""
+
 SHARE = 6
 """Of the sums of a loss in a walk, behind those of `loss_pools`: the unknowns that its units determine."""
 
@@ -81,6 +87,23 @@ def weighed_lines(walk: Walk, point: ConstantReals) -> Integer:
                 for i in range(size):
                     walk.owners[first + unit.first + i] = place
             first += block.outputs
+    return m
+
+
+def kept_lines(walk: Walk, point: ConstantReals) -> Integer:
+    """`step_lines` without the rows that losses leave next to nothing of: these determine nothing."""
+    width = walk.chain.n + 1
+    widen_losses(walk, WIDEST)
+    m = step_lines(walk, point)
+    walk.rows.constants = walk.stated
+    for i in range(m):
+        line = walk.jacobian[i * width :]
+        walk.scores[i] = dot(width - 1, line, line)
+    step_lines(walk, point)
+    for i in range(m):
+        line = walk.jacobian[i * width :]
+        if not dot(width - 1, line, line) > NOTHING * walk.scores[i]:
+            filled(width, 0.0, line)
     return m
 
 

@@ -192,6 +192,8 @@ class Walk:
     path: Reals = sized("kept * numbers")
     """The points of a smoother's steps, k at ``k % kept`` …"""
     path_tried: Reals = sized("kept * numbers")
+    path_kept: Reals = sized("rivals * kept * numbers")
+    """… and those to which it may go back, …"""
     noises: Reals = sized("kept * noises")
     """… the noise of the transitions that lead from them, in standard deviations, …"""
     noises_tried: Reals = sized("kept * noises")

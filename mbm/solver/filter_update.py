@@ -16,7 +16,7 @@ from math import fabs, isfinite, sqrt
 from mbm.machine.words import ConstantReals, Integer, Real
 from mbm.solver.charts import transport
 from mbm.solver.covariance import singular_values
-from mbm.solver.filter_losses import WIDEST, spread_update
+from mbm.solver.filter_losses import NARROWER, WIDEST, spread_update
 from mbm.solver.filter_moves import to_columns
 from mbm.solver.filter_records import Walk, plain_step_cost, step_cost, step_lines, widen_losses
 from mbm.solver.linear_algebra import add_multiple, append_rows, copied, corner, dot, filled, solve_upper, times_upper
@@ -49,9 +49,6 @@ FIRST_COST = 1e300
 
 COUNTED = 0.5
 """Where losses leave less of the squares of a step's rows, another minimum is looked for."""
-
-NARROWER = 0.5
-"""How many times as wide they are next."""
 
 
 def see_along(walk: Walk, m: Integer, count: Integer, lines: ConstantReals) -> None:
@@ -241,20 +238,19 @@ def iterate_update(walk: Walk, m: Integer, free: Integer, size: Integer) -> Real
         place_share(walk, size)
         root = walk.triangle[(size + 1) * (size + 1) - 1]
         return root * root
+    if chain.rivals == 1 and free > 0:
+        return narrowed_share(walk, free, size)
     cost = descend(walk, m, free, size, cost_of_share(walk, free, size))
     if chain.rivals == 1 and step_cost(walk, walk.trial) < COUNTED * plain_step_cost(walk, walk.trial):
         return least_of_minima(walk, free, size, cost)
     return cost
 
 
-def least_of_minima(walk: Walk, free: Integer, size: Integer, cost: Real) -> Real:
-    """The least cost of the minimum where `share` is and of the one that least squares lead to; `share` is there then.
-
-    Rows that a loss leaves out where they were predicted may all the same be worth a change of what was predicted.
-    Losses are wide at first, and become those that are stated (graduated non-convexity).
+def narrowed_share(walk: Walk, free: Integer, size: Integer) -> Real:
+    """The cost where `share` leads with losses that are wide at first, and become those that are stated (graduated
+    non-convexity).
     """
     settled = walk.settled
-    copied(size, walk.share, walk.rival)
     factor = WIDEST
     while factor > 1.0:
         widen_losses(walk, factor)
@@ -264,7 +260,17 @@ def least_of_minima(walk: Walk, free: Integer, size: Integer, cost: Real) -> Rea
     walk.rows.constants = walk.stated
     walk.settled = settled
     found = cost_of_share(walk, free, size)
-    found = descend(walk, lines_at_share(walk, size), free, size, found)
+    return descend(walk, lines_at_share(walk, size), free, size, found)
+
+
+def least_of_minima(walk: Walk, free: Integer, size: Integer, cost: Real) -> Real:
+    """The least cost of the minimum where `share` is and of the one that least squares lead to; `share` is there then.
+
+    Rows that a loss leaves out where they were predicted may all the same be worth a change of what was predicted.
+    """
+    settled = walk.settled
+    copied(size, walk.share, walk.rival)
+    found = narrowed_share(walk, free, size)
     if found < cost and walk.settled >= settled:
         return found
     walk.settled = settled
@@ -280,7 +286,10 @@ def best_point(walk: Walk) -> Integer:
     """
     chain = walk.chain
     n = chain.n
+    if chain.rivals == 1 and walk.open_count > 0:
+        widen_losses(walk, WIDEST)  # rows tell of what nothing is known, however far they are from where it begins
     m = step_lines(walk, walk.point)
+    walk.rows.constants = walk.stated
     walk.last_cost = 0.0
     if m == 0:
         return 0

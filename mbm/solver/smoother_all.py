@@ -7,15 +7,13 @@ that begins where the first step is carried on by the transitions, as all steps 
 
 from __future__ import annotations
 
-from math import sqrt
-
 from mbm.machine.words import Integer
 from mbm.solver.charts import step_between
-from mbm.solver.filter_losses import WIDEST
 from mbm.solver.filter_moves import move_on
-from mbm.solver.filter_records import Walk, load_step, plain_step_cost, step_cost, widen_losses
-from mbm.solver.filter_update import COUNTED, NARROWER
+from mbm.solver.filter_records import Walk, load_step, plain_step_cost, step_cost
+from mbm.solver.filter_update import COUNTED
 from mbm.solver.linear_algebra import copied, filled
+from mbm.solver.smoother_losses import narrowed
 from mbm.solver.smoothers import backward, begin_path, load_noise, path_of, settle_base, smooth, spread_path
 
 
@@ -61,16 +59,6 @@ def left_out(walk: Walk) -> Integer:
     return 1 if kept < COUNTED * plain else 0
 
 
-def narrowed(walk: Walk) -> Integer:
-    """`smooth_path` with losses that are wide at first, and become those that are stated."""
-    factor = WIDEST
-    while factor > 1.0:
-        widen_losses(walk, factor)
-        factor = 0.0 if smooth_path(walk) < 0 else min(NARROWER * factor, sqrt(walk.last_cost))
-    walk.rows.constants = walk.stated
-    return smooth_path(walk)
-
-
 def carried_path(walk: Walk) -> Integer:
     """`smooth_path` from where the transitions carry the first step."""
     chain = walk.chain
@@ -93,7 +81,7 @@ def least_of_paths(walk: Walk) -> Integer:
     cost = walk.last_cost
     copied(chain.steps * chain.numbers, walk.path, walk.points)
     for rival in range(2):
-        free = narrowed(walk) if rival == 0 else carried_path(walk)
+        free = narrowed(walk, 0, chain.steps - 1) if rival == 0 else carried_path(walk)
         if free >= 0 and walk.last_cost < cost and walk.settled >= settled:
             settled = walk.settled
             cost = walk.last_cost

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from mbm.machine.words import Integer
 from mbm.solver.charts import step_between, transport
-from mbm.solver.filter_losses import spread_update
+from mbm.solver.filter_losses import kept_lines, spread_update
 from mbm.solver.filter_moves import add_noise, carried, carry_lines, move_on, predict
 from mbm.solver.filter_records import Walk, hold_move, load_move, load_step, plain_step_cost, step_cost, step_lines
 from mbm.solver.filter_update import COUNTED, best_point, set_new_factor, set_triangle_of, turn_open
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
 from mbm.solver.manifolds import retract
-from mbm.solver.smoother_losses import spread_base
+from mbm.solver.smoother_losses import least_of_windows, spread_base
 from mbm.solver.smoothers import (
     backward,
     begin_path,
@@ -37,7 +37,7 @@ def leave_step(walk: Walk, k: Integer) -> None:
     """The prior of step k with its rows, about the path: `factor`, `open`, and the mean as the change `along`."""
     n = walk.chain.n
     load_step(walk, k)
-    m = step_lines(walk, path_of(walk, k))
+    m = kept_lines(walk, path_of(walk, k)) if walk.chain.pools > 0 else step_lines(walk, path_of(walk, k))
     step_between(walk.seen, path_of(walk, k), walk.base_mean, walk.turn, walk.along)
     for i in range(m):
         walk.jacobian[i * (n + 1) + n] += dot(n, walk.jacobian[i * (n + 1) :], walk.along)
@@ -173,7 +173,8 @@ def lag_step(walk: Walk, k: Integer) -> Integer:
     if begun == 1:
         copied(chain.numbers, walk.newest, path_of(walk, k))
         walk.loose = 1
-    free = smooth(walk, walk.base, k)
+    unknown = chain.rivals == 1 and walk.open_count > 0
+    free = least_of_windows(walk, k) if unknown else smooth(walk, walk.base, k)
     if free < 0:
         return 0
     walk.free = free

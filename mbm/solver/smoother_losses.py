@@ -7,11 +7,15 @@ x' along the closed loop ``Φ = F - L K`` of the policy K, and the noise w adds 
 
 from __future__ import annotations
 
+from math import sqrt
+
 from mbm.machine.words import Integer
 from mbm.solver.charts import transport
 from mbm.solver.filter_losses import (
+    NARROWER,
     POOLED,
     SHARE,
+    WIDEST,
     add_shares,
     renew_errors,
     settle_factors,
@@ -19,10 +23,10 @@ from mbm.solver.filter_losses import (
     weighed_lines,
 )
 from mbm.solver.filter_moves import to_columns
-from mbm.solver.filter_records import Walk, hold_move, load_step
+from mbm.solver.filter_records import Walk, hold_move, load_step, widen_losses
 from mbm.solver.linear_algebra import add_multiple, append_rows, copied, filled
 from mbm.solver.loss_pools import COUNT
-from mbm.solver.smoothers import eliminate_noise, follow, path_of, settle_base, slot_of
+from mbm.solver.smoothers import eliminate_noise, follow, forward, path_of, settle_base, slot_of, smooth
 
 
 def add_lossy(walk: Walk, k: Integer) -> None:
@@ -94,6 +98,39 @@ def spread_backward(walk: Walk, first: Integer, last: Integer) -> Integer:
         add_lossy(walk, k)
     hold_move(walk, walk.chain.kept)
     return 1
+
+
+def narrowed(walk: Walk, first: Integer, last: Integer) -> Integer:
+    """`smooth` with losses that are wide at first, and become those that are stated (graduated non-convexity)."""
+    factor = WIDEST
+    while factor > 1.0:
+        widen_losses(walk, factor)
+        walk.last_cost = forward(walk, first, last, 0, 0.0)
+        factor = 0.0 if smooth(walk, first, last) < 0 else min(NARROWER * factor, sqrt(walk.last_cost))
+    walk.rows.constants = walk.stated
+    walk.last_cost = forward(walk, first, last, 0, 0.0)
+    return smooth(walk, first, last)
+
+
+def least_of_windows(walk: Walk, last: Integer) -> Integer:
+    """`smooth` over the window up to step ``last`` of whose first step not all is known: the least cost of where it was
+    predicted and of where least squares lead to. The first row of all leads alone.
+    """
+    chain = walk.chain
+    if last == 0:
+        return narrowed(walk, 0, 0)
+    size = chain.kept * chain.numbers
+    found = smooth(walk, walk.base, last)
+    settled = walk.settled
+    cost = walk.last_cost
+    copied(size, walk.path, walk.path_kept)
+    free = narrowed(walk, walk.base, last)
+    if found < 0 or (free >= 0 and walk.last_cost < cost and walk.settled >= settled):
+        return free
+    copied(size, walk.path_kept, walk.path)
+    filled(chain.kept * chain.noises, 0.0, walk.noises)
+    walk.loose = 1
+    return smooth(walk, walk.base, last)
 
 
 def sum_window(walk: Walk, first: Integer, last: Integer) -> Integer:

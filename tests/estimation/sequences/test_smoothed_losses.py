@@ -108,6 +108,30 @@ def test_intervals_of_filters_hold_where_readings_are_wrong(method, loss, share)
     assert 0.92 <= np.mean(np.abs(errors) < 1.96) <= 0.97
 
 
+@pytest.mark.parametrize("method", ["iterated-ekf", "(smoother :lag 2)"])
+def test_two_readings_that_contradict_one_another_leave_the_first_where_nothing_was_known(method):
+    """Least squares lead between them, where the loss leaves both out: either alone costs half of that."""
+    text = STEPWISE.format(dynamics=WALK, loss="(tukey 4.685)", rest="", method=method).replace(":sigma 1)", ")")
+    z = np.array([-9.1, -3.82])
+    for count in (1, 2):
+        (found,) = mbm.loads(text).solve(data={"d": {"t": np.arange(1.0 * count), "z": z[:count]}}).solves
+        assert str(found.status) == "converged"
+        np.testing.assert_allclose(found["x"].value, np.full(count, z[0]), atol=1e-4)
+
+
+def test_what_nothing_is_known_of_begins_where_most_readings_are():
+    """40 walks far from where they begin, a fifth of whose readings is wrong: a lag of five steps finds almost all."""
+    truth, data = walks(40, 30, 0.2, 8.0)
+    data["z"] += 50.0
+    text = STEPWISE.format(dynamics=WALK, loss="(tukey 4.685)", rest="(for-each run)", method="(smoother :lag 5)")
+    solves = mbm.loads(text.replace(":sigma 1)", ")")).solve(data={"d": data}).solves
+    assert all(str(solve.status) == "converged" for solve in solves)
+    near = [
+        np.abs(s["x"].value - 50.0 - x).max() < 6.0 * np.max(s["x"].sigma) for s, x in zip(solves, truth, strict=True)
+    ]
+    assert np.mean(near) > 0.9
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", ["(huber 1.345)", "(tukey 4.685)"])
 @pytest.mark.parametrize("spread", [5.0, 50.0])
