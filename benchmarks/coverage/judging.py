@@ -47,7 +47,7 @@ DOUBTS = frozenset(
 )
 """Diagnostics that speak of the uncertainty of a result."""
 
-SAID = {"too-nonlinear": "profile", "near-bound": "limited"}
+SAID = {"too-nonlinear": ("profile",), "near-bound": ("limited", "profile")}
 """Those that doubt the standard deviation alone, where the interval is one that minds what they say."""
 
 
@@ -160,7 +160,7 @@ def _doubts(solve: dict[str, Any]) -> tuple[set[str], set[str]]:
     """What speaks against the intervals of a solve, and what these mind already."""
     kinds = str([each.get("interval_kind") for each in (solve["estimates"] | solve["derived"]).values()])
     found = {each["code"] for each in solve["diagnostics"]} & DOUBTS
-    soft = {code for code in found if code in SAID and SAID[code] in kinds}
+    soft = {code for code in found if any(kind in kinds for kind in SAID.get(code, ()))}
     hard = found - soft
     if solve["status"] != "converged":
         hard = hard | {solve["status"]}

@@ -23,6 +23,9 @@ KELVIN = np.linspace(300.0, 400.0, 8)
 CLOCK = np.arange(8.0)
 
 
+FEW_TIMES = np.array([1.0, 2.0, 1.0, 3.0])
+
+
 def _curve(
     unknowns: str, model: str, x: Floats, true: Floats, sigma: float, truth: Truth, *, stated: str = "", more: str = ""
 ) -> Kind:
@@ -231,6 +234,11 @@ KINDS: Mapping[str, Kind] = {
         np.linspace(0.0, 10.0, 8),
         np.exp(1 + 0.2 * np.linspace(0.0, 10.0, 8)),
         {"a": 1.0, "b": 0.2},
+    ),
+    "counts: a rate of few events in unequal times": drawn(
+        problem("(r)", "(= n (* r t)) :distribution poisson"),
+        lambda rng, runs: {"n": 1.0 * rng.poisson(0.3 * FEW_TIMES, (runs, 4)), "t": FEW_TIMES},
+        {"r": 0.3},
     ),
     "counts: root of the count as sigma": drawn(
         problem("(a)", "(= y a) :sigma (sqrt y)"),

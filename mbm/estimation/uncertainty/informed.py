@@ -82,8 +82,11 @@ def informed(equations: Assembled, minimum: Minimum) -> Minimum:
 
 
 AT_END = 100.0
-"""Times the information of a row beyond which the slope of its residual is that of a root at its end: 200 where all
-of n trials succeed, as 1 is no nearer than its rounding; of a count a thousand times as large as expected it is 84."""
+"""Times the information of all rows beyond which the slope of the residual of one is that of a root at its end."""
+
+INSIDE = 1e-3
+"""Change of such a residual, were it straight, within which it goes on straight to one side, and as a root to the
+other: roots end in 3e-6."""
 
 GROWN = 0.1, 10.0
 """What the cost may have grown by one standard deviation away, where it is 1 if that means anything."""
@@ -104,11 +107,7 @@ def _informed(equations: Assembled, minimum: Minimum) -> Minimum:
     estimate nothing tells it: its column is zero.
     """
     told, own = (each.plain_jacobian(minimum.point) for each in (equations.informing(), equations))
-    ending = (np.square(own).sum(axis=1) > AT_END * np.square(told).sum(axis=1)) & ((own != 0.0).sum(axis=1) == 1)
-    sides = minimum.at_bound.copy()
-    for row in np.flatnonzero(ending).tolist():
-        which = int(np.argmax(own[row] != 0.0))
-        sides[which] = -np.sign(own[row, which] * minimum.residuals[row])
+    sides = _ends(equations, minimum, np.square(told).sum(axis=0), own)
     length = np.sqrt(np.square(told).sum(axis=0))
     for which in np.flatnonzero(suspects(equations, replace(minimum, at_bound=sides), length)).tolist():
         if _flat(equations, minimum, np.eye(len(length))[which] / length[which]):
@@ -116,6 +115,26 @@ def _informed(equations: Assembled, minimum: Minimum) -> Minimum:
     if any(stated.rounded for _, stated in likely(equations.groups)):
         told[:, _along_ridges(equations, minimum, told)] = 0.0
     return replace(minimum, jacobian=told, at_bound=sides)
+
+
+def _ends(equations: Assembled, minimum: Minimum, information: Floats, own: Floats) -> Indices:
+    """The sides (n,) at which estimates are held, those included at which the model of a row ends: one after the other,
+    where rows hold all but one of the coordinates that they depend on.
+    """
+    sides = minimum.at_bound.copy()
+    least = np.maximum(AT_END * information, 1.0 / np.square(ABSURD * np.maximum(_size(equations, minimum), 1.0)))
+    while True:
+        slopes = np.where(sides == 0, own, 0.0)
+        ending = (np.square(slopes) > least).any(axis=1) & ((slopes != 0.0).sum(axis=1) == 1)
+        if not ending.any():
+            return sides
+        row = int(np.argmax(ending))
+        which = int(np.argmax(slopes[row] != 0.0))
+        step = np.zeros(len(sides))
+        step[which] = INSIDE / own[row, which]
+        points = np.stack([equations.retract(minimum.point, side * step) for side in (-1.0, 1.0)])
+        low, high = np.abs(equations.residuals_at(points)[:, row])
+        sides[which] = np.sign(step[which]) * (-1 if low > high else 1)
 
 
 def _along_ridges(equations: Assembled, minimum: Minimum, told: Floats) -> Mask:

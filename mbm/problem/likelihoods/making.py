@@ -89,8 +89,11 @@ SERIES = 0.2
 """Relative differences up to which logarithms are series: beyond, they lose one digit at most."""
 
 LEAST = 1e-11
-"""Expected counts whose roots have a finite slope down to zero, so that an estimate comes to rest there if nothing was
+"""Expected counts whose roots have a finite slope down to zero, so that estimates come to rest there if nothing was
 counted; of n trials n times that. Rounding of the expectation is less, and no count tells such rates from zero."""
+
+STEEP = 1e5
+"""Times as steep as at zero below it: likelihoods of no counts then end within 1e-10 of there."""
 
 _ATANH = [1.0 / (2 * k + 3) for k in range(9)]
 """``(atanh t - t)/t³`` in powers of t²: the last term is below 1e-17 at t = 1/9."""
@@ -128,12 +131,12 @@ def student_deviance(ratio: Term, freedom: Term) -> Term:
 
 def poisson_information(mean: Term) -> Term:
     """2 √μ: its derivative is 1/√μ."""
-    return 2.0 * _root(mean, LEAST)
+    return 2.0 * _levelled(mean, LEAST)
 
 
 def binomial_information(trials: Term, mean: Term) -> Term:
     """2 √n atan √(μ/(n - μ)): its derivative is 1/√(μ (1 - μ/n))."""
-    hit, missed = (_root(each, LEAST * trials) for each in (mean, trials - mean))
+    hit, missed = (_levelled(each, LEAST * trials) for each in (mean, trials - mean))
     return 2.0 * square_root(trials) * function(Operation.ATAN2, hit, missed)
 
 
@@ -143,8 +146,20 @@ def student_information(off: Term, scale: Term, freedom: Term) -> Term:
 
 
 def _root(value: Term, least: Term | float) -> Term:
-    """√a of what is above the ``least``; else continuous down to −least."""
-    return square_root(chosen(value > least, value, 0.5 * (value + least)))
+    """√a of what is above the ``least``; else 0 at 0, and `STEEP` below."""
+    share = value / least
+    near = _whole_root(least) * chosen(share < 0.0, 1.5 * STEEP, 1.5 - 0.5 * share) * share
+    return chosen(value > least, square_root(chosen(value > least, value, least)), near)
+
+
+def _whole_root(least: Term | float) -> Term | float:
+    return square_root(least) if isinstance(least, Term) else sqrt(least)
+
+
+def _levelled(value: Term, least: Term | float) -> Term:
+    """√a of what is above the ``least``; else smooth, and level at 0: what has come to its end tells no more."""
+    near = _whole_root(least) * (0.75 + 0.25 * square(value / least))
+    return chosen(value > least, square_root(chosen(value > least, value, least)), near)
 
 
 def _curvature(counted: Term, mean: Term) -> Term:
