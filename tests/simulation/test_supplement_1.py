@@ -160,3 +160,14 @@ def test_gauge_block() -> None:
     assert float(found.sigma) == pytest.approx(36.0, abs=1.0)
     assert float(found.sigma) == pytest.approx(float(other.std()), rel=0.01)
     np.testing.assert_allclose(found.interval, np.quantile(other, [0.005, 0.995]), atol=1.5)
+
+
+def test_beside_a_limit_trials_are_compared_with_the_stated_interval() -> None:
+    """No linear interval lies beyond a hard limit: the one of the normal distribution of 0.175 ± 0.2 from 0 on."""
+    text = """(problem p (data d (table (y) (0.1) (0.4) (-0.1) (0.3))) (unknowns (a :in (0 10)))
+        (observe d (= y a) :sigma 0.4) (derive (twice (* 2 a))))"""
+    made = propagated(text, 2000)
+    held = norm.cdf(0.175 / 0.2)
+    end = 0.175 + 0.2 * norm.ppf(1.0 - 0.05 * held)
+    np.testing.assert_allclose(made.only.parts[0].linear, [[0.0, end]], atol=1e-4)
+    np.testing.assert_allclose(made.only.parts[1].linear, [[0.0, 2 * end]], rtol=0.01, atol=1e-4)

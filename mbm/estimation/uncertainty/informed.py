@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.metric import rounded_turns, turning
@@ -117,7 +118,7 @@ def _informed(equations: Assembled, minimum: Minimum) -> Minimum:
     return replace(minimum, jacobian=told, at_bound=sides)
 
 
-def _ends(equations: Assembled, minimum: Minimum, information: Floats, own: Floats) -> Indices:
+def _ends(equations: Assembled, minimum: Minimum, information: Floats, own: Floats) -> NDArray[np.int8]:
     """The sides (n,) at which estimates are held, those included at which the model of a row ends: one after the other,
     where rows hold all but one of the coordinates that they depend on.
     """

@@ -15,7 +15,7 @@ from mbm.estimation.uncertainty.derived import reported
 from mbm.problem.types import Problem
 from mbm.report.elements import difference, element_names, factors, shown_sigma, shown_values
 from mbm.report.encode import numbers
-from mbm.report.intervals import intervals
+from mbm.report.intervals import KINDS, IntervalKind, intervals
 from mbm.report.pickled import solve_as_data
 from mbm.report.types import DerivedValue, Estimate, Floats, Kind, SolveReport
 from mbm.simulation.trials.drawn import Drawn
@@ -29,9 +29,9 @@ Item = Estimate | DerivedValue
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Part:
-    """An estimate or derived quantity and its ``columns`` of the samples; ``linear`` (k, 2) are its linear intervals.
-
-    ``sigma`` (k,) are its linear standard deviations. NaN where there are none.
+    """An estimate or derived quantity and its ``columns`` of the samples; ``linear`` (k, 2) are its linear intervals,
+    or those that are stated where hard limits cut intervals. ``sigma`` (k,) are its linear standard deviations. NaN
+    where there are none.
     """
 
     item: Item
@@ -54,12 +54,16 @@ def parts_of(solve: SolveReport) -> tuple[Part, ...]:
     """The items of a solve that trials speak of: directions have no coordinates that could be compared."""
     found: list[Part] = []
     place = 0
-    for item in _items(solve):
+    every = [(item, intervals(item, solve.coverage)) for item in _items(solve)]
+    limited, followed = (KINDS.index(kind) for kind in (IntervalKind.LIMITED, IntervalKind.PROFILE))
+    limits = any(bool((told.kind == limited).any()) for _, told in every)
+    for item, told in every:
         values = shown_values(item)
         if item.quantity.kind is Kind.DIRECTION:
             continue
-        told = intervals(item, solve.coverage)
-        ends = np.stack([values - told.expanded, values + told.expanded], axis=-1)
+        cut = (told.kind == limited) | (limits & (told.kind == followed))
+        low, high = (values + side * told.expanded for side in (-1.0, 1.0))
+        ends = np.stack([np.where(cut, told.low, low), np.where(cut, told.high, high)], axis=-1)
         columns = slice(place, place + values.size)
         place = columns.stop
         found.append(

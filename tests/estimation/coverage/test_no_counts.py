@@ -1,0 +1,53 @@
+"""Rates without a single count, whose likelihood is highest at the end of its model, against closed forms."""
+
+from __future__ import annotations
+
+from math import log
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import mbm
+
+NEAR = 5e-3
+"""As for the other intervals of likelihoods: −log L is known to 0.01 between the places where it was looked at."""
+
+
+@pytest.mark.parametrize("option", ["", "positive", ":in (0 100)"])
+def test_no_counts_in_unequal_times_tell_a_rate(option: str) -> None:
+    """exp(−r Σ t): one end for all rows, at exactly 0."""
+    times = np.array([1.0, 2.0, 1.0, 3.0, 0.3])
+    text = f"(problem p (data d external) (unknowns (r {option})) (observe d (= k (* r t)) :distribution poisson))"
+    found = mbm.loads(text).solve(data={"d": {"k": np.zeros(5), "t": times}})
+    assert found.solves[0].record.status == "converged"
+    assert found["r"].value == pytest.approx(0.0, abs=1e-11)
+    assert found["r"].interval() == pytest.approx([0.0, -log(0.05) / times.sum()], rel=NEAR, abs=1e-10)
+    assert [each.code.name for each in found.solves[0].record.diagnostics] == ["near-bound"]
+
+
+def test_neither_a_background_nor_what_is_beside_it_has_a_count() -> None:
+    """exp(−2 (s + b) − 2 b) with b ≥ 0 and s + b ≥ 0 is exp(−2 |s|) at the best b, and exp(−2 b) at the best s."""
+    text = """(problem p (data d (table (k) (0) (0))) (unknowns (s) (b))
+        (observe d (= k (+ s b)) :distribution poisson) (observe blank d (= k b) :distribution poisson))"""
+    found = mbm.loads(text).solve()
+    assert found.solves[0].record.status == "converged"
+    assert found["b"].interval() == pytest.approx([0.0, -log(0.05) / 2], rel=NEAR, abs=1e-10)
+    assert found["s"].interval() == pytest.approx([log(0.05) / 2, -log(0.05) / 2], rel=NEAR)
+    assert np.isnan(found["s"].sigma) and np.isnan(found["b"].sigma)
+
+
+def test_counts_that_are_expected_to_be_none_hold_nothing() -> None:
+    """Expectations that fall below all numbers in the tails of a line are no end of the likelihood: SciPy has it so."""
+    place = np.array([-40.0, -15.0, 1.5, 3.4, 4.0, 5.0, 11.0, 23.0, 48.0])
+    text = """(problem p (data d external) (unknowns (m :init 4))
+        (observe d (= k (* 30 (exp (- (^ (- t m) 2))))) :distribution poisson))"""
+    k = np.array([0.0, 0.0, 1.0, 12.0, 30.0, 9.0, 0.0, 0.0, 0.0])
+    found = mbm.loads(text).solve(data={"d": {"k": k, "t": place}})
+
+    def slope(m: float) -> float:
+        mean = 30.0 * np.exp(-((place - m) ** 2))
+        return float(((k - mean) * 2.0 * (place - m))[np.abs(place - m) < 20].sum())
+
+    assert found["m"].value == pytest.approx(brentq(slope, 3.0, 5.0), abs=1e-8)
+    assert found["m"].sigma > 0
