@@ -8,14 +8,13 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mbm.report.blocks import ManyReports
 from mbm.report.frames import frame
 from mbm.report.later import Later
 from mbm.report.solve import Solve
 from mbm.report.solve_columns import solve_columns
-from mbm.report.types import Floats, Mask, Result, ResultStatus, SolveReport
+from mbm.report.types import Result, ResultStatus, SolveReport
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -120,18 +119,17 @@ class Solved(Solve):
         return cast("Propagated", self.result.propagate(settings))
 
     def table(self) -> Any:
-        """One row per solve: keys, status, cost, dof, scalars and sigmas (or low and high).
+        """One row per solve: keys, status, cost, dof, scalars and sigmas (or low and high); NaN where there is none.
 
         A pandas frame, else a dict of arrays.
         """
         found = solve_columns(self.result.solves)
         arrays = {name: np.asarray([key.get(name) for key in found.keys]) for name in found.key_names}
         arrays["status"] = np.asarray([status.value for status in found.statuses])
-        arrays |= {name: np.asarray(found.fits[name]) for name in ("cost", "dof")}
+        fits = {name: found.fits[name] for name in ("cost", "dof")}
+        arrays |= {name: np.asarray([np.nan if n is None else n for n in fit]) for name, fit in fits.items()}
         for scalar in found.scalars:
-            for end, numbers in (("", scalar.values), *scalar.sides):
-                name = scalar.name + end
-                arrays[name] = numbers if scalar.there.all() else _with_gaps(numbers, scalar.there)
+            arrays |= {scalar.name + end: numbers for end, numbers in (("", scalar.values), *scalar.sides)}
         return frame(arrays)
 
     def _some(self) -> None:
@@ -141,10 +139,3 @@ class Solved(Solve):
     def __repr__(self) -> str:
         found = self.result
         return f"Solved(problem={found.problem!r}, status={self.status.value!r}, solves={len(found.solves)})"
-
-
-def _with_gaps(numbers: Floats, there: Mask) -> NDArray[np.object_]:
-    """The numbers, None where they are not there."""
-    found = numbers.astype(object)
-    found[~there] = None
-    return found

@@ -196,3 +196,14 @@ def test_large_covariances_are_left_out_unless_asked_for(over: int, kept: bool) 
         assert "--covariance full" in written["reason"]
         full = problem.solve(data=data, covariance_full=True).document()["solves"][0]["covariance"]
         assert full["matrix"] == np.eye(count).tolist()
+
+
+def test_tables_of_solves_hold_numbers_where_a_solve_has_no_such_one():
+    rows = "(1 0 1) (1 1 2) (1 2 3) (2 0 3) (2 1 4) (2 2 5)"
+    text = f"""(problem p (data d (table (k x y) {rows})) (unknowns (a :init 1) (b :init 0))
+      (observe d (= y (+ (* a x) b)) :sigma 0.1) (derive (c (* a x) :over d)) (for-each k))"""
+    frame = mbm.loads(text).solve().table()
+    assert frame["dof"].tolist() == [1, 1]
+    assert all(frame[name].dtype.kind == "f" for name in frame if name.startswith("c"))
+    np.testing.assert_array_equal(np.isnan(frame["c[2]"]), [False, True])
+    assert frame["c[2]"].mean() == pytest.approx(1.0, rel=1e-12)  # the slope of the first solve
