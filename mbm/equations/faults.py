@@ -241,12 +241,12 @@ def too_nonlinear(span: Span, ends: Sequence[str]) -> Diagnostic:
     )
 
 
-def derived_not_finite(span: Span, name: str, rows: int) -> Diagnostic:
-    """``rows`` is in how many rows of its table a quantity has no value, 0 where it has none."""
+def derived_not_finite(span: Span, name: str, rows: int, reason: str | None) -> Diagnostic:
+    """``rows`` is in how many rows of its table a quantity has no value, 0 where it has none; why in the first."""
     where = f" in {rows} row{'s' if rows > 1 else ''}" if rows else ""
     return Diagnostic(
         code=DERIVED_NOT_FINITE,
-        message=f"`{name}` has no finite value at the estimates{where}",
+        message=f"`{name}` has no finite value at the estimates{where}{'' if reason is None else f': {reason}'}",
         place=span,
         hint=DERIVED_NOT_FINITE.mend,
         severity=Severity.WARNING,

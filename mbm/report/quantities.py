@@ -191,7 +191,9 @@ def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floa
     if sigma.shape != undefined.shape:  # of rotations and the like, one coordinate is no one number
         undefined = np.broadcast_to(undefined.any(axis=1, keepdims=True), sigma.shape)
     missing = ~np.isfinite(sigma) & ~undefined
-    causes = [_NOT_FINITE] if bool(undefined.any()) else []
+    causes = []
+    if bool(undefined.any()):
+        causes.append(_NOT_FINITE if found.undefined is None else f"{_NOT_FINITE}: {found.undefined}")
     if bool(missing.any()):
         why = found.reason or _slopeless(found, missing) or _noise_alone(solution, found, missing)
         causes.append(unknown or why or FREE)

@@ -212,3 +212,23 @@ def test_a_constraint_without_an_outline_says_why():
     (warning,) = mbm.loads(text).solve().first.diagnostics
     assert warning.code.name == "not-finite-at-start"
     assert warning.message.endswith(f"at the initial values: {NEAR}")
+
+
+def test_a_derived_quantity_says_why_a_silhouette_has_none():
+    """Behind the camera, and seen edge-on; where a formula has no value nothing more is known."""
+    clauses = """(observe (= -2 x) :sigma 0.001)
+      (derive (behind (area (silhouette cam (trans [0 0 x] (box 1 1 1)))))
+        (edge (perimeter (silhouette cam (trans [(+ x 2) 0 3] (rotate (90deg 0 0) (rectangular 1 1))))))
+        (root (sqrt x)))"""
+    text = (HEAD + PROBLEM.format(clauses)).replace("(r :init 0.1) ", "").replace("(x :init 0)", "(x :init -2)")
+    found = mbm.loads(text).solve().first
+    behind, edge, root = (each.reason for each in found.derived)
+    assert "behind the camera" in behind
+    assert "edge-on" in edge
+    assert root == "the value is not finite"
+    said = [each.message for each in found.diagnostics if each.code.name == "derived-not-finite"]
+    assert [behind.split(": ", 1)[1] in said[0], edge.split(": ", 1)[1] in said[1], ":" in said[2]] == [
+        True,
+        True,
+        False,
+    ]

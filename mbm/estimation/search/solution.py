@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 class DerivedSolution:
     """A derived quantity: ``values`` and ``sigma`` (rows, size), sigma NaN where the data do not determine it.
 
-    ``freedom`` is that of the sigmas. ``reason`` says why the method has no sigma that the data would determine.
-    ``gradient`` (rows·size, n) is with respect to the free numbers; None where it was left out for its size.
+    ``freedom`` is that of the sigmas. ``reason`` says why the method has no sigma that the data would determine,
+    ``undefined`` why a value that is not finite is none, where a call in it knows. ``gradient`` (rows·size, n) is with
+    respect to the free numbers; None where it was left out for its size.
     """
 
     owner: int
@@ -36,6 +37,7 @@ class DerivedSolution:
     freedom: Freedom
     gradient: Floats | None
     reason: str | None = None
+    undefined: str | None = None
 
 
 Elsewhere: TypeAlias = Callable[[int, Table], DerivedSolution]

@@ -61,9 +61,7 @@ def _reason(group: Group, minimum: Minimum, line: int) -> str | None:
         return OUT_OF_RANGE
     if not group.kernel.calls:
         return None
-    from mbm.kernels.backends.calling import CallingStream
+    from mbm.kernels.backends.calling import reason_of
 
     stream = group.cache.stream(group.number, group.kernel)
-    if not isinstance(stream, CallingStream):
-        return None
-    return stream.reason(group.inputs_at(minimum.point[None], slice(line, line + 1)))
+    return reason_of(stream, group.inputs_at(minimum.point[None], slice(line, line + 1)))

@@ -227,9 +227,9 @@ def _without_value(propagation: Propagation, derived: tuple[DerivedSolution, ...
             (n for case in stated.cases for n in case.values), (case.static for case in stated.cases)
         ):
             bad &= has_before(propagation.binder.tables[stated.table])
-        wrong = int(bad.sum())
-        if wrong:
-            yield faults.derived_not_finite(stated.span, stated.name, wrong if stated.table is not None else 0)
+        if wrong := int(bad.sum()):
+            rows = wrong if stated.table is not None else 0
+            yield faults.derived_not_finite(stated.span, stated.name, rows, one.undefined)
 
 
 def _nonlinear(equations: Assembled, ends: IntervalEnds) -> tuple[Diagnostic, ...]:

@@ -86,10 +86,11 @@ class Propagation:
         values, sigma = np.full((rows, numbers), np.nan), np.full((rows, size), np.nan)
         known = common(self.outcome.freedoms.dof, sigma.shape)
         gradient = np.zeros((rows, size, width)) if rows * size * width <= GRADIENT_LIMIT else None
-        reason = None
+        reason = undefined = None
         for group in self.binder.derived(self.kernels, owner):
             positions = group.positions if group.positions is not None else np.arange(1)
             stated = group.values(self.numbers).copy()
+            undefined = undefined or self._why_undefined(group, stated)
             unknown, held_too = self._unknown(group), self._limited(group)
             if derived.kind is None:
                 values[positions] = reported(derived, stated)
@@ -125,7 +126,18 @@ class Propagation:
             freedom=known,
             gradient=None if gradient is None else gradient.reshape(gradient.shape[0] * size, width),
             reason=reason,
+            undefined=undefined,
         )
+
+    def _why_undefined(self, group: Group, values: Floats) -> str | None:
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if not len(bad) or not group.kernel.calls:
+            return None
+        from mbm.kernels.backends.calling import reason_of
+
+        first = int(bad[0])
+        inputs = group.inputs_at(self.numbers[None], slice(first, first + 1))
+        return reason_of(group.cache.stream(group.number, group.kernel), inputs)
 
     def _sigmas(self, part: Floats) -> Floats:
         """Standard deviations (rows, size) for gradients (rows, size, n), a part of the rows at a time."""

@@ -151,6 +151,11 @@ class _Memory:
         self.last: _Results | None = None
 
 
+def reason_of(stream: Stream, inputs: Floats) -> str | None:
+    """Why a call of a kernel gives no numbers at ``inputs`` (1, variables + parameters); None where nobody knows."""
+    return stream.reason(inputs) if isinstance(stream, CallingStream) else None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CallingStream:
     """A kernel for any number of rows. ``rest`` is the kernel that takes the results of the calls as parameters."""
