@@ -12,6 +12,7 @@ from mbm.problem.overrides import ConstantValue, Override
 from mbm.problem.types import Problem
 from mbm.report.bends import with_bends
 from mbm.report.considered import considered, moves_of, share_of
+from mbm.report.pictures import with_bands
 from mbm.report.spreads import ConsideredConstant, Floats
 from mbm.report.types import Result
 from mbm.scales import SI
@@ -54,7 +55,7 @@ def with_constants(result: Result, problem: Problem, again: Again, beside: Calla
         except MbmError:
             return None
 
-    return with_bends(considered(result, pairs), result, solved, spans)
+    return with_bands(with_bends(considered(result, pairs), result, solved, spans))
 
 
 def moved(constants: tuple[ConstantValue, ...], again: Again) -> list[tuple[ConsideredConstant, Result, Result]]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from math import inf
 
 import numpy as np
@@ -24,8 +25,9 @@ from mbm.estimation.settings import Moves
 from mbm.estimation.trust.plausibility import OF_RESIDUALS
 from mbm.estimation.uncertainty.derived import PINNED
 from mbm.estimation.uncertainty.student import coverage_factor
-from mbm.problem.tables import CellKey
+from mbm.problem.tables import CellKey, Table
 from mbm.report.elements import difference, element_names
+from mbm.report.quantities import value_elsewhere
 from mbm.report.spreads import ConsideredConstant, Ends, Floats, Spread
 from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Examined, Result, SolveReport
 from mbm.solver.chi_square import chi_square_tail
@@ -94,6 +96,15 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
     estimates, derived = _all_moves(solve, moved)
     dof = np.array([constant.dof for constant, _ in moved])
     let_go = _let_go(solve, moved, estimates, dof)
+    known = tuple(
+        replace(
+            constant,
+            estimates=tuple(moves[i] for moves in estimates),
+            derived=tuple(moves[i] for moves in derived),
+            elsewhere=partial(_elsewhere, pair, share_of(constant)),
+        )
+        for i, (constant, pair) in enumerate(moved)
+    )
     return replace(
         _tested(solve, moved),
         estimates=tuple(
@@ -102,23 +113,37 @@ def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]])
             )
             for item, moves in zip(solve.estimates, estimates, strict=True)
         ),
-        derived=tuple(
-            replace(
-                item, sigma=_sigma(item, moves), spread=_spread(item, moves, dof, let_go), reason=_varies(item, moves)
-            )
-            for item, moves in zip(solve.derived, derived, strict=True)
-        ),
+        derived=tuple(with_moves(item, moves, dof, let_go) for item, moves in zip(solve.derived, derived, strict=True)),
         covariance=_covariance(solve.covariance, solve.estimates, estimates),
         derived_covariance=_covariance(solve.derived_covariance, solve.derived, derived),
-        considered=tuple(
-            replace(
-                constant,
-                estimates=tuple(moves[i] for moves in estimates),
-                derived=tuple(moves[i] for moves in derived),
-            )
-            for i, (constant, _) in enumerate(moved)
-        ),
+        considered=known,
     )
+
+
+def with_moves(item: DerivedValue, moves: Floats, dof: Floats, let_go: Moved | None = None) -> DerivedValue:
+    """A derived quantity with what a standard deviation of each constant, known by ``dof`` (constants,), does to it.
+
+    ``moves`` (constants, …) are of the shape of its sigmas, ``let_go`` as `_let_go` tells it.
+    """
+    spread = _spread(item, moves, dof, let_go)
+    return replace(item, sigma=_sigma(item, moves), spread=spread, reason=_varies(item, moves))
+
+
+def _elsewhere(pair: Pair, share: float, name: str, table: Table) -> Floats:
+    """What a standard deviation of a constant does to a derived quantity for the rows of a table; NaN: not known."""
+    found = []
+    for each in pair:
+        if each.made_from is None:
+            raise TypeError(each)
+        problem, solution = each.made_from()
+        with solution.lock:
+            derived = next(one for one in problem.derived if one.name == name)
+            item = value_elsewhere(problem, solution, derived, table)
+        if item is None:
+            raise TypeError(solution)
+        found.append(item)
+    below, above = found
+    return np.asarray(_moves([(below, above)], np.array([share]))[0])
 
 
 def _tested(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> SolveReport:

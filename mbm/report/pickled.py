@@ -98,6 +98,7 @@ def solve_as_data(solve: SolveReport) -> SolveReport:
             not_examined=dict(solve.not_examined),
         ),
         made_from=None,
+        considered=tuple(replace(each, elsewhere=None) for each in solve.considered),
     )
 
 

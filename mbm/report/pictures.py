@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -26,23 +27,47 @@ from mbm.report.elements import unit_text
 from mbm.report.predictions import Prediction, prediction
 from mbm.report.residuals import normalised
 from mbm.report.row_data import Curve, Map, PlotData
-from mbm.report.types import Floats, Mask
+from mbm.report.spreads import ConsideredConstant
+from mbm.report.types import Floats, Mask, Result, SolveReport
 from mbm.scales import SI, Scale
 
+Considered: TypeAlias = tuple[ConsideredConstant, ...]
+"""Constants with an uncertainty, and what they do."""
 
-def plot_data(problem: Problem, solution: Solution) -> tuple[PlotData, ...]:
+
+def plot_data(problem: Problem, solution: Solution, considered: Considered = ()) -> tuple[PlotData, ...]:
     """For each observation whose measured side has one or two columns: measured and model, over what they depend on.
 
     Then the numbers that are derived over grids, unless one is the model of such an observation and drawn with it.
     """
-    found = [_of_block(problem, solution, i) for i in range(len(problem.blocks))]
+    found = [_of_block(problem, solution, i, considered) for i in range(len(problem.blocks))]
     drawn = [each for each in found if each is not None]
     known = {derived.name for _, derived in drawn if derived is not None}
-    apart = [_of_grid(problem, solution, each) for each in problem.derived if each.name not in known]
+    apart = [_of_grid(problem, solution, each, considered) for each in problem.derived if each.name not in known]
     return (*(data for data, _ in drawn), *(data for data in apart if data is not None))
 
 
-def _of_block(problem: Problem, solution: Solution, i: int) -> tuple[PlotData, Derived | None] | None:
+def with_bands(result: Result) -> Result:
+    """The result with the constants that it considers in the bands of its plots."""
+
+    def of(solve: SolveReport) -> SolveReport:
+        made_from = solve.made_from
+        if made_from is None or not solve.considered:
+            return solve
+
+        def drawn() -> tuple[PlotData, ...]:
+            problem, solution = made_from()
+            with solution.lock:
+                return plot_data(problem, solution, solve.considered)
+
+        return replace(solve, pictures=drawn)
+
+    return replace(result, solves=tuple(of(solve) for solve in result.solves))
+
+
+def _of_block(
+    problem: Problem, solution: Solution, i: int, considered: Considered
+) -> tuple[PlotData, Derived | None] | None:
     """An observation, and the derived quantity that is drawn with it."""
     block = problem.blocks[i]
     if block.role is not BlockRole.OBSERVATION or block.table is None:
@@ -62,7 +87,7 @@ def _of_block(problem: Problem, solution: Solution, i: int) -> tuple[PlotData, D
     name = _abscissa(tuple(c for q in first for c in q.components), set(labels), block.table)
     at = column_numbers(solution.tables[block.table], name)[positions[order]] if name is not None else None
     over = next((each for each in problem.derived if along(problem, each, i, name)), None)
-    made = None if over is None else band(problem, solution, over, block.name)
+    made = None if over is None else band(problem, solution, over, block.name, considered)
     curve: Curve | None
     if made is not None and made.table is not None and over is not None and over.grid is not None:
         curve = curve_of(made, made.table.numbers(over.grid.variable))
@@ -117,9 +142,9 @@ def _scale(table: Table, name: str | None) -> tuple[Scale, str | None]:
     return (SI, name) if unit is None else (unit.scale, f"{name} ({unit.symbol})")
 
 
-def _of_grid(problem: Problem, solution: Solution, derived: Derived) -> PlotData | None:
+def _of_grid(problem: Problem, solution: Solution, derived: Derived, considered: Considered) -> PlotData | None:
     """A number that is derived over a grid, in the units that it is reported in."""
-    made = band(problem, solution, derived, None)
+    made = band(problem, solution, derived, None, considered)
     grid = derived.grid
     if made is None or made.table is None or grid is None:
         return None
@@ -186,17 +211,17 @@ def smooth(problem: Problem, solution: Solution, block: int, abscissa: str, stre
     return Curve(abscissa=at, values=values) if np.isfinite(values).all() else None
 
 
-def band(problem: Problem, solution: Solution, derived: Derived, clause: str | None) -> Prediction | None:
+def band(
+    problem: Problem, solution: Solution, derived: Derived, clause: str | None, considered: Considered
+) -> Prediction | None:
     """A number that is derived over a grid, at enough values for a picture; readings are those of ``clause``.
 
-    None for what is no number, or not over a grid, and where a constant has an uncertainty, which is not in the band.
+    None for what is no number, or not over a grid.
     """
-    if any(constant.sigmas for constant in problem.constants):
-        return None
     if derived.grid is None or derived.kind is not None or derived.shape or solution.elsewhere is None:
         return None
     grid = derived.grid if derived.grid.count >= SMOOTH else replace(derived.grid, count=SMOOTH)
-    return prediction(problem, solution, derived, grid_rows(grid), clause=clause)
+    return prediction(problem, solution, derived, grid_rows(grid), clause=clause, considered=considered)
 
 
 def curve_of(found: Prediction, abscissa: Floats) -> Curve:

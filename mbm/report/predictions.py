@@ -11,7 +11,7 @@ import numpy as np
 from mbm.data.shaping import table_from_given
 from mbm.equations.types import NoiseState
 from mbm.equations.whitening import stated_noise
-from mbm.estimation.search.solution import Solution, no_profiles
+from mbm.estimation.search.solution import Solution
 from mbm.estimation.uncertainty.student import coverage_factors
 from mbm.expression.nodes import Component, leaves
 from mbm.expression.units import scale_of
@@ -19,9 +19,11 @@ from mbm.problem.residual_units import Modelled, columns_of, observations_of
 from mbm.problem.tables import Column, Provenance, Table
 from mbm.problem.types import Derived, Equation, NoiseKind, Problem
 from mbm.report import faults
+from mbm.report.considered import with_moves
 from mbm.report.frames import frame
 from mbm.report.intervals import Intervals, intervals, level_of
-from mbm.report.quantities import derived_quantity, derived_value
+from mbm.report.quantities import derived_quantity, derived_value, value_elsewhere
+from mbm.report.spreads import ConsideredConstant
 from mbm.report.types import DerivedValue, Floats, SolveReport
 from mbm.text.suggest import suggestion
 from mbm.text.types import MbmError
@@ -77,14 +79,11 @@ def predicted(
     problem, solution = solve.made_from()
     derived = next(each for each in problem.derived if each.name == name)
     table = None if at is None else _table(solution, derived, at)
-    if table is not None and any(constant.sigmas for constant in problem.constants):
-        why = "a constant has an uncertainty, which counts by solving again"
-        raise _refused(
-            name, why, "derive it `:over` a grid or table with these values, or make the constant an unknown"
-        )
     item = next(each for each in solve.derived if each.quantity.name == name) if at is None else None
     with solution.lock:
-        return prediction(problem, solution, derived, table, item, level=level, clause=clause)
+        return prediction(
+            problem, solution, derived, table, item, level=level, clause=clause, considered=solve.considered
+        )
 
 
 def prediction(
@@ -96,24 +95,27 @@ def prediction(
     *,
     level: float | None = None,
     clause: str | None = None,
+    considered: tuple[ConsideredConstant, ...] = (),
 ) -> Prediction:
     """A derived quantity for the rows of a table in the place of its own (None: its own); as `predicted`.
 
-    ``item`` is the quantity for the rows of its own table, as it was reported.
+    ``item`` is the quantity for the rows of its own table, as it was reported. Elsewhere intervals are those of normal
+    laws, whatever the constants that are ``considered`` follow.
 
     Raises:
         MbmError: not-predicted.
 
     """
     level = level_of(level, problem.request.coverage)
-    owner, quantity = problem.derived.index(derived), derived_quantity(problem, derived)
-    if table is None or solution.elsewhere is None:
+    there = None if table is None else value_elsewhere(problem, solution, derived, table)
+    if table is None or there is None:
         table = None if derived.table is None else solution.tables[derived.table]
-        own = next(one for one in solution.derived if one.owner == owner)
-        item = derived_value(problem, solution, own, quantity) if item is None else item
+        own = next(one for one in solution.derived if one.owner == problem.derived.index(derived))
+        item = derived_value(problem, solution, own, derived_quantity(problem, derived)) if item is None else item
     else:
-        moved = replace(solution, tables={**solution.tables, table.name: table}, profiles=no_profiles)
-        item = derived_value(problem, moved, solution.elsewhere(owner, table), quantity)
+        moves = [each.elsewhere(derived.name, table) for each in considered if each.elsewhere is not None]
+        dof = np.array([each.dof for each in considered])
+        item = with_moves(there, np.stack(moves), dof) if moves else there
     return Prediction(
         table=table,
         item=item,

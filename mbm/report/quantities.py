@@ -185,6 +185,15 @@ def derived_value(problem: Problem, solution: Solution, found: DerivedSolution, 
     )
 
 
+def value_elsewhere(problem: Problem, solution: Solution, derived: Derived, table: Table) -> DerivedValue | None:
+    """A derived quantity for the rows of another table in the place of its own; None where the solution cannot."""
+    if solution.elsewhere is None:
+        return None
+    moved = replace(solution, tables={**solution.tables, table.name: table}, profiles=no_profiles)
+    found = solution.elsewhere(problem.derived.index(derived), table)
+    return derived_value(problem, moved, found, derived_quantity(problem, derived))
+
+
 def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floats, unknown: str | None) -> str | None:
     """Why values or sigmas of a derived quantity are missing; several causes are all named."""
     undefined = ~np.isfinite(found.values)

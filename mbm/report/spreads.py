@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mbm.equations.spreads import Moved
 from mbm.problem.overrides import Law
+from mbm.problem.tables import Table
 from mbm.scales import Scale
 from mbm.values import dataclass, replace
 
@@ -92,7 +93,8 @@ class ConsideredConstant:
 
     ``estimates`` and ``derived`` hold, for each of these and of the shape of its sigmas, the change that goes with one
     standard deviation of the constant. All in SI; ``unit`` with its ``scale`` is how it is shown (None: none is known).
-    ``dof`` are the degrees of freedom of ``sigma``, ``law`` is that of the constant.
+    ``dof`` are the degrees of freedom of ``sigma``, ``law`` is that of the constant. ``elsewhere`` has that change of a
+    derived quantity, by its name, for the rows of another table in the place of its own.
     """
 
     name: str
@@ -104,3 +106,4 @@ class ConsideredConstant:
     law: Law
     estimates: tuple[Floats, ...] = ()
     derived: tuple[Floats, ...] = ()
+    elsewhere: Callable[[str, Table], Floats] | None = None

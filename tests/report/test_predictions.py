@@ -175,15 +175,24 @@ def test_what_cannot_be_predicted(name, at, message):
     assert caught.value.diagnostics[0].code.name in ("not-predicted", "not-a-table")
 
 
-def test_uncertain_constants_count_or_are_refused():
-    text = """(problem p (constants (h 1 :sigma 0.1)) (data d external) (unknowns (a) (b))
-      (observe d (= y (+ a (* b t))) :sigma 0.1) (derive (f (* (+ b h) t) :over (grid t 0 2 3))))"""
-    result = mbm.loads(text).solve(data={"d": {"t": T, "y": Y}})
+@pytest.mark.parametrize("each", ["", "(for-each g)"])
+def test_uncertain_constants_count(each):
+    text = """(problem p (constants (h 1 :sigma 0.1 :dof 7)) (data d external) (unknowns (a) (b)) EACH
+      (observe d (= y (+ a (* b t) (* h t t))) :sigma 0.1) (derive (f (* (+ b h) t) :over (grid t 0 2 3))))"""
+    result = mbm.loads(text.replace("EACH", each)).solve(data={"d": {"t": T, "y": Y, "g": 0 * T}})
     x = T - T.mean()
-    wanted = np.hypot(0.1 / np.sqrt(x @ x), 0.1) * np.arange(3)  # of the slope, and of h
-    np.testing.assert_allclose(column(result.predict("f"), "sigma"), wanted, rtol=1e-6)
-    with pytest.raises(mbm.MbmError, match="a constant has an uncertainty"):
-        result.predict("f", [1.0])
+    slope = -(x @ T**2) / (x @ x)  # of b by h
+    own, added = 0.1 / np.sqrt(x @ x), 0.1 * abs(slope + 1.0)
+    for at in (None, [0.0, 1.0, 2.0]):
+        found = result.predict("f", at)
+        np.testing.assert_allclose(column(found, "sigma"), np.hypot(own, added) * np.arange(3), rtol=1e-6)
+        reach = stats.t.ppf(0.975, 7 * np.hypot(own, added) ** 4 / added**4) * np.hypot(own, added)
+        np.testing.assert_allclose(column(found, "high") - column(found, "value"), reach * np.arange(3), rtol=1e-6)
+    far = result.predict("f", [5.0])
+    np.testing.assert_allclose(column(far, "sigma"), [5.0 * np.hypot(own, added)], rtol=1e-6)
+    [drawn] = [data for data in result.solves[0].record.pictures() if data.clause == "f"]
+    last = drawn.curve.band[1][-1] - drawn.curve.values[-1, 0]
+    np.testing.assert_allclose(last, 2.0 * reach, rtol=1e-6)
 
 
 def test_unknown_names_and_several_solves():
