@@ -26,7 +26,7 @@ from mbm.estimation.consensus import faults
 from mbm.estimation.consensus.agreeing import agreed, agreed_anywhere
 from mbm.estimation.consensus.parts import agree_in_parts, parts_of
 from mbm.estimation.consensus.rules import independent_columns
-from mbm.estimation.consensus.truncated import agree_by_losses, fitted
+from mbm.estimation.consensus.truncated import agree_by_losses, fitted, most_agreeing
 from mbm.estimation.consensus.types import Agreed, Asked, Prepared, held_by, observed, with_loss
 from mbm.estimation.consensus.units import Units, consistency, units_of, without_losses
 from mbm.estimation.minimise.minimise import minimise
@@ -36,7 +36,7 @@ from mbm.estimation.starts.closed_forms.minimal import minimal_solver
 from mbm.estimation.starts.closed_forms.types import ClosedForm
 from mbm.problem.kinds import ConsensusKind
 from mbm.problem.requests import RandomStarts
-from mbm.problem.types import Consensus, Method, Problem
+from mbm.problem.types import Consensus, Method, Problem, UnknownKind
 from mbm.solver.decisions import ATTEMPTS, FAR, LEAST_SHARE, MANY_CONNECTED, STATED
 from mbm.text.types import Diagnostic, MbmError
 
@@ -96,17 +96,17 @@ def _by_truncation(problem: Problem, consensus: Consensus, equations: Assembled)
 def _truncated(asked: Asked, equations: Assembled, starts: Starts) -> Prepared:
     """The units that agree, by truncated least squares."""
     # Loaded by the problems that ask for it, so that others begin at once.
-    from mbm.estimation.consensus.foremost import foremost_way, trusted_units
+    from mbm.estimation.consensus.foremost import foremost_ways, trusted_units
     from mbm.estimation.consensus.truncated import Way, agree_by_truncation
 
     units = units_of(equations, asked.problem, equations.numbers, asked.ruled)
     trusted = trusted_units(equations, units)
-    first = foremost_way(equations, units, trusted, asked.settings)
+    ways = foremost_ways(equations, units, trusted, asked.settings)
+    settled = bool(ways) and not bool((ways[0].held & ~trusted).any())
     beginnings: tuple[Beginning, ...] = ()
     stated = asked.settings.starts is not None or not _without_start(equations)
-    if first is None or stated or not trusted.any():
+    if not ways or stated or not trusted.any():
         beginnings = _told_apart(asked, equations, starts)
-    ways = [] if first is None else [first]
     ways += [Way(start=each.point, origin=each.origin, held=trusted) for each in beginnings]
     if units.scalars == 0:
         return Prepared(equations=equations, starts=beginnings or starts())
@@ -114,7 +114,6 @@ def _truncated(asked: Asked, equations: Assembled, starts: Starts) -> Prepared:
     found = agree_by_truncation(asked, equations, units, ways, trusted)
     if not found.inliers.any():
         return Prepared(equations=equations, starts=tuple(Beginning(point=w.start, origin=w.origin) for w in ways))
-    settled = first is not None and not bool((first.held & ~trusted).any())
     return _prepared(asked, equations, units, found, beginnings, settled=settled)
 
 
@@ -242,8 +241,15 @@ def _in_pieces(asked: Asked, equations: Assembled, units: Units, points: Floats)
     """The units that agree: in one piece, part by part, or, with very many connected unknowns, by way of losses."""
     if equations.dimension > 1:
         parts = parts_of(equations)
+        found = []
+        if _joins_poses(equations):
+            from mbm.estimation.consensus.foremost import agree_foremost  # by these alone, so that others begin at once
+
+            found = agree_foremost(asked, equations, units)
         if max(len(part.columns) for part in parts) > MANY_CONNECTED:
-            return agree_by_losses(asked, equations, units, points[0])
+            return most_agreeing([*found, agree_by_losses(asked, equations, units, points[0])], units)
+        if found:
+            return found[0]
         if len(parts) > 1:
             return agree_in_parts(asked, equations, units, parts, points[0])
         if units.count > SAMPLE:
@@ -251,9 +257,19 @@ def _in_pieces(asked: Asked, equations: Assembled, units: Units, points: Floats)
     return agreed(asked, equations, points)
 
 
+def _joins_poses(equations: Assembled) -> bool:
+    """Whether rows measure motions between members of a family of poses."""
+    families = [each for each in equations.layout.entries if each.unknown.kind is UnknownKind.POSE and each.members > 1]
+    if not families:
+        return False
+    from mbm.estimation.starts.closed_forms.relative_poses import relates
+
+    return any(group.rows and relates(group, each) for group in equations.groups for each in families)
+
+
 def _startless(asked: Asked, equations: Assembled) -> Agreed | None:
     """The units that agree with what a closed form gives, where some unknown has no start of its own; None: unknown."""
-    if equations.implicit is not None or not _without_start(equations):
+    if equations.implicit is not None or not _without_start(equations) or _joins_poses(equations):
         return None
     if equations.whole > SAMPLE or (equations.dimension > 1 and len(parts_of(equations)) > 1):
         return None

@@ -13,15 +13,17 @@ from mbm.equations.binding import Group
 from mbm.equations.excerpt import excerpt
 from mbm.equations.layout import Entry
 from mbm.equations.types import Indices, Mask
-from mbm.estimation.consensus.truncated import Way
+from mbm.estimation.consensus.truncated import Way, agree_by_truncation
+from mbm.estimation.consensus.types import Agreed, Asked
 from mbm.estimation.consensus.units import Units
 from mbm.estimation.search.starting import blank_numbers
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import completions
-from mbm.estimation.starts.closed_forms.relative_poses import related, relates
+from mbm.estimation.starts.closed_forms.relative_poses import agreeing, measured_motions, related, relates
 from mbm.estimation.starts.closed_forms.rows import ENOUGH
 from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges
 from mbm.estimation.starts.closed_forms.types import Situation
+from mbm.problem.types import UnknownKind
 
 ORIGIN = "the foremost rows"
 
@@ -44,25 +46,51 @@ def _at(units: Units, numbers: Indices) -> Mask:
     return np.asarray(np.isin(units.number, numbers))
 
 
-def foremost_way(equations: Assembled, units: Units, trusted: Mask, settings: Settings) -> Way | None:
-    """From where closed forms of the foremost rows put all unknowns; None where they do not reach some.
+def agree_foremost(asked: Asked, equations: Assembled, units: Units) -> list[Agreed]:
+    """The units that agree by the best of the ways over foremost rows, if there is one."""
+    trusted = trusted_units(equations, units)
+    ways = foremost_ways(equations, units, trusted, asked.settings)
+    return [agree_by_truncation(asked, equations, units, ways, trusted)] if ways else []
 
-    What rules do not touch (priors) counts among these rows.
+
+def foremost_ways(equations: Assembled, units: Units, trusted: Mask, settings: Settings) -> list[Way]:
+    """From where closed forms of the foremost rows put all unknowns; none where they do not reach some.
+
+    The second way goes over loops, too, that agree with one another. What rules do not touch (priors) counts among
+    these rows.
     """
-    foremost = trusted | _joining(equations, units, trusted)
-    if not foremost.any():
-        return None
-    others = np.setdiff1d(np.unique(equations.every_unit), units.number)
-    part = excerpt(equations, equations.free, np.union1d(units.number[foremost], others))
+    tree, early = _joining(equations, units, trusted)
+    if not (trusted | tree).any():
+        return []
     sought = blank_numbers(equations)[0]
-    situation = Situation(layout=equations.layout, groups=part.groups, numbers=sought, most=ENOUGH)
-    found = completions(situation, settings.closed_forms)[0].numbers
-    return None if bool(np.isnan(found).any()) else Way(start=found, origin=ORIGIN, held=foremost)
+    agree = _agreeing(Situation(layout=equations.layout, groups=equations.groups, numbers=sought, most=ENOUGH), units)
+    foremost = trusted | tree | (early & agree if agree.any() else early)
+    others = np.setdiff1d(np.unique(equations.every_unit), units.number)
+    ways = []
+    for held in (foremost, foremost | agree)[: 2 if bool((agree & ~foremost).any()) else 1]:
+        part = excerpt(equations, equations.free, np.union1d(units.number[held], others))
+        situation = Situation(layout=equations.layout, groups=part.groups, numbers=sought, most=ENOUGH)
+        start = completions(situation, settings.closed_forms)[0].numbers
+        if bool(np.isnan(start).any()):
+            break
+        ways.append(Way(start=start, origin=ORIGIN, held=held, whole=held is not foremost))
+    return ways
 
 
-def _joining(equations: Assembled, units: Units, trusted: Mask) -> Mask:
-    """Which units (U,) join members of families of poses before all others."""
+def _agreeing(situation: Situation, units: Units) -> Mask:
+    """Which units (U,) are chains of poses, or loops that agree with these and one another."""
     chosen = [np.empty(0, dtype=np.int64)]
+    for entry in situation.layout.entries:
+        edges = measured_motions(situation, entry) if entry.unknown.kind is UnknownKind.POSE else None
+        agree = None if edges is None else agreeing(entry, edges)
+        if edges is not None and agree is not None:
+            chosen.append(np.concatenate([pairs.group.units[pairs.lines, 0] for pairs in edges.pairs])[agree])
+    return _at(units, np.concatenate(chosen))
+
+
+def _joining(equations: Assembled, units: Units, trusted: Mask) -> tuple[Mask, Mask]:
+    """Which units (U,) join all poses of a family before others, and which else join neighbours, if none is trusted."""
+    chosen, more = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     for entry in equations.layout.entries:
         edges = [_edges(group, entry) for group in equations.groups if relates(group, entry)]
         if not edges:
@@ -75,8 +103,8 @@ def _joining(equations: Assembled, units: Units, trusted: Mask) -> Mask:
         tree = foremost_edges(entry.members, first, second, later)
         chosen.append(unit[tree])
         if not trusted.any():
-            chosen.append(unit[early])
-    return _at(units, np.concatenate(chosen))
+            more.append(unit[early])
+    return _at(units, np.concatenate(chosen)), _at(units, np.concatenate(more))
 
 
 def _edges(group: Group, entry: Entry) -> tuple[Indices, Indices, Indices]:

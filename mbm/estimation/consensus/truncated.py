@@ -90,11 +90,15 @@ class _Fits:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Way:
-    """A point (N,) to start from, in words where it is from, and the units (U,) that keep their weight on the way."""
+    """A point (N,) to start from, in words where it is from, and the units (U,) that keep their weight on the way.
+
+    ``whole``: these are nearly all that agree, and the others get no weight before they do.
+    """
 
     start: Floats
     origin: str
     held: Mask
+    whole: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -140,7 +144,7 @@ def _graduated(fits: _Fits, rule: _Rule, way: Way) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):
         over = np.isfinite(squares) & (squares > limits)
         ratio = limits[over] / (2.0 * squares[over] - limits[over])
-    if not over.any():
+    if way.whole or not over.any():
         return point
     control = float(max(ratio.min(), 1e-12))
     for _ in range(GRADUATED_ROUNDS):
@@ -207,15 +211,15 @@ def agree_by_losses(asked: Asked, equations: Assembled, units: Units, start: Flo
             squares = units.squares(plain.plain_residuals(point))
         return _fitted_to_inliers(replace(asked, settings=way), plain, units, point, cut)
 
-    found = _best([narrowed(WIDTHS, start), narrowed(NARROW, start)], units)
+    found = most_agreeing([narrowed(WIDTHS, start), narrowed(NARROW, start)], units)
     if found.share >= LEAST_SHARE:
         return found
     # So far from the start that the losses hold next to nothing: least squares see every row.
     fitted = minimise(plain, start, replace(way, max_iterations=asked.settings.max_iterations), problem.span).point
-    return _best([found, narrowed(WIDTHS, fitted)], units)
+    return most_agreeing([found, narrowed(WIDTHS, fitted)], units)
 
 
-def _best(candidates: Sequence[Agreed], units: Units) -> Agreed:
+def most_agreeing(candidates: Sequence[Agreed], units: Units) -> Agreed:
     """The one that most residuals agree with; of equals the first."""
     counts = [int(units.components[candidate.inliers].sum()) for candidate in candidates]
     return candidates[int(np.argmax(counts))]

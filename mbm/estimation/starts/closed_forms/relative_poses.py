@@ -18,8 +18,9 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.starts.closed_forms.intersection import solved
 from mbm.estimation.starts.closed_forms.motions import inverse, origin, product, stepped
 from mbm.estimation.starts.closed_forms.numerics.chordal import Frames, Motions, chordal
+from mbm.estimation.starts.closed_forms.numerics.consistency import agreeing_loops
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
-from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, shortest_ways
+from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, ranks, shortest_ways
 from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation, precision
 from mbm.problem.types import BlockRole, UnknownKind
 from mbm.rotations import matrix_of_quaternion, planar, quaternion_of_matrix
@@ -31,11 +32,6 @@ KINDS = (UnknownKind.POSE, UnknownKind.ROTATION)
 NEWTON = 20
 FOUND_MOTION = 1e-9
 """Residual at which a measured motion counts as found, beside one for motions far off."""
-
-
-LAST_LIMIT, NEXT_LIMIT = 3.0, 0.5
-"""Squared residual, beside its expectation, beyond which a motion hardly counts in the end; and the share of the limit
-that is left from one relaxation to the next."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -96,11 +92,6 @@ class Edge:
             total += float(np.square(found).sum())
         return total if np.isfinite(total) else np.inf
 
-    def squares(self, numbers: Floats) -> Floats:
-        """The squared lengths (m,) of the whitened residuals at the members' numbers (K, s)."""
-        parts = zip(self.pairs, self._whitened(numbers), strict=True)
-        return np.concatenate([np.square(found[pairs.lines]).sum(axis=1) for pairs, found in parts])
-
     def _whitened(self, numbers: Floats) -> Iterator[Floats]:
         for pairs in self.pairs:
             group = pairs.group
@@ -121,16 +112,9 @@ class RelativePoses:
         entry = candidate.entries[0]
         if len(candidate.entries) != 1 or entry.unknown.kind not in KINDS or not candidate.paired:
             return None
-        edges = [e for pairs in _pairs(situation, entry) if (e := _edge(pairs, entry)) is not None]
-        if not edges:
+        whole = measured_motions(situation, entry)
+        if whole is None:
             return None
-        whole = Edge(
-            first=np.concatenate([e.first for e in edges]),
-            second=np.concatenate([e.second for e in edges]),
-            motion=np.vstack([e.motion for e in edges]),
-            stiffness=np.vstack([e.stiffness for e in edges]),
-            pairs=tuple(pairs for e in edges for pairs in e.pairs),
-        )
         rows = Rows.without_numbers(len(whole.first), entry.unknown.freedom)
         return Plan(form=self, candidate=candidate, rows=rows, minimal=1, data=whole)
 
@@ -143,6 +127,38 @@ class RelativePoses:
         found = np.stack([way(plan, subset) for way, subset in zip(ways, subsets, strict=True)])
         member = _members(plan)
         return found[:, member].reshape(len(subsets), 1, -1)
+
+
+def measured_motions(situation: Situation, entry: Entry) -> Edge | None:
+    """All that is measured of motions from one member of a family to another; None if nothing is."""
+    edges = [e for pairs in _pairs(situation, entry) if (e := _edge(pairs, entry)) is not None]
+    if not edges:
+        return None
+    return Edge(
+        first=np.concatenate([e.first for e in edges]),
+        second=np.concatenate([e.second for e in edges]),
+        motion=np.vstack([e.motion for e in edges]),
+        stiffness=np.vstack([e.stiffness for e in edges]),
+        pairs=tuple(pairs for e in edges for pairs in e.pairs),
+    )
+
+
+def agreeing(entry: Entry, edges: Edge) -> Mask | None:
+    """Which motions (m,) are a chain in the order of the poses' keys, or loops that agree with it and with others.
+
+    None where no motion joins neighbours, or there are very many loops.
+    """
+    rank, known = ranks(entry), (edges.stiffness > 0.0) & np.isfinite(edges.stiffness)
+    if rank is None or entry.unknown.kind is not UnknownKind.POSE or not bool(known.all()):
+        return None
+    first, second = rank[edges.first], rank[edges.second]
+    early = np.flatnonzero(np.abs(first - second) == 1)
+    if not len(early):
+        return None
+    chain = early[np.unique(np.minimum(first, second)[early], return_index=True)[1]]
+    R, t = _frames(entry, edges.motion)
+    motions = Motions(first=first, second=second, turns=R, shifts=t, stiffness=edges.stiffness)
+    return agreeing_loops(motions, t, chain)
 
 
 def relates(group: Group, entry: Entry) -> bool:
@@ -256,30 +272,13 @@ def _best(plan: Plan, subset: Indices) -> Floats:
     if early.any() and not early.all():
         foremost = foremost_edges(len(found[0]), edges.first, edges.second, np.where(early, 0.0, 1.0))
         found.append(_composed(plan, foremost))
-        if any(pairs.group.losses for pairs in edges.pairs):
-            found.append(_reweighted(plan, reached, found[-1], early))
-    relaxed = _relaxed(plan, reached, np.ones(len(edges.first)))
-    if relaxed is not None:
-        found.append(relaxed)
+    used = [np.ones(len(edges.first))]
+    if any(pairs.group.losses for pairs in edges.pairs):
+        agree = agreeing(plan.candidate.entries[0], edges)
+        used += [] if agree is None else [agree.astype(float)]
+    found += [each for weights in used if (each := _relaxed(plan, reached, weights)) is not None]
     costs = [edges.cost(np.where(reached[:, None], each, 0.0)) for each in found]
     return found[int(np.argmin(costs))]
-
-
-def _reweighted(plan: Plan, reached: Mask, begun: Floats, early: Mask) -> Floats:
-    """The numbers (members, s) by relaxations in which motions, but the ``early`` ones (m,), count the less the farther
-    they are from the last one, from those ``begun`` (graduated non-convexity, Geman and McClure; Yang et al. 2020).
-    """
-    edges: Edge = plan.data
-    numbers, limit = begun, np.inf
-    while limit > LAST_LIMIT * plan.candidate.entries[0].unknown.freedom:
-        squares = edges.squares(np.where(reached[:, None], numbers, 0.0))
-        limit = min(NEXT_LIMIT * limit, float(squares.max(initial=0.0)))
-        weights = np.where(early, 1.0, np.square(limit / (limit + squares)))
-        relaxed = _relaxed(plan, reached, weights) if limit > 0.0 else None
-        if relaxed is None:
-            break
-        numbers = relaxed
-    return numbers
 
 
 def _relaxed(plan: Plan, reached: Mask, weights: Floats) -> Floats | None:

@@ -15,12 +15,18 @@ if TYPE_CHECKING:
 
 def behind_one_another(entry: Entry, first: Indices, second: Indices) -> Mask:
     """Which edges (m,) join members that are neighbours in the order of their keys; none where keys are texts."""
+    rank = ranks(entry)
+    return np.zeros(len(first), dtype=bool) if rank is None else np.asarray(np.abs(rank[first] - rank[second]) == 1)
+
+
+def ranks(entry: Entry) -> Indices | None:
+    """The places (members,) of the members in the order of their keys; None where keys are texts."""
     keys = entry.keys or ()
     if not keys or any(isinstance(key, str) for key in keys):
-        return np.zeros(len(first), dtype=bool)
+        return None
     rank = np.empty(len(keys), dtype=np.int64)
     rank[np.argsort(np.asarray(keys, dtype=np.float64), kind="stable")] = np.arange(len(keys))
-    return np.asarray(np.abs(rank[first] - rank[second]) == 1)
+    return rank
 
 
 def foremost_edges(members: int, first: Indices, second: Indices, later: Floats) -> Indices:

@@ -1,0 +1,136 @@
+"""Loops that agree with one another and with the chain of poses that they close (Mangelson et al. 2018, PCM).
+
+The chain puts all poses, and tells how far any two of them may have drifted apart. Two loops make a cycle with the
+parts of the chain between their ends: where it does not close within its noise, one of the two is wrong. Wrong ones
+agree with others by chance alone: of the graph of loops that agree, a clique is kept that is nearly its largest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.starts.closed_forms.numerics.chordal import Motions
+from mbm.rotations import cross_matrix, quaternion_of_matrix, vector_of_quaternion
+
+MOST_LOOPS = 1000
+"""Loops that are compared two by two: these take about a second."""
+
+CLOSES = 4.0
+"""Squared misfit of a cycle, beside its expectation, up to which it closes: one in 2,000 true ones does not, and fewer
+where chains have drifted so far that their covariances are those of other places."""
+
+STRAIGHT = 1e-4
+"""Half an angle below which a screw is its chord: rounding is all that is left of the difference."""
+
+
+def agreeing_loops(motions: Motions, shifts: Floats, chain: Indices) -> Mask | None:
+    """Which of the motions (m,) with ``shifts`` (m, d) are the chain or loops that agree; None: there are too many.
+
+    ``chain`` are those that join poses 0 … to the next ones, in this order. Where one is missing, loops across the gap
+    are compared with such as join the same pieces.
+    """
+    freedom = 3 * shifts.shape[1] - 3
+    R, t, variances = _ahead(motions, shifts)
+    low, high = np.minimum(motions.first, motions.second), np.maximum(motions.first, motions.second)
+    turned, moved, piece, drift = _chained(R[chain], t[chain], variances[chain], low[chain], int(high.max()) + 1)
+    loops = np.setdiff1d(np.arange(len(R)), chain)
+    i, j = low[loops], high[loops]
+    R, t = turned[i] @ R[loops], _applied(turned[i], t[loops]) + moved[i]
+    own = _seen(_adjoint(R, t), variances[loops][:, :, None] * np.eye(6))
+    R = R @ _transposed(turned[j])
+    t = t - _applied(R, moved[j])
+    closed = _squares(R, t, _between(drift, i, j) + own) <= CLOSES * freedom
+    keep = closed | (piece[i] != piece[j])
+    loops, i, j, R, t, own = (each[keep] for each in (loops, i, j, R, t, own))
+    if len(loops) > MOST_LOOPS:
+        return None
+    agree = np.zeros((len(loops), len(loops)), dtype=bool)
+    there = _adjoint(R, t)
+    for k in range(len(loops)):
+        turn = R[k] @ _transposed(R)
+        spread = _between(drift, i, i[k]) + _seen(there[k], _between(drift, j, j[k])) + own + own[k]
+        agree[k] = _squares(turn, t[k] - _applied(turn, t), spread) <= CLOSES * freedom
+        agree[k] |= (piece[i] != piece[i[k]]) | (piece[j] != piece[j[k]])
+    found = np.zeros(len(motions.first), dtype=bool)
+    found[chain] = True
+    found[loops[_clique(agree & agree.T)]] = True
+    return found
+
+
+def _ahead(motions: Motions, shifts: Floats) -> tuple[Floats, Floats, Floats]:
+    """Turns (m, 3, 3), shifts (m, 3) from the earlier pose to the later one and the variances (m, 6) of both.
+
+    Those of the plane keep its third axis.
+    """
+    count, size = shifts.shape
+    R, t = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+    R[:, :size, :size], t[:, :size] = motions.turns, shifts
+    back = motions.first > motions.second
+    R[back] = _transposed(R[back])
+    t[back] = -_applied(R[back], t[back])
+    return R, t, np.repeat(1.0 / motions.stiffness, 3, axis=1)
+
+
+def _chained(
+    R: Floats, t: Floats, variances: Floats, low: Indices, count: int
+) -> tuple[Floats, Floats, Indices, Floats]:
+    """Turns (K, 3, 3), shifts (K, 3) of the poses, the pieces (K,) that they belong to, and how far they drift there.
+
+    That is the covariance (K, 6, 6) of a motion in the frame of the first pose of a piece, which is the origin.
+    """
+    turned, moved = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+    for k, before in enumerate(low.tolist()):
+        turned[before + 1], moved[before + 1] = turned[before] @ R[k], turned[before] @ t[k] + moved[before]
+    drift = np.zeros((count, 6, 6))
+    drift[low + 1] = _seen(_adjoint(turned[low + 1], moved[low + 1]), variances[:, :, None] * np.eye(6))
+    begins = np.ones(count, dtype=np.int64)
+    begins[low + 1] = 0
+    return turned, moved, np.cumsum(begins), np.cumsum(drift, axis=0)
+
+
+def _between(drift: Floats, one: Indices, other: Indices) -> Floats:
+    return np.asarray(drift[np.maximum(one, other)] - drift[np.minimum(one, other)])
+
+
+def _transposed(R: Floats) -> Floats:
+    return np.swapaxes(R, -1, -2)
+
+
+def _applied(R: Floats, v: Floats) -> Floats:
+    return np.asarray((R @ v[..., None])[..., 0])
+
+
+def _adjoint(R: Floats, t: Floats) -> Floats:
+    """What a screw (6,), turn first, becomes in the frame that motions (n) lead to."""
+    found = np.zeros((len(R), 6, 6))
+    found[:, :3, :3] = found[:, 3:, 3:] = R
+    found[:, 3:, :3] = cross_matrix(t) @ R
+    return found
+
+
+def _seen(adjoint: Floats, spread: Floats) -> Floats:
+    return np.asarray(adjoint @ spread @ _transposed(adjoint))
+
+
+def _squares(R: Floats, t: Floats, spread: Floats) -> Floats:
+    """The squared lengths (n,) of the screws that motions are, in standard deviations."""
+    turn = vector_of_quaternion(quaternion_of_matrix(R))
+    half = np.maximum(0.5 * np.linalg.norm(turn, axis=1), STRAIGHT)
+    across = np.cross(turn, t)
+    shift = t - 0.5 * across + ((1.0 - half / np.tan(half)) / (4.0 * half**2))[:, None] * np.cross(turn, across)
+    screw = np.hstack([turn, shift])
+    weighed = np.linalg.solve(spread, screw[:, :, None])[:, :, 0]
+    return np.asarray((screw * weighed).sum(axis=1))
+
+
+def _clique(agree: Mask) -> Indices:
+    """Members all of which agree: who agrees with the fewest others is left out, until all do."""
+    left = np.arange(len(agree))
+    while len(left):
+        counts = agree[np.ix_(left, left)].sum(axis=1)
+        worst = int(np.argmin(counts))
+        if counts[worst] == len(left):
+            break
+        left = np.delete(left, worst)
+    return left
