@@ -105,7 +105,8 @@ BAD_CELL = Code(
 BAD_ARRAY = Code(
     "bad-array",
     "An array is no column of numbers or texts: it has not exactly one dimension, or cells of another type.",
-    "Give one-dimensional arrays of numbers or texts, one for each column.",
+    "Give one-dimensional arrays of numbers or texts, one for each column: seconds since a start for times. Leave out a"
+    " column that nothing uses.",
 )
 NOT_A_NUMBER = Code(
     "not-a-number",

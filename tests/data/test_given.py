@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from mbm.data.cells import mixed_column
+from mbm.text.types import MbmError
 
 
 def cells(table) -> dict[str, list]:
@@ -140,3 +141,9 @@ def test_tables_of_arrow_and_their_gaps(load_given):
 
 def test_a_range_is_a_column(load_given):
     assert cells(load_given({"k": range(2, 5)})) == {"k": [2.0, 3.0, 4.0]}
+
+
+def test_dates_are_no_numbers_and_what_to_give_is_said(load_given):
+    with pytest.raises(MbmError, match="array of dates") as caught:
+        load_given({"x": [1.0, 2.0], "z": pd.date_range("2020", periods=2)})
+    assert "seconds since a start" in caught.value.diagnostics[0].code.mend
