@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
 
 from mbm.equations.at_rows import DIVIDES_BY_DEPTH, looks_back
 from mbm.equations.layout import Entry
-from mbm.equations.types import Floats, Indices
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints
+from mbm.estimation.starts.closed_forms.numerics.parallel import parallel_camera, parallel_poses
 from mbm.estimation.starts.closed_forms.numerics.planes import (
     Knowledge,
     camera_from_planes,
     homography,
     likeliest_camera,
 )
+from mbm.estimation.starts.closed_forms.numerics.space import FISHEYES, fisheye_in_space, pinhole_in_space
 from mbm.estimation.starts.closed_forms.rows import Piece, Rows
 from mbm.estimation.starts.closed_forms.types import Candidate, Situation, Support
 from mbm.expression.evaluate import evaluate
@@ -101,12 +104,19 @@ def _at_rows(situation: Situation, piece: Piece, given: Floats, leaf: Leaf) -> F
 LEAST_POINTS = 4
 """Points of a plane that tell its homography."""
 
+LEAST_IN_SPACE, DEEP = 6, 0.03
+"""Points of space that tell the camera by their image, and their extent across the likeliest plane beside the largest
+from which on they do, whatever the noise."""
+
+LEVELLED = 1e-9
+"""Extent of points of a plane across it, beside the largest, that rounding leaves."""
+
+SHIFTED = 3
+"""In which images of points off their plane are shifted into it: each leaves some hundredths of what is off."""
+
 WIDEST, NARROWEST = 0.05, 100.0
 """Focal lengths beside the extent of what is seen, beyond which they are noise."""
 
-
-FISHEYES = np.geomspace(0.15, 10.0, 31)
-"""Focal lengths of fisheyes that are tried, beside the extent of what is seen: from all around to 6°."""
 
 STEEPEST = 1.4
 """Angle from the axis, rad, beyond which a pinhole's image is too far out to tell of a plane."""
@@ -117,10 +127,13 @@ class Lens(Enum):
 
     PINHOLE = "pinhole"
     FISHEYE = "fisheye"
+    PARALLEL = "parallel"
 
     def image(self, p: Floats) -> Floats:
         """Where a camera of focal length 1 sees points (…, 3): right, down, forward."""
         across, ahead = p[..., :2], p[..., 2:]
+        if self is Lens.PARALLEL:
+            return across
         if self is Lens.PINHOLE:
             return np.asarray(across / ahead)
         radius = np.linalg.norm(across, axis=-1, keepdims=True)
@@ -139,42 +152,51 @@ class Camera:
     coordinates: Indices
     kinds: tuple[int, ...] = ()
 
-    def sense(self, situation: Situation) -> float:
-        """−1 where all its focal lengths are known to be negative, else 1."""
+    def signs(self, situation: Situation) -> Floats:
+        """Those of the numbers (s,): −1 of focal lengths that are known to be negative, else 1."""
         focal = np.array(self.kinds) <= ONE_FOCAL
-        return -1.0 if bool((usual(situation, self.places[focal], self.coordinates[focal]) < 0).all()) else 1.0
+        return np.where(focal & (usual(situation, self.places, self.coordinates) < 0), -1.0, 1.0)
 
-    def probed(self, situation: Situation) -> Situation:
-        """With focal lengths of 1, the centre at 0, and no distortion."""
-        numbers = situation.numbers.copy()
-        numbers[self.places] = [1.0 if kind <= ONE_FOCAL else 0.0 for kind in self.kinds]
+    def unknown(self) -> Mask:
+        """The axes (2,) whose focal length is among the numbers."""
+        return np.array([axis in self.kinds or ONE_FOCAL in self.kinds for axis in range(2)])
+
+    def probed(self, situation: Situation, numbers: Floats) -> Situation:
+        """With focal lengths of 1 or −1, the centre at 0, and no distortion; the others are as in ``numbers`` (N,)."""
+        numbers = numbers.copy()
+        numbers[self.places] = np.where(np.array(self.kinds) <= ONE_FOCAL, self.signs(situation), 0.0)
         return situation.with_numbers(numbers)
 
-    def recognised(self, situation: Situation, lines: Lines, poses: tuple[int, ...]) -> tuple[int, ...] | None:
-        """What each number is, by how images of points moved by ``poses`` depend on it; None if it is no such camera.
+    def recognised(self, situation: Situation, lines: Lines, poses: tuple[int, ...]) -> tuple[Camera, Floats] | None:
+        """With the ``kinds`` of its numbers, by how images of points moved by ``poses`` depend on them.
 
-        Where all numbers are nothing, the image is so, too, wherever the point: a focal length moves it with the point,
-        a coordinate of the centre alike, and distortion, which a focal length multiplies, not at all.
+        And how the coordinates (2,) of the image grow with those of the centre, 1 or −1. None if it is no such camera.
+        Where all numbers are nothing, the image is so, too, wherever the point, but for axes whose focal length is
+        known: a focal length moves it with the point, a coordinate of the centre alike, and distortion, which a focal
+        length multiplies, not at all.
         """
         rows = [self._rows(self._with_poses(situation, poses, t), lines) for t in _PLACES]
         if not len(rows[0]):
             return None
         nothing = np.zeros(len(self.places))
         values, slopes = zip(*(each.linearised(nothing) for each in rows), strict=True)
-        finite = all(bool(np.isfinite(each).all()) for each in (*values, *slopes))
-        if not finite or not np.allclose(values[0], values[1], rtol=1e-9, atol=1e-9):
+        if not all(bool(np.isfinite(each).all()) for each in (*values, *slopes)):
             return None
-        kinds = [_kind(slopes[0][..., j], slopes[1][..., j]) for j in range(len(self.places))]
+        known = ~np.isclose(values[0], values[1], rtol=1e-9, atol=1e-9).all(axis=0)
+        kinds = [_kind(slopes[0][..., j], slopes[1][..., j], known) for j in range(len(self.places))]
         linear = np.array([kind is not None and kind != DISTORTION for kind in kinds])
         shifted = rows[0].slopes(np.where(linear, np.arange(1.0, len(linear) + 1), 0.0))
         if not np.allclose(shifted[..., linear], slopes[0][..., linear], rtol=1e-9, atol=1e-12):
             return None
-        found = tuple(kind for kind in kinds if kind is not None)
-        focal = sorted(kind for kind in found if kind <= ONE_FOCAL)
-        centre = sorted(kind for kind in found if kind in (3, 4))
         distorted = self.coordinates[[kind == DISTORTION for kind in kinds]]
-        usable = len(found) == len(kinds) and not bool(situation.layout.positive[distorted].any())
-        return found if usable and focal in ([ONE_FOCAL], [0, 1]) and centre in ([], [3, 4]) else None
+        if None in kinds or bool(situation.layout.positive[distorted].any()):
+            return None
+        found = replace(self, kinds=tuple(kind for kind in kinds if kind is not None))
+        repeated = any(found.kinds.count(kind) > 1 for kind in range(DISTORTION)) or sorted(found.kinds)[1:2] == [2]
+        if repeated or bool((found.unknown() == known).any()) or known[0] != known[1]:
+            return None
+        growing = [slopes[0][0, i, found.kinds.index(3 + i)] if 3 + i in found.kinds else 1.0 for i in range(2)]
+        return found, np.sign(growing)
 
     def _rows(self, situation: Situation, lines: Lines) -> Rows:
         """Rows in which the camera's numbers are the only unknown ones."""
@@ -201,16 +223,17 @@ class Camera:
 _PLACES = (np.array([0.31, 0.47, 5.3]), np.array([5.2, -0.64, 6.9]))
 
 
-def _kind(here: Floats, there: Floats) -> int | None:
-    """What a number is, by the slopes (n, 2) of the image with points at two places."""
-    axes = [bool(np.abs(here[:, i]).max() > 0) for i in range(2)]
-    constant = bool(np.allclose(here, there))
-    if constant and not any(axes):
+def _kind(here: Floats, there: Floats, known: Mask) -> int | None:
+    """What a number is, by the slopes (n, 2) of the image with points at two places; ``known`` as above."""
+    axes = np.abs(here).max(axis=0) > 0
+    if np.allclose(here, there):
+        if not axes.any():
+            return DISTORTION
+        alone = axes.sum() == 1 and np.allclose(np.abs(here[:, axes]), 1.0)
+        return 3 + int(np.argmax(axes)) if alone else None
+    if known[axes].any():
         return DISTORTION
-    if constant:
-        alone = sum(axes) == 1 and np.allclose(np.abs(here[:, axes.index(True)]), 1.0)
-        return 3 + axes.index(True) if alone else None
-    return ONE_FOCAL if all(axes) else axes.index(True)
+    return ONE_FOCAL if axes.all() else int(np.argmax(axes))
 
 
 def cameras_of(candidate: Candidate) -> tuple[Indices, tuple[Camera, ...]]:
@@ -237,47 +260,106 @@ def _within(number: int, span: slice) -> bool:
     return number in range(span.start, span.stop)
 
 
-def camera_numbers(
-    kinds: tuple[int, ...], lens: Lens, views: Sequence[tuple[Floats, Floats]]
-) -> tuple[Floats, Floats] | None:
-    """A camera's numbers (s,), focal lengths positive, from ``views``: points (n, 2) of a plane, and their images.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Told:
+    """What views tell of a camera: its focal lengths (2,), its centre (2,), and a pose R, t for each (None: not)."""
 
-    And homographies (K, 3, 3) from the planes to the images of a pinhole camera with focal length 1 and centre 0, NaN
-    where a view tells of none; None where none does.
+    focal: Floats
+    centre: Floats
+    poses: tuple[tuple[Floats, Floats] | None, ...]
+
+
+Seen = tuple[Floats, Floats]
+"""Points (n, 3) in axes of their own, the last of which is across their plane, and their images (n, 2)."""
+
+
+def told_by(camera: Camera, lens: Lens, views: Sequence[Seen], known: Floats, ahead: float) -> Told | None:
+    """What views of space tell, or where there is none of them views of planes; None if nothing.
+
+    ``known`` (2,) are focal lengths, NaN where they are not; the plane is before a camera that looks ``ahead``.
     """
     images = np.concatenate([image for _, image in views])
-    middle = (images.min(axis=0) + images.max(axis=0)) / 2 if 3 in kinds else np.zeros(2)
+    centred = not {3, 4} & set(camera.kinds)
+    middle = np.zeros(2) if centred else (images.min(axis=0) + images.max(axis=0)) / 2
     extent = float(np.ptp(images, axis=0).max())
-    scaled = [(plane, (image - middle) / extent) for plane, image in views]
-    found = _of_pinhole(kinds, scaled) if lens is Lens.PINHOLE else _of_fisheye(scaled)
+    scaled = [(points, (image - middle) / extent) for points, image in views]
+    found = _scaled(
+        lens, scaled, Knowledge(one_focal=ONE_FOCAL in camera.kinds, centred=centred), known / extent, ahead
+    )
     if found is None:
         return None
-    focal, centre = found[0] * extent, found[1] * extent + middle
-    values = np.array([focal[0], focal[1], focal.mean(), centre[0], centre[1], 0.0])
-    return values[list(kinds)], found[2]
+    return replace(found, focal=found.focal * extent, centre=found.centre * extent + middle)
 
 
-def _of_pinhole(kinds: tuple[int, ...], views: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats, Floats] | None:
+def _scaled(lens: Lens, views: Sequence[Seen], about: Knowledge, known: Floats, ahead: float) -> Told | None:
+    """The same of images of the size of one."""
+    spatial = [view for view in views if in_space(*view)]
+    if lens is Lens.PARALLEL:
+        scales = parallel_camera(views, DEEP, one_focal=about.one_focal)
+        if scales is None:
+            return None
+        focal = np.where(np.isnan(known), scales, known)
+        poses = [parallel_poses(points, image / focal, DEEP)[:2] for points, image in views]
+        return Told(focal=focal, centre=np.zeros(2), poses=tuple((R[0], t[0]) if len(R) else None for R, t in poses))
+    if not spatial:
+        return _of_planes(lens, views, about, known, ahead)
+    if lens is Lens.FISHEYE:
+        found = fisheye_in_space(spatial, centred=about.centred, one_focal=about.one_focal)
+    else:
+        found = pinhole_in_space(spatial, ahead)
+    # the poses then follow from the camera
+    return None if found is None else Told(focal=found[0], centre=found[1], poses=(None,) * len(views))
+
+
+def in_space(points: Floats, _image: Floats | None = None) -> bool:
+    """Whether images of points (n, 3), in axes of their own, tell of space."""
+    return len(points) >= LEAST_IN_SPACE and bool(np.ptp(points[:, 2]) > DEEP * np.ptp(points[:, 0]))
+
+
+def _of_planes(lens: Lens, views: Sequence[Seen], about: Knowledge, known: Floats, ahead: float) -> Told | None:
+    """By homographies; points off their plane have images that are shifted as the camera so found says."""
+    shifts = [np.zeros_like(image) for _, image in views]
+    thick = any(np.ptp(points[:, 2]) > LEVELLED * np.ptp(points[:, 0]) for points, _ in views)
+    for _ in range(SHIFTED if thick else 1):
+        planes = [(points[:, :2], image - by) for (points, image), by in zip(views, shifts, strict=True)]
+        found = _of_pinhole(planes, about, known) if lens is Lens.PINHOLE else _of_fisheye(planes, known)
+        if found is None:
+            return None
+        focal, centre, homographies = found
+        poses = [pose_of_plane(H, ahead) if bool(np.isfinite(H).all()) else None for H in homographies]
+        for k, ((points, _), pose) in enumerate(zip(views, poses, strict=True)):
+            if pose is not None:
+                places = points @ pose[0].T + pose[1]
+                flat = places - points[:, 2:] * pose[0][:, 2]
+                shifts[k] = focal * (lens.image(places) - lens.image(flat))
+    return Told(focal=focal, centre=centre, poses=tuple(poses))
+
+
+def _of_pinhole(
+    views: Sequence[tuple[Floats, Floats]], about: Knowledge, known: Floats
+) -> tuple[Floats, Floats, Floats] | None:
     """Focal lengths (2,), centre (2,) and homographies (K, 3, 3) of views whose images are of the size of one.
 
+    The homographies, NaN where a view tells of none, lead to the images of a camera with focal length 1 and centre 0.
     Where few or noisy views give no camera that could see the images, it is the best of a table of cameras.
     """
     every = np.stack([homography(plane, image) for plane, image in views])
-    known = every[np.isfinite(every).all(axis=(1, 2))]
-    if not len(known):
+    usable = every[np.isfinite(every).all(axis=(1, 2))]
+    if not len(usable):
         return None
-    focal, centre = camera_from_planes(known, Knowledge(one_focal=ONE_FOCAL in kinds, centred=3 not in kinds))
+    focal, centre = camera_from_planes(usable, about)
     sees = bool((focal > WIDEST).all() and (focal < NARROWEST).all() and (np.abs(centre) < 1.0).all())
     if not sees:
-        focal, centre = likeliest_camera(known, centred=3 not in kinds)
+        focal, centre = likeliest_camera(usable, centred=about.centred)
+    focal = np.where(np.isnan(known), focal, known)
     every[:, :2] = (every[:, :2] - centre[:, None] * every[:, 2:]) / focal[:, None]
     return focal, centre, every
 
 
-def _of_fisheye(views: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats, Floats] | None:
+def _of_fisheye(views: Sequence[tuple[Floats, Floats]], known: Floats) -> tuple[Floats, Floats, Floats] | None:
     """The same of a fisheye, with that focal length by which the planes suit their images best, and the centre at 0."""
-    lengths = FISHEYES
-    for finer in (True, False):
+    lengths = FISHEYES if np.isnan(known).any() else known[:1]
+    for finer in (len(lengths) > 1, False):
         trials = [[_through_fisheye(plane, image / length) for plane, image in views] for length in lengths]
         misfits = np.array(
             [[length * misfit for _, misfit in each] for length, each in zip(lengths, trials, strict=True)]

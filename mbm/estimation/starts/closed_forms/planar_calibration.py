@@ -1,6 +1,6 @@
 """Photographs of known points, of a plane most often: the camera, and the pose of each view (Zhang 2000).
 
-Of a fisheye, that focal length with which the planes suit best what was seen.
+Of a fisheye, that focal length with which the planes suit best what was seen; `numerics` say how points of space tell.
 
 A view is a product of poses (`chains`): the pose of the board alone, or that of the camera in its rig and of the board
 before the rig, or of a hand and an eye. The camera is found with the products free; a single pose is given, too.
@@ -10,20 +10,21 @@ Where a camera stands before the unknown poses through which it sees, from how i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import field
+from operator import itemgetter
 
 import numpy as np
 
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.cameras import (
+    LEAST_POINTS,
     Camera,
     Lens,
-    camera_numbers,
     cameras_of,
     outlook,
-    pose_of_plane,
+    told_by,
 )
 from mbm.estimation.starts.closed_forms.chains import (
     FRAME,
@@ -36,60 +37,50 @@ from mbm.estimation.starts.closed_forms.chains import (
     without_poses,
 )
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints
+from mbm.estimation.starts.closed_forms.numerics.parallel import LINE
+from mbm.estimation.starts.closed_forms.numerics.space import projection
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Plan, Situation
 from mbm.values import dataclass
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Axes:
-    """``turn`` (3, 3) leads from x, y, z of a camera to right, down, forward; ``signs`` (2,) of its image to these."""
-
-    turn: Floats
-    signs: Floats
-
-
-OPENCV = Axes(turn=np.eye(3), signs=np.ones(2))
 AXES = (
-    OPENCV,
-    Axes(turn=np.eye(3)[[1, 2, 0]], signs=np.ones(2)),  # the paper's, but for a half turn of the image
-    Axes(turn=np.diag([1.0, -1.0, -1.0]), signs=np.array([1.0, -1.0])),  # OpenGL's; its pinholes are turned OpenCV's
+    np.eye(3),  # opencv
+    np.eye(3)[[1, 2, 0]],  # the paper's, but for a half turn of the image
+    np.diag([1.0, -1.0, -1.0]),  # OpenGL's; its pinholes are turned OpenCV's
 )
-
-PLANAR = 1e-3
-"""Extent of the points across their plane beside the largest, up to which a start takes them for plane: coordinates of
-boards are measured, and rounded."""
-
-LEAST_IN_SPACE, DEEP = 6, 0.03
-"""Points of space that tell the camera by their image, and their extent across the likeliest plane beside the largest
-from which on they do, whatever the noise."""
+"""What leads from x, y, z of a camera to right, down, forward, but for the signs of the image."""
 
 PROBE = np.array([0.4, 0.7, 1.3])
 """A place to look at: before the camera, with either axes."""
 
+ELSEWHERE, FAR = (np.array([0.6, -0.3, 1.1]), np.array([1.7, 0.2, 0.9])), 1e4
+"""Two more, and how many times as far ahead lenses do not distort, to 1e-8."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """Points (n, 2) in coordinates of their plane, or (n, 3) in space, and where a camera sees them (n, 2).
+    """Points (n, 3) in axes of their own, the last of which is across their plane, and where a camera sees them (n, 2).
 
-    ``basis`` (3, 3) and ``origin`` place the plane in space. ``places`` (7,) are those of the numbers of the one
-    unknown pose through which it is seen, or none; ``inverse``: it is the inverse of that pose. ``eye`` is the camera's
-    known pose before it, if there is one. ``ahead`` is −1 where the camera looks along −z, ``sense`` where its focal
-    lengths are negative.
+    ``basis`` (3, 3) and ``origin`` place them in space. ``places`` (7,) are those of the numbers of the one unknown
+    pose through which they are seen, or none; ``inverse``: it is the inverse of that pose. ``eye`` is the known pose of
+    the camera before it, if there is one; ``turn`` (3, 3) leads to right, down, forward, ``ahead`` is −1 where it looks
+    the other way. The image is without signs; ``centre`` (2,) are the numbers of its centre beside where it is
+    there, ``known`` (2,) focal lengths that are no numbers of the camera, else NaN.
     """
 
     camera: int
     lens: Lens
-    plane: Floats
+    points: Floats
     image: Floats
     basis: Floats
     origin: Floats
-    axes: Axes
+    turn: Floats
     eye: Eye | None
     places: Indices
     inverse: bool
     ahead: float
-    sense: float
+    centre: Floats
+    known: Floats
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,13 +137,13 @@ def _seen(situation: Situation, camera: Camera, number: int) -> tuple[Camera, li
     free = situation.with_numbers(numbers)
     views: list[View] = []
     for poses, lines in _lines(free, camera).items():
-        kinds = camera.recognised(free, lines, poses)
-        if kinds is None or (camera.kinds and camera.kinds != kinds):
+        recognised = camera.recognised(free, lines, poses)
+        if recognised is None or (camera.kinds and camera.kinds != recognised[0].kinds):
             return None
-        camera = replace(camera, kinds=kinds)
-        found = chain(camera.probed(free), lines, poses, 2)
+        camera, growing = recognised
+        found = chain(camera.probed(situation, numbers), lines, poses, 2)
         if found is not None:
-            views += _views(situation, camera, found, number)
+            views += _views(situation, camera, found, number, growing)
     return (camera, views) if views else None
 
 
@@ -168,63 +159,93 @@ def _lines(situation: Situation, camera: Camera) -> dict[tuple[int, ...], Lines]
     return {poses: tuple(lines) for poses, lines in found.items()}
 
 
-def _views(situation: Situation, camera: Camera, found: Chain, number: int) -> Iterator[View]:
-    """Of each product of poses the points, if they lie in a plane, and where they are seen.
+def _views(situation: Situation, camera: Camera, found: Chain, number: int, growing: Floats) -> Iterator[View]:
+    """Of each product of poses the points, if they lie on no line, and where they are seen.
 
-    A camera that stands at a known pose before the unknown ones sees the products from there.
+    A camera that stands at a known pose before the unknown ones sees the products from there. ``growing`` (2,): how the
+    image grows with the numbers of the centre.
     """
-    kinds = ((lens, axes) for lens in Lens for axes in AXES)
-    lens, axes = next((kind for kind in kinds if _is_camera(found.moved, *kind)), (Lens.PINHOLE, None))
-    eye = standing(found.moved) if axes is None else None
-    if axes is not None:
-        seen = lens.image(axes.turn @ PROBE) - axes.signs * _sign(found.moved, axes) * found.moved.values(PROBE)
-        forward = axes.turn[2]
-    elif eye is not None:
-        seen, forward = eye.image(PROBE) - found.moved.values(PROBE), eye.R[2]
+    sight = _sight(found.moved)
+    eye = standing(found.moved) if sight is None else None
+    if sight is not None:
+        lens, turn, scale, place = sight
+        signs, shown, forward = np.where(camera.unknown(), scale, np.sign(scale)), lens.image(turn @ place), turn[2]
+    elif eye is not None and camera.unknown().all():
+        lens, turn, scale, place = Lens.PINHOLE, np.eye(3), np.ones(2), PROBE
+        signs, shown, forward = scale, eye.image(PROBE), eye.R[2]
     else:
         return
+    seen = (scale * shown - found.moved.values(place)) / signs
     ahead = np.where(outlook(situation, found.moved) @ forward < 0, -1.0, 1.0)
     order = np.argsort(found.product, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(found.product[order])) + 1):
         points = found.points[rows]
         origin = points.mean(axis=0)
         _, extent, basis = np.linalg.svd(points - origin, full_matrices=False)
-        spatial = len(rows) >= LEAST_IN_SPACE and lens is Lens.PINHOLE and extent[2] > DEEP * extent[0]
-        if not spatial and (len(rows) < 4 or not extent[2] <= PLANAR * extent[0] < extent[1]):
+        if len(rows) < LEAST_POINTS or not extent[1] > LINE * extent[0]:
             continue
         basis[2] = np.cross(basis[0], basis[1])
         link = found.links[0] if len(found.links) == 1 else None
         yield View(
             camera=number,
             lens=lens,
-            plane=(points - origin) @ basis[: 3 if spatial else 2].T,
+            points=(points - origin) @ basis.T,
             image=seen[rows],
             basis=basis.T,
             origin=origin,
-            axes=axes or OPENCV,
+            turn=turn,
             eye=eye,
             places=np.empty(0, dtype=np.int64) if link is None else link.places(int(link.member[rows[0]])),
             inverse=link is not None and link.inverse,
             ahead=float(ahead[rows[0]]),
-            sense=camera.sense(situation),
+            centre=signs * growing,
+            known=np.where(camera.unknown(), np.nan, np.abs(scale)),
         )
 
 
-def _sign(moved: MovedPoints, axes: Axes) -> float:
-    """Whether the residual is model − measured (1) or the other way round (-1): what is farther right is seen so."""
-    change = moved.values(PROBE + axes.turn[0])[0, 0] - moved.values(PROBE)[0, 0]
-    return 1.0 if change > 0 else -1.0
+def _sight(moved: MovedPoints) -> tuple[Lens, Floats, Floats, Floats] | None:
+    """The lens and axes, scales (2,) and a place (3,), if images move as those of a camera of these, times the scales.
+
+    The signs of these say which way the image grows, and whether the residual is model − measured or the other way
+    round. Where the camera is distorted, that of its places near its axis, and the lens that suits the others best.
+    """
+    kinds = [(lens, turn) for lens in Lens for turn in AXES]
+    for depth in (1.0, FAR):
+        scales = [(lens, turn, _scale(moved, lens, turn, depth)) for lens, turn in kinds]
+        found = [
+            (_off(moved, lens, turn, scale, 1.0), lens, turn, scale)
+            for lens, turn, scale in scales
+            if scale is not None and _off(moved, lens, turn, scale, depth) <= AGREEMENT
+        ]
+        if found:
+            _, lens, turn, scale = min(found, key=itemgetter(0))
+            return lens, turn, scale, _place(PROBE, turn, depth)
+    return None
 
 
-def _is_camera(moved: MovedPoints, lens: Lens, axes: Axes) -> bool:
-    """Whether images move as those of an undistorted camera with focal length 1, this lens and these axes."""
-    signs = _sign(moved, axes) * axes.signs
-    first = moved.values(PROBE)
-    for other in (np.array([0.6, -0.3, 1.1]), np.array([1.7, 0.2, 0.9])):
-        expected = signs * (lens.image(axes.turn @ other) - lens.image(axes.turn @ PROBE))
-        if not np.allclose(moved.values(other) - first, expected, rtol=AGREEMENT, atol=AGREEMENT):
-            return False
-    return True
+def _place(place: Floats, turn: Floats, depth: float) -> Floats:
+    """A place (3,) so many times as far ahead."""
+    return np.asarray(turn.T @ (turn @ place * [1.0, 1.0, depth]))
+
+
+def _scale(moved: MovedPoints, lens: Lens, turn: Floats, depth: float) -> Floats | None:
+    """How many times as far as that of a lens the image moves with a point that moves aside, along both axes (2,)."""
+    places = [_place(each, turn, depth) for each in (PROBE, PROBE + turn[0], PROBE + turn[1])]
+    first, *aside = [moved.values(p)[0] for p in places]
+    shown, *other = [lens.image(turn @ p) for p in places]
+    scale = np.array([(aside[i] - first)[i] / (other[i] - shown)[i] for i in range(2)])
+    return scale if bool(np.isfinite(scale).all() and scale.all()) else None
+
+
+def _off(moved: MovedPoints, lens: Lens, turn: Floats, scale: Floats, depth: float) -> float:
+    """By how much images move otherwise, beside how far they do."""
+    first, *others = [_place(each, turn, depth) for each in (PROBE, *ELSEWHERE)]
+    off = size = 0.0
+    for other in others:
+        expected = lens.image(turn @ other) - lens.image(turn @ first)
+        off = max(off, float(np.abs((moved.values(other) - moved.values(first)) / scale - expected).max()))
+        size = max(size, float(np.abs(expected).max()))
+    return off / size if np.isfinite(off) else np.inf
 
 
 def _solved(plan: Plan, subset: Indices) -> Floats:
@@ -237,30 +258,23 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
         if not views:
             continue
         first = views[0]
-        spatial = [view for view in views if view.plane.shape[1] == 3]
-        views = [] if spatial else views  # the poses then follow from the camera
-        seen = [(view.plane, view.image) for view in spatial or views]
-        found = camera_in_space(camera.kinds, seen) if spatial else camera_numbers(camera.kinds, first.lens, seen)
-        if found is None:
+        seen = [(view.points, view.image) for view in views]
+        told = told_by(camera, first.lens, seen, first.known, first.ahead)
+        if told is None:
             continue
-        numbers, homographies = found
-        # Images that a pinhole turns about its centre with positive numbers are those of the opposite centre.
-        turned = first.ahead * first.sense if first.lens is Lens.PINHOLE else 1.0
-        senses = np.array([first.sense] * 3 + [turned, turned * first.axes.signs[1], 1.0])
-        numbers = numbers * senses[list(camera.kinds)]
+        numbers = np.array([*told.focal, np.abs(told.focal).mean(), *(told.centre * first.centre), 0.0])
         mine = np.flatnonzero((places[:, data.columns] == camera.places).all(axis=1))
-        result[np.ix_(mine, data.columns)] = numbers
-        for view, each in zip(views, homographies, strict=True):
-            if view.places.size and bool(np.isfinite(each).all()):
-                put_pose(result, places, view.places, _pose(view, each))
+        result[np.ix_(mine, data.columns)] = numbers[list(camera.kinds)] * camera.signs(plan.candidate.situation)
+        for view, pose in zip(views, told.poses, strict=True):
+            if view.places.size and pose is not None:
+                put_pose(result, places, view.places, _pose(view, *pose))
     return result.ravel()
 
 
-def _pose(view: View, homography: Floats) -> Floats:
-    """The pose (7,) from a homography to the image of focal length 1; the plane is before the camera."""
-    R, t = pose_of_plane(homography * np.array([[view.sense], [view.sense], [1.0]]), view.ahead)
-    R = view.axes.turn.T @ R @ view.basis.T
-    t = view.axes.turn.T @ t - R @ view.origin
+def _pose(view: View, R: Floats, t: Floats) -> Floats:
+    """The numbers (7,) of the pose, from that of the points in their axes."""
+    R = view.turn.T @ R @ view.basis.T
+    t = view.turn.T @ t - R @ view.origin
     if view.eye is not None:
         R, t = view.eye.R.T @ R, view.eye.R.T @ (t - view.eye.t)
     return FRAME.numbers(np.ones(()), R.T, -R.T @ t) if view.inverse else FRAME.numbers(np.ones(()), R, t)
@@ -299,7 +313,7 @@ def standing(moved: MovedPoints) -> Eye | None:
     if int(known.sum()) < PLACES // 2:
         return None
     places, values = places[known], values[known]
-    P = _projection(places, values[:, 0])
+    P = projection(places, values[:, 0])
     R, t = P[:, :3].copy(), P[:, 3].copy()
     shift = R[:2] @ R[2]
     R[:2] -= np.outer(shift, R[2])
@@ -311,32 +325,3 @@ def standing(moved: MovedPoints) -> Eye | None:
     apart = values - values[:1] - (shown - shown[:1])
     size = 1.0 + np.abs(values).max() + np.abs(shown).max()
     return eye if bool(np.abs(apart).max() <= AGREEMENT * size) else None
-
-
-def camera_in_space(kinds: tuple[int, ...], views: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats] | None:
-    """A camera's numbers (s,) from images of points (n, 3) of space, the medians of all views; and no homography.
-
-    ``P = K [R t]`` by the direct linear transformation of each, and K from ``M Mᵀ = K Kᵀ``, M = K R (Hartley and
-    Zisserman 2004, 7.1). None where they tell of no camera.
-    """
-    found = []
-    for points, image in views:
-        extent, middle = float(np.ptp(image, axis=0).max()), image.mean(axis=0)
-        M = _projection(points / np.abs(points).max(), (image - middle) / extent)[:, :3]
-        conic = M @ M.T
-        centre = conic[:2, 2]
-        fy = np.sqrt(conic[1, 1] - centre[1] ** 2)
-        fx = np.sqrt(conic[0, 0] - centre[0] ** 2 - ((conic[0, 1] - centre[0] * centre[1]) / fy) ** 2)
-        found.append([*(extent * np.array([fx, fy, (fx + fy) / 2])), *(extent * centre + middle), 0.0])
-    known = np.array([each for each in found if np.isfinite(each).all()]).reshape(-1, 6)
-    return (np.median(known, axis=0)[list(kinds)], np.empty((0, 3, 3))) if len(known) else None
-
-
-def _projection(places: Floats, images: Floats) -> Floats:
-    """P (3, 4) with ``images ~ P (places, 1)``, its third row of length 1, most places before the camera."""
-    whole = np.column_stack([places, np.ones(len(places))])
-    nothing = np.zeros_like(whole)
-    lines = [np.hstack([whole, nothing, -images[:, :1] * whole]), np.hstack([nothing, whole, -images[:, 1:] * whole])]
-    P = np.linalg.svd(np.vstack(lines))[2][-1].reshape(3, 4)
-    P /= np.linalg.norm(P[2, :3]) * np.sign(np.linalg.det(P[:, :3]))
-    return np.asarray(P)

@@ -10,6 +10,7 @@ from mbm.estimation.starts.closed_forms.multilateration import MULTILATERATION
 from mbm.estimation.starts.closed_forms.planar_calibration import PLANAR_CALIBRATION
 from mbm.estimation.starts.closed_forms.planes import PLANES
 from mbm.estimation.starts.closed_forms.pose_from_points import POSE_FROM_POINTS
+from mbm.estimation.starts.closed_forms.pose_in_parallel import POSE_IN_PARALLEL
 from mbm.estimation.starts.closed_forms.pose_in_product import POSE_IN_PRODUCT
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES
 from mbm.estimation.starts.closed_forms.similarity import SIMILARITY
@@ -23,6 +24,7 @@ STANDARD: tuple[ClosedForm, ...] = (
     PLANES,
     POSE_IN_PRODUCT,
     POSE_FROM_POINTS,
+    POSE_IN_PARALLEL,
     INTERSECTION,
     PLANAR_CALIBRATION,
     MEASURED,

@@ -221,12 +221,15 @@ class Situation:
             first = entry.offset + int(column[0]) * unknown.size
             absent = np.flatnonzero(np.isnan(self.numbers[first : first + unknown.size]))
             if len(absent) < unknown.size and not unknown.manifold.flat:
-                return None
+                absent = np.flatnonzero(np.isnan(self.numbers[first : first + unknown.size]) | self._idle(entry, first))
+                if len(absent) < unknown.size:
+                    return None
             free = absent if unknown.manifold.flat else np.arange(unknown.freedom)
             places.append(entry.offset + column[:, None] * unknown.size + absent)
             coordinates.append(entry.first + column[:, None] * unknown.freedom + free)
         every = np.hstack(places)
-        if not bool(np.isnan(self.numbers[every]).all()):
+        open_ones = np.isnan(self.numbers[every])
+        if not bool((open_ones == open_ones[0]).all() and open_ones.any(axis=1).all()):
             return None
         lines = tuple(self._lines(entries, every))
         return Candidate(
@@ -237,6 +240,13 @@ class Situation:
             coordinates=np.hstack(coordinates),
             lines=lines,
         )
+
+    def _idle(self, entry: Entry, first: int) -> Mask:
+        """Which numbers of the member of an unknown that begins at ``first`` no equation mentions: a depth."""
+        places = first + np.arange(entry.unknown.size)
+        groups = self.mentioning[self.layout.entries.index(entry)]
+        used = np.concatenate([np.unique(group.index) for group in groups])
+        return np.asarray(~np.isin(places, used))
 
     def absences(self, support: Support) -> bytes:
         """Which numbers are missing in the equations that mention the unknowns of a candidate, as a digest."""
