@@ -75,8 +75,6 @@ def _of_document(document: Mapping[str, object], key: Mapping[str, Key], file: s
 
 
 def _initial_value(name: str, entry: object, file: str | None) -> InitialValue:
-    if entry is None:
-        raise MbmError(faults.bad_initial_value(name, "no number: leave it out where none is known", file))
     if not isinstance(entry, Mapping):
         return InitialValue(value=_array(name, entry, file))
     if "value" not in entry and ({"quaternion", "matrix", "angle"} & set(entry)):

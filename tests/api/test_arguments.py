@@ -175,8 +175,3 @@ def test_what_is_neither_true_nor_false(given: Any) -> None:
     text = "(problem p (unknowns (x :init 1)) (observe (= 1 x) :sigma 1))"
     said = refused(lambda: mbm.loads(text).solve(**given), "wrong-argument")
     assert f"`{name}` is {given[name]!r}; True or False is wanted" in said
-
-
-def test_a_start_that_is_nothing_is_no_start(compiled: mbm.CompiledProblem) -> None:
-    for name in compiled.solve().keys():  # noqa: SIM118 - a result is no dict
-        assert f"`{name}` is no number" in refused(lambda n=name: compiled.solve(init={n: None}), "bad-initial-values")
