@@ -212,6 +212,20 @@ def test_photographs_lie_beneath(photographed: Path, mbm: Run) -> None:
     assert texts(out).count("<image ") == 1
 
 
+def test_names_without_an_ending_name_photographs_too(photographed: Path, mbm: Run) -> None:
+    """Of what has such a name, what is no photograph is none; of two photographs nobody knows which."""
+    file, out, folder = photographed / "p.mbm", photographed / "out.svg", photographed / "photos"
+    file.write_text(file.read_text().replace(".png", ""))
+    (folder / "b.JPG").write_bytes(png(200, 100))
+    (folder / "a.txt").write_text("")
+    assert mbm("view", file, "--image", folder, "-o", out).status == 0
+    assert texts(out).count("<image ") == 2
+    (folder / "a.jpeg").write_bytes(png(200, 100))
+    outcome = mbm("view", file, "--image", folder, "-o", out)
+    assert "nothing lies beneath 1 of 2 images" in outcome.err
+    assert texts(out).count("<image ") == 1
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [

@@ -54,12 +54,18 @@ def beneath(where: Path | None, photograph: Photograph) -> Beneath | None:
 
 
 def path_in(folder: Path, photograph: Photograph) -> Path | None:
-    """The file of a photograph in a folder; None if there is none of its name."""
+    """The file of a photograph in a folder, or the only one of its name before the ending; None if there is none."""
     name = photograph.file or photograph.name
     if not name or Path(name).name != name:
         return None
     path = folder / name
-    return path if path.exists() else None
+    if path.exists():
+        return path
+    from PIL import Image
+
+    endings = Image.registered_extensions()
+    found = [each for each in folder.iterdir() if each.stem == name and each.suffix.lower() in endings]
+    return found[0] if len(found) == 1 else None
 
 
 def read_photograph(path: Path) -> Beneath:
