@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.binding import Group, affine, all_seen, block_rows, mentioned
-from mbm.equations.layout import Layout
+from mbm.equations.layout import Layout, places_in
 from mbm.equations.losses import rooted_residuals, rooted_slopes
 from mbm.equations.manifolds import chart_slopes
 from mbm.equations.scatter import Scatter
@@ -201,7 +201,7 @@ class Assembled:
     def plain_linearised(self, x: Floats) -> tuple[Floats, Floats]:
         """``plain_residuals`` and ``plain_jacobian``, each kernel called once for both."""
         residuals, jacobian = np.zeros(self.whole), np.zeros((self.whole, self.dimension))
-        scatters = self._scatters or tuple(group.scatter(self._columns()) for group in self.groups)
+        scatters = self._scatters or tuple(group.scatter(self.columns) for group in self.groups)
         for group, places in zip(self.groups, scatters, strict=True):
             if not self.eliminated(group):
                 lines = slice(group.first, group.first + group.count)
@@ -274,7 +274,7 @@ class Assembled:
 
     def constraint_jacobian(self, x: Floats) -> Floats:
         """Derivative of ``constraint_values`` by a step (k, n)."""
-        columns = self._columns()
+        columns = self.columns
         parts = [g.dense_jacobian(x, columns, self.dimension).reshape(-1, self.dimension) for g in self.constraints]
         return np.vstack(parts) if parts else np.empty((0, self.dimension))
 
@@ -289,13 +289,13 @@ class Assembled:
         """The same equations with no residual left out."""
         if self.rows is None:
             return self
-        implicit = self.implicit.everything(self._columns()) if self.implicit is not None else None
+        implicit = self.implicit.everything(self.columns) if self.implicit is not None else None
         return replace(self, rows=None, implicit=implicit)
 
     def kept(self, units: Mask) -> Assembled:
         """The equations of those units alone that the mask (all units,) picks."""
         chosen = units[self.every_unit]
-        implicit = self.implicit.kept(chosen, self._columns()) if self.implicit is not None else None
+        implicit = self.implicit.kept(chosen, self.columns) if self.implicit is not None else None
         return replace(self, rows=np.flatnonzero(chosen), implicit=implicit)
 
     def uncorrected(self) -> Assembled:
@@ -348,11 +348,10 @@ class Assembled:
         """The same equations with corrections of measured values to first order, to compare many points with."""
         return self if self.implicit is None else replace(self, implicit=self.implicit.roughly())
 
-    def _columns(self) -> Indices:
+    @property
+    def columns(self) -> Indices:
         """The column of each coordinate (M,) in Jacobians, -1 where it is not free."""
-        columns = np.full(len(self.layout.number), -1, dtype=np.int64)
-        columns[self.free] = np.arange(self.dimension)
-        return columns
+        return places_in(self.free, len(self.layout.number))
 
     def picked(self, whole: Floats) -> Floats:
         """Of one value for each of all residuals those of the residuals picked (m,)."""
@@ -373,8 +372,7 @@ class Assembled:
 
     def freed(self, free: Indices, numbers: Floats) -> Assembled:
         """The same equations over another set of free coordinates, starting at ``numbers`` (N,)."""
-        columns = np.full(len(self.layout.number), -1, dtype=np.int64)
-        columns[free] = np.arange(len(free))
+        columns = places_in(free, len(self.layout.number))
         linear = not self.lossy and self.implicit is None and all(affine(g, columns >= 0) for g in self.groups)
         small = self.whole * len(free) <= DENSE
         scatters = tuple(group.scatter(columns) for group in self.groups) if small else ()
@@ -386,8 +384,7 @@ def loss_lines(equations: Assembled) -> Iterator[tuple[LossFunction, Indices]]:
     """Each loss with the places (in m) of the residuals it acts on, shape (units, components)."""
     place = None
     if equations.rows is not None:
-        place = np.full(equations.whole, -1, dtype=np.int64)
-        place[equations.rows] = np.arange(len(equations.rows))
+        place = places_in(equations.rows, equations.whole)
     for group in equations.groups:
         starts = group.first + np.arange(group.rows) * group.kernel.outputs
         for whitener_, loss in zip(group.whiteners, group.losses, strict=False):

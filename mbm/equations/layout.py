@@ -30,6 +30,13 @@ from mbm.text.types import Diagnostic, MbmError, Span
 from mbm.values import dataclass
 
 
+def places_in(chosen: Indices, count: int) -> Indices:
+    """The place of each of ``count`` in ``chosen`` (…, k), along its last axis; -1 of what is not chosen."""
+    places = np.full(count, -1, dtype=np.int64)
+    places[chosen] = np.arange(chosen.shape[-1])
+    return places
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Entry:
     """An unknown's place, member by member, components row by row.

@@ -256,8 +256,7 @@ def _shown(key: CellKey) -> str:
 
 def _columns(room: Room) -> tuple[int, ...]:
     equations = room.local.equations
-    column = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    column[equations.free] = np.arange(len(equations.free))
+    column = equations.columns
     return tuple(column.tolist())
 
 

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from mbm.equations.binding import measured_side
-from mbm.equations.layout import Entry, Layout
+from mbm.equations.layout import Entry, Layout, places_in
 from mbm.equations.types import Indices
 from mbm.estimation.search.solution import Solution
 from mbm.expression.evaluate import Values, evaluate
@@ -319,8 +319,7 @@ def _spreads(entry: Entry, solution: Solution) -> Floats:
     factor = solution.covariance.factor
     if not solution.sigma_known or not len(solution.free) or factor.shape[0] != len(solution.free):
         return found
-    row_of = np.full(len(solution.layout.number), -1, dtype=np.int64)
-    row_of[solution.free] = np.arange(len(solution.free))
+    row_of = places_in(solution.free, len(solution.layout.number))
     unknown = np.zeros(len(row_of), dtype=bool)
     unknown[solution.free] = ~solution.observability.estimable
     freedom = entry.unknown.freedom

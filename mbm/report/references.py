@@ -125,8 +125,7 @@ def _whole(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, known:
         if reference.status == FAILED:
             continue
         equations, binder = assemble(found.problem, kernels, selection.tables, {}, cache)
-        column = np.full(len(equations.layout.number), -1, dtype=np.int64)
-        column[equations.free] = np.arange(len(equations.free))
+        column = equations.columns
         residuals, jacobian = equations.plain_linearised(reference.start)
         return Whole(
             start=reference.start,

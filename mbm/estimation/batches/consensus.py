@@ -271,8 +271,7 @@ def _in_one_piece(stack: Stack) -> Mask:
     from mbm.estimation.consensus.parts import connections
 
     equations, solves = stack.equations, stack.solves
-    place = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    place[equations.free] = np.arange(equations.dimension)
+    place = equations.columns
     touched = []
     for number, group in enumerate((*equations.groups, *equations.constraints)):
         columns = place[group.touched]

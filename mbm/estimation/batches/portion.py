@@ -48,7 +48,7 @@ class Portion(Solves):
 
     def __init__(self, stack: Stack, which: Which, kept: Kept | None = None, factors: Floats | None = None) -> None:
         size = len(which), int(stack.residuals[places_of(which)].max(initial=0))
-        columns = _columns(stack.equations)
+        columns = stack.equations.columns
         found = []
         taken = np.zeros(size[0], dtype=np.int64)
         for number, group in enumerate(stack.equations.groups):
@@ -213,15 +213,8 @@ def stated_slopes(group: Group, points: Floats, equations: Assembled) -> Floats:
     lines = _once(group, len(points))
     nonzeros = group.cache.stream(group.number, group.kernel).values_and_jacobian(_inputs(lines, points))[1]
     result = np.zeros((len(points), group.kernel.outputs, equations.dimension))
-    group.scatter(_columns(equations)).add(nonzeros, result)
+    group.scatter(equations.columns).add(nonzeros, result)
     return result
-
-
-def _columns(equations: Assembled) -> Indices:
-    """The column of each coordinate (M,) in Jacobians, -1 where it is not free."""
-    columns = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    columns[equations.free] = np.arange(equations.dimension)
-    return columns
 
 
 def _once(group: Group, solves: int) -> _Lines:

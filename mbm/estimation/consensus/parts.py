@@ -34,8 +34,7 @@ def parts_of(equations: Assembled) -> tuple[Part, ...]:
 
     Measured values with errors connect the rows that share them, as unknowns do.
     """
-    place = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    place[equations.free] = np.arange(equations.dimension)
+    place = equations.columns
     touched = [place[group.touched] for group in (*equations.groups, *equations.constraints)]
     joined = any(_touches_all(columns, equations.dimension) for columns in touched)
     label = np.zeros(equations.dimension, dtype=np.int64) if joined else _labels(equations, touched)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.layout import places_in
 from mbm.equations.solves import likely
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.problem.likelihoods.types import SHIFT
@@ -41,8 +42,7 @@ def certain(equations: Assembled, minimum: Minimum) -> Certain | None:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    columns = np.full(len(equations.layout.number) + 1, -1, dtype=np.int64)
-    columns[equations.free] = np.arange(equations.dimension)
+    columns = places_in(equations.free, len(equations.layout.number) + 1)
     size, first = equations.dimension, 0
     rows, touched, surprise = [], [], []
     squares = np.square(minimum.residuals)

@@ -232,8 +232,7 @@ def quantities(propagation: Propagation, one: DerivedSolution, point: Floats) ->
     several = len(groups) != 1 or groups[0].rows != len(one.values)
     if stated.kind is not None or one.gradient is None or several or one.values.size > MOST_DERIVED:
         return None
-    columns = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    columns[equations.free] = np.arange(equations.dimension)
+    columns = equations.columns
     return Quantities(
         group=groups[0],
         point=point,

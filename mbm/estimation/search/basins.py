@@ -195,8 +195,7 @@ def gradients_at(equations: Assembled, points: Floats) -> Floats:
     """Half the gradient of the cost (P, n), residualsᵀ Jacobian, at points (P, N)."""
     if equations.implicit is not None or equations.structure is not None:
         return np.stack([equations.residuals(point) @ equations.jacobian(point) for point in points])
-    columns = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    columns[equations.free] = np.arange(equations.dimension)
+    columns = equations.columns
     weights = _weights(equations, points)
     result = np.zeros((len(points), equations.dimension))
     for group in equations.groups:

@@ -151,8 +151,7 @@ def _begun(points: Floats) -> StartEnds:
 
 def _mentions(equations: Assembled, problem: Problem) -> tuple[Indices, list[Mention]]:
     """The units in use, and which of the free coordinates each of them mentions."""
-    place = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    place[equations.free] = np.arange(equations.dimension)
+    place = equations.columns
     used = np.zeros(int(equations.everything().units.max(initial=-1)) + 1, dtype=bool)
     used[equations.units] = True
     units: list[int] = []

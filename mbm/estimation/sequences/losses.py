@@ -72,8 +72,7 @@ def _factors(covariances: Floats) -> Floats:
 def _linearised(seen: Local, points: Floats) -> tuple[Floats, Floats, Indices]:
     """Plain whitened residuals (m,) of all rows, each at the point of its step, slopes (m, n) and steps (m,)."""
     equations = seen.equations
-    column = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    column[equations.free] = np.arange(equations.dimension)
+    column = equations.columns
     residuals = np.zeros(equations.whole)
     slopes, of_rows = np.zeros((equations.whole, equations.dimension)), np.zeros(equations.whole, dtype=np.int64)
     for number, group in enumerate(equations.groups):

@@ -13,7 +13,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.excerpt import with_rows
-from mbm.equations.layout import Layout
+from mbm.equations.layout import Layout, places_in
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import Whitener
 from mbm.estimation.minimise.native.packing import triangle_kind
@@ -125,8 +125,7 @@ def lowered(
 
 def _rates(sequence: Sequence, equations: Assembled, places: Places) -> Indices:
     """The free coordinate of the rate of each (n,), -1 where there is none, -2 of rates."""
-    column = np.full(len(places.coordinates[0]), -1, dtype=np.int64)
-    column[places.free] = np.arange(len(places.free))
+    column = places_in(places.free, len(places.coordinates[0]))
     found = np.full(len(places.free), -1, dtype=np.int64)
     for state in sequence.states:
         if state.rate_of is None:

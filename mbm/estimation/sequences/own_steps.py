@@ -8,6 +8,7 @@ import numpy as np
 
 from mbm.equations.binding import Group
 from mbm.equations.gathering import Rows
+from mbm.equations.layout import places_in
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.sequences.places import NOT_OF_A_STEP, Places
 from mbm.values import dataclass
@@ -30,8 +31,7 @@ class OwnSteps:
     @staticmethod
     def of(places: Places, made: int) -> OwnSteps:
         """Those of a walk of which so many steps were made."""
-        column = np.full(len(places.coordinates[0]), -1, dtype=np.int64)
-        column[places.free] = np.arange(len(places.free))
+        column = places_in(places.free, len(places.coordinates[0]))
         return OwnSteps(places=places, made=made, column=column[places.coordinate])
 
     @property

@@ -15,6 +15,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.faults import no_unknowns
+from mbm.equations.layout import places_in
 from mbm.equations.types import Floats, Observability
 from mbm.equations.whitening import stated_noise
 from mbm.estimation.minimise.minimise import minimise
@@ -249,8 +250,7 @@ def prior_of(
     """The prior of the first step, from the ``groups`` of its rows."""
     layout = seen.equations.layout
     n = len(places.free)
-    column = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    column[places.coordinates[0][places.free]] = np.arange(n)
+    column = places_in(places.coordinates[0][places.free], len(equations.layout.number))
     open_ = np.ones(n, dtype=bool)
     covariance = np.zeros((n, n))
     point = equations.numbers.copy()

@@ -220,8 +220,7 @@ def _columns(begun: Begun) -> tuple[Indices, tuple[int, int]]:
     coordinates those of the step reached stand behind those before.
     """
     places, equations = begun.places, begun.chained.moving.equations
-    column = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    column[equations.free] = np.arange(len(equations.free))
+    column = equations.columns
     numbers = len(places.numbers[0]) - places.still_numbers
     return column, (numbers, len(places.coordinates[0]) - places.still_coordinates)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache, Group
-from mbm.equations.layout import Entry, Layout
+from mbm.equations.layout import Entry, Layout, places_in
 from mbm.equations.manifolds import Curved, moved
 from mbm.equations.types import Floats, Indices
 from mbm.kernels.types import KernelSet
@@ -109,9 +109,7 @@ class Walk:
         self._change = np.zeros(len(layout.number))
         self._pieces: list[tuple[Curved, Indices]] = []
         for curved in layout.curved:
-            piece = np.full(len(layout.number), -1, dtype=np.int64)
-            piece[curved.coordinates[:, 0]] = np.arange(len(curved.coordinates))
-            self._pieces.append((curved, piece))
+            self._pieces.append((curved, places_in(curved.coordinates[:, 0], len(layout.number))))
 
     def next(self, point: Floats, step: int) -> bool:
         """Let a point (N,) have the values at a step (from 1) that follow from those at the step before, if any do.

@@ -15,6 +15,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
+from mbm.equations.layout import places_in
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.kernels.backends.numpy_stream import FUNCTIONS
 from mbm.machine.program import Instruction, Operator
@@ -121,8 +122,7 @@ def magnitudes(equations: Assembled, base: Floats, missing: Mask) -> Magnitudes:
     found = Magnitudes(low=low, high=high, first=first, last=last, least=least, most=most, turn=turn, inverse=inverse)
     if not 0 < len(wanted) <= MOST:
         return found
-    place = np.full(len(layout.start), -1, dtype=np.int64)
-    place[layout.number[wanted]] = np.arange(len(wanted))
+    place = places_in(layout.number[wanted], len(layout.start))
     products: list[tuple[Floats, Floats]] = []
     for group in equations.groups:
         if group.role is BlockRole.OBSERVATION and not group.kernel.calls and group.gathered is None and group.rows:

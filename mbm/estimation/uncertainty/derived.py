@@ -9,9 +9,9 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import Group
-from mbm.equations.layout import half_turns
+from mbm.equations.layout import half_turns, places_in
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
-from mbm.equations.types import Floats, Indices, Mask
+from mbm.equations.types import Floats, Mask
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.uncertainty.degrees import common
 from mbm.estimation.uncertainty.observability import limited, pinned, pinned_coordinates, propagate
@@ -99,7 +99,7 @@ class Propagation:
                 unknown, held_too = (
                     np.repeat(each.any(axis=1, keepdims=True), size, axis=1) for each in (unknown, held_too)
                 )
-            for lines, slopes in group.dense_slopes(self.numbers, self._columns(self.equations.free), width):
+            for lines, slopes in group.dense_slopes(self.numbers, self.equations.columns, width):
                 chosen, part = positions[lines], slopes
                 if derived.kind is not None:
                     part = tangent_slopes(derived.kind, derived.dimension, stated[lines], slopes)
@@ -156,7 +156,7 @@ class Propagation:
         loose = np.flatnonzero(~free & ~layout.fixed)
         if not loose.size or not np.isin(group.reached, loose).any():
             return np.zeros((group.rows, group.kernel.outputs), dtype=bool)
-        slopes = group.dense_jacobian(self.numbers, self._columns(loose), len(loose))
+        slopes = group.dense_jacobian(self.numbers, places_in(loose, len(self.equations.layout.number)), len(loose))
         return np.asarray((slopes != 0).any(axis=2))
 
     def _limited(self, group: Group) -> Mask:
@@ -173,11 +173,6 @@ class Propagation:
             return np.full(shape, bool(held[group.reached[group.reached < len(held)]].any()))
         of_output = kernel.jacobian_rows[:, None] == np.arange(kernel.outputs)
         return np.broadcast_to(held[group.touched[:, kernel.jacobian_columns]] @ of_output, shape)
-
-    def _columns(self, positions: Indices) -> Indices:
-        columns = np.full(len(self.equations.layout.number), -1, dtype=np.int64)
-        columns[positions] = np.arange(len(positions))
-        return columns
 
 
 def reported(derived: Derived, values: Floats) -> Floats:

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from mbm.equations.layout import Entry, Layout
+from mbm.equations.layout import Entry, Layout, places_in
 from mbm.equations.manifolds import tangent_axes
 from mbm.equations.types import CommonMotion, Floats, GaugeMotion, Indices, Observability
 from mbm.estimation.uncertainty.freedom import free_combinations, touched_by
@@ -162,8 +162,7 @@ def _recognised(
 ) -> tuple[list[GaugeMotion], Floats, int]:
     """Motions of the scene among the ``directions`` (n, k), the directions left, and how many went."""
     places = np.concatenate([np.arange(e.coordinates.start, e.coordinates.stop) for e in scene.entries])
-    column = np.full(len(layout.number), -1, dtype=np.int64)
-    column[free] = np.arange(len(free))
+    column = places_in(free, len(layout.number))
     lines = column[places]
     every = np.vstack([_motions(e, scene, numbers) for e in scene.entries])[lines >= 0]
     lines = lines[lines >= 0]

@@ -11,6 +11,7 @@ import numpy as np
 
 from mbm.equations.binding import Group
 from mbm.equations.gathering import picked_members
+from mbm.equations.layout import places_in
 from mbm.estimation.search.solution import Solution
 from mbm.expression.evaluate import Lookup, Values, evaluate
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, Parameter, leaves
@@ -163,8 +164,7 @@ def _covariances(solution: Solution, group: Group, own: slice) -> Floats:
     factor, free = solution.covariance.factor, len(solution.free)
     if not solution.sigma_known or not free or factor.shape[0] != free or group.rows > MOST_COVARIANCES:
         return found
-    columns = np.full(len(solution.layout.number), -1, dtype=np.int64)
-    columns[solution.free] = np.arange(free)
+    columns = places_in(solution.free, len(solution.layout.number))
     spread = group.dense_jacobian(solution.numbers, columns, free)[:, own] @ factor
     return np.asarray(spread @ spread.transpose(0, 2, 1))
 

@@ -59,8 +59,7 @@ def fused_rows(equations: Assembled, rows: Sequence[int], store: Store | None) -
 
     if not any(rows):
         return None
-    column = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    column[equations.free] = np.arange(equations.dimension)
+    column = equations.columns
     counts = rows[: len(equations.groups)]
     parts = [_part(group, count, column) for group, count in zip(equations.groups, counts, strict=True) if count]
     residuals = sum(part.rows * part.outputs for part in parts)

@@ -97,8 +97,7 @@ def rows_of(equations: Assembled) -> Rows:
     index: list[Indices] = []
     columns: list[Indices] = []
     places = [0, 0, 0, 0]
-    column = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    column[equations.free] = np.arange(equations.dimension)
+    column = equations.columns
     taken = None
     if equations.rows is not None:
         taken = np.zeros(equations.whole, dtype=np.float64)
@@ -349,8 +348,7 @@ def _boxed(equations: Equations) -> bool:
 def _pieces(equations: Assembled) -> Indices:
     """The pieces that do not vary by addition and have a free coordinate."""
     layout = equations.layout
-    column = np.full(len(layout.number), -1, dtype=np.int64)
-    column[equations.free] = np.arange(equations.dimension)
+    column = equations.columns
     found = []
     for curved in layout.curved:
         for numbers, coordinates in zip(curved.numbers, curved.coordinates, strict=True):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from mbm.equations.binding import Group
-from mbm.equations.layout import Entry, Layout
+from mbm.equations.layout import Entry, Layout, places_in
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.starts.closed_forms.rows import Piece, Rows, thinned
 from mbm.problem.types import BlockRole
@@ -100,10 +100,8 @@ class Candidate:
         """The rows of the outputs that ``ranges`` names for each group."""
         pieces, members, units, weights = [], [], [], []
         numbers = self.situation.numbers
-        role = np.full(len(numbers), -1, dtype=np.int64)
-        role[self.places] = np.arange(self.places.shape[1])
-        columns = np.full(len(self.situation.layout.number), -1, dtype=np.int64)
-        columns[self.coordinates] = np.arange(self.coordinates.shape[1])
+        role = places_in(self.places, len(numbers))
+        columns = places_in(self.coordinates, len(self.situation.layout.number))
         for group, lines, member in self.lines:
             scale = precision(group, lines)
             index = group.index[lines]
