@@ -55,17 +55,9 @@ class LossFunction:
         """Its kind for the solver."""
         return formulas.LOSSES[self.kind].number
 
-    def rho(self, squares: Floats) -> Floats:
-        """ρ(s)."""
-        return of_arrays(formulas.loss_value)(self.number, squares, self.scale, self.shape)
-
     def weight(self, squares: Floats) -> Floats:
         """ρ'(s): the weight of the residual in iterated reweighting, 1 at s = 0."""
         return of_arrays(formulas.loss_weight)(self.number, squares, self.scale, self.shape)
-
-    def slope(self, squares: Floats) -> Floats:
-        """ρ''(s) ≤ 0: how the weight falls; one-sided where ρ has a corner."""
-        return of_arrays(formulas.loss_slope)(self.number, squares, self.scale, self.shape)
 
     def trace(self, squares: Floats, components: int) -> Floats:
         """tr Dψ of residuals of so many components."""

@@ -198,9 +198,9 @@ class Minimum:
     """What a solver answers; how good the point is and why it stopped are separate fields.
 
     ``point`` as the equations have it, ``residuals`` (m,), ``jacobian`` (m, n) at the point; ``cost = Σ r²``;
-    ``at_bound`` (n,) holds -1 and +1 for coordinates held at their lower and upper bound, 0 elsewhere; ``offset`` is
-    the relative offset (Bates and Watts 1981) of the free coordinates, 0 at a perfect minimum; ``bad_row`` is the first
-    residual (0-based) that is not finite where the reason speaks of one; constraints count on after the residuals.
+    ``at_bound`` (n,) holds -1 and +1 for coordinates held at their lower and upper bound, 0 elsewhere;
+    ``bad_row`` is the first residual (0-based) that is not finite where the reason speaks of one; constraints count on
+    after the residuals.
     With ``blocks`` the problem is sparse: ``jacobian`` is a SciPy CSR array.
     """
 
@@ -211,7 +211,6 @@ class Minimum:
     reason: Reason
     iterations: int
     evaluations: int
-    offset: float
     at_bound: NDArray[np.int8]
     bad_row: int | None = None
     constraints: ConstraintState | None = None
@@ -389,11 +388,3 @@ class Noise:
         if len(self.dependent) == 1:
             return f"component {which} has no scatter, which leaves {nothing}"
         return f"components {which} have residuals that depend linearly, which leaves {nothing}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Components:
-    """Variance components: one ``Noise`` for each group, in order; ``settled`` is False where the rounds ran out."""
-
-    noises: tuple[Noise, ...]
-    settled: bool

@@ -27,8 +27,6 @@ COMPARISONS = frozenset((Operator.LESS, Operator.LESS_EQUAL, Operator.EQUAL, Ope
 STEPS = COMPARISONS | {Operator.SIGN, Operator.COPYSIGN, Operator.FLOOR, Operator.CEIL}
 """What jumps with its arguments, or decides between two formulas; whole turns of angles (remainders) are none."""
 
-KINKS = STEPS | {Operator.ABS, Operator.MIN, Operator.MAX}
-
 
 def derive(model: SymbolicModel) -> KernelSet:
     """The kernels of all blocks: values and analytic Jacobians as programs of one input vector per row."""
@@ -75,7 +73,6 @@ def _kernel(block: ResidualBlock) -> Kernel:
         jacobian_columns=np.asarray(columns, dtype=np.int64),
         dependence=_dependence(block, found.with_stand_ins(nonzeros), inputs[:count]),
         steps=_reaching(block, value_program, STEPS),
-        kinks=_reaching(block, value_program, KINKS),
         value_program=value_program,
         jacobian_program=program_of(casadi.Function("values_and_jacobian", [whole], [outputs])),
         corrections=corrections_of(block) if block.corrected else None,
@@ -166,7 +163,6 @@ def corrections_of(block: ResidualBlock) -> Corrections:
         jacobian_columns=np.asarray([*slope_columns, *curvature_columns], dtype=np.int64),
         dependence=np.ones((len(nonzeros), len(block.tangents)), dtype=bool),
         steps=np.zeros(len(block.tangents), dtype=bool),
-        kinks=np.zeros(len(block.tangents), dtype=bool),
         value_program=program_of(casadi.Function("values", [whole], [casadi.cse(values)])),
         jacobian_program=program_of(casadi.Function("values_and_slopes", [whole], [casadi.cse(everything)])),
         calls=found.programs(inputs),

@@ -39,7 +39,7 @@ class Kernel:
     numbers the variables themselves): nonzero k stands in row ``jacobian_rows[k]`` and column ``jacobian_columns[k]``.
     ``dependence[k, j]`` says whether nonzero k varies with tangent j: the equations are affine in a set of tangents if
     no nonzero in its columns depends on any of them, nor a step. ``steps`` (tangents,) decide where a value jumps, or
-    another formula holds; ``kinks`` where two meet, steps among them. ``value_program`` gives the values,
+    another formula holds. ``value_program`` gives the values,
     ``jacobian_program`` the values and behind them the nonzeros. ``corrections`` are the derivatives by uncertain data,
     if any. Where there are ``calls``, the programs take what these give behind the inputs of the row. Where the outputs
     are residuals of a likelihood, ``plain`` has the equations as they are written, and ``information`` as many outputs
@@ -59,7 +59,6 @@ class Kernel:
     jacobian_columns: NDArray[np.int64] = field(repr=False)
     dependence: NDArray[np.bool_] = field(repr=False)
     steps: NDArray[np.bool_] = field(repr=False)
-    kinks: NDArray[np.bool_] = field(repr=False)
     value_program: Program = field(repr=False)
     jacobian_program: Program = field(repr=False)
     corrections: Corrections | None = None

@@ -27,13 +27,12 @@ RELAXED = ((32, 0.8), (96, 0.3), (1 << 40, 0.05))
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Front:
-    """Columns ``first … first + width`` of the permuted matrix and the ``rows`` (their own ones first, ascending).
+    """``width`` columns of the permuted matrix and the ``rows`` (their own ones first, ascending).
 
     ``parent`` is the front that takes over the rest of the rows (-1: none is left), at its rows ``into``. Entries
     ``source`` of the matrix go to the flat places ``target`` in the front's lower triangle.
     """
 
-    first: int
     width: int
     rows: Indices
     parent: int
@@ -46,7 +45,6 @@ class Front:
 class Fronts:
     """``order`` (n,): the column that stands at each place of the permuted matrix; ``fronts`` are in postorder."""
 
-    size: int
     order: Indices
     fronts: tuple[Front, ...]
 
@@ -83,7 +81,7 @@ def fronts(rows: Indices, columns: Indices, sizes: Indices, ordering: Ordering) 
         spans.append((len(own), np.concatenate([own, np.sort(_strung(start[outside], counts[outside]))])))
     number = {top: k for k, top in enumerate(tops)}
     above = [number[owner[parents[top]]] if parents[top] >= 0 else -1 for top in tops]
-    return Fronts(size=len(scalar), order=scalar, fronts=_placed(spans, above, place_of[rows], place_of[columns]))
+    return Fronts(order=scalar, fronts=_placed(spans, above, place_of[rows], place_of[columns]))
 
 
 def _strung(starts: Indices, counts: Indices) -> Indices:
@@ -168,9 +166,7 @@ def _placed(spans: list[tuple[int, Indices]], above: list[int], rows: Indices, c
         target = np.searchsorted(span, high[source]) * len(span) + low[source] - span[0]
         parent = above[k]
         into = np.searchsorted(spans[parent][1], span[width:]) if parent >= 0 else np.empty(0, dtype=np.int64)
-        front = Front(
-            first=int(span[0]), width=width, rows=span, parent=parent, into=into, source=source, target=target
-        )
+        front = Front(width=width, rows=span, parent=parent, into=into, source=source, target=target)
         found.append(front)
     return tuple(found)
 

@@ -37,14 +37,13 @@ class Contribution:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairPattern:
-    """The nonzero blocks between two families (``left`` ≤ ``right``): block p is at members ``(i[p], j[p])``.
+    """The nonzero blocks between two families, the first no later than the second: block p is at
+    members ``(i[p], j[p])``.
 
     ``members`` are those of the two families. Sorted by the members of the larger family, then by those of the other:
     so are equations, most often. Within one family only blocks with i ≤ j are kept.
     """
 
-    left: int
-    right: int
     i: Indices
     j: Indices
     members: tuple[int, int]
@@ -156,9 +155,7 @@ def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> P
             )
         )
     i, j = np.divmod(unique, left.members)[::-1] if _turned(members) else np.divmod(unique, right.members)
-    return PairPattern(
-        left=key[0], right=key[1], i=i, j=j, members=members, shape=shape, contributions=tuple(contributions)
-    )
+    return PairPattern(i=i, j=j, members=members, shape=shape, contributions=tuple(contributions))
 
 
 def _ordered(rows: Indices, targets: Indices, numbers: int) -> tuple[Indices, Indices, Indices, bool]:
@@ -194,7 +191,7 @@ WORTH = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cross:
-    """The blocks between the eliminated family and another one, at members ``i`` (eliminated) and ``j``.
+    """The blocks between the eliminated family and another one; ``i`` are the members of the eliminated one.
 
     ``flipped``: their rows are the other family's. ``places``: where the first row of each stands in ``Y``.
     """
@@ -202,7 +199,6 @@ class Cross:
     pair: tuple[int, int]
     flipped: bool
     i: Indices
-    j: Indices
     shape: tuple[int, int]
     places: Indices
 
@@ -300,9 +296,9 @@ def elimination(pattern: NormalPattern, family: int) -> Elimination:
     sizes = np.concatenate([none, *(np.full(f.members, f.size) for f in others)])
     links, places = _links(gone.members, gone.size, (members, columns, wides), heads, sizes, width)
     crosses, reached = [], 0
-    for key, flipped, i, j, other in found:
+    for key, flipped, i, _, other in found:
         own = places[reached : reached + len(i)]
-        crosses.append(Cross(pair=key, flipped=flipped, i=i, j=j, shape=(gone.size, other.size), places=own))
+        crosses.append(Cross(pair=key, flipped=flipped, i=i, shape=(gone.size, other.size), places=own))
         reached += len(i)
     return Elimination(
         family=family,

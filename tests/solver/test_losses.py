@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from mbm.equations.losses import LossFunction
+from mbm.equations.manifolds import of_arrays
 from mbm.problem.kinds import LossKind
+from mbm.solver.losses import loss_slope, loss_value, loss_weight
 
 SQUARES = np.array([0.0, 1e-30, 1e-9, 1e-4, 0.3, 1.7, 1.9999, 2.3, 40.0, 1e6])
 CASES = [(kind, 0.0) for kind in LossKind if kind is not LossKind.BARRON]
@@ -45,10 +47,10 @@ def formula(kind, shape, scale):
 def test_values_weights_and_slopes(solver, kind, shape, scale):
     """One text for all targets, and element by element in arrays; values and derivatives by mpmath."""
     loss, rho = LossFunction(kind=kind, scale=scale, shape=shape), formula(kind, shape, scale)
-    together = loss.rho(SQUARES), loss.weight(SQUARES), loss.slope(SQUARES)
+    formulas = (loss_value, loss_weight, loss_slope)
+    together = [of_arrays(each)(loss.number, SQUARES, scale, shape) for each in formulas]
     for place, s in enumerate(SQUARES.tolist()):
-        names = ("loss_value", "loss_weight", "loss_slope")
-        found = [solver(name, loss.number, s, scale, shape) for name in names]
+        found = [solver(each.__name__, loss.number, s, scale, shape) for each in formulas]
         with mpmath.workdps(60):
             # From below where there is a corner or an edge.
             wanted = [float(mpmath.diff(rho, mpmath.mpf(s), order, direction=-1 if s > 0 else 1)) for order in range(3)]

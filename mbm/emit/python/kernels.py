@@ -55,10 +55,6 @@ class Cells:
         """The keys of the rows."""
         return f"[{key(cell.key)}]" if isinstance(cell, LiteralKey) else self.cell(cell, row)
 
-    def is_text(self, value: ColumnValue) -> bool:
-        """Whether cells are texts."""
-        return value.column is not None and self.blueprint.table(value.owner).column(value.column).is_text
-
 
 def key(value: Key) -> str:
     """What a cell holds."""

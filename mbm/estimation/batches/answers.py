@@ -101,7 +101,6 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
         cost=cost,
         least=ends.cost,
         robust_cost=ends.cost - counts.uncounted,
-        offset=ends.offset,
         reason=ends.reason,
         iterations=ends.iterations,
         evaluations=ends.evaluations,

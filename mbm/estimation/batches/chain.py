@@ -131,7 +131,6 @@ class Chain:
         return Ends(
             points=np.full((count, self.own.shape[1]), np.nan),
             cost=np.full(count, np.inf),
-            offset=np.full(count, np.inf),
             reason=np.full(count, -1, dtype=np.int64),
             iterations=none,
             evaluations=none.copy(),
@@ -170,7 +169,7 @@ def costs(stack: Stack, which: Indices, points: Floats) -> Floats:
     return np.where(np.isfinite(found), found, np.inf)
 
 
-FIELDS = ("points", "cost", "offset", "reason", "iterations", "evaluations", "held", "multipliers", "factors")
+FIELDS = ("points", "cost", "reason", "iterations", "evaluations", "held", "multipliers", "factors")
 """What is known of ends here; what consensus keeps is found again."""
 
 

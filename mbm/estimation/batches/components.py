@@ -150,7 +150,6 @@ class Rounds:
         for target, own in (
             (ends.points, found.points),
             (ends.cost, found.cost),
-            (ends.offset, found.offset),
             (ends.reason, found.reason),
             (ends.held, found.held),
         ):

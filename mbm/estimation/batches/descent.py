@@ -114,7 +114,6 @@ def plain_ends(found: NativeEnds) -> Ends:
     return Ends(
         points=found.numbers,
         cost=found.results[:, of.COST],
-        offset=found.results[:, of.OFFSET],
         reason=np.where(found.clean, number[np.minimum(reasons, max(ENDINGS))], -1),
         iterations=found.states[:, of.STEPS],
         evaluations=found.states[:, of.EVALUATIONS],

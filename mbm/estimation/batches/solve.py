@@ -380,7 +380,6 @@ def minimum_at(equations: Assembled, columns: Columns, place: int) -> Minimum:
         reason=REASONS[columns.reason[place]],
         iterations=int(columns.iterations[place]),
         evaluations=int(columns.evaluations[place]),
-        offset=float(columns.offset[place]),
         at_bound=np.zeros(equations.dimension, dtype=np.int8),
     )
     if columns.limits is None:

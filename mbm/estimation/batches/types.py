@@ -73,7 +73,7 @@ class Ends:
     """Where the descents of K solves ended.
 
     ``points`` (K, N); ``cost`` (K,) ``Σ r²``, ``Σ ρ`` with losses; ``reason`` (K,) numbers of ``REASONS``, -1 where
-    another method is to take over; ``held`` (K,): some coordinate is at a bound; ``offset`` as `Minimum` has it.
+    another method is to take over; ``held`` (K,): some coordinate is at a bound.
     ``kept``: what consensus left in (None: everything). ``given`` (K,): the descent began at a stated start, which a
     closed form may challenge (None: all did). ``compared`` (K,): it was compared with one on the way (None: none was).
     ``factors`` (K, blocks) are those of unknown noises that are several
@@ -83,7 +83,6 @@ class Ends:
 
     points: Floats
     cost: Floats
-    offset: Floats
     reason: NDArray[np.int64]
     iterations: Indices
     evaluations: Indices
@@ -188,7 +187,7 @@ class Columns:
     """Answers of T solves.
 
     ``points`` (T, N), ``sigma`` (T, n), ``factor`` (T, n, n) with ``factor @ factorᵀ`` the covariance; ``cost``,
-    ``offset``, ``reason``, ``iterations``, ``evaluations`` as `Ends` has them; ``dof``, ``sigma0`` and ``chi2_p`` (NaN:
+    ``reason``, ``iterations``, ``evaluations`` as `Ends` has them; ``dof``, ``sigma0`` and ``chi2_p`` (NaN:
     there is none), ``noise`` (T, blocks) the factors of unknown noise (1 where it is stated); ``least`` is `Ends.cost`,
     ``robust_cost`` that without what is no part of χ², ``Σ ρ``; ``root`` (T, n, n) and ``scale`` (T, n) are those of
     `Factors` of the Jacobian; ``derived`` has for each derived quantity its values (T, numbers), its sigmas (T, size),
@@ -210,7 +209,6 @@ class Columns:
     cost: Floats
     least: Floats
     robust_cost: Floats
-    offset: Floats
     reason: NDArray[np.int64]
     iterations: Indices
     evaluations: Indices

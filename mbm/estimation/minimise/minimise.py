@@ -111,7 +111,6 @@ def _unmoved(equations: Equations, start: Floats, settings: Settings, place: Pla
         reason=Reason.NO_UNKNOWNS if row is None else Reason.NOT_FINITE_AT_START,
         iterations=0,
         evaluations=1,
-        offset=0.0,
         at_bound=np.zeros(0, dtype=np.int8),
         bad_row=row,
     )

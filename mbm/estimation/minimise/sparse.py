@@ -213,7 +213,6 @@ def _answer(state: State) -> Minimum:
         reason=state.reason or Reason.MAX_ITERATIONS,
         iterations=state.iterations,
         evaluations=state.evaluations,
-        offset=0.0 if state.reason is Reason.EXACT_FIT else state.offset,
         at_bound=sides,
         bad_row=state.bad_row,
     )

@@ -110,7 +110,6 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
             reason=reason,
             iterations=track.iterations,
             evaluations=track.evaluations,
-            offset=0.0,
             at_bound=np.zeros(len(free), dtype=np.int8),
         ),
         residuals=residuals,

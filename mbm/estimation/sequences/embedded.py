@@ -32,7 +32,6 @@ class Embedded:
     transition.
     """
 
-    begun: Begun
     seen: Room
     moving: Room
     whens: tuple[str, ...]
@@ -75,9 +74,7 @@ def embedded(
     size = len(begun.places.free) - begun.places.still
     whole = replace(chained, seen=seen.local, moving=moving.local, spreads=np.zeros((held, size, width)))
     chain = chain_of(whole, replace(rules, endless=False))
-    return Embedded(
-        begun=begun, seen=seen, moving=moving, whens=rows.when, fixed=fixed, noises=tuple(noises), chain=chain
-    )
+    return Embedded(seen=seen, moving=moving, whens=rows.when, fixed=fixed, noises=tuple(noises), chain=chain)
 
 
 def tables_of(group: Group, problem: Problem) -> set[str]:

@@ -285,8 +285,3 @@ def prior_of(
             mine = column[entry.first : entry.first + entry.unknown.freedom][np.array(state.certain)]
             open_[mine[mine >= 0]] = False
     return Prior.of(point[places.numbers[0]], covariance, open_)
-
-
-def missing_start(point: Floats) -> bool:
-    """Whether something has no value to begin with."""
-    return bool(np.isnan(point).any())

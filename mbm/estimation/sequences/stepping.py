@@ -37,13 +37,12 @@ Cells = Mapping[str, Mapping[str, Floats]]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StepEstimate:
-    """The estimate of step ``step``, from 0: ``numbers`` (N,) in SI, and a factor U (n, n) of the covariance ``UᵀU``.
+    """The estimate of a step: ``numbers`` (N,) in SI, and a factor U (n, n) of the covariance ``UᵀU``.
 
     ``touched`` (n,) marks coordinates that the rows so far do not determine. Σ vᵀS⁻¹v of the step is ``cost`` (of a
     smoother 0), and so many hypotheses are ``followed`` after it.
     """
 
-    step: int
     numbers: Floats
     factor: Floats
     touched: Mask
@@ -156,7 +155,6 @@ class Stepper:
     def _at(self, k: int) -> StepEstimate:
         memory, place = self._memory, k % self._seen.held
         return StepEstimate(
-            step=k,
             numbers=memory.points[place].copy(),
             factor=memory.factors[place].copy(),
             touched=memory.touched[place] != 0,

@@ -78,7 +78,6 @@ def confirmed(equations: Assembled, minimum: Minimum) -> Minimum:
         reason=Reason.NO_FINITE_STEP,
         iterations=minimum.iterations,
         evaluations=minimum.evaluations + 1,
-        offset=np.inf,
     )
 
 

@@ -117,10 +117,10 @@ class _Weighing:
             if moves is not None and noise.state is NoiseState.ESTIMATED:
                 noise = beside_constants(minimum.residuals, moves, dof)
             return minimum, dict.fromkeys(self.unknown[0], noise), None
-        components = variance_components(self._reweighted, groups, self._starting(groups))
-        factors = self._row_factors([noise.factor for noise in components.noises])
+        found = variance_components(self._reweighted, groups, self._starting(groups))
+        factors = self._row_factors([noise.factor for noise in found])
         noises = dict(robust.noise)
-        for group, noise in zip(self.unknown, components.noises, strict=True):
+        for group, noise in zip(self.unknown, found, strict=True):
             noises |= dict.fromkeys(group, noise)
         return self._minimise(factors), noises, factors
 

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from mbm.equations.manifolds import of_arrays
-from mbm.equations.types import Components, Fit, Floats, Indices, Mask, Noise, NoiseState, Observability, SparseJacobian
+from mbm.equations.types import Fit, Floats, Indices, Mask, Noise, NoiseState, Observability, SparseJacobian
 from mbm.solver.chi_square import chi_square_tail
 from mbm.solver.decisions import fits_exactly, rounding_of_norm
 from mbm.solver.noise_factors import (
@@ -217,21 +217,18 @@ class _Rounds:
         )
         return squares, redundancy, terms
 
-    def done(self) -> bool:
-        """Rounds until all factors settle, and whether they do."""
+    def run(self) -> None:
+        """Rounds until all factors settle, or as many as are made."""
         helmert, only = self.helmert, np.zeros(1, dtype=np.int64)
         for number in range(1, NOISE_ROUNDS + 1):
             shares = self._told(helmert.factors[0])
             if shares is None:
-                return False
+                return
             (settled,), (sound,) = helmert.advance(only, shares)
-            if not sound:
-                return False
-            if settled and not self._forgo(shares):
-                return True
+            if not sound or (settled and not self._forgo(shares)):
+                return
             if not settled and number % BETWEEN == 0:
                 self._fade(shares)
-        return False
 
     def _fade(self, shares: Shares) -> None:
         """Let factors vanish that fall, and do where nothing is left, with the other factors as they then are."""
@@ -282,22 +279,21 @@ class _Rounds:
 
 
 @np.errstate(all="ignore")
-def variance_components(solve: Reweighted, groups: Sequence[Indices], start: Floats | None = None) -> Components:
+def variance_components(solve: Reweighted, groups: Sequence[Indices], start: Floats | None = None) -> tuple[Noise, ...]:
     """Factors of several groups of unknown noise; rows in none of the ``groups`` have stated noise and keep it.
 
     Rounds of `Helmert` from ``start`` (groups,; None: 1) until all factors settle. Residuals of no minimum, or whose
     squares are no finite numbers, tell nothing of noise: the factors that led to them are the last, unsettled.
     """
     rounds = _Rounds(solve, groups, np.ones(len(groups)) if start is None else start)
-    settled = rounds.done()
+    rounds.run()
     helmert = rounds.helmert
-    noises = (
+    return tuple(
         Noise(factor=float(factor), state=_state(exact=exact, untold=untold, checked=checked))
         for factor, exact, untold, checked in zip(
             helmert.factors[0], helmert.exact[0], helmert.untold[0], helmert.checked[0], strict=True
         )
     )
-    return Components(noises=tuple(noises), settled=settled)
 
 
 def _state(*, exact: bool, untold: bool, checked: bool) -> NoiseState:

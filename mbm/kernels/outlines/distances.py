@@ -41,9 +41,8 @@ AT_REST = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Feet:
-    """The nearest points: on pieces at ``places``; ``corner`` is the piece that ends there, or −1 beside corners."""
+    """The nearest points, at ``spots``; ``corner`` is the piece that ends there, or −1 beside corners."""
 
-    piece: Indices
     spots: Spots
     corner: Indices
     distances: Floats
@@ -269,7 +268,6 @@ def _signed(
     normals[far] = sign[far, None] * gaps[far] / lengths[far, None]
     beside = _dot(gaps, normals)
     return Feet(
-        piece=piece,
         spots=spots,
         corner=corner,
         distances=np.where(corner >= 0, sign * lengths, beside),

@@ -37,7 +37,6 @@ def minimum_at(a: float) -> Minimum:
         reason=Reason.EXACT_FIT,
         iterations=4,
         evaluations=5,
-        offset=0.0,
         at_bound=np.zeros(1, dtype=np.int8),
     )
 

@@ -237,7 +237,6 @@ def _refined(own: Blocked, made: Plan, found: Minimum, settings: Settings) -> Mi
         moving = equations.dimension - int((best.at_bound != 0).sum())
         freedom = equations.count + int(_state(best).equality.sum()) - moving
         offset = relative_offset(step.promise, max(best.cost - step.promise, 0.0), moving, freedom)
-        best = replace(best, offset=offset)
         if offset <= settings.tolerance and step.missed <= EXACT:
             return replace(best, reason=Reason.SMALL_OFFSET)
         point = equations.retract(best.point, step.step)

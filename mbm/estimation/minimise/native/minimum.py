@@ -222,7 +222,6 @@ def minimum_at(
         reason=ENDINGS[code],
         iterations=int(ends.states[k, of.STEPS]),
         evaluations=int(ends.states[k, of.EVALUATIONS]),
-        offset=float(ends.results[k, of.OFFSET]),
         at_bound=ends.sides[k].astype(np.int8),
     )
 
@@ -254,7 +253,6 @@ def without_value(equations: Equations, start: Floats) -> Minimum:
         reason=reason,
         iterations=0,
         evaluations=1,
-        offset=np.inf,
         at_bound=np.zeros(equations.dimension, dtype=np.int8),
         bad_row=row,
     )

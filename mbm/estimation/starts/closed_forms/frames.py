@@ -18,11 +18,10 @@ from mbm.values import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Slopes:
-    """Derivatives of equations (…, width, ·) by ``ω`` in ``R Exp(ω)``, by t in ``t + v``, and by s in ``c exp(s)``."""
+    """Derivatives of equations (…, width, ·) by ``ω`` in ``R Exp(ω)``, and by t in ``t + v``."""
 
     rotation: Floats
     translation: Floats | None
-    scale: Floats | None
 
 
 class Frame(Protocol):
@@ -75,7 +74,6 @@ class WholeFrame:
         return Slopes(
             rotation=derivatives[..., :turns],
             translation=derivatives[..., turns : turns + self.dimension] if self.moves else None,
-            scale=derivatives[..., -1] if self.scales else None,
         )
 
 
@@ -137,7 +135,6 @@ class SeparateFrame:
         return Slopes(
             rotation=by_angle,
             translation=derivatives[..., list(self.position)],
-            scale=None,
         )
 
 
@@ -168,7 +165,6 @@ class RotationVectorFrame:
         return Slopes(
             rotation=derivatives[..., list(self.vector)] @ inverse,
             translation=derivatives[..., list(self.position)],
-            scale=None,
         )
 
 
