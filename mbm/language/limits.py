@@ -7,10 +7,12 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import NoReturn
 
+from mbm.files.faults import unreadable_file
 from mbm.language import faults
-from mbm.text.types import Form, MbmError, Place
+from mbm.text.types import Form, MbmError, Place, Text
 from mbm.values import dataclass
 
 
@@ -154,3 +156,19 @@ class Budget:
         """A list or vector of ``length`` is about to be made."""
         if length > self.limits.list_length:
             raise MbmError(faults.list_too_long(form.span, length, self.limits.list_length))
+
+
+def resolved_inside(sandbox: Path | None, path: Path, written: Text) -> Path:
+    """Where a path leads, links followed; ``written`` is the form that names it.
+
+    Raises:
+        MbmError: unreadable-file, outside-sandbox.
+
+    """
+    try:
+        resolved = path.resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name that no file can have
+        raise MbmError(unreadable_file(path, str(error), written.span)) from None
+    if sandbox is not None and not resolved.is_relative_to(sandbox.resolve()):
+        raise MbmError(faults.outside_sandbox(written.span, written.value))
+    return resolved

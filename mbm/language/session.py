@@ -8,12 +8,12 @@ from dataclasses import field
 from pathlib import Path
 from types import MappingProxyType
 
-from mbm.files.faults import too_many_files, unreadable_file
+from mbm.files.faults import too_many_files
 from mbm.files.reading import read_file
 from mbm.language import faults
 from mbm.language.evaluator import FormEvaluator
 from mbm.language.functions import Definition, Parameters, bind_definition, parse_definition, parse_parameters
-from mbm.language.limits import Limits
+from mbm.language.limits import Limits, resolved_inside
 from mbm.language.scope import opened
 from mbm.language.values import Callable_, Evaluator, Macro, Scope, Value, Vocabulary
 from mbm.text import faults as text_faults
@@ -243,12 +243,7 @@ class _ProgramReader:
             raise MbmError(faults.bad_form(form.span, "`use` takes one path", '(use "models/furniture.mbm")'))
         written = form.items[1]
         target = path.parent / written.value
-        try:
-            resolved = target.resolve()
-        except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name that no file can have
-            raise MbmError(unreadable_file(target, str(error), written.span)) from None
-        if self.sandbox is not None and not resolved.is_relative_to(self.sandbox.resolve()):
-            raise MbmError(faults.outside_sandbox(written.span, written.value))
+        resolved = resolved_inside(self.sandbox, target, written)
         if resolved in chain:
             raise MbmError(faults.circular_use(written.span, written.value))
         if resolved in self._done:

@@ -324,10 +324,8 @@ def _name(leaf: Expression) -> str:
 
 
 def _shown(node: Expression) -> str:
-    if isinstance(node, Component):
-        return f"`{node.unknown}`"
-    if isinstance(node, Column):
-        return f"column `{node.name}`"
+    if isinstance(node, Component | Column):
+        return _name(node)
     text = node.span.text if node.span is not None else ""
     return f"`{text}`" if 0 < len(text) <= 40 and "\n" not in text else "this"
 

@@ -121,12 +121,8 @@ def _time_column(table: Table, form: Form | None, at: Expression, span: Span) ->
 
 
 def _elements(value: Value, span: Span) -> tuple[Expression, ...]:
-    if isinstance(value, SCALARS):
-        return (value,)
-    if isinstance(value, Array):
-        return value.elements
-    if isinstance(value, ListValue):
-        return tuple(scalar(item, span) for item in list_items(value, span))
+    if isinstance(value, (*SCALARS, Array, ListValue)):
+        return _numbers(value, span)
     if isinstance(value, RotationValue):
         return value.matrix.elements
     if isinstance(value, PoseValue):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mbm.data.cells import row_numbers
 from mbm.data.content import BLANKS, read_text
 from mbm.data.readers import faults as format_faults
-from mbm.data.readers.fields import LARGEST_DEVIATION, line_numbers, lines_of, number_columns, numbers_of
+from mbm.data.readers.fields import are_rotations, line_numbers, lines_of, number_columns, numbers_of
 from mbm.data.readers.scenes import PARTS, POSE
 from mbm.data.types import ManyReader, RawTable
 from mbm.problem.tables import Numbers, reads_as_number
@@ -127,10 +127,7 @@ def _check_views(stream: _Stream, seen: Numbers, places: NDArray[np.int64], regi
 def _poses(stream: _Stream, records: Numbers, places: NDArray[np.int64]) -> Numbers:
     """Quaternions and translations (n, 7)."""
     rotations = records[:, 3:12].reshape(-1, 3, 3)
-    with np.errstate(all="ignore"):
-        products = np.einsum("nji,njk->nik", rotations, rotations) - np.eye(3)
-        near = np.abs(products).max(axis=(1, 2), initial=0.0) < LARGEST_DEVIATION
-        wrong = np.flatnonzero(~(near & (np.linalg.det(np.nan_to_num(rotations)) > 0)))
+    wrong = np.flatnonzero(~are_rotations(rotations))
     if wrong.size:
         raise stream.fault(int(places[wrong[0]]), "the rotation of the camera is no rotation matrix")
     return np.hstack([quaternion_of_matrix(rotations), records[:, 12:]])

@@ -22,6 +22,14 @@ Line = tuple[int, list[str]]
 """The number of a line, from 1, and its fields."""
 
 
+def are_rotations(matrices: Numbers) -> np.ndarray:
+    """Which matrices (n, 3, 3) are rotations as far as the digits of a file tell."""
+    with np.errstate(all="ignore"):
+        products = np.einsum("nji,njk->nik", matrices, matrices) - np.eye(3)
+        near = np.abs(products).max(axis=(1, 2), initial=0.0) < LARGEST_DEVIATION
+        return np.asarray(near & (np.linalg.det(np.nan_to_num(matrices)) > 0))
+
+
 def lines_of(text: str, *, separator: str | None = None) -> list[Line]:
     """The lines that hold something, in fields; what stands behind a ``#`` at the beginning of a line is a comment.
 

@@ -13,10 +13,9 @@ import numpy as np
 from mbm.data import faults
 from mbm.data.content import BLANKS, read_text
 from mbm.data.readers import faults as format_faults
-from mbm.data.readers.fields import LARGEST_DEVIATION, line_numbers, lines_of, number_columns, number_table
+from mbm.data.readers.fields import are_rotations, line_numbers, lines_of, number_columns, number_table
 from mbm.data.readers.tum import POSE_COLUMNS
 from mbm.data.types import RawTable, Reader
-from mbm.problem.tables import Numbers
 from mbm.rotations import quaternion_of_matrix
 from mbm.text.types import DataPlace, MbmError
 
@@ -35,7 +34,7 @@ def read(path: Path) -> RawTable:
     matrices = number_table(lines, MATRIX_COLUMNS, shown).reshape(-1, 3, 4)
     rows = line_numbers(number for number, _ in lines)
     rotations = matrices[:, :, :3]
-    wrong = ~_are_rotations(rotations)
+    wrong = ~are_rotations(rotations)
     if wrong.any():
         found = [DataPlace(file=shown, row=int(row)) for row in rows[wrong][: faults.MOST_ROWS_REPORTED]]
         reason = "its first three columns are no rotation matrix"
@@ -43,14 +42,6 @@ def read(path: Path) -> RawTable:
     times = np.arange(len(lines), dtype=np.float64)
     numbers = np.column_stack([times, matrices[:, :, 3], np.roll(quaternion_of_matrix(rotations), -1, axis=1)])
     return RawTable(path=shown, sha256=digest, columns=number_columns(POSE_COLUMNS, numbers), file_rows=rows)
-
-
-def _are_rotations(matrices: Numbers) -> np.ndarray:
-    """Which matrices (n, 3, 3) are rotations as far as the digits of a file tell."""
-    with np.errstate(all="ignore"):
-        products = np.einsum("nji,njk->nik", matrices, matrices) - np.eye(3)
-        near = np.abs(products).max(axis=(1, 2), initial=0.0) < LARGEST_DEVIATION
-        return np.asarray(near & (np.linalg.det(np.nan_to_num(matrices)) > 0))
 
 
 READER = Reader(name="kitti", extensions=(), read=read)

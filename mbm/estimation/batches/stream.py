@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.batches.stream_ends import NO_CODE, Rules, StreamEnds
 from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem, system_of
 from mbm.estimation.minimise.sparsity import sparse_suits
-from mbm.estimation.native.code import Routine, SolverCode
+from mbm.estimation.native.code import Routine, SolverCode, share
 from mbm.estimation.search.challenge import kind_of
 from mbm.estimation.search.starting import partly_foreknown
 from mbm.estimation.settings import Settings
@@ -109,12 +108,7 @@ class Stream:
             put(solves, Solves, work=scratch[0], first=first, last=last)
             function(solves.ctypes.data)
 
-        if workers <= 1:
-            part(0, count)
-        else:
-            cuts = np.linspace(0, count, workers + 1).astype(int).tolist()
-            with ThreadPoolExecutor(workers) as pool:
-                list(pool.map(part, cuts[:-1], cuts[1:]))
+        share(part, count, workers)
         self._system.failed()
         return self._compared(room, count, workers)
 

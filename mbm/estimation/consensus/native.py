@@ -13,7 +13,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.consensus.rules import Rules
 from mbm.estimation.minimise.native.packing import blocks_of
 from mbm.estimation.minimise.native.system import AT_A_TIME, NativeSystem, never
-from mbm.estimation.native.code import AnyCode
+from mbm.estimation.native.code import AnyCode, share
 from mbm.machine.kinds import LANES
 from mbm.machine.records import inside as inside_of, put, view
 from mbm.solver import consensus_records as c, description as of
@@ -206,7 +206,7 @@ def consensus_many(
         most = int(max(AT_A_TIME / system.expected, 1))
         cut = _by_and_by(code, _ready(code, system, room, rules, every), most, stopped)
     else:
-        _shared(part, count, workers)
+        share(part, count, workers)
     system.failed()
     return ConsensusEnds(
         points=points,
@@ -226,18 +226,6 @@ def _ready(code: AnyCode, system: NativeSystem, room: Room, rules: Rules, every:
     system.hand(inside_of(work, c.ConsensusWork, "rows"))
     put(mine, c.ConsensusBatch, work=work)
     return mine, work, reals, integers
-
-
-def _shared(work: Callable[[int, int], None], count: int, workers: int) -> None:
-    """``work(first, last)`` for all of ``count``, shared by so many threads."""
-    if workers <= 1 or count < 2:
-        work(0, count)
-        return
-    from concurrent.futures import ThreadPoolExecutor  # loads what logs; one data set needs no threads
-
-    cuts = np.linspace(0, count, min(workers, count) + 1).astype(int).tolist()
-    with ThreadPoolExecutor(len(cuts) - 1) as pool:
-        list(pool.map(work, cuts[:-1], cuts[1:]))
 
 
 def _by_and_by(code: AnyCode, ready: tuple[Any, ...], most: int, stopped: Callable[[], bool]) -> bool:

@@ -143,8 +143,8 @@ class Beside(Forwarding):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Brought(Beside):
-    """The same with the number ``place`` of quantities changed by ``target``: a constraint more."""
+class _Aimed(Beside):
+    """The same, and what the number ``place`` of quantities lacks of a change by ``target``."""
 
     quantities: Quantities | Coordinates
     place: int
@@ -154,6 +154,19 @@ class Brought(Beside):
     def linear(self) -> bool:
         """Never promised of the quantity."""
         return False
+
+    def lacking(self, x: Floats) -> float:
+        """What the quantity lacks."""
+        return self.target - float(self.quantities.changes(x[None])[0, self.place])
+
+    def slope(self, x: Floats) -> Floats:
+        """The gradient (n,) of the quantity."""
+        return self.quantities.slope(self.place, x)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Brought(_Aimed):
+    """The same with what the quantity lacks as a constraint more."""
 
     @property
     def equality(self) -> Mask:
@@ -168,36 +181,15 @@ class Brought(Beside):
         """Their derivatives."""
         return np.vstack([self.equations.constraint_jacobian(x), self.slope(x)])
 
-    def lacking(self, x: Floats) -> float:
-        """What the quantity lacks."""
-        return self.target - float(self.quantities.changes(x[None])[0, self.place])
-
-    def slope(self, x: Floats) -> Floats:
-        """The gradient (n,) of the quantity."""
-        return self.quantities.slope(self.place, x)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MadeUp(Brought):
+class MadeUp(_Aimed):
     """The same where constants move the quantity directly: they make up for what it lacks, a residual more."""
 
     @property
     def count(self) -> int:
         """One more."""
         return self.equations.count + 1
-
-    @property
-    def equality(self) -> Mask:
-        """Which constraints are equations."""
-        return self.equations.equality
-
-    def constraint_values(self, x: Floats) -> Floats:
-        """Those of the problem."""
-        return self.equations.constraint_values(x)
-
-    def constraint_jacobian(self, x: Floats) -> Floats:
-        """Their derivatives."""
-        return self.equations.constraint_jacobian(x)
 
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals."""

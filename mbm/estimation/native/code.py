@@ -36,6 +36,18 @@ KEPT_WORTH = 3e9
 """The same where a store keeps it, for the processes to come: a second or so that each of them would lose."""
 
 
+def share(work: Callable[[int, int], None], count: int, workers: int) -> None:
+    """``work(first, last)`` for all of ``count``, shared by so many threads."""
+    if workers <= 1 or count < 2:
+        work(0, count)
+        return
+    from concurrent.futures import ThreadPoolExecutor  # loads what logs; one data set needs no threads
+
+    cuts = np.linspace(0, count, min(workers, count) + 1).astype(int).tolist()
+    with ThreadPoolExecutor(len(cuts) - 1) as pool:
+        list(pool.map(work, cuts[:-1], cuts[1:]))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Routine:
     """A function of the solver: arrays and integers go in, changed arrays come out.

@@ -72,13 +72,10 @@ def _overridden(work: Workspace, declared: Value, override: Override) -> Value:
         declared = vector(declared, _NOWHERE)
     if isinstance(given, ListValue):
         given = vector(given, _NOWHERE)
-    if isinstance(declared, Array) and isinstance(given, Array):
-        if len(declared.elements) != len(given.elements):
-            message = f"is {describe(given)}, but the constant is {describe(declared)}"
-            raise MbmError(faults.wrong_value(override.name, message))
+    if isinstance(declared, Array) and isinstance(given, Array) and len(declared.elements) == len(given.elements):
         pairs = zip(given.elements, declared.elements, strict=True)
         return Array(declared.shape, tuple(_redimensioned(g, d, override) for g, d in pairs))
-    if type(declared) is not type(given):
+    if isinstance(declared, Array) or type(declared) is not type(given):
         message = f"is {describe(given)}, but the constant is {describe(declared)}"
         raise MbmError(faults.wrong_value(override.name, message))
     return given

@@ -19,6 +19,7 @@ from mbm.problem.elaboration import Workspace
 from mbm.problem.joining import with_families
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.requests import Window
+from mbm.problem.rows import numbers_of
 from mbm.problem.scopes import Entry
 from mbm.problem.tables import ROW, Table
 from mbm.problem.types import Family, UnknownKind
@@ -137,10 +138,7 @@ def refuse_texts(tables: Iterable[Table], column: str, span: Span) -> None:
 
     """
     for table in tables:
-        cells = table.columns[column]
-        if cells.is_text:
-            position = cells.first_text() or 0
-            raise MbmError(faults.bad_time(table.place(position, column), column, str(cells.cell(position)), span))
+        numbers_of(table, column, span)
 
 
 USAGE = (

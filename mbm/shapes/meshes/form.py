@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from mbm.expression.nets import Net
 from mbm.expression.nodes import Number
 from mbm.expression.units import TAKE_PREFIXES, parse_unit
-from mbm.files.faults import unreadable_file
 from mbm.files.memory import check_memory, largest_file, text_memory
 from mbm.files.reading import read_bytes
 from mbm.language import faults as language_faults
+from mbm.language.limits import resolved_inside
 from mbm.language.session import FileReader, Program, ReadFile
 from mbm.language.values import Array, Call, Callable_
 from mbm.shapes import faults
@@ -107,13 +107,7 @@ def _place(program: Program, written: Text) -> tuple[Path, Path]:
     source = written.span.source
     folder = program.base if source is program.source else Path(source.name).parent
     path = folder / written.value
-    try:
-        resolved = path.resolve()
-    except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name that no file can have
-        raise MbmError(unreadable_file(path, str(error), written.span)) from None
-    if program.sandbox is not None and not resolved.is_relative_to(program.sandbox.resolve()):
-        raise MbmError(language_faults.outside_sandbox(written.span, written.value))
-    return path, resolved
+    return path, resolved_inside(program.sandbox, path, written)
 
 
 def _reader(path: Path, span: Span) -> Callable[[bytes], Mesh]:

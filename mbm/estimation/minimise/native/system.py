@@ -23,7 +23,7 @@ from mbm.estimation.minimise.native.packing import (
 )
 from mbm.estimation.minimise.native.range_maps import hand
 from mbm.estimation.minimise.native.suited import alike, handled, sum_addresses, summable
-from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code
+from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code, share
 from mbm.estimation.settings import Settings
 from mbm.machine.records import address, inside, put, slot, view
 from mbm.solver import description as of, workspace as workspace
@@ -158,15 +158,7 @@ class NativeSystem:
                 put(solves, Solves, first=k, last=min(k + step, last))
                 routine(solves)
 
-        if workers <= 1 or count < 2:
-            part(0, count)
-            self.failed()
-            return ends
-        cuts = np.linspace(0, count, min(workers, count) + 1).astype(int).tolist()
-        from concurrent.futures import ThreadPoolExecutor  # loads what logs; one solve needs no threads
-
-        with ThreadPoolExecutor(len(cuts) - 1) as pool:
-            list(pool.map(part, cuts[:-1], cuts[1:]))
+        share(part, count, workers)
         self.failed()
         return ends
 
