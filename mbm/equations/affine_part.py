@@ -19,8 +19,7 @@ are solved: the second time makes up for the digits that they cost (corrected se
 def affine_coordinates(equations: Assembled, missing: Mask) -> Mask:
     """The coordinates (M,) among ``missing`` in which all equations together are affine; taken in as they come."""
     layout = equations.layout
-    allowed = np.zeros(len(layout.number), dtype=bool)
-    allowed[equations.free] = True
+    allowed = equations.is_free
     allowed &= missing & (layout.number >= 0)
     if all(affine(group, allowed) for group in equations.groups):
         return allowed

@@ -353,6 +353,11 @@ class Assembled:
         """The column of each coordinate (M,) in Jacobians, -1 where it is not free."""
         return places_in(self.free, len(self.layout.number))
 
+    @property
+    def is_free(self) -> Mask:
+        """Which coordinates (M,) are free."""
+        return self.columns >= 0
+
     def picked(self, whole: Floats) -> Floats:
         """Of one value for each of all residuals those of the residuals picked (m,)."""
         return whole if self.rows is None else whole[self.rows]

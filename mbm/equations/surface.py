@@ -142,8 +142,7 @@ def on_surface(equations: Assembled, minimum: Minimum) -> OnSurface | None:
 
 def plainly_affine(equations: Assembled) -> bool:
     """Whether all equations are affine in the free coordinates, losses aside."""
-    free = np.zeros(len(equations.layout.number), dtype=bool)
-    free[equations.free] = True
+    free = equations.is_free
     plain = equations.implicit is None and not equations.likely
     return equations.linear or (plain and all(affine(group, free) for group in equations.groups))
 
@@ -161,8 +160,7 @@ def affine_by_products(equations: Assembled) -> bool:
 
 def exact_constraints(equations: Assembled) -> Mask:
     """Which of the constraints (c,) are affine in the free coordinates, so that their limits stay where they are."""
-    plain = np.zeros(len(equations.layout.number), dtype=bool)
-    plain[equations.free] = True
+    plain = equations.is_free
     found = np.zeros(len(equations.equality), dtype=bool)
     for group in equations.constraints:
         found[group.first : group.first + group.count] = affine(group, plain)

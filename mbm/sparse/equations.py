@@ -152,8 +152,7 @@ def _slopes(place: GroupPlace, group: Group, x: Floats, arithmetic: Arithmetic) 
 def blocked(equations: Assembled) -> Blocked:
     """The blocks of equations: a family for each unknown that is not wholly fixed, a piece for each group or system."""
     layout = equations.layout
-    free = np.zeros(len(layout.number), dtype=bool)
-    free[equations.free] = True
+    free = equations.is_free
     families: list[BlockFamily] = []
     number: dict[str, int] = {}
     column = np.full(len(free), -1, dtype=np.int64)

@@ -144,8 +144,7 @@ def _derived_ends(around: _Intervals, one: DerivedColumns, place: int, angle: bo
     there = (stated(one.group, around.point(along, side) + around.turned)[:, place] for side in SIDES)
     moves = [values - one.values[:, place] for values in there]
     ends = derived_ratios(np.stack(moves), around.noise * length, grown, angle=angle)
-    moving = np.zeros(len(around.portion.equations.layout.number), dtype=bool)
-    moving[around.portion.equations.free] = True
+    moving = around.portion.equations.is_free
     bends = not affine(one.group, moving)
     if bends or not bool(told.all()):
         # Without a derivative it may move all the same, and elsewhere farther than its derivative says.

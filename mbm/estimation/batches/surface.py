@@ -213,8 +213,7 @@ def limited_columns(portion: Portion, found: Held | None, points: Floats) -> Lim
     lower, upper = (np.broadcast_to(each, shape).copy() for each in box(equations))
     held = np.zeros(shape, dtype=bool)
     if found is not None:
-        plain = np.zeros(len(equations.layout.number), dtype=bool)
-        plain[equations.free] = True
+        plain = equations.is_free
         exact = np.zeros(found.there.shape, dtype=bool)
         for each in portion.limits:
             exact[each.solve[:, None], each.slots] = affine(each.group, plain)

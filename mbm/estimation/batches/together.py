@@ -339,8 +339,7 @@ def _begun(bound: Stack, points: Floats, form: Callable[[], Formed | None], sett
     equations = bound.exactly().equations
     moving = equations.moving()
     missing = _missing(bound, points)
-    free = np.zeros(len(equations.layout.number), dtype=bool)
-    free[equations.free] = True
+    free = equations.is_free
     linear = equations.linear and all(affine(group, free) for group in equations.constraints)
     if linear and not _boxed(equations):
         anywhere = np.where(np.isfinite(points), points, 0.0)  # there is one minimum, which every start leads to

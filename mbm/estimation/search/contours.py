@@ -167,8 +167,7 @@ def _beyond(equations: Assembled, minimum: Minimum, seed: int) -> Floats:
     if not minimum.reason.converged or minimum.blocks is not None:
         return np.empty((0, len(minimum.point)))
     n = equations.dimension
-    free = np.zeros(len(equations.layout.number), dtype=bool)
-    free[equations.free] = True
+    free = equations.is_free
     steps = np.diag(PROBE / np.maximum(minimum_norms(minimum), 1e-300))
     moved = equations.retract(np.tile(minimum.point, (2 * n + 1, 1)), np.vstack([np.zeros((1, n)), steps, -steps]))
     inverse = np.linalg.pinv(minimum.jacobian.T @ minimum.jacobian, hermitian=True)

@@ -112,8 +112,7 @@ def starting_points(equations: Assembled, settings: Settings, last: Solution | N
 def _random(equations: Assembled, own: Floats, count: int, seed: int) -> Floats:
     """Points (count, N) that differ in all that is estimated; numbers without a range lie about their own start."""
     layout = equations.layout
-    free = np.zeros(len(layout.number), dtype=bool)
-    free[equations.free] = True
+    free = equations.is_free
     points = random_points(equations, own, free, count, seed)
     ranged = np.isfinite(layout.start_lower) & np.isfinite(layout.start_upper)
     ranged |= np.isfinite(layout.lower) | np.isfinite(layout.upper) | layout.angle | layout.positive

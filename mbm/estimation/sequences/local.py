@@ -69,8 +69,7 @@ class Local:
     def linear(self) -> bool:
         """Whether residuals and constraints are affine in all that is free."""
         equations = self.equations
-        free = np.zeros(len(equations.layout.number), dtype=bool)
-        free[equations.free] = True
+        free = equations.is_free
         groups = (*equations.groups, *equations.constraints)
         return not equations.lossy and all(affine(group, free) for group in groups)
 

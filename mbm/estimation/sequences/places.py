@@ -61,8 +61,7 @@ def places_of(equations: Assembled, steps: int, estimator: Estimator) -> Places:
     numbers = np.hstack([_laid(e.offset, e.unknown.size, members, steps, moves) for e, members, moves in sizes])
     coordinates = np.hstack([_laid(e.first, e.unknown.freedom, members, steps, moves) for e, members, moves in sizes])
     still = [entry for entry in order if not moves(entry)]
-    free_everywhere = np.zeros(len(layout.number), dtype=bool)
-    free_everywhere[equations.free] = True
+    free_everywhere = equations.is_free
     free_everywhere |= _moves(layout)
     varying = free_everywhere[coordinates[-1]] & ~layout.fixed[coordinates[-1]]
     _refuse_held(layout, coordinates, varying, estimator)

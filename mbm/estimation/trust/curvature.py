@@ -183,8 +183,7 @@ def _derived(
     left, followed = MOST_DERIVED, most_followed(around)
     equations, point = propagation.equations, around.minimum.point
     turned = equations.layout.reported(point) - point  # quantities are derived from reported angles
-    free = np.zeros(len(equations.layout.number), dtype=bool)
-    free[equations.free] = True
+    free = equations.is_free
     for one in derived:
         stated = propagation.problem.derived[one.owner]
         count = one.sigma.size

@@ -92,8 +92,7 @@ def _curvature(
 
 def _affine(propagation: Propagation, owner: int) -> bool:
     """Whether a derived quantity depends linearly on the estimates."""
-    moving = np.zeros(len(propagation.equations.layout.number), dtype=bool)
-    moving[propagation.equations.free] = True
+    moving = propagation.equations.is_free
     return all(affine(group, moving) for group in propagation.binder.derived(propagation.kernels, owner))
 
 

@@ -151,8 +151,7 @@ class Propagation:
     def _unknown(self, group: Group) -> np.ndarray:
         """Which outputs (rows, size) depend on members that no equation mentions."""
         layout = self.equations.layout
-        free = np.zeros(len(layout.number), dtype=bool)
-        free[self.equations.free] = True
+        free = self.equations.is_free
         loose = np.flatnonzero(~free & ~layout.fixed)
         if not loose.size or not np.isin(group.reached, loose).any():
             return np.zeros((group.rows, group.kernel.outputs), dtype=bool)
