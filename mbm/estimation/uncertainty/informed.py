@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mbm.equations.assembly import Assembled
 from mbm.equations.metric import rounded_turns, turning
 from mbm.equations.solves import likely
-from mbm.equations.types import Equations, Floats, Indices, Mask, Minimum
+from mbm.equations.types import Equations, Floats, Indices, Mask, Minimum, Reason
 from mbm.solver.decisions import ABSURD, BEND_STEP, LEAST_SIZE, MOST_GROUPS, vanishing
 
 
@@ -110,12 +110,29 @@ def _informed(equations: Assembled, minimum: Minimum) -> Minimum:
     told, own = (each.plain_jacobian(minimum.point) for each in (equations.informing(), equations))
     sides = _ends(equations, minimum, np.square(told).sum(axis=0), own)
     length = np.sqrt(np.square(told).sum(axis=0))
+    level = np.zeros(len(length), dtype=bool)
     for which in np.flatnonzero(suspects(equations, replace(minimum, at_bound=sides), length)).tolist():
-        if _flat(equations, minimum, np.eye(len(length))[which] / length[which]):
-            told[:, which] = 0.0
+        level[which] = _flat(equations, minimum, np.eye(len(length))[which] / length[which])
     if any(stated.rounded for _, stated in likely(equations.groups)):
-        told[:, _along_ridges(equations, minimum, told)] = 0.0
-    return replace(minimum, jacobian=told, at_bound=sides)
+        level |= _along_ridges(equations, minimum, np.where(level, 0.0, told))
+        level |= _told_beside(equations, told, level | (length == 0.0))
+        if level.any() and minimum.reason.under_way:  # it is as high farther on
+            minimum = replace(minimum, reason=Reason.ROUNDING)
+        sides[level] = 0
+    return replace(minimum, jacobian=np.where(level, 0.0, told), at_bound=sides)
+
+
+def _told_beside(equations: Assembled, told: Floats, level: Mask) -> Mask:
+    """Coordinates (n,) of rounded readings whose scatter is ``level`` (n,): how well they are told is open with it."""
+    found = np.zeros(len(level), dtype=bool)
+    numbers = equations.layout.number[equations.free]
+    for group, seen in zip(equations.groups, equations.informing().groups, strict=True):
+        if group.readings is None or not group.readings.rounded:
+            continue
+        scales = [numbers[level] == equations.layout.entry(name).range.start for name in group.readings.scales]
+        if np.any(scales):
+            found |= (told[seen.first : seen.first + seen.count] != 0.0).any(axis=0)
+    return found
 
 
 def _ends(equations: Assembled, minimum: Minimum, information: Floats, own: Floats) -> NDArray[np.int8]:

@@ -1,4 +1,4 @@
-"""Rates without a single count, whose likelihood is highest at the end of its model, against closed forms."""
+"""Likelihoods that are highest at an end: rates without a single count, rounded readings without scatter."""
 
 from __future__ import annotations
 
@@ -51,3 +51,22 @@ def test_counts_that_are_expected_to_be_none_hold_nothing() -> None:
 
     assert found["m"].value == pytest.approx(brentq(slope, 3.0, 5.0), abs=1e-8)
     assert found["m"].sigma > 0
+
+
+@pytest.mark.parametrize(("low", "high"), [(7, 1), (19, 1), (9, 1), (5, 3), (4, 4)])
+def test_readings_in_two_steps_tell_a_greatest_scatter_and_where_the_mean_is(low: int, high: int) -> None:
+    """With σ → 0 and the mean so near to 5.5 that Φ is low/n the likelihood is highest, and equal for all small σ.
+
+    Beyond 5.5 it is at most 2⁻ⁿ: unless both steps are alike, so much less that the interval ends at 5.5.
+    """
+    text = "(problem p (data d external) (unknowns (a)) (observe d (= y a) :sigma unknown :resolution 1))"
+    found = mbm.loads(text).solve(data={"d": {"y": np.array([5.0] * low + [6.0] * high)}})
+    assert found.solves[0].record.status == "unobservable"
+    assert np.isnan(found["a"].sigma) and np.isnan(found["d-sigma"].sigma)
+    bottom, top = found["a"].interval()
+    assert 4.5 < bottom < 5.2
+    share = low / (low + high)
+    lost = (low + high) * log(2.0) + low * log(share) + high * log(1.0 - share)
+    assert top == pytest.approx(5.5, abs=1e-5) if 2.0 * lost > 4.0 else 5.5 < top < 6.0
+    least, most = found["d-sigma"].interval()
+    assert least == 0.0 and most < 1.0
