@@ -157,7 +157,7 @@ def _tested(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]
     residuals, moves = both
     _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
     parts, stated = axes @ residuals, solve.chi2_p is not None
-    noise = 1.0 if stated else next(iter(solution.noise.values())).factor ** 2
+    noise = next((each.factor**2 for each in solution.noise.values()), 1.0)
     residuals = residuals - (1.0 - np.sqrt(noise / (noise + np.square(lengths)))) * parts @ axes
     squares, fit = float(residuals @ residuals), solution.fit
     if stated:
