@@ -62,6 +62,19 @@ def test_a_choice_that_the_rows_leave_is_told():
     assert not said(solved(count=1))
 
 
+@pytest.mark.parametrize("method", ["ekf", "iterated-ekf"])
+@pytest.mark.parametrize("start", [-5, -4, -3, 3, 4, 5])
+def test_what_rows_do_not_tell_apart_is_on_the_side_of_the_prior(method, start):
+    text = f"""(problem side (data seen external) (states :over k (theta :init {start}deg :sigma 4deg))
+      (dynamics (random-walk theta :sigma 0.2deg)) (observe seen (= x (* 10 (cos theta))) :sigma 0.05)
+      (solve :method {method} :hypotheses 4))"""
+    x = 10 * np.cos(np.radians(6)) + 0.05 * np.random.default_rng(start + 5).standard_normal(6)
+    (found,) = mbm.loads(text).solve(data={"seen": {"k": np.arange(6.0), "x": x}}).solves
+    assert len(found.hypotheses) == 2
+    assert np.all(np.sign(found["theta"].value) == np.sign(start))
+    assert said(found)
+
+
 def test_later_rows_decide():
     found = solved(late=True)
     assert not said(found)
