@@ -35,6 +35,21 @@ def _factor(stated: str, draw: Draw, sigma: float, power: int = 1) -> Kind:
     return Kind(text, make)
 
 
+def _beside_noise(form: str, unknowns: str, u: float, count: int) -> Kind:
+    """Readings of unknown noise at ``count`` places x, which a constant h of 0 ± ``u`` moves in a way they show."""
+    text = f"""(problem p (data d external) (constants (h 0 :sigma {u})) (unknowns {unknowns})
+      (observe d (= y {form}) :sigma unknown))"""
+    x = np.arange(count) - 0.5 * (count - 1)
+
+    def make(rng: np.random.Generator, runs: int) -> tuple[Tables, Truth]:
+        moved = u * rng.normal(size=(runs, 1)) * (x**2 if "(b)" in unknowns else x + 1.0)
+        true = {"a": np.ones(runs), **({"b": np.full(runs, 2.0)} if "(b)" in unknowns else {})}
+        y = sum(each[:, None] * part for each, part in zip(true.values(), (1.0, x), strict=False))
+        return {"d": table(runs, x=np.tile(x, (runs, 1)), y=y + moved + 0.3 * rng.normal(size=(runs, count)))}, true
+
+    return Kind(text, make)
+
+
 KINDS: Mapping[str, Kind] = {
     "constants: product of three": _of_constants(
         [(1, 0.05), (2, 0.1), (3, 0.1)], "(* a b c)", lambda a, b, c: a * b * c
@@ -51,4 +66,6 @@ KINDS: Mapping[str, Kind] = {
         ":prior (rectangular 0.97 1.03)", lambda g, n: 0.97 + 0.06 * g.random(n), 0.1
     ),
     "constants: lognormal": _factor(":prior (lognormal 1 1.5)", lambda g, n: 1.5 ** g.normal(size=n), 0.1),
+    "constants: slope, noise unknown": _beside_noise("(+ a (* h (+ x 1)))", "(a)", 0.3, 6),
+    "constants: curvature, noise unknown": _beside_noise("(+ a (* b x) (* h x x))", "(a) (b)", 0.1, 6),
 }
