@@ -284,6 +284,25 @@ def test_an_alignment_that_is_not_observable_is_an_answer_in_doubt(tmp_path, cap
     assert "not determined by the data" in said
 
 
+def test_what_an_alignment_warns_of_is_said_with_the_errors(tmp_path, capsys):
+    """The noise alone tells how a straight line is turned about itself, and with it the errors of rotations."""
+    g = np.random.default_rng(0)
+    rows = [[k, 0.0, 0.0, *(np.array([k, 0.0, 0.0]) + 0.05 * g.normal(size=3))] for k in range(20)]
+    text = " ".join(f"({' '.join(map(str, row))})" for row in rows)
+    file = tmp_path / "p.mbm"
+    file.write_text(f"""
+        (problem p
+          (data d (table (ref.x ref.y ref.z est.x est.y est.z) {text}))
+          (unknowns (S (pose 3)))
+          (observe d (= [ref.x ref.y ref.z] (transform S [est.x est.y est.z]))))""")
+    assert run(["trajectory", str(file)]) == 0
+    said = capsys.readouterr()
+    assert "absolute, position" in said.out
+    assert "too-nonlinear" in said.err
+    assert run(["trajectory", str(file), "-q"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 @pytest.mark.parametrize("quaternion", ["0 0 0 0", "nan 0 0 1"])
 def test_a_quaternion_that_is_no_rotation_is_told_with_its_line(quaternion, tmp_path):
     ref, est = written(tmp_path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from mbm.cli.outputs import answered, outputs_at
 
 if TYPE_CHECKING:
     from mbm.report.trajectories.answer import TrajectoryAnswer
+    from mbm.text.types import Diagnostic
 
 
 @click.command("trajectory")
@@ -49,7 +50,7 @@ def command(**given: Any) -> int:
     Exit status: as `mbm solve`.
     """
     outputs = outputs_at(given, {"csv_path": _rows}, _drawn)
-    return answered(given, outputs, lambda loaded: _answer(given, loaded), _say)
+    return answered(given, outputs, lambda loaded: _answer(given, loaded), _say, doubts=_doubts)
 
 
 def _say(answer: TrajectoryAnswer, screen: Terminal) -> None:
@@ -59,6 +60,13 @@ def _say(answer: TrajectoryAnswer, screen: Terminal) -> None:
     if answer.status.value != "ok":
         say(table(answer.result, width=screen.width, color=screen.color), color=screen.color)
     say(text(answer.trajectories, full=screen.verbose), end="")
+
+
+def _doubts(answer: TrajectoryAnswer) -> Iterator[Diagnostic]:
+    """What is said of the alignment; what is said of each solve is in the table, where that is shown."""
+    yield from answer.result.diagnostics
+    if answer.status.value == "ok":
+        yield from (each for solve in answer.result.solves for each in solve.diagnostics)
 
 
 def _rows(answer: TrajectoryAnswer) -> bytes:
