@@ -133,3 +133,20 @@ def test_an_answer_that_is_mostly_behind_the_camera_says_so(keys: str) -> None:
         assert count == 24 // len(solved.solves)
     upright = mbm.loads(MIRRORED.format(keys=keys, start="").replace("(500 500)", "(500 -500)")).solve(data={"d": data})
     assert not [each for solve in upright.solves for each in solve.diagnostics if each.code.name == "behind-camera"]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_of_equally_low_minima_the_one_before_the_camera_is_the_answer(seed: int) -> None:
+    """A rotation and a place, begun at random: the mirror image behind the camera has the same cost."""
+    generator = np.random.default_rng(seed)
+    points = generator.uniform(-0.3, 0.3, size=(20, 3))
+    seen = points + np.array([0.1, -0.05, 3.0])
+    uv = np.array([800, 810]) * seen[:, :2] / seen[:, 2:] + [320, 240] + 0.3 * generator.normal(size=(20, 2))
+    text = """(problem p (data d external) (camera cam :focal (fx fy) :center (cx cy))
+      (unknowns (fx) (fy) (cx) (cy) (Q (rotation 3)) (t (vector 3)))
+      (observe d (= [u v] (project cam (+ (rotate Q [x y z]) t))) :sigma 0.3))"""
+    data = dict(zip(("x", "y", "z", "u", "v"), (*points.T, *uv.T), strict=True))
+    solved = mbm.loads(text).solve(data={"d": data}, seed=0)
+    assert solved.first.record.raw_residuals()["d"].behind == ()
+    assert solved.first.cost < 30 + 5 * np.sqrt(2 * 30)  # χ² of as many degrees of freedom
+    assert solved["fx"].value * solved["fy"].value > 0.0

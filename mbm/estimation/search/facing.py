@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.at_rows import rows_at
+from mbm.equations.at_rows import pinholes, rows_at
 from mbm.equations.types import Floats, Mask, Minimum
-from mbm.estimation.search.search import Alternative
+from mbm.estimation.search.basins import equal_costs
+from mbm.estimation.search.search import Alternative, Found, other_minimum
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 
@@ -26,6 +28,21 @@ def facing(
         return ()
     own = _behind(problem, tables, equations, minimum.point)
     return tuple(each for each in every if not (_behind(problem, tables, equations, each.minimum.point) & ~own).any())
+
+
+def before_cameras(problem: Problem, tables: Mapping[str, Table], equations: Assembled, found: Found) -> Found:
+    """``found`` with that one of its equally low minima as the answer which sees the fewest rows behind a camera."""
+    own = found.minimum
+    alike = [each for each in found.alternatives if equal_costs(each.minimum.cost, own.cost)]
+    if not alike or not any(map(pinholes, equations.groups)):
+        return found
+    behind = [int(_behind(problem, tables, equations, each.point).sum()) for each in (own, *(a.minimum for a in alike))]
+    best = int(np.argmin(behind))
+    if not best:
+        return found
+    answer, former = alike[best - 1], other_minimum(equations, own, 1)
+    rest = tuple(former if each is answer else each for each in found.alternatives)
+    return replace(found, minimum=answer.minimum, alternatives=tuple(sorted(rest, key=lambda a: a.minimum.cost)))
 
 
 @np.errstate(all="ignore")

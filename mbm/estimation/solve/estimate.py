@@ -162,6 +162,11 @@ def estimate(
         from mbm.estimation.search.rival_places import with_rival_places
 
         found = with_rival_places(equations, found, settings, problem, tables)
+    if found.alternatives:
+        # Loaded where there are several minima only.
+        from mbm.estimation.search.facing import before_cameras
+
+        found = before_cameras(problem, tables, equations, found)
     end = reached(problem, robust, settings, found, None if settings.moved is None else settings.moved(key))
     run = Run(
         problem=problem, kernels=kernels, tables=tables, key=key, settings=settings, equations=equations, binder=binder
