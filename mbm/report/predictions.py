@@ -19,7 +19,6 @@ from mbm.problem.residual_units import Modelled, columns_of, observations_of
 from mbm.problem.tables import Column, Provenance, Table
 from mbm.problem.types import Derived, Equation, NoiseKind, Problem
 from mbm.report import faults
-from mbm.report.considered import with_moves
 from mbm.report.frames import frame
 from mbm.report.intervals import Intervals, intervals, level_of
 from mbm.report.quantities import derived_quantity, derived_value, value_elsewhere
@@ -114,8 +113,12 @@ def prediction(
         item = derived_value(problem, solution, own, derived_quantity(problem, derived)) if item is None else item
     else:
         moves = [each.elsewhere(derived.name, table) for each in considered if each.elsewhere is not None]
-        dof = np.array([each.dof for each in considered])
-        item = with_moves(there, np.stack(moves), dof) if moves else there
+        item = there
+        if moves:
+            # Loaded beside uncertain constants only, so that the others start at once.
+            from mbm.report.considered import with_moves
+
+            item = with_moves(there, np.stack(moves), np.array([each.dof for each in considered]))
     return Prediction(
         table=table,
         item=item,
