@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mbm.emit.types import OutputFile
     from mbm.equations.binding import EvaluationCache
     from mbm.equations.interruption import Interruption
+    from mbm.estimation.run import StartsFinder
     from mbm.estimation.settings import Moves
     from mbm.kernels.called_functions import CalledFunctions
     from mbm.kernels.types import KernelSet
@@ -230,12 +231,7 @@ def solved(
     from mbm.estimation.run import solutions
     from mbm.report.run import asked_options, result_of
 
-    found = _requested(found, settings, registry)
-    starts = None
-    if settings.init is not None:
-        from mbm.report.given_starts import given_starts
-
-        starts = given_starts(found.problem, found.tables, settings.init)
+    found, starts = _begun(found, settings, registry)
     forms, workers = registry.closed_forms, settings.workers
     with cache.lock:
         result = result_of(
@@ -272,12 +268,7 @@ def viewed(
     from mbm.estimation.run import solutions
     from mbm.report.view.answers import view_of
 
-    found = _requested(found, settings, registry)
-    starts = None
-    if settings.init is not None:
-        from mbm.report.given_starts import given_starts
-
-        starts = given_starts(found.problem, found.tables, settings.init)
+    found, starts = _begun(found, settings, registry)
     made = solutions(found, kernels, cache, starts, settings.interruption, registry.closed_forms, settings.workers)
     return view_of(found.problem, made, number, seen(found, program, inputs, registry))
 
@@ -308,8 +299,8 @@ def jacobian_doubts(found: Elaborated, kernels: KernelSet, cache: EvaluationCach
     return called_jacobians.jacobian_doubts(found, kernels, cache)
 
 
-def _requested(found: Elaborated, settings: SolveSettings, registry: Registry) -> Elaborated:
-    """The problem as the caller wants it solved.
+def _begun(found: Elaborated, settings: SolveSettings, registry: Registry) -> tuple[Elaborated, StartsFinder | None]:
+    """The problem as the caller wants it solved, and where it is to begin.
 
     Raises:
         MbmError: the method cannot use what the observations say of their errors.
@@ -333,7 +324,11 @@ def _requested(found: Elaborated, settings: SolveSettings, registry: Registry) -
         )
         found = replace(found, problem=asked)
     refuse_mixed_bounds(found.problem)
-    return found
+    if settings.init is None:
+        return found, None
+    from mbm.report.given_starts import given_starts
+
+    return found, given_starts(found.problem, found.tables, settings.init)
 
 
 def emitted(

@@ -24,10 +24,9 @@ from mbm.estimation.sequences.types import Prior, Rules, Track
 from mbm.estimation.sequences.walk import Chained
 from mbm.estimation.trust.plausibility import IMPROBABLE
 from mbm.estimation.uncertainty.degrees import common
-from mbm.estimation.uncertainty.derived import reported
+from mbm.estimation.uncertainty.derived import reported, widths
 from mbm.estimation.uncertainty.variance import fit_statistics
 from mbm.kernels.types import KernelSet
-from mbm.problem.manifold import manifold_of
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.text.types import Diagnostic
@@ -353,10 +352,7 @@ def _each_derived(walked: Walked, own: OwnSteps) -> list[tuple[DerivedSolution, 
 def _one(walked: Walked, own: OwnSteps, numbers: Floats, owner: int) -> tuple[DerivedSolution, Deviations]:
     derived = walked.problem.derived[owner]
     rows = len(walked.tables[derived.table]) if derived.table is not None else 1
-    count = size = len(derived.cases[0].values) if derived.cases else 0
-    if derived.kind is not None:
-        shape = manifold_of(derived.kind.value, derived.dimension, 0)
-        count, size = shape.size, shape.tangent
+    count, size = widths(derived)
     values = np.full((rows, count), np.nan)
     spread = Deviations.blank(rows, size, len(own.places.free))
     for each in walked.told.binder.derived(walked.kernels, owner):

@@ -78,10 +78,7 @@ class Propagation:
     def _one(self, owner: int) -> DerivedSolution:
         derived = self.problem.derived[owner]
         rows = len(self.binder.tables[derived.table]) if derived.table is not None else 1
-        numbers = size = len(derived.cases[0].values) if derived.cases else 0
-        if derived.kind is not None:
-            shape = manifold_of(derived.kind.value, derived.dimension, 0)
-            numbers, size = shape.size, shape.tangent
+        numbers, size = widths(derived)
         width = self.equations.dimension
         values, sigma = np.full((rows, numbers), np.nan), np.full((rows, size), np.nan)
         known = common(self.outcome.freedoms.dof, sigma.shape)
@@ -172,6 +169,14 @@ class Propagation:
             return np.full(shape, bool(held[group.reached[group.reached < len(held)]].any()))
         of_output = kernel.jacobian_rows[:, None] == np.arange(kernel.outputs)
         return np.broadcast_to(held[group.touched[:, kernel.jacobian_columns]] @ of_output, shape)
+
+
+def widths(derived: Derived) -> tuple[int, int]:
+    """How many numbers a value of a derived quantity has, and how many coordinates its errors."""
+    if derived.kind is None:
+        return (len(derived.cases[0].values) if derived.cases else 0,) * 2
+    shape = manifold_of(derived.kind.value, derived.dimension, 0)
+    return shape.size, shape.tangent
 
 
 def reported(derived: Derived, values: Floats) -> Floats:
