@@ -155,3 +155,16 @@ def test_cameras_that_do_not_divide_by_the_depth(points, focal, numbers, count):
 def test_pinholes_of_which_some_numbers_are_known(camera, numbers, lens, expected):
     data = views(plate(0.0, 1), lambda places: pinhole(places, (800.0, 816.0), lens), 0.5, 5)
     calibrated(camera, numbers, data, expected)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("count", [4, 5])
+def test_few_points_of_space_tell_a_focal_length(count, seed):
+    """Four have eight coordinates for seven unknowns: χ² is small, and the focal length is that of OpenCV's images."""
+    points = np.array(
+        [[0.1, 0.0, 0.0], [-0.1, 0.05, 0.02], [0.0, -0.1, 0.05], [0.02, 0.08, -0.09], [-0.05, -0.02, -0.08]]
+    )
+    data = views(points[:count], lambda places: pinhole(places, (900.0, 900.0)), 0.5, seed, 3)
+    solved = mbm.loads(TEXT.format(camera=":focal f :center (320 240)", numbers="(f)")).solve(data={"d": data})
+    assert solved.first.cost < solved.first.dof + 5 * np.sqrt(2 * solved.first.dof)
+    assert abs(float(solved["f"].value) - 900.0) < 5 * float(solved["f"].sigma)

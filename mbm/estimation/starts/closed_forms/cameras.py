@@ -20,7 +20,15 @@ from mbm.estimation.starts.closed_forms.numerics.planes import (
     homography,
     likeliest_camera,
 )
-from mbm.estimation.starts.closed_forms.numerics.space import FISHEYES, fisheye_in_space, pinhole_in_space
+from mbm.estimation.starts.closed_forms.numerics.space import (
+    DEEP,
+    FISHEYES,
+    fisheye_in_space,
+    in_space,
+    off_plane,
+    one_focal_length,
+    pinhole_in_space,
+)
 from mbm.estimation.starts.closed_forms.rows import Piece, Rows
 from mbm.estimation.starts.closed_forms.types import Candidate, Situation, Support
 from mbm.expression.evaluate import evaluate
@@ -103,10 +111,6 @@ def _at_rows(situation: Situation, piece: Piece, given: Floats, leaf: Leaf) -> F
 
 LEAST_POINTS = 4
 """Points of a plane that tell its homography."""
-
-LEAST_IN_SPACE, DEEP = 6, 0.03
-"""Points of space that tell the camera by their image, and their extent across the likeliest plane beside the largest
-from which on they do, whatever the noise."""
 
 LEVELLED = 1e-9
 """Extent of points of a plane across it, beside the largest, that rounding leaves."""
@@ -301,6 +305,9 @@ def _scaled(lens: Lens, views: Sequence[Seen], about: Knowledge, known: Floats, 
         focal = np.where(np.isnan(known), scales, known)
         poses = [parallel_poses(points, image / focal, DEEP)[:2] for points, image in views]
         return Told(focal=focal, centre=np.zeros(2), poses=tuple((R[0], t[0]) if len(R) else None for R, t in poses))
+    few = [view for view in views if off_plane(view[0])]
+    if few and not spatial and lens is Lens.PINHOLE and about.one_focal and about.centred:
+        return Told(focal=np.full(2, one_focal_length(few, ahead)), centre=np.zeros(2), poses=(None,) * len(views))
     if not spatial:
         return _of_planes(lens, views, about, known, ahead)
     if lens is Lens.FISHEYE:
@@ -309,11 +316,6 @@ def _scaled(lens: Lens, views: Sequence[Seen], about: Knowledge, known: Floats, 
         found = pinhole_in_space(spatial, ahead)
     # the poses then follow from the camera
     return None if found is None else Told(focal=found[0], centre=found[1], poses=(None,) * len(views))
-
-
-def in_space(points: Floats, _image: Floats | None = None) -> bool:
-    """Whether images of points (n, 3), in axes of their own, tell of space."""
-    return len(points) >= LEAST_IN_SPACE and bool(np.ptp(points[:, 2]) > DEEP * np.ptp(points[:, 0]))
 
 
 def _of_planes(lens: Lens, views: Sequence[Seen], about: Knowledge, known: Floats, ahead: float) -> Told | None:

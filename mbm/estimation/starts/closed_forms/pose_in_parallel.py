@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.starts.closed_forms.cameras import DEEP
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points
 from mbm.estimation.starts.closed_forms.numerics.parallel import parallel_poses
+from mbm.estimation.starts.closed_forms.numerics.space import DEEP
 from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Plan, Situation
 from mbm.values import dataclass
 

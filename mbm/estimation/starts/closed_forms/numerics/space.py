@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from mbm.equations.types import Floats
+from mbm.estimation.starts.closed_forms.numerics.bearings import poses_from_bearings
 from mbm.values import dataclass
 
 Views = Sequence[tuple[Floats, Floats]]
@@ -22,11 +23,28 @@ Views = Sequence[tuple[Floats, Floats]]
 FISHEYES = np.geomspace(0.15, 10.0, 31)
 """Focal lengths of fisheyes that are tried, beside the extent of what is seen: from all around to 6°."""
 
+PINHOLES = np.geomspace(0.25, 16.0, 25)
+"""The same of pinholes, from 127° to 4°."""
+
+LEAST_IN_SPACE, DEEP = 6, 0.03
+"""Points of space that tell the camera by their image, and their extent across the likeliest plane beside the largest
+from which on they do, whatever the noise."""
+
 DIRECTIONS, WITH_CENTRE = 8, 12
 """Points by which directions from a known centre tell the pose, and by which they tell the centre, too."""
 
 DEPTHS = 8
 """Newton's steps to a depth."""
+
+
+def in_space(points: Floats, _image: Floats | None = None) -> bool:
+    """Whether images of points (n, 3), in axes of their own, tell of space."""
+    return len(points) >= LEAST_IN_SPACE and off_plane(points)
+
+
+def off_plane(points: Floats) -> bool:
+    """Whether points (n, 3), in axes of their own, lie so far off their plane."""
+    return bool(np.ptp(points[:, 2]) > DEEP * np.ptp(points[:, 0]))
 
 
 def projection(places: Floats, images: Floats) -> Floats:
@@ -61,6 +79,29 @@ def pinhole_in_space(views: Views, ahead: float) -> tuple[Floats, Floats] | None
         return None
     middle = np.median(known, axis=0)
     return middle[:2], middle[2:]
+
+
+def one_focal_length(views: Views, ahead: float) -> float:
+    """Of a pinhole whose centre is at 0 that of a table by which the views of four points or more have the best poses.
+
+    Images are of the size of one.
+    """
+    lengths = PINHOLES
+    for finer in (True, False):
+        best = int(np.argmin([sum(_led_off(*view, length, ahead) for view in views) for length in lengths]))
+        if finer:
+            step = PINHOLES[1] / PINHOLES[0]
+            lengths = lengths[best] * np.geomspace(1 / step, step, 9)
+    return float(lengths[best])
+
+
+def _led_off(points: Floats, image: Floats, length: float, ahead: float) -> float:
+    """How far points are seen (mean) from where a pinhole at its best pose has them."""
+    bearings = ahead * np.column_stack([image / length, np.ones(len(image))])
+    turns, shifts = poses_from_bearings(points, bearings / np.linalg.norm(bearings, axis=1)[:, None])
+    places = np.einsum("kij,nj->kni", turns, points) + shifts[:, None]
+    off = np.linalg.norm(length * places[..., :2] / places[..., 2:] - image, axis=2).mean(axis=1)
+    return float(off.min(initial=np.inf))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
