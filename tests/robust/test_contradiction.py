@@ -74,6 +74,19 @@ def test_without_the_worst_row_the_cost_falls_by_what_is_said():
     assert 0.5 * fallen < saved < 2.0 * fallen
 
 
+@pytest.mark.parametrize("false", [0, 5])
+def test_false_loops_go_on_drawing_at_a_convex_loss(false):
+    """Five of them draw the poses off by more than the noise does; there are none, and nothing is said."""
+    text, made = GRAPHS["plane"]
+    text = re.sub(r"(:sigma \[[^\]]*\])", r"\1 :loss huber", text.format(robust="none"))
+    data, _, true = made(false, 0)
+    found = mbm.loads(text).solve(data=data)
+    assert (found.status == "ok") == (not false)
+    said = [int(row) for each in told(found.first) for row in re.findall(r"(\d+) \(", each.message)]
+    assert len(said) == false
+    assert all(row > true for row in said)
+
+
 def test_rejected_rows_are_no_contradiction():
     text, made = GRAPHS["plane"]
     data, _, _ = made(5)

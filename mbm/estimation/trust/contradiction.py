@@ -1,7 +1,8 @@
 """Rows of a pose graph that the others contradict: a false loop bends all that it spans, and its own residual is small.
 
 What shows it is the residual over the root of its redundancy (Baarda 1968): its square is what χ² falls by, without
-that number. Under true noise it is a standard normal variate, however little a row is checked by others.
+that number. Under true noise it is a standard normal variate, however little a row is checked by others. A convex loss
+bounds the pull of such rows, but goes on being drawn by them; what they cost is then the least that χ² falls by.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from math import log, sqrt
 
 import numpy as np
 
-from mbm.equations.assembly import Assembled
+from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.binding import Group
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
@@ -62,7 +63,10 @@ def contradictions(
     problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, observed: Observability
 ) -> tuple[Diagnostic, ...]:
     """A warning for each clause of a pose graph some of whose rows the others contradict, at a minimum."""
-    if not minimum.reason.converged or equations.lossy or len(minimum.residuals) != equations.count:
+    if not minimum.reason.converged or len(minimum.residuals) != equations.count:
+        return ()
+    losses = loss_lines(equations) if equations.lossy else ()
+    if losses and (problem.estimates_noise or equations.rows is not None or any(not loss.convex for loss, _ in losses)):
         return ()
     poses = [e for e in equations.layout.entries if e.unknown.kind is UnknownKind.POSE and e.members > 1]
     if not poses:
@@ -82,11 +86,15 @@ def contradictions(
     misfits[slice(None) if equations.rows is None else equations.rows] = np.where(
         redundancy > UNCHECKED, np.abs(residuals) / np.sqrt(redundancy), 0.0
     )
+    falls = np.square(misfits)
+    if losses:  # false rows bend the others less, and are far out themselves
+        misfits, falls = np.abs(equations.plain_residuals(minimum.point)), np.square(residuals)
     freedom = float(redundancy.sum())
-    every = [_edges(group, entry, misfits) for group, entry in pairs]
+    every = [_edges(group, entry, misfits, falls) for group, entry in pairs]
     width = max(group.kernel.outputs for group, _ in pairs)
     without = max(cost - max(float(each.falls.max()) for each in every), ROUNDED * cost)
-    scatter = sqrt(without / (freedom - width)) if freedom >= FEWEST + width else np.inf
+    told = freedom >= FEWEST + width and not losses
+    scatter = sqrt(without / (freedom - width)) if told else np.inf
     found = []
     for owner in sorted({group.kernel.owner for group, _ in pairs}):
         block = problem.blocks[owner]
@@ -123,15 +131,13 @@ def _released(minimum: Minimum) -> Floats:
     return np.asarray(minimum.residuals - minimum.jacobian @ step)
 
 
-def _edges(group: Group, entry: Entry, misfits: Floats) -> _Edges:
+def _edges(group: Group, entry: Entry, misfits: Floats, falls: Floats) -> _Edges:
     from mbm.estimation.starts.closed_forms.relative_poses import related
     from mbm.estimation.starts.closed_forms.trees import behind_one_another
 
-    own = misfits[group.first : group.first + group.count].reshape(group.rows, -1)
-    falls = np.square(own).sum(axis=1)
-    return _Edges(
-        group=group, misfits=own.max(axis=1), falls=falls, early=behind_one_another(entry, *related(group, entry))
-    )
+    own, fall = (each[group.first : group.first + group.count].reshape(group.rows, -1) for each in (misfits, falls))
+    early = behind_one_another(entry, *related(group, entry))
+    return _Edges(group=group, misfits=own.max(axis=1), falls=fall.sum(axis=1), early=early)
 
 
 def _beyond(edges: list[_Edges], limit: float) -> tuple[Indices, Floats]:
