@@ -245,6 +245,13 @@ KINDS: Mapping[str, Kind] = {
         lambda rng, runs: {"y": 1.0 * rng.poisson(30.0, (runs, 8))},
         {"a": 30.0},
     ),
+    "a tenth of each reading as sigma, 20 rows": scatter(
+        problem("(b :init 1)", "(= y (* b x)) :sigma (* 10% y)"),
+        np.arange(1.0, 21.0),
+        2.0 * np.arange(1.0, 21.0),
+        normal(0.2 * np.arange(1.0, 21.0)),
+        {"b": 2.0},
+    ),
     "quadratic calibration read backwards": _backwards("(+ a (* b {0}) (* c {0} {0}))", 2, 0.05, (ONE, ONE), 0.1),
     "calibration with stated noise, sample without": _backwards("(+ a (* b {0}))", 3, 0.2, ("0.05", "unknown"), 0.0),
     "equal errors in both coordinates, 5 rows": _both(5, 0.3, 0.3, ":sigma 0.3 :errors ((x 0.3))"),
