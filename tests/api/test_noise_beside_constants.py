@@ -62,3 +62,13 @@ def test_as_many_constants_as_degrees_of_freedom_leave_the_noise_as_it_is() -> N
     found = mbm.loads(text).solve(data={"d": {"x": X[:3], "y": Y[:3]}})
     exact = mbm.loads(text.replace(":sigma 1.0", "")).solve(data={"d": {"x": X[:3], "y": Y[:3]}})
     assert found["a"].sigma > exact["a"].sigma
+
+
+def test_constants_that_move_no_residuals_take_none_of_them() -> None:
+    text = LINE.format(s=0.1, each="", observed=ONE)
+    idle = text.replace("(constants", "(constants " + " ".join(f"(g{k} 0 :sigma 0.3)" for k in range(6)))
+    idle = idle.replace("(unknowns", "(derive (q (+ a " + " ".join(f"g{k}" for k in range(6)) + "))) (unknowns")
+    plain, beside = (mbm.loads(each).solve(data={"d": {"x": X, "y": Y}}) for each in (text, idle))
+    # 1e-5: the derivatives of constants are halves of differences of two solves
+    assert beside["a"].sigma == pytest.approx(plain["a"].sigma, rel=1e-5)
+    assert beside["a"].dof == pytest.approx(plain["a"].dof, rel=1e-4)

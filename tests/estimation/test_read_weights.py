@@ -50,3 +50,11 @@ def test_where_it_does_not_matter() -> None:
     assert said("(sqrt model)", y=COUNTS[0]) == [[]]
     assert said("5", y=COUNTS[0]) == [[]]
     assert said("(sqrt z)", y=COUNTS[0], z=COUNTS[1]) == [[]]
+
+
+def test_deviations_that_fall_with_readings_favour_the_high_ones() -> None:
+    y = 10.0 * (1.0 + 0.05 * np.random.default_rng(1).normal(size=100))
+    ((low,),), ((high,),) = said("(* 5% y)", y=y), said("(/ 5 y)", y=y)
+    assert "came out low weigh more" in low
+    assert "came out high weigh more" in high
+    assert np.sum(y**3) / np.sum(y**2) > y.mean() > np.sum(1 / y) / np.sum(1 / y**2)  # means with these weights

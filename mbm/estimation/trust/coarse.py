@@ -211,7 +211,8 @@ WEIGHT_SHIFT = 0.35
 
 @np.errstate(all="ignore")
 def weights_from_readings(fits: Fits) -> Said:
-    """Clauses whose stated standard deviations follow the readings: those that came out low then weigh too much.
+    """Clauses whose stated standard deviations follow the readings: those that came out low then weigh too much, or
+    those that came out high where the deviations fall with them.
 
     With σ(y) of readings y = μ + e, e/σ² is −2 σ′/σ on average, to first order: whitened, all readings are 2 σ′ low.
     """
@@ -223,7 +224,8 @@ def weights_from_readings(fits: Fits) -> Said:
         mine = np.where(fits.solves.of_blocks((owner,)), low, 0.0)
         shift = np.sqrt(np.square(np.einsum("kmi,km->ki", fits.basis, mine)).sum(axis=-1))
         for place in np.flatnonzero(shift > WEIGHT_SHIFT).tolist():
-            yield place, partial(faults.weights_from_readings, block.span, block.name, float(shift[place]))
+            end = "low" if mine[place].sum() > 0.0 else "high"
+            yield place, partial(faults.weights_from_readings, block.span, block.name, float(shift[place]), end)
 
 
 def _steepness(lines: Lines, fits: Fits) -> Floats | None:

@@ -79,9 +79,9 @@ COARSE_READINGS = Code(
 )
 WEIGHTS_FROM_READINGS = Code(
     "weights-from-readings",
-    "The standard deviations that are stated follow the readings themselves. Readings that came out low then weigh "
-    "more than others, and draw the estimates to themselves: counts with the root of each count as its standard "
-    "deviation are estimated one too low, however many rows there are (a warning).",
+    "The standard deviations that are stated follow the readings themselves. Readings that came out low, or high "
+    "where they fall with them, then weigh more than others, and draw the estimates to themselves: counts with the "
+    "root of each count as its standard deviation are estimated one too low, however many rows there are (a warning).",
     "Let the standard deviation follow the model: `:sigma (sqrt model)`, `(* 5% model)`; of counts say "
     "`:distribution poisson`.",
 )
@@ -272,12 +272,15 @@ def coarse_readings(span: Span, name: str, scatter: float, *, counts: bool) -> D
     )
 
 
-def weights_from_readings(span: Span, name: str, shift: float) -> Diagnostic:
-    """The ``shift`` of estimates, in standard deviations, by weights that follow the readings of a clause."""
+def weights_from_readings(span: Span, name: str, shift: float, end: str) -> Diagnostic:
+    """The ``shift`` of estimates, in standard deviations, by weights that follow the readings of a clause.
+
+    ``end`` names the readings that weigh more, ``low`` or ``high``.
+    """
     return Diagnostic(
         code=WEIGHTS_FROM_READINGS,
-        message=f"the standard deviations of `{name}` follow its own readings, so that those that came out low weigh "
-        f"more: that draws the estimates by some {shift:.2g} standard deviations",
+        message=f"the standard deviations of `{name}` follow its own readings, so that those that came out {end} "
+        f"weigh more: that draws the estimates by some {shift:.2g} standard deviations",
         place=span,
         hint=WEIGHTS_FROM_READINGS.mend,
         severity=Severity.WARNING,

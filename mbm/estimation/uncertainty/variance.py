@@ -85,16 +85,23 @@ VARIANCE_ROUNDS = 50
 """Of Fisher's scoring for the variance of one unknown noise beside constants: each leaves less than a half."""
 
 
+UNMOVED = 1e-12
+"""Of the variance of residuals: what constants add to one direction of them that counts as nothing."""
+
+
 def beside_constants(residuals: Floats, moves: Floats, dof: int) -> Noise:
     """The factor of one noise of all residuals e (m,), which uncertain constants move by ``moves`` D (k, m).
 
     The restricted likelihood of e, whose covariance is v M + Dᵀ D with the projector M on what the unknowns leave: its
-    variance v by Fisher's scoring, and twice v² by the variance of that, the degrees of freedom. As many constants as
-    degrees of freedom may take up all residuals: then the factor is as without them, if anything too large.
+    variance v by Fisher's scoring, and twice v² by the variance of that, the degrees of freedom. Moves in as many
+    directions as there are degrees of freedom may take up all residuals: then the factor is as without them, if
+    anything too large.
     """
-    _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
-    apart, along = np.square(lengths), np.square(axes @ residuals)
     cost = float(residuals @ residuals)
+    _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
+    moving = np.square(lengths) > UNMOVED * cost / dof
+    lengths, axes = lengths[moving], axes[moving]
+    apart, along = np.square(lengths), np.square(axes @ residuals)
     rest, left = max(cost - float(along.sum()), 0.0), dof - len(lengths)
     if left <= 0 or not rest > 0.0:
         return Noise(factor=sqrt(cost / dof), state=NoiseState.ESTIMATED)
