@@ -17,6 +17,7 @@ from mbm.estimation.starts.closed_forms.planes import PLANES
 from mbm.estimation.starts.closed_forms.pose_from_points import POSE_FROM_POINTS
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES
 from mbm.estimation.starts.closed_forms.similarity import SIMILARITY
+from mbm.estimation.starts.closed_forms.structure_from_motion import STRUCTURE_FROM_MOTION
 from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan
 from mbm.testing.closed_forms import ClosedFormSample, check_closed_form
 from mbm.testing.requirement import NotConformingError
@@ -80,6 +81,25 @@ def _calibration() -> ClosedFormSample:
           (observe d (= [u v] (project cam (transform (T view) [x y 0])))))""",
         numbers={**{n: np.array(v) for n, v in camera.items()}, "T": np.array(numbers)},
         data=table(**{n: np.array(v) for n, v in columns.items()}),
+    )
+
+
+def _pair() -> ClosedFormSample:
+    """A camera that moves 2 m to the right, and then a quarter of a turn about its own axis; a distance is known."""
+    points = MANY + np.array([0.5, 0.2, 5.0])
+    moved = np.stack([-points[:, 1], points[:, 0] - 2.0, points[:, 2]], axis=1)
+    seen = np.concatenate([points[:, :2] / points[:, 2:], moved[:, :2] / moved[:, 2:]])
+    keys = np.arange(16.0)
+    views = {"view": np.repeat([0.0, 1.0], 16), "key": np.tile(keys, 2), "u": seen[:, 0], "v": seen[:, 1]}
+    return ClosedFormSample(
+        text=f"""(problem p (data points external :key key) (data d external)
+          (camera cam :focal (1 1) :center (0 0))
+          (unknowns (T (pose 3)) (X (vector 3) :per points))
+          (observe first d (= [u v] (project cam (X key))) :when (= view 0))
+          (observe second d (= [u v] (project cam (transform T (X key)))) :when (= view 1))
+          (observe apart (= {np.linalg.norm(points[0] - points[1])} (distance (X 0) (X 1)))))""",
+        numbers={"T": np.array([*QUARTER, 0.0, -2.0, 0.0]), "X": points},
+        data={"points": {"key": keys}, "d": views},
     )
 
 
@@ -166,6 +186,7 @@ SAMPLES: dict[str, tuple[ClosedForm, ClosedFormSample]] = {
     ),
     "calibration": (PLANAR_CALIBRATION, _calibration()),
     "graph": (RELATIVE_POSES, _graph()),
+    "pair": (STRUCTURE_FROM_MOTION, _pair()),
     "poses": (
         MEASURED,
         ClosedFormSample(

@@ -14,6 +14,7 @@ from mbm.estimation.starts.closed_forms.pose_in_parallel import POSE_IN_PARALLEL
 from mbm.estimation.starts.closed_forms.pose_in_product import POSE_IN_PRODUCT
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES
 from mbm.estimation.starts.closed_forms.similarity import SIMILARITY
+from mbm.estimation.starts.closed_forms.structure_from_motion import STRUCTURE_FROM_MOTION
 from mbm.estimation.starts.closed_forms.types import ClosedForm
 
 STANDARD: tuple[ClosedForm, ...] = (
@@ -26,6 +27,7 @@ STANDARD: tuple[ClosedForm, ...] = (
     POSE_FROM_POINTS,
     POSE_IN_PARALLEL,
     INTERSECTION,
+    STRUCTURE_FROM_MOTION,
     PLANAR_CALIBRATION,
     MEASURED,
     RELATIVE_POSES,

@@ -111,7 +111,7 @@ def poses_from_bearings(
     basis = np.linalg.svd(root[:, :9])[2][:-5:-1]
     least = np.linalg.lstsq(root[:, :9], -root[:, 9], rcond=None)[0]
     nearby = np.concatenate([basis, -basis, least[None]]) if eyes.any() else np.concatenate([basis, -basis])
-    R = _descended(np.concatenate([nearest(nearby.reshape(-1, 3, 3)), _cube()]), root)
+    R = _descended(np.concatenate([nearest(nearby.reshape(-1, 3, 3)), some_rotations()]), root)
     lifts = _lifted(R)
     cost = np.square(lifts @ root.T).sum(axis=1)
     t = lifts @ elimination.T
@@ -127,7 +127,7 @@ def _lifted(R: Floats) -> Floats:
     return np.concatenate([R.reshape(-1, 9), np.ones((len(R), 1))], axis=1)
 
 
-def _cube() -> Floats:
+def some_rotations() -> Floats:
     """The 24 rotations of a cube, tilted so that none is a critical point by symmetry."""
     axes = [np.eye(3)[list(p)] for p in ((0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2))]
     signs = [np.diag([a, b, c]) for a in (1.0, -1.0) for b in (1.0, -1.0) for c in (1.0, -1.0)]
