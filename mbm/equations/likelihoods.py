@@ -43,7 +43,8 @@ class Readings:
     ``shifted`` those of them that are `SHIFT` too large. ``surprise`` (rows,) is −log L_max, ``excess`` (rows,) by how
     much the deviance of a row is expected to be more than that of a normal reading; infinite where its distribution is
     another one. ``limits`` (rows,) are only limits of values. ``scales`` are unknowns that scales have of their own,
-    ``rounded``: one of rounded readings is.
+    ``rounded``: one of rounded readings is. ``rising``: there are counts or limits, whose likelihood can rise towards
+    infinite values.
     """
 
     plain: tuple[Whitener, ...]
@@ -54,6 +55,7 @@ class Readings:
     limits: Mask
     scales: tuple[str, ...]
     rounded: bool
+    rising: bool
 
 
 def readings(
@@ -85,7 +87,8 @@ def readings(
             uncounted += [i >= size for i in range(len(errors.residuals))]
             shifted += [size <= i < 2 * size for i in range(len(errors.residuals))]
         offset += size
-    scaled = [each.likelihood for each in case.equations if each.likelihood is not None and each.likelihood.scales]
+    all_errors = [each.likelihood for each in case.equations if each.likelihood is not None]
+    scaled = [each for each in all_errors if each.scales]
     return Readings(
         plain=tuple(plain),
         uncounted=np.array(uncounted, dtype=bool),
@@ -94,6 +97,7 @@ def readings(
         excess=excess,
         limits=limits,
         rounded=any(each.truncation is not None and each.truncation.step is not None for each in scaled),
+        rising=bool(limits.any()) or any(each.law.counts for each in all_errors),
         scales=tuple(dict.fromkeys(name for each in scaled for name in each.scales)),
     )
 

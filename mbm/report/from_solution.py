@@ -178,7 +178,7 @@ def _status(
     outside = next((each.message for each in solution.diagnostics if each.code == BEYOND_BOUNDS), None)
     broken = violated_sentence(constraints) or outside
     if not reason.converged:
-        said = (reason.sentence, broken, _wants_a_start(problem, solution))
+        said = (reason.sentence, broken, _endless(problem, solution, names) or _wants_a_start(solution))
         return SolveStatus.NOT_CONVERGED, "; ".join(each for each in said if each is not None)
     if broken is not None:
         return SolveStatus.INFEASIBLE, broken
@@ -187,19 +187,28 @@ def _status(
     return SolveStatus.CONVERGED, reason.sentence
 
 
-def _wants_a_start(problem: Problem, solution: Solution) -> str | None:
-    """Of which unknowns a start might help, or a limit, where none of the starts that were tried led to a minimum."""
+def _endless(problem: Problem, solution: Solution, names: tuple[str, ...]) -> str | None:
+    """What has to be bounded where the likelihood rises towards infinite values."""
+    if solution.minimum.reason is not Reason.FLAT or not _may_rise_forever(problem):
+        return None
+    free = dict.fromkeys(name for each in free_directions(solution, names) for name in each.unknowns)
+    if not free:
+        return None
+    return f"the likelihood may be highest in the infinite: give a prior or `:in`, which bound {_listed(tuple(free))}"
+
+
+def _wants_a_start(solution: Solution) -> str | None:
+    """Of which unknowns a start might help where none of the starts that were tried led to a minimum."""
     tally, layout = solution.tally, solution.layout
     if tally is None or tally.converged or solution.minimum.reason is Reason.INTERRUPTED:
         return None
     open_to = np.isnan(layout.start) | layout.guessed
-    names = [entry.unknown.name for entry in layout.entries if bool(open_to[entry.range].any())]
-    listed = ", ".join(f"`{name}`" for name in names[:MOST_WANTED]) + (" …" if len(names) > MOST_WANTED else "")
-    if not names:
-        return None
-    if solution.minimum.reason is Reason.FLAT and not solution.observability.observable and _may_rise_forever(problem):
-        return f"the likelihood may be highest in the infinite: give a prior or `:in`, which bound {listed}"
-    return f"no start led to a minimum: give `:init` or a narrow `:in` of {listed}"
+    names = tuple(entry.unknown.name for entry in layout.entries if bool(open_to[entry.range].any()))
+    return f"no start led to a minimum: give `:init` or a narrow `:in` of {_listed(names)}" if names else None
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return ", ".join(f"`{name}`" for name in names[:MOST_WANTED]) + (" …" if len(names) > MOST_WANTED else "")
 
 
 def _may_rise_forever(problem: Problem) -> bool:

@@ -186,6 +186,26 @@ def test_where_trials_are_separated_a_bound_is_wanted():
     solve = mbm.loads(text).solve().first
     assert solve.status == "not-converged"
     assert solve.message.endswith("may be highest in the infinite: give a prior or `:in`, which bound `a`, `b`")
+    assert solve.record.starts.converged == 0
+
+
+@pytest.mark.parametrize(
+    ("unknowns", "model", "wanted"),
+    [
+        ("(a)", "(exp a) :distribution poisson", "`a`"),
+        ("(a) (b)", "(exp (+ a (* b x))) :distribution poisson", "`a`, `b`"),
+        ("(a)", "(/ 10 (+ 1 (exp a))) :distribution (binomial 10)", "`a`"),
+    ],
+)
+def test_rates_without_a_count_that_never_come_to_zero_want_a_bound(unknowns: str, model: str, wanted: str):
+    """exp(−Σ exp(a + b x)) is highest in the infinite, however small the expectations get on the way."""
+    mean, law = model.split(" :")
+    text = f"""(problem p (data d (table (x k) (0 0) (1 0) (2 0) (3 0))) (unknowns {unknowns})
+      (observe d (= k {mean}) :{law}))"""
+    solve = mbm.loads(text).solve().first
+    assert solve.status == "not-converged"
+    assert solve.message.endswith(f"may be highest in the infinite: give a prior or `:in`, which bound {wanted}")
+    assert np.isnan(float(solve["a"].sigma))
 
 
 def test_where_no_start_leads_to_a_minimum_the_starts_that_are_missing_are_named():

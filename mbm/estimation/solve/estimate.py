@@ -43,7 +43,7 @@ from mbm.estimation.trust.unexamined import unexamined
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.freedom import with_motions
 from mbm.estimation.uncertainty.gauge import with_gauge
-from mbm.estimation.uncertainty.informed import informed
+from mbm.estimation.uncertainty.informed import informed, rises_on
 from mbm.estimation.uncertainty.invariance import curved_directions, with_invariances
 from mbm.estimation.uncertainty.observability import limited as beside_limits, observed_at
 from mbm.estimation.uncertainty.statistics import Statistics, cost_of, plain_residuals, statistics
@@ -187,13 +187,21 @@ class Run:
     binder: Binder
 
 
+def _informed(equations: Assembled, minimum: Minimum, tally: Tally | None) -> tuple[Minimum, Tally | None]:
+    """The minimum with what is known there; none that was searched for is one where the likelihood rises on."""
+    minimum = informed(equations, confirmed(equations, minimum))
+    if tally is None or not minimum.reason.converged or not rises_on(equations, minimum):
+        return minimum, tally
+    return replace(minimum, reason=Reason.FLAT), replace(tally, converged=0, best_found=0)
+
+
 def answered(
     run: Run, robust: Prepared, end: Reached, *, tally: Tally | None, origin: str, seconds: Callable[[], float]
 ) -> Solution:
     """What is known at a minimum: the rank decision, the covariance, derived quantities, and what is to be doubted."""
     problem, equations, lock = run.problem, run.equations, run.binder.cache.lock
     weighted = end.equations
-    minimum = informed(weighted, confirmed(weighted, end.minimum))
+    minimum, tally = _informed(weighted, end.minimum, tally)
     observed = decided(equations, weighted, minimum, run.settings, robust.informing)
     outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, robust.tested(minimum.residuals))
     unused = np.flatnonzero(~equations.used & ~equations.layout.fixed)  # coordinates that no equation depends on

@@ -82,6 +82,23 @@ def informed(equations: Assembled, minimum: Minimum) -> Minimum:
     return replace(minimum, blocks=replace(blocks, values=[*told[:count], *blocks.values[count:]]))
 
 
+@np.errstate(all="ignore")
+def rises_on(equations: Assembled, minimum: Minimum) -> bool:
+    """Whether counts or limits still change with what they tell nothing of at an informed minimum: they are ever more
+    probable towards the infinite, and no point on the way is a maximum.
+    """
+    if not equations.likely or minimum.blocks is not None or not minimum.jacobian.size:
+        return False
+    untold = (minimum.at_bound == 0) & ~(minimum.jacobian != 0.0).any(axis=0)
+    rising = np.zeros(equations.whole, dtype=bool)
+    for group, stated in likely(equations.groups):
+        rising[group.first : group.first + group.count] = stated.rising
+    kept = rising if equations.rows is None else rising[equations.rows]
+    if not untold.any() or not kept.any():
+        return False
+    return bool((equations.plain_jacobian(minimum.point)[kept][:, untold] != 0.0).any())
+
+
 AT_END = 100.0
 """Times the information of all rows beyond which the slope of the residual of one is that of a root at its end."""
 
@@ -110,12 +127,12 @@ def _informed(equations: Assembled, minimum: Minimum) -> Minimum:
     told, own = (each.plain_jacobian(minimum.point) for each in (equations.informing(), equations))
     sides = _ends(equations, minimum, np.square(told).sum(axis=0), own)
     length = np.sqrt(np.square(told).sum(axis=0))
-    level = np.zeros(len(length), dtype=bool)
+    level = length == 0.0
     for which in np.flatnonzero(suspects(equations, replace(minimum, at_bound=sides), length)).tolist():
         level[which] = _flat(equations, minimum, np.eye(len(length))[which] / length[which])
     if any(stated.rounded for _, stated in likely(equations.groups)):
         level |= _along_ridges(equations, minimum, np.where(level, 0.0, told))
-        level |= _told_beside(equations, told, level | (length == 0.0))
+        level |= _told_beside(equations, told, level)
         if level.any() and minimum.reason.under_way:  # it is as high farther on
             minimum = replace(minimum, reason=Reason.ROUNDING)
         sides[level] = 0
