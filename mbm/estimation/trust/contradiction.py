@@ -45,6 +45,10 @@ LEAST_MISFIT, ROUNDED = 1e-3, 1e-6
 """Misfits in stated deviations, and shares of χ², that are taken for rounding."""
 
 
+BENT = 2.0
+"""Standard deviations by which rows under a loss draw estimates from which on intervals of 95 % may miss the truth."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Edges:
     """Rows of a group that join two poses: their misfits (rows,), and whether they join neighbours of ordered keys.
@@ -104,7 +108,7 @@ def contradictions(
         relative = ESTIMATED if block.unknown_factor else SCATTER
         stated = np.inf if block.unknown_factor else sqrt(2.0 * log(len(misfits) / IMPROBABLE))
         wrong, falls = _beyond(edges, max(min(stated, relative * scatter), LEAST_MISFIT))
-        if len(wrong):
+        if len(wrong) and (not losses or _bend(minimum, edges, wrong) > BENT):
             table = tables[block.table]
             rows = [(int(table.rows[p]), min(fall, cost)) for p, fall in zip(wrong, falls.tolist(), strict=True)]
             label = Label(table.place(int(wrong[0])), "the worst of them")
@@ -120,15 +124,31 @@ def _released(minimum: Minimum) -> Floats:
     state = minimum.constraints
     if (state is None or not bool(state.forcing.any())) and not bool(minimum.at_bound.any()):
         return minimum.residuals
-    if minimum.blocks is None:
-        step = np.linalg.lstsq(minimum.jacobian, minimum.residuals, rcond=None)[0]
-    else:
-        from scipy.sparse.linalg import LinearOperator, lsmr
+    return np.asarray(minimum.residuals - _followed(minimum, minimum.residuals))
 
-        slopes = minimum.jacobian
-        operator = LinearOperator(slopes.shape, matvec=lambda x: slopes @ x, rmatvec=lambda r: r @ slopes)
-        step = lsmr(operator, minimum.residuals, atol=FREED, btol=FREED, maxiter=MOST_STEPS)[0]
-    return np.asarray(minimum.residuals - minimum.jacobian @ step)
+
+def _followed(minimum: Minimum, residuals: Floats) -> Floats:
+    """What unknowns can follow of ``residuals`` (m,), to first order."""
+    slopes = minimum.jacobian
+    if minimum.blocks is None:
+        return np.asarray(slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0])
+    from scipy.sparse.linalg import LinearOperator, lsmr
+
+    operator = LinearOperator(slopes.shape, matvec=lambda x: slopes @ x, rmatvec=lambda r: r @ slopes)
+    step = lsmr(operator, residuals, atol=FREED, btol=FREED, maxiter=MOST_STEPS)[0]
+    return np.asarray(slopes @ step)
+
+
+def _bend(minimum: Minimum, edges: list[_Edges], wrong: Indices) -> float:
+    """How far the rows ``wrong`` of the table draw estimates, in standard deviations of what they draw farthest."""
+    pull = np.zeros(len(minimum.residuals))
+    for group in (each.group for each in edges):
+        if group.positions is None:
+            continue
+        there = np.repeat(np.isin(group.positions, wrong), group.kernel.outputs)
+        own = slice(group.first, group.first + group.count)
+        pull[own] = np.where(there, minimum.residuals[own], 0.0)
+    return float(np.linalg.norm(_followed(minimum, pull)))
 
 
 def _edges(group: Group, entry: Entry, misfits: Floats, falls: Floats) -> _Edges:
