@@ -56,8 +56,8 @@ def agree_foremost(asked: Asked, equations: Assembled, units: Units) -> list[Agr
 def foremost_ways(equations: Assembled, units: Units, trusted: Mask, settings: Settings) -> list[Way]:
     """From where closed forms of the foremost rows put all unknowns; none where they do not reach some.
 
-    The second way goes over loops, too, that agree with one another. What rules do not touch (priors) counts among
-    these rows.
+    The second way goes over loops, too, that agree with one another, and not over steps that these contradict. What
+    rules do not touch (priors) counts among these rows.
     """
     tree, early = _joining(equations, units, trusted)
     if not (trusted | tree).any():
@@ -67,7 +67,8 @@ def foremost_ways(equations: Assembled, units: Units, trusted: Mask, settings: S
     foremost = trusted | tree | (early & agree if agree.any() else early)
     others = np.setdiff1d(np.unique(equations.every_unit), units.number)
     ways = []
-    for held in (foremost, foremost | agree)[: 2 if bool((agree & ~foremost).any()) else 1]:
+    better = agree | foremost & ~(early & ~agree & ~trusted)
+    for held in (foremost, better)[: 2 if bool((agree & ~foremost).any()) else 1]:
         part = excerpt(equations, equations.free, np.union1d(units.number[held], others))
         situation = Situation(layout=equations.layout, groups=part.groups, numbers=sought, most=ENOUGH)
         start = completions(situation, settings.closed_forms)[0].numbers

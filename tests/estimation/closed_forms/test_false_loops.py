@@ -17,8 +17,11 @@ GRAPH = """(problem graph
   (observe edges (= (pose2 x y a) (between (T from) (T to))) :sigma [0.01 0.03 0.03] %s)"""
 
 
-def graph(false, count=150, true=40):
-    """A walk of 150 steps in a square, 40 true loops, and ``false`` ones between places drawn at random."""
+def graph(false, count=150, true=40, wrong=None):
+    """A walk of 150 steps in a square, 40 true loops, and ``false`` ones between places drawn at random.
+
+    The step ``wrong`` is 2.5 m and 46 degrees off.
+    """
     g = np.random.default_rng(4)
     heading, places = np.zeros(count), np.zeros((count, 2))
     for k in range(1, count):
@@ -36,6 +39,8 @@ def graph(false, count=150, true=40):
         c, s = np.cos(heading[i]), np.sin(heading[i])
         seen = np.array([[c, s], [-s, c]]) @ (places[j] - places[i])
         rows.append((i, j, *(seen + 0.03 * g.normal(size=2)), heading[j] - heading[i] + 0.01 * g.normal()))
+    if wrong is not None:
+        rows[wrong] = tuple(np.add(rows[wrong], (0, 0, 2.0, 1.5, 0.8)))
     for _ in range(false):
         i, j = sorted(g.choice(count, 2, replace=False))
         rows.append((i, j, *g.uniform(-2, 2, 2), g.uniform(-3, 3)))
@@ -60,6 +65,16 @@ def test_false_loops_leave_a_graph_where_it_is(how):
     clean = off(how, 0)
     assert clean < 0.2  # an edge scatters by 0.03
     assert max(off(how, false) for false in (20, 80)) < 2 * clean
+
+
+@pytest.mark.parametrize("how", [":loss tukey)", ") (solve :robust ransac)"])
+@pytest.mark.parametrize("wrong", [52, 110])
+def test_loops_tell_a_wrong_step_of_the_chain(how, wrong):
+    """Those that span it do not close with the chain, and agree with one another, which false loops do not.
+
+    Other loops end at both of its ends, so that it is none of its neighbours.
+    """
+    assert off(how, 20, 150, 40, wrong) < 2 * off(how, 0)
 
 
 @pytest.mark.parametrize("how", ["ransac", "gnc"])

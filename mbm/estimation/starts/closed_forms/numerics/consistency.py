@@ -12,6 +12,7 @@ import numpy as np
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.starts.closed_forms.numerics.chordal import Motions
 from mbm.rotations import cross_matrix, quaternion_of_matrix, vector_of_quaternion
+from mbm.values import dataclass
 
 MOST_LOOPS = 1000
 """Loops that are compared two by two: these take about a second."""
@@ -19,6 +20,9 @@ MOST_LOOPS = 1000
 CLOSES = 4.0
 """Squared misfit of a cycle, beside its expectation, up to which it closes: one in 2,000 true ones does not, and fewer
 where chains have drifted so far that their covariances are those of other places."""
+
+RIVALS = 4
+"""Loops that do not close, but agree with one another, and are no chance: of 200 drawn at random no more than three."""
 
 STRAIGHT = 1e-4
 """Half an angle below which a screw is its chord: rounding is all that is left of the difference."""
@@ -28,34 +32,92 @@ def agreeing_loops(motions: Motions, shifts: Floats, chain: Indices) -> Mask | N
     """Which of the motions (m,) with ``shifts`` (m, d) are the chain or loops that agree; None: there are too many.
 
     ``chain`` are those that join poses 0 … to the next ones, in this order. Where one is missing, loops across the gap
-    are compared with such as join the same pieces.
+    are compared with such as join the same pieces. A step of the chain that is wrong is left out: loops that span it do
+    not close with the chain, and agree with one another.
     """
-    freedom = 3 * shifts.shape[1] - 3
+    cycles = _cycles(motions, shifts, chain)
+    agree = cycles.agreeing(cycles.closed)
+    while agree is not None:
+        step = cycles.wrong_step(agree)
+        rest = chain if step is None else np.delete(chain, step)
+        without = _cycles(motions, shifts, rest) if len(rest) < len(chain) and len(rest) else None
+        more = None if without is None else without.agreeing(without.closed)
+        if without is None or more is None or len(more) <= len(agree):
+            break
+        cycles, agree, chain = without, more, rest
+    if agree is None:
+        return None
+    found = np.zeros(len(motions.first), dtype=bool)
+    found[chain] = True
+    found[agree] = True
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Cycles:
+    """The ``loops`` (k,) among motions, which join poses ``low`` and ``high`` (k,), and the cycles they make.
+
+    ``R`` (k, 3, 3) and ``t`` (k, 3) are the motions that are left of the cycles with the chain, ``own`` (k, 6, 6) their
+    covariances by the loops alone; ``closed`` (k,): these close, or the chain does not join the poses. ``steps`` are
+    the first poses of the chain's; ``piece`` and ``drift``: as `_chained` has them.
+    """
+
+    loops: Indices
+    low: Indices
+    high: Indices
+    R: Floats
+    t: Floats
+    own: Floats
+    closed: Mask
+    limit: float
+    steps: Indices
+    piece: Indices
+    drift: Floats
+
+    def agreeing(self, among: Mask) -> Indices | None:
+        """The motions that are loops ``among`` (k,) the others and agree with one another; None: there are too many."""
+        keep = np.flatnonzero(among)
+        if len(keep) > MOST_LOOPS:
+            return None
+        i, j, R, t, own = self.low[keep], self.high[keep], self.R[keep], self.t[keep], self.own[keep]
+        piece, drift = self.piece, self.drift
+        agree = np.zeros((len(keep), len(keep)), dtype=bool)
+        there = _adjoint(R, t)
+        for k in range(len(keep)):
+            turn = R[k] @ _transposed(R)
+            spread = _between(drift, i, i[k]) + _seen(there[k], _between(drift, j, j[k])) + own + own[k]
+            agree[k] = _squares(turn, t[k] - _applied(turn, t), spread) <= self.limit
+            agree[k] |= (piece[i] != piece[i[k]]) | (piece[j] != piece[j[k]])
+        return self.loops[keep[_clique(agree & agree.T)]]
+
+    def wrong_step(self, agree: Indices) -> int | None:
+        """Which of the ``steps`` all loops span that do not close and agree with one another, and fewest others do."""
+        found = self.agreeing(~self.closed)
+        if found is None or len(found) < RIVALS:
+            return None
+        rivals = np.isin(self.loops, found)
+        spanned = (self.steps >= self.low[rivals].max()) & (self.steps < self.high[rivals].min())
+        others = np.isin(self.loops, agree)
+        through = (self.low[others, None] <= self.steps) & (self.steps < self.high[others, None])
+        return int(np.argmin(np.where(spanned, through.sum(axis=0), len(agree) + 1))) if spanned.any() else None
+
+
+def _cycles(motions: Motions, shifts: Floats, chain: Indices) -> _Cycles:
     R, t, variances = _ahead(motions, shifts)
     low, high = np.minimum(motions.first, motions.second), np.maximum(motions.first, motions.second)
-    turned, moved, piece, drift = _chained(R[chain], t[chain], variances[chain], low[chain], int(high.max()) + 1)
+    steps = low[chain]
+    turned, moved, piece, drift = _chained(R[chain], t[chain], variances[chain], steps, int(high.max()) + 1)
     loops = np.setdiff1d(np.arange(len(R)), chain)
     i, j = low[loops], high[loops]
     R, t = turned[i] @ R[loops], _applied(turned[i], t[loops]) + moved[i]
     own = _seen(_adjoint(R, t), variances[loops][:, :, None] * np.eye(6))
     R = R @ _transposed(turned[j])
     t = t - _applied(R, moved[j])
-    closed = _squares(R, t, _between(drift, i, j) + own) <= CLOSES * freedom
-    keep = closed | (piece[i] != piece[j])
-    loops, i, j, R, t, own = (each[keep] for each in (loops, i, j, R, t, own))
-    if len(loops) > MOST_LOOPS:
-        return None
-    agree = np.zeros((len(loops), len(loops)), dtype=bool)
-    there = _adjoint(R, t)
-    for k in range(len(loops)):
-        turn = R[k] @ _transposed(R)
-        spread = _between(drift, i, i[k]) + _seen(there[k], _between(drift, j, j[k])) + own + own[k]
-        agree[k] = _squares(turn, t[k] - _applied(turn, t), spread) <= CLOSES * freedom
-        agree[k] |= (piece[i] != piece[i[k]]) | (piece[j] != piece[j[k]])
-    found = np.zeros(len(motions.first), dtype=bool)
-    found[chain] = True
-    found[loops[_clique(agree & agree.T)]] = True
-    return found
+    limit = CLOSES * (3 * shifts.shape[1] - 3)
+    closed = (_squares(R, t, _between(drift, i, j) + own) <= limit) | (piece[i] != piece[j])
+    return _Cycles(
+        loops=loops, low=i, high=j, R=R, t=t, own=own, closed=closed, limit=limit, steps=steps, piece=piece, drift=drift
+    )  # fmt: skip
 
 
 def _ahead(motions: Motions, shifts: Floats) -> tuple[Floats, Floats, Floats]:
