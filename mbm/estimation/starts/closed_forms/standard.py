@@ -9,6 +9,7 @@ from mbm.estimation.starts.closed_forms.measured import MEASURED
 from mbm.estimation.starts.closed_forms.multilateration import MULTILATERATION
 from mbm.estimation.starts.closed_forms.planar_calibration import PLANAR_CALIBRATION
 from mbm.estimation.starts.closed_forms.planes import PLANES
+from mbm.estimation.starts.closed_forms.pose_and_focal_length import POSE_AND_FOCAL_LENGTH
 from mbm.estimation.starts.closed_forms.pose_from_points import POSE_FROM_POINTS
 from mbm.estimation.starts.closed_forms.pose_in_parallel import POSE_IN_PARALLEL
 from mbm.estimation.starts.closed_forms.pose_in_product import POSE_IN_PRODUCT
@@ -26,6 +27,7 @@ STANDARD: tuple[ClosedForm, ...] = (
     POSE_IN_PRODUCT,
     POSE_FROM_POINTS,
     POSE_IN_PARALLEL,
+    POSE_AND_FOCAL_LENGTH,
     INTERSECTION,
     STRUCTURE_FROM_MOTION,
     PLANAR_CALIBRATION,
