@@ -243,7 +243,8 @@ def _kind(here: Floats, there: Floats, known: Mask) -> int | None:
 def cameras_of(candidate: Candidate) -> tuple[Indices, tuple[Camera, ...]]:
     """The columns of a candidate's numbers that are of no pose, and the cameras that these are of, each once.
 
-    What fewer rows know of than a plane needs is no camera: not each point of a reconstruction is taken for one.
+    What fewer rows know of than a plane needs is no camera: not each point of a reconstruction is taken for one; nor is
+    what has directions or rotations, such as the axis of a turntable.
     """
     flat = [entry for entry in candidate.entries if not is_pose(entry)]
     columns = np.flatnonzero([any(_within(p, e.range) for e in flat) for p in candidate.places[0].tolist()])
@@ -252,7 +253,7 @@ def cameras_of(candidate: Candidate) -> tuple[Indices, tuple[Camera, ...]]:
     rows = np.zeros(len(places), dtype=np.int64)
     for _, _, member in candidate.lines:
         rows += np.bincount(which.ravel()[member], minlength=len(places))
-    enough = rows >= LEAST_POINTS
+    enough = (rows >= LEAST_POINTS) & all(entry.unknown.manifold.flat for entry in flat)
     places, first = places[enough], first[enough]
     coordinates = candidate.coordinates[np.ix_(first, steps)]
     return columns, tuple(
