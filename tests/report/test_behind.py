@@ -150,3 +150,36 @@ def test_of_equally_low_minima_the_one_before_the_camera_is_the_answer(seed: int
     assert solved.first.record.raw_residuals()["d"].behind == ()
     assert solved.first.cost < 30 + 5 * np.sqrt(2 * 30)  # χ² of as many degrees of freedom
     assert solved["fx"].value * solved["fy"].value > 0.0
+
+
+CARRIED = """
+(problem carried {head}
+  (data d external)
+  (camera cam :axes {axes} :focal (500 500) :center (0 0))
+  {unknowns}
+  (observe d (= [u v] (project cam (+ [x y 0] q))) :sigma 0.1))"""
+
+KINDS = {
+    "for-each": ("(for-each k)", "(unknowns (q (vector 3) {start}))"),
+    "window": ("(window k :length 1 :step 1)", "(unknowns (q (vector 3) {start}))"),
+    "states": ("", "(states :over k (q (vector 3) {start})) (dynamics (= (next q) (+ q [0.02 0 0]) :sigma 0.01))"),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("axes", "ahead"), [("opencv", 1.5), ("opengl", -1.5)])
+@pytest.mark.parametrize("front", [True, False])
+def test_windows_and_states_say_so_too_and_only_behind(kind: str, axes: str, ahead: float, front: bool) -> None:
+    """A square that slides; OpenGL's cameras look along −z, with v upwards. Behind, the same start has the other z."""
+    k, square = np.repeat(np.arange(6.0), 4), np.tile([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]], (6, 1))
+    depth = ahead if front else -ahead
+    seen = 500 * (square + np.stack([0.02 * k, 0 * k], axis=1)) / (depth * np.sign(ahead))
+    seen += np.random.default_rng(0).normal(scale=0.1, size=seen.shape)
+    head, unknowns = KINDS[kind]
+    text = CARRIED.format(head=head, axes=axes, unknowns=unknowns.format(start=f":init [0 0 {depth}]"))
+    data = {"k": k, "x": square[:, 0], "y": square[:, 1], "u": seen[:, 0], "v": seen[:, 1]}
+    solved = mbm.loads(text).solve(data={"d": data})
+    assert len(solved.solves) == (1 if kind == "states" else 6)
+    for solve in solved.solves:
+        said = [each for each in solve.diagnostics if each.code.name == "behind-camera"]
+        assert len(said) == (0 if front else 1)
