@@ -12,22 +12,23 @@ subset of good ones says.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from math import inf, isfinite, sqrt
+from math import inf, isfinite
 from typing import TypeAlias
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.excerpt import excerpt
-from mbm.equations.types import Floats, Noise, NoiseState
+from mbm.equations.types import Floats
 from mbm.estimation.consensus import faults
 from mbm.estimation.consensus.agreeing import agreed, agreed_anywhere
 from mbm.estimation.consensus.parts import agree_in_parts, parts_of
 from mbm.estimation.consensus.rules import independent_columns
+from mbm.estimation.consensus.scales import agree_beside_others, loss_noise
 from mbm.estimation.consensus.truncated import agree_by_losses, fitted, most_agreeing
-from mbm.estimation.consensus.types import Agreed, Asked, Prepared, held_by, observed, with_loss
+from mbm.estimation.consensus.types import Agreed, Asked, Checked, Prepared, held_by, observed, with_loss
 from mbm.estimation.consensus.units import Units, consistency, units_of, without_losses
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.search.starting import Beginning, with_idle_ones
@@ -37,7 +38,7 @@ from mbm.estimation.starts.closed_forms.types import ClosedForm
 from mbm.problem.kinds import ConsensusKind
 from mbm.problem.requests import RandomStarts
 from mbm.problem.types import Consensus, Method, Problem, UnknownKind
-from mbm.solver.decisions import ATTEMPTS, FAR, LEAST_SHARE, MANY_CONNECTED, STATED
+from mbm.solver.decisions import ATTEMPTS, FAR, LEAST_SHARE, MANY_CONNECTED
 from mbm.text.types import Diagnostic, MbmError
 
 Starts: TypeAlias = Callable[[], tuple[Beginning, ...]]
@@ -133,7 +134,7 @@ def _prepared(
     problem, consensus, settings = asked.problem, asked.consensus, asked.settings
     keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
     keep[units.number] = found.inliers
-    factors, noise = _loss_noise(asked, equations, units, found)
+    factors, noise = loss_noise(asked, equations, units, found)
     diagnostics: list[Diagnostic] = []
     told = settled or found.share >= LEAST_SHARE
     if not told:
@@ -153,7 +154,7 @@ def _prepared(
     )
 
 
-def scaled(problem: Problem, equations: Assembled, settings: Settings, search: Starts) -> Prepared:
+def scaled(problem: Problem, equations: Assembled, settings: Settings, search: Starts, checked: Checked) -> Prepared:
     """All units, from where consensus finds the losses' minimum, with noise factors from there; ``search`` as above."""
     unknown = any(block.loss is not None and block.unknown_factor for block in problem.blocks)
     convex = all(loss.convex for loss, _ in loss_lines(equations))
@@ -168,10 +169,12 @@ def scaled(problem: Problem, equations: Assembled, settings: Settings, search: S
     starts = _fitted_plainly(problem, equations, settings, starts)
     asked = replace(asked, held=held_by(equations, starts[0].point, equations.equality))
     few = equations.count < asked.left(equations)
-    found = _all_agree(units, starts[0].point)
-    if not few:
+    found, redundancy = _all_agree(units, starts[0].point), None
+    if problem.sequence is not None and unknown:  # subsets without transitions tell no state
+        found, redundancy = agree_beside_others(asked, equations, units, starts[0].point, checked)
+    elif not few:
         asked, found = _agreed(asked, equations, units, starts)
-    factors, noise = _loss_noise(asked, equations, units, found)
+    factors, noise = loss_noise(asked, equations, units, found, redundancy)
     return Prepared(
         equations=equations,
         starts=starts if few else _from_agreement(found, consensus, settings, starts),
@@ -322,31 +325,6 @@ def _from_agreement(
     if settings.starts is None:
         return (agreeing,)
     return (agreeing, *(starts[1:] if isinstance(settings.starts, RandomStarts) else starts))
-
-
-def _loss_noise(
-    asked: Asked, equations: Assembled, units: Units, found: Agreed
-) -> tuple[Floats | None, Mapping[int, Noise]]:
-    """Factors (all residuals,) and noise of the blocks that have a loss and unknown noise."""
-    problem, left = asked.problem, asked.left(equations)
-    factors = np.ones(equations.whole)
-    noise: dict[int, Noise] = {}
-    total = int(units.components[found.inliers].sum())
-    for number in np.unique(units.group[units.group != STATED]).tolist():
-        if problem.blocks[number].loss is None:
-            continue
-        mine = units.group == number
-        count = int(units.components[mine & found.inliers].sum())
-        redundancy = count * (1.0 - left / total) if total else 0.0
-        variance = float(found.variances[mine].mean())
-        factor = sqrt(variance)
-        exact = variance <= units.rounding[mine & found.inliers].max(initial=0.0)
-        state = NoiseState.NO_REDUNDANCY if redundancy <= 0.0 else NoiseState.EXACT if exact else NoiseState.ESTIMATED
-        if state is not NoiseState.ESTIMATED:
-            factor = 1.0
-        noise[number] = Noise(factor=factor, state=state)
-        factors[equations.block_rows(number)] = factor
-    return (factors, noise) if noise else (None, noise)
 
 
 def _truncation(equations: Assembled, units: Units, kappa: Floats) -> Floats:

@@ -9,14 +9,18 @@ import numpy as np
 from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.losses import loss_weights
 from mbm.equations.types import Floats, Mask, Minimum
-from mbm.estimation.consensus.types import Prepared
+from mbm.estimation.consensus.types import Checked, Prepared
 from mbm.estimation.search.starting import Beginning
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Problem
 
 
 def prepared(
-    problem: Problem, equations: Assembled, settings: Settings, starts: Callable[[], tuple[Beginning, ...]]
+    problem: Problem,
+    equations: Assembled,
+    settings: Settings,
+    starts: Callable[[], tuple[Beginning, ...]],
+    checked: Checked,
 ) -> Prepared:
     """The equations that count, and better starts; what ``starts`` finds where nothing is robust.
 
@@ -31,7 +35,7 @@ def prepared(
 
     if settings.robust is not None:
         return agreeing(problem, equations, settings, settings.robust, starts)
-    return scaled(problem, equations, settings, starts)
+    return scaled(problem, equations, settings, starts, checked)
 
 
 def outliers(equations: Assembled, whole: Floats) -> Mask | None:

@@ -173,7 +173,9 @@ def _settled(fits: _Fits, rule: _Rule, point: Floats) -> tuple[Agreed, float]:
         before = inliers
         point = fits.fitted(point, inliers.astype(float), variances, SETTLED_STEPS)
         squares = fits.squares(point)
-        noise = noise_of_inliers(squares, inliers, variances, units, rule.dimension, rule.cut * variances)
+        noise = noise_of_inliers(
+            squares, inliers, variances, units, shared_out(units, inliers, rule.dimension), rule.cut * variances
+        )
     cost = float(np.nan_to_num(np.minimum(squares, limits) / variances, nan=np.inf).sum())
     if bool((units.group != STATED).any()):  # each way has a noise of its own: the most rows agree, not the closest
         cost = -float(units.components[inliers].sum())
@@ -248,27 +250,34 @@ def _fitted_to_inliers(asked: Asked, plain: Assembled, units: Units, point: Floa
         point = fitted(asked, plain, units, kept).point
         squares = units.squares(plain.plain_residuals(point))
     limits = cut * variances
+    inliers = squares <= limits
+    redundancy = shared_out(units, inliers, left)
     return Agreed(
         point=point,
         inliers=inliers,
         limits=limits,
-        variances=noise_of_inliers(squares, squares <= limits, variances, units, left, limits),
+        variances=noise_of_inliers(squares, inliers, variances, units, redundancy, limits),
     )
 
 
+def shared_out(units: Units, inliers: Mask, dimension: int) -> Floats:
+    """The redundancy (U,) of each of the ``inliers`` (U,), where unknowns are shared out by number of residuals."""
+    total = int(units.components[inliers].sum())
+    return np.asarray(units.components * (1.0 - dimension / total if total else 0.0))
+
+
 def noise_of_inliers(
-    squares: Floats, inliers: Mask, variances: Floats, units: Units, dimension: int, limits: Floats
+    squares: Floats, inliers: Mask, variances: Floats, units: Units, redundancy: Floats, limits: Floats
 ) -> Floats:
-    """The variance (U,) of the noise, as stated or ``SSE/((n − p) κ)`` of the ``inliers`` (U,).
+    """The variance (U,) of the noise, as stated or ``SSE/(r κ)`` of the ``inliers`` (U,) with ``redundancy`` r (U,).
 
     κ is what normal noise has left inside the ``limits`` (U,), which are equal for units of as many components in a
-    group; unknowns are shared out by the number of residuals. Without redundancy ``variances`` (U,) stay.
+    group. Without redundancy ``variances`` (U,) stay.
     """
     noise = variances.copy()
-    total = int(units.components[inliers].sum())
     for group in np.unique(units.group[units.group != STATED]).tolist():
         mine = np.flatnonzero(inliers & (units.group == group))
-        freedom = int(units.components[mine].sum()) * (1.0 - dimension / total) if total else 0.0
+        freedom = float(redundancy[mine].sum())
         if freedom > 0.0:
             least = max(float(units.rounding[mine].max()), 1e-300)
             raw = max(float(squares[mine].sum()) / freedom, least)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
 
@@ -58,6 +59,10 @@ class Held:
         told = np.concatenate(equality) if equality else np.zeros(0, dtype=bool)
         others = equations if len(left) == equations.dimension else equations.freed(left, equations.numbers)
         return replace(others, constraints=tuple(groups), equality=told)
+
+
+Checked: TypeAlias = Callable[[Assembled, Minimum], Floats]
+"""How much each residual (m,) of some equations shows at a minimum of them, as `redundancy_numbers` has it."""
 
 
 def held_by(equations: Assembled, point: Floats, which: Mask, at_bound: Mask | None = None) -> Held | None:

@@ -197,8 +197,10 @@ def limits_of(units: Units, consensus: Consensus) -> Floats:
     return by_components(units.components, {d: quantile(tail, d) for d in np.unique(units.components).tolist()})
 
 
-def variances_at(squares: Floats, units: Units, dimension: int) -> Floats:
+def variances_at(squares: Floats, units: Units, dimension: int, picked: Mask | None = None) -> Floats:
     """The variance (U,) of each unit's noise at a point: 1 where it is stated, else the robust one of its group.
+
+    ``picked`` (U,) are the units that tell it (None: all).
 
     It is no smaller than what rounding makes of most of them: that of a unit that is grossly wrong says nothing.
     """
@@ -207,7 +209,8 @@ def variances_at(squares: Floats, units: Units, dimension: int) -> Floats:
         if group != STATED:
             mine = units.group == group
             least = float(np.median(units.rounding[mine]))
-            found[mine] = max(robust_variance(squares, units, dimension, mine), least, 1e-300)
+            told = mine if picked is None else mine & picked
+            found[mine] = max(robust_variance(squares, units, dimension, told), least, 1e-300)
     return found
 
 

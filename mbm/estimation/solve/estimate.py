@@ -34,7 +34,7 @@ from mbm.estimation.search.starting import GIVEN, SILHOUETTES
 from mbm.estimation.search.twins import derived_agreement
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.at_start import start_faults
-from mbm.estimation.solve.weighing import Reached, reached
+from mbm.estimation.solve.weighing import Reached, checked_rows, reached
 from mbm.estimation.trust.behind import behind_at
 from mbm.estimation.trust.contradiction import contradictions
 from mbm.estimation.trust.curvature import Curvature, curvature
@@ -142,7 +142,7 @@ def estimate(
     """
     began = perf_counter()
     equations, binder = assemble(problem, kernels, tables, starts, cache)
-    robust = prepared(problem, equations, settings, lambda: starting_points(equations, settings, last))
+    robust = prepared(problem, equations, settings, lambda: starting_points(equations, settings, last), checked_rows)
     equations = robust.equations.with_factors(robust.factors)
     ranges = partial(known_ranges(cache).of, equations, settings, stated=not problem.estimates_noise)
     challenge = Challenge(equations, settings, problem, cache, ranges)

@@ -73,6 +73,12 @@ def reached(
     )
 
 
+def checked_rows(equations: Assembled, minimum: Minimum) -> Floats:
+    """The redundancy number of each residual (m,) at a minimum of the equations."""
+    observed = observed_at(minimum, equations.coordinates(minimum.point), affine=affine_by_products(equations))
+    return redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
+
+
 class _Weighing:
     """Minimisations of one data set, again for each round of the variance components; counts the work.
 
