@@ -193,6 +193,42 @@ def overrides_of(constants: object) -> dict[str, Override]:
     return found
 
 
+def starts_of(init: object) -> dict[str, object] | None:
+    """Initial values by name, as a JSON document has them; an earlier result is its document.
+
+    Raises:
+        MbmError: they are not by name (`bad-initial-values`).
+
+    """
+    if init is None:
+        return None
+    # Loaded with starts only, so that solves without begin at once.
+    from mbm.report import faults as report_faults
+    from mbm.report.solve import Solve
+
+    given = init.document() if isinstance(init, Solve) else init
+    if not isinstance(given, Mapping):
+        raise MbmError(report_faults.bad_initial_values(f"a value of type `{type(given).__name__}`"))
+    return {str(name): as_json(value) for name, value in given.items()}
+
+
+def as_json(value: object) -> object:
+    """Arrays as nested lists and estimates with unit and keys, as a JSON document has them."""
+    from mbm.report.named import Named  # here, so that problems are loaded without it
+
+    def written(value: object) -> object:
+        if isinstance(value, Named):
+            keys = {} if value.keys is None else {"keys": value.keys}
+            return {"value": value.value.tolist(), "unit": value.unit, **keys}
+        if isinstance(value, np.ndarray | np.generic):
+            return value.tolist()
+        if isinstance(value, Mapping):
+            return {str(name): written(entry) for name, entry in value.items()}
+        return [written(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+    return written(value)
+
+
 def integer(given: Any) -> Any:
     """A whole number of any type as Python's own; anything else as it is."""
     return operator.index(given) if isinstance(given, SupportsIndex) and not isinstance(given, bool) else given

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbm import compiler
-from mbm.api.arguments import by_name, coordinates, integer, threads, yes_or_no
+from mbm.api.arguments import by_name, coordinates, integer, starts_of, threads, yes_or_no
 from mbm.api.compilation import Compilation, Origin, compilation_of
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from mbm.report.answer import Solved
     from mbm.report.options import PropagationSettings
     from mbm.report.propagation.answer import Propagated
+    from mbm.report.solve import Solve
     from mbm.report.types import Result
 
 
@@ -81,7 +82,7 @@ class CompiledProblem:
         self,
         *,
         data: Mapping[str, object] | None = None,
-        init: Mapping[str, object] | None = None,
+        init: Mapping[str, object] | Solve | None = None,
         starts: int | None = None,
         seed: int | None = None,
         method: str | None = None,
@@ -92,7 +93,7 @@ class CompiledProblem:
 
         Args:
             data: tables by name in place of those it was compiled with.
-            init: starts by name, in the unit that the unknown is reported in; or an earlier result document.
+            init: starts by name, in the unit that the unknown is reported in; or an earlier result or its document.
             starts: how many random starts to try.
             seed: every random choice follows from it.
             method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
@@ -108,7 +109,7 @@ class CompiledProblem:
         return Solved(
             self.result(
                 SolveSettings(
-                    init=_values(init),
+                    init=starts_of(init),
                     seed=integer(seed),
                     method=method,
                     starts=integer(starts),
@@ -373,28 +374,3 @@ def _begun(result: Result) -> Mapping[str, object]:
     from mbm.report.document import document
 
     return document(result)
-
-
-def _values(init: object) -> dict[str, object] | None:
-    """Initial values by name, as a JSON document has them.
-
-    Raises:
-        MbmError: they are not by name.
-
-    """
-    if init is None:
-        return None
-    if not isinstance(init, Mapping):
-        from mbm.report import faults
-
-        raise MbmError(faults.bad_initial_values(f"a value of type `{type(init).__name__}`"))
-    return {str(name): as_json(value) for name, value in init.items()}
-
-
-def as_json(value: object) -> object:
-    """Arrays as nested lists, as a JSON document has them."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return {str(name): as_json(entry) for name, entry in value.items()}
-    return [as_json(entry) for entry in value] if isinstance(value, list | tuple) else value

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from mbm import compiler
-from mbm.api.arguments import by_name, overrides_of, path_of, text_of, yes_or_no
+from mbm.api.arguments import as_json, by_name, overrides_of, path_of, text_of, yes_or_no
 from mbm.api.checking import without_start
 from mbm.api.compilation import Origin
-from mbm.api.compiled import CompiledProblem, as_json, compiled
+from mbm.api.compiled import CompiledProblem, compiled
 from mbm.api.reading import Reading
 from mbm.api.recall import Text
 from mbm.compiler import Inputs
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from mbm.report.options import SimulationSettings
     from mbm.report.propagation.answer import Propagated
     from mbm.report.simulated import Simulated, Simulator
+    from mbm.report.solve import Solve
 
 
 def load(path: str | Path, *, sandbox: str | Path | None = None, closed_forms: Sequence[ClosedForm] = ()) -> Problem:
@@ -169,7 +170,7 @@ class Problem:
         *,
         data: Mapping[str, object] | None = None,
         constants: Mapping[str, object] | None = None,
-        init: Mapping[str, object] | None = None,
+        init: Mapping[str, object] | Solve | None = None,
         starts: int | None = None,
         seed: int | None = None,
         method: str | None = None,
@@ -183,7 +184,7 @@ class Problem:
         Args:
             data: see ``compile``.
             constants: see ``compile``.
-            init: starts by name, in the unit that the unknown is reported in; or an earlier result document.
+            init: starts by name, in the unit that the unknown is reported in; or an earlier result or its document.
             starts: how many random starts to try.
             seed: every random choice follows from it.
             method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.

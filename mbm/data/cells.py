@@ -3,13 +3,15 @@ by side: their names, their common length, and tables written record by record.
 
 A column is numeric if all its cells are, else text. Truth values that a format or Python has as such are numbers, 1 and
 0, if nothing but gaps is beside them; the words ``true`` and ``false`` of text formats are texts. A gap is neutral: it
-becomes NaN among numbers, an empty text among texts; a column of gaps only is one of numbers.
+becomes NaN among numbers, an empty text among texts; a column of gaps only is one of numbers. Dates and times are
+texts, as in files: they can be keys, and are no numbers.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import date, time, timedelta
 from numbers import Integral, Real
 from pathlib import Path
 from types import NoneType
@@ -34,8 +36,6 @@ GAP_TYPES = frozenset({"NAType", "NaTType"})
 """Names of the types of ``pandas.NA`` and ``pandas.NaT``, which are gaps though pandas itself is not imported here."""
 KIND_NAMES = {
     "c": "an array of complex numbers",
-    "M": "an array of dates",
-    "m": "an array of time differences",
     "O": "an array of Python objects",
     "S": "an array of bytes",
     "V": "a structured array",
@@ -109,7 +109,8 @@ def _numbers_of(cells: Sequence[Real | float | None]) -> Numbers:
 
 
 def column_from_array(name: str, array: NDArray[Any], path: str) -> Column:
-    """The column of an array of shape (rows,): numbers and truth values become float64, masked ones gaps.
+    """The column of an array of shape (rows,): numbers and truth values become float64, masked ones gaps, dates
+    texts.
 
     Raises MbmError bad-array for another number of dimensions or another type of cells.
     """
@@ -120,6 +121,11 @@ def column_from_array(name: str, array: NDArray[Any], path: str) -> Column:
         if isinstance(array, np.ma.MaskedArray):
             return Column(name=name, numbers=frozen(np.ma.filled(array.astype(np.float64), np.nan)))
         return Column(name=name, numbers=frozen(array))
+    if array.dtype.kind in "Mm":
+        texts = np.datetime_as_string(array, unit="auto") if array.dtype.kind == "M" else array.astype(str)
+        return mixed_column(
+            name, [None if gap else str(text) for gap, text in zip(np.isnat(array), texts, strict=True)]
+        )
     if array.dtype.kind in "UT":
         return column_from_values(name, array.tolist(), path)
     raise MbmError(faults.bad_array(place, KIND_NAMES.get(array.dtype.kind, f"an array of {array.dtype}")))
@@ -135,6 +141,8 @@ def _checked(value: object, place: DataPlace) -> Cell:
         return value
     if type(value).__name__ == "Decimal":
         return float(value)  # type: ignore[arg-type]
+    if isinstance(value, date | time | timedelta):
+        return str(value) if isinstance(value, timedelta) else value.isoformat()
     raise MbmError(faults.bad_cell(place, f"a value of type `{type(value).__name__}`"))
 
 

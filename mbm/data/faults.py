@@ -99,14 +99,13 @@ LONG_ROW = Code(
 )
 BAD_CELL = Code(
     "bad-cell",
-    "A cell is neither a number nor a text (but a list, a date, another object, or a truth value among others).",
+    "A cell is neither a number nor a text (but a list, another object, or a truth value among others).",
     "Write numbers or texts: 0 and 1 for truth values, seconds since a start for times, one column for each element.",
 )
 BAD_ARRAY = Code(
     "bad-array",
     "An array is no column of numbers or texts: it has not exactly one dimension, or cells of another type.",
-    "Give one-dimensional arrays of numbers or texts, one for each column: seconds since a start for times. Leave out a"
-    " column that nothing uses.",
+    "Give one-dimensional arrays of numbers or texts, one for each column. Leave out a column that nothing uses.",
 )
 NOT_A_NUMBER = Code(
     "not-a-number",

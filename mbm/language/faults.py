@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from mbm.expression.units import parse_unit
 from mbm.text.faults import shown
-from mbm.text.suggest import did_you_mean, suggestion
+from mbm.text.suggest import did_you_mean, for_a_number, suggestion
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
 UNKNOWN_NAME = Code(
@@ -360,7 +360,7 @@ def text_in_number_column(span: Span, column: str, cell: str | None, place: Plac
     """A column of texts used as numbers; the first cell that is no number is to blame."""
     if place is None or cell is None:
         return Diagnostic(code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` holds texts, not numbers", place=span)
-    hint = "correct the cell, or leave it empty (`NA` in a problem's own table) and allow gaps with `:missing skip`"
+    hint = for_a_number(cell)
     told = shown(cell, 40)
     if parse_unit(cell) is not None:
         hint = (

@@ -14,10 +14,10 @@ from mbm.language.values import FunctionTable, Vocabulary
 from mbm.problem import faults
 from mbm.problem.aggregates import Aggregate
 from mbm.problem.checks import check_data
-from mbm.problem.clauses import effective_clauses
+from mbm.problem.clauses import CAMERA, effective_clauses
 from mbm.problem.dimensions import infer
 from mbm.problem.elaborated import Consulted, Elaborated
-from mbm.problem.elaboration import CAMERA, Routines, Workspace
+from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.joining import filtered, grid_tables, joined
 from mbm.problem.naming import TakenNames
 from mbm.problem.overrides import Overrides

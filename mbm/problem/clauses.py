@@ -15,6 +15,15 @@ from mbm.text.suggest import closest, listed, suggestion
 from mbm.text.types import Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
+STATES, CAMERA = "states", "camera"
+"""The clauses that declare states, and a camera."""
+
+_LAST_NAME = {STATES: None, CAMERA: 2}
+"""Behind which of its forms a clause declares no more names."""
+
+ANY_NAME = ""
+"""What a clause declares that fails for want of a name."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
@@ -220,3 +229,19 @@ def stated_unit(form: Form) -> Unit:
     if unit is None:
         raise MbmError(language_faults.unknown_unit(form.span, text, refused_unit(text)))
     return unit
+
+
+def declared_names(form: Form) -> set[str]:
+    """The names that a declaration or a clause declares, `ANY_NAME` where they are missing."""
+    names = {name for name in (_declared(form),) if name}
+    if not isinstance(form, Sequence) or form.head not in _LAST_NAME:
+        return names
+    inside = {name for each in form.items[1 : _LAST_NAME[form.head]] if (name := _declared(each))}
+    return names | (inside or {ANY_NAME})
+
+
+def _declared(form: Form) -> str | None:
+    """The name that a declaration begins with, or would, had its list not been forgotten."""
+    if isinstance(form, Text):
+        return form.value
+    return form.name if isinstance(form, Symbol) else form.head if isinstance(form, Sequence) else None

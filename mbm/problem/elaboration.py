@@ -33,6 +33,7 @@ from mbm.language.scope import condition, scalar, vector
 from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, StaticColumnNeeded, Value, describe
 from mbm.problem import faults
 from mbm.problem.aggregates import WrittenOut
+from mbm.problem.clauses import ANY_NAME, STATES, declared_names
 from mbm.problem.elaborated import Consulted, Grouping
 from mbm.problem.previous import column_before, has_before
 from mbm.problem.rows import MAXIMUM_REPORTED, decided, static_cells
@@ -41,7 +42,7 @@ from mbm.problem.tables import CellKey, Format, Table
 from mbm.problem.types import Block, Derived, Equation, RowValues, Static, ValueCase
 from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.reader import read
-from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol, Text
+from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol
 from mbm.values import dataclass
 
 EQUATION, CHOICE = 20, 3
@@ -108,12 +109,6 @@ Routines: TypeAlias = Callable[[], tuple[str, ...]]
 
 T = TypeVar("T")
 
-STATES, CAMERA = "states", "camera"
-"""The clauses that declare states, and a camera."""
-
-_LAST_NAME = {STATES: None, CAMERA: 2}
-"""Behind which of its forms a clause declares no more names."""
-
 
 @dataclass(slots=True)
 class Reads:
@@ -163,17 +158,14 @@ class Workspace:
     def collecting(self, declares: Form | None = None) -> Iterator[None]:
         """Errors inside are kept, so that one run reports what several clauses have wrong.
 
-        ``declares`` is the declaration at work, or the clause of states or of a camera: where it fails, that its names
-        are unknown elsewhere is no news.
+        ``declares`` is a declaration, or the clause of states or a camera: that its names are unknown then is no news.
         """
         try:
             yield
         except MbmError as error:
             found = [d for d in error.diagnostics if not self._follows(d)]
             if declares is not None:
-                last = _LAST_NAME.get(declares.head or "", 1) if isinstance(declares, Sequence) else 1
-                inside = declares.items[1:last] if isinstance(declares, Sequence) else ()
-                self.undeclared.update(name for each in (declares, *inside) if (name := _declared(each)))
+                self.undeclared |= declared_names(declares)
             self._keep(found)
             if any(d.code in _ENDING for d in found):
                 raise MbmError(*self.diagnostics) from None
@@ -191,8 +183,8 @@ class Workspace:
         """Whether an error only repeats that a declaration failed."""
         if diagnostic.code == faults.NO_STATES:
             return STATES in self.undeclared
-        unknown = diagnostic.code == language_faults.UNKNOWN_NAME and isinstance(diagnostic.place, Span)
-        return unknown and isinstance(diagnostic.place, Span) and diagnostic.place.text in self.undeclared
+        place = diagnostic.place if diagnostic.code == language_faults.UNKNOWN_NAME else None
+        return isinstance(place, Span) and bool(self.undeclared & {place.text, ANY_NAME})
 
     def finish(self) -> None:
         """Raise what was collected."""
@@ -373,13 +365,6 @@ def shaped(value: Value, shape: tuple[int, ...], span: Span, *, broadcast: bool 
     if not isinstance(value, Array) or value.shape != shape:
         raise MbmError(language_faults.length_clash(span, describe(value), f"shape {shape[0]}×{shape[1]}"))
     return value.elements
-
-
-def _declared(form: Form) -> str | None:
-    """The name that a declaration begins with, or would, had its list not been forgotten."""
-    if isinstance(form, Text):
-        return form.value
-    return form.name if isinstance(form, Symbol) else form.head if isinstance(form, Sequence) else None
 
 
 def pair_of(form: Form, what: str) -> tuple[Form, Form]:

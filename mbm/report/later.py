@@ -38,6 +38,8 @@ class Later(Sequence[T]):
     def __getitem__(self, index: slice) -> Sequence[T]: ...
 
     def __getitem__(self, index: int | slice) -> T | Sequence[T]:
+        if not isinstance(index, slice) and not -len(self) <= index < len(self):
+            raise IndexError(f"there is no solve {index} of {len(self)}; places count from 0")
         places = range(len(self))[index]
         return tuple(map(self.at, places)) if isinstance(places, range) else self.at(places)
 

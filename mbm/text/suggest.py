@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from datetime import datetime
 from typing import TypeVar
 
 Otherwise = TypeVar("Otherwise", bound=str | None)
@@ -85,3 +86,12 @@ def edit_distance(a: str, b: str, limit: int) -> int:
             return limit + 1
         before_last, last = last, row
     return last[-1]
+
+
+def for_a_number(cell: str) -> str:
+    """What to do about a cell of text where a number is wanted: dates are recognised as ISO 8601 has them."""
+    try:
+        datetime.fromisoformat(cell)
+    except ValueError:
+        return "correct the cell, or leave it empty (`NA` in a problem's own table) and allow gaps with `:missing skip`"
+    return "give times as numbers, in seconds since some start"

@@ -108,6 +108,17 @@ def test_start_from_values_and_from_a_document(problem: mbm.Problem, ranges: Ran
     again = problem.solve(data={"ranges": ranges}, init=solved.document())
     np.testing.assert_allclose(again["p"].value, solved["p"].value, rtol=CLOSE)
     assert again.first.iterations <= 1
+    for init in (solved, solved.first, {"p": solved["p"]}, {"p": solved.first["p"]}):
+        begun = problem.solve(data={"ranges": ranges}, init=init)
+        np.testing.assert_allclose(begun["p"].value, solved["p"].value, rtol=CLOSE)
+        assert begun.first.iterations <= 1
+
+
+def test_there_are_so_many_solves(solved: mbm.Solved) -> None:
+    for place in (1, -2):
+        with pytest.raises(IndexError, match=f"no solve {place} of 1"):
+            solved.solves[place]
+    assert [each.status for each in solved.solves] == [solved.solves[-1].status]
 
 
 def test_the_seed_is_kept(problem: mbm.Problem, ranges: Ranges) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from datetime import date, datetime, time, timedelta
 from decimal import Decimal
 
 import numpy as np
 import pandas as pd
 import pytest
 
+import mbm
 from mbm.data.cells import mixed_column
 from mbm.text.types import MbmError
 
@@ -143,7 +145,34 @@ def test_a_range_is_a_column(load_given):
     assert cells(load_given({"k": range(2, 5)})) == {"k": [2.0, 3.0, 4.0]}
 
 
-def test_dates_are_no_numbers_and_what_to_give_is_said(load_given):
-    with pytest.raises(MbmError, match="array of dates") as caught:
-        load_given({"x": [1.0, 2.0], "z": pd.date_range("2020", periods=2)})
-    assert "seconds since a start" in caught.value.diagnostics[0].code.mend
+@pytest.mark.parametrize(
+    "dates",
+    [
+        pd.to_datetime(["2020-01-02", None, "2020-01-03"]),
+        pd.Series(pd.to_datetime(["2020-01-02", None, "2020-01-03"])),
+        np.array(["2020-01-02", "NaT", "2020-01-03"], "M8[D]"),
+        [date(2020, 1, 2), None, date(2020, 1, 3)],
+    ],
+    ids=["index", "frame", "array", "list"],
+)
+def test_dates_are_texts_as_in_files(load_given, dates):
+    """Columns that nothing uses may hold them, and so may keys."""
+    table = load_given({"x": [1.0, 2.0, 3.0], "day": dates})
+    assert table.columns["day"].texts == ("2020-01-02", "", "2020-01-03")
+
+
+def test_times_of_day_and_differences_are_texts(load_given):
+    table = load_given(
+        {"a": [time(12, 30), time(13)], "b": [timedelta(days=1), None], "c": [datetime(2020, 1, 2, 3, 4, 5)] * 2}
+    )
+    assert table.columns["a"].texts == ("12:30:00", "13:00:00")
+    assert table.columns["b"].texts == ("1 day, 0:00:00", "")
+    assert table.columns["c"].texts == ("2020-01-02T03:04:05",) * 2
+
+
+def test_dates_are_no_numbers_and_what_to_give_is_said():
+    text = "(problem p (data d external) (unknowns (a)) (observe d (= y (* a when)) :sigma 1))"
+    given = {"d": {"y": [1.0, 2.0], "when": pd.date_range("2020", periods=2)}}
+    with pytest.raises(MbmError, match="text-in-number-column") as caught:
+        mbm.loads(text).solve(data=given)
+    assert caught.value.diagnostics[0].hint == "give times as numbers, in seconds since some start"

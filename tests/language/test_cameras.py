@@ -101,6 +101,8 @@ def test_wrong_cameras_are_refused(camera, says):
         ("(camera cam :focal 500 :focal 500)", "duplicate-definition", ":focal", None),
         ("(camera cam :model Pinhole)", "bad-form", "Pinhole", ":model pinhole"),
         ("(camera cam :axes (x y z))", "bad-form", "(x y z)", ":axes opencv"),
+        ("(camera :focal 500)", "bad-form", ":focal", "usage: (camera name"),
+        ("(camera)", "bad-form", "(camera)", "usage: (camera name"),
         ("(camera cam 500)", "bad-form", "500", "usage: (camera name"),
         ('(camera "cam" :focal 500)', "bad-form", '"cam"', "usage: (camera name"),
         ("(camera cam :per nowhere)", "unknown-table", "nowhere", "pts"),

@@ -235,11 +235,14 @@ def missing_unit(span: Span | None, what: str) -> Diagnostic:
     return Diagnostic(code=MISSING_UNIT, message=f"{what} states no unit", place=span, hint="add `:unit`")
 
 
+_WITHOUT_KEY = "give the key, or leave such rows out with `:when` or `:missing skip`"
+
+
 def dangling_key(place: Place | None, cell: str | float, where: str, near: str | None, used: Span | None) -> Diagnostic:
     """A key without a row."""
     return Diagnostic(
         code=DANGLING_KEY, message=f"{_cell(cell)} is no key of {where}", place=place,
-        hint=did_you_mean(near, None),
+        hint=did_you_mean(near, None if cell == cell and cell != "" else _WITHOUT_KEY),
         labels=(Label(used, "used as a key here"),) if used is not None else (),
     )  # fmt: skip
 
