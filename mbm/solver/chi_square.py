@@ -1,13 +1,13 @@
-"""The variance of noise whose tails were cut off."""
+"""The variance of noise whose tails were cut off, and what is left of its information."""
 
 from __future__ import annotations
 
-from math import exp, fabs, log
+from math import exp, fabs, isfinite, log
 from typing import TYPE_CHECKING
 
 from mbm.machine.words import ConstantReals, Integer, Integers, Real
 from mbm.solver.consensus_records import Units
-from mbm.solver.decisions import LEAST_KEPT, ROUNDED, SECANTS
+from mbm.solver.decisions import LEAST_KEPT, LEAST_SHARE, ROUNDED, SECANTS, STATED
 
 if TYPE_CHECKING:
     from mbm.machine.words import ConstantIntegers, Reals
@@ -165,3 +165,55 @@ def mark_inliers(units: Integer, squares: ConstantReals, limits: ConstantReals, 
             same = 0
         inliers[u] = inside
     return same
+
+
+def share_of_strays(units: Units, group: Integer, squares: ConstantReals) -> Real:
+    """The share of a group's inliers that are outliers by rights: their errors are large, but not these.
+
+    Outliers that are spread evenly over a ball of v times the volume of the limits are inside with probability 1/v, and
+    so one of them for each of ``∫ dv/v²`` outside: each that is left out adds ``(limit/square)^d``, those far off next
+    to nothing.
+    """
+    kept = 0
+    strays = 0.0
+    for u in range(units.count):
+        if units.group[u] == group:
+            if units.inlier[u] == 1:
+                kept += isfinite(units.limits[u])
+            elif squares[u] > units.limits[u]:
+                term = 1.0
+                for _ in range(units.components[u]):
+                    term *= units.limits[u] / squares[u]
+                strays += term
+    if kept == 0:
+        return 0.0
+    return min(strays / float(kept), 1.0 - LEAST_SHARE)
+
+
+def inform_units(units: Units, groups: Integer, squares: ConstantReals) -> None:
+    """`information` of the units at squared norms (U,): by what the rows of inliers count in the inverse covariance.
+
+    Hard rejection is the M-estimator with ψ(r) = r inside. A share c of the inliers are strays, spread evenly over the
+    limit L, so that ``E ψψᵀ`` is (1 − c) κ + c L/(d + 2), while ``E Dψ`` = (1 − c) κ: the strays that a step brings in
+    undo what those inside say. The information is ``(E Dψ)²/E ψψᵀ``. Unknown noise has ``E ψψᵀ``/κ in place of its
+    variance already, which leaves ``(1 − c)² κ``.
+    """
+    for group in range(STATED, groups):
+        strays = share_of_strays(units, group, squares)
+        good = 1.0 - strays
+        last_limit = -1.0
+        last_size = 0
+        left = 1.0
+        for u in range(units.count):
+            if units.group[u] == group:
+                limit = units.limits[u] / units.noise[u]
+                size = units.components[u]
+                if limit != last_limit or size != last_size:
+                    last_limit = limit
+                    last_size = size
+                    left = consistency(limit, size)
+                units.information[u] = good * good * left
+                if not isfinite(limit):  # it was not judged
+                    units.information[u] = 1.0
+                elif group == STATED:
+                    units.information[u] *= left / (good * left + strays * limit / float(size + 2))

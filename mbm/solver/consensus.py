@@ -10,6 +10,7 @@ from math import fabs, isfinite, sqrt
 
 from mbm.machine.records import view
 from mbm.machine.words import ConstantReals, Integer
+from mbm.solver.chi_square import inform_units
 from mbm.solver.consensus_begin import begin_consensus
 from mbm.solver.consensus_fixed_point import finished, rival
 from mbm.solver.consensus_records import (
@@ -134,10 +135,12 @@ def put_answers(number: Integer, every: ConsensusBatch) -> None:
     copied(work.rules.numbers, work.starts, point)
     if work.verdict.agreed == 1:
         copied(work.rules.numbers, work.here.point, point)
+        inform_units(units, work.rules.groups, work.here.squares)
     for u in range(units.count):
         every.inlier[first + u] = units.inlier[u]
         every.limits[first + u] = units.limits[u]
         every.noise[first + u] = units.noise[u]
+        every.information[first + u] = units.information[u] if work.verdict.agreed == 1 else 1.0
 
 
 def consensus_in_portions(most: Integer, begin: Integer, end: Integer, every: ConsensusBatch) -> Integer:

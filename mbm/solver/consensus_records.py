@@ -155,6 +155,8 @@ class Units:
     """Squared norms up to which they are inliers."""
     noise: Reals = sized("most_units")
     """The variance of the noise, at the end."""
+    information: Reals = sized("most_units")
+    """What inliers of its group inform by, at the end; `inform_units`."""
     weights: Reals = sized("most_units")
 
 
@@ -314,6 +316,7 @@ class ConsensusBatch:
     inlier: Integers
     limits: Reals
     noise: Reals
+    information: Reals
 
 
 def take_sizes(problem: Problem, rules: Rules) -> None:

@@ -102,7 +102,9 @@ def test_a_family_of_many_unknowns_is_as_sure_as_its_members_alone(robust):
     for member in range(0, count, 20):
         alone = solved(np.array([member]))
         np.testing.assert_allclose(together["p"].value[member], alone["p"].value[0], atol=1e-9)
-        np.testing.assert_allclose(together["p"].sigma[member], alone["p"].sigma[0], rtol=1e-8)
+        # How many outliers may be within the limits is told by all rows together: a thousandth of them or so, where the
+        # tails that are cut off make 0.8 % of a standard deviation.
+        np.testing.assert_allclose(together["p"].sigma[member], alone["p"].sigma[0], rtol=4e-3)
 
 
 def chain_data(count, generator):

@@ -141,7 +141,7 @@ def _struct(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
             f"    double apart[{ASSUMPTIONS}];",
         )
     yield from (
-        f"    double kappa[{max(kinds_of_units(blueprint), 1)}];    /* of each kind of unit: what limits leave */",
+        f"    double kappa[{2 * max(kinds_of_units(blueprint), 1)}];    /* by kind of unit: κ, its worth */",
         "    double results[8];",
         "    long states[8];",
         "};",

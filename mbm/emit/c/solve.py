@@ -109,7 +109,7 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
     if static.told:
         yield from (f"    for (b = 0; b < {ASSUMPTIONS}; b++)", "        f->apart[b] = 0.0;")
     yield from (
-        f"    for (b = 0; b < {max(kinds_of_units(blueprint), 1)}; b++)",
+        f"    for (b = 0; b < {2 * max(kinds_of_units(blueprint), 1)}; b++)",
         "        f->kappa[b] = 1.0;",
     )
     if blueprint.agreement is not None:

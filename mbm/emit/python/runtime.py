@@ -151,7 +151,7 @@ class Prepared:
         rows.constants, rows.data, rows.columns = self.constants, self.data, self.columns
         rows.parameters, rows.whitening, rows.index = self.parameters, self.weights, self.index
         self.spare = reals(4 * self.free * self.free + 64 + SPARE[0] + (SPARE[1] + 1) * self.free)
-        self.kappa, self.told = np.ones(KINDS), reals(TOLD)
+        self.kappa, self.told = np.ones(2 * KINDS), reals(TOLD)
         self.apart, self.covariances = reals(ASSUMPTIONS), reals((1 + ASSUMPTIONS) * self.free * self.free)
 
     def _set_up(self, t: Tables, f: Found, start: Mapping[str, Any]) -> None:

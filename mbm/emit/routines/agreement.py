@@ -1,8 +1,8 @@
 """Consensus before a solve: the units that agree (`mbm.solver.consensus`), and what follows for the equations.
 
-`:robust` leaves out what does not agree, and what agrees informs by the share κ of
-its variance that the limits leave; losses keep all units, but begin where consensus is, and noise that goes with a loss
-is as large as the units that agree say. ``kappa`` has one number for each unit of each block of residuals.
+`:robust` leaves out what does not agree, and what agrees informs as `inform_units` says; losses keep all units, but
+begin where consensus is, and noise that goes with a loss is as large as the units that agree say. ``kappa`` (2, K) has
+two numbers for each unit of each block of residuals: the share of its variance that limits leave, and its information.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
-from mbm.solver.chi_square import consistency
+from mbm.solver.chi_square import consistency, inform_units
 from mbm.solver.consensus import find_consensus
 from mbm.solver.consensus_records import ConsensusWork, Units
 from mbm.solver.covariance import set_covariance
@@ -40,9 +40,19 @@ def weigh_units(problem: Problem, rows: Rows, b: Integer, u: Integer, factor: Re
         weigh_unit(problem, rows, b, row, problem.blocks[b].units[u], factor)
 
 
+def count_kinds(problem: Problem) -> Integer:
+    """Units of one row of each block of residuals, K."""
+    found = 0
+    for b in range(problem.residual_blocks):
+        found += problem.blocks[b].unit_count
+    return found
+
+
 def leave_out(problem: Problem, rows: Rows, work: ConsensusWork, kappa: Reals) -> None:
-    """Take out the units that do not agree, and set κ of the others; a loss sees the tails itself, so it has 1."""
+    """Take out the units that do not agree, and set ``kappa`` of the others; a loss sees the tails itself: it has 1."""
     units = work.units
+    inform_units(units, work.rules.groups, work.here.squares)
+    kinds = count_kinds(problem)
     n = 0
     first = 0
     for b in range(problem.residual_blocks):
@@ -57,6 +67,7 @@ def leave_out(problem: Problem, rows: Rows, work: ConsensusWork, kappa: Reals) -
                         rows.data.count -= units.components[n]
                     elif unit.loss == NO_LOSS:
                         kappa[first + u] = consistency(units.limits[n] / units.noise[n], units.components[n])
+                        kappa[kinds + first + u] = units.information[n]
                     n += 1
         first += count
 
@@ -132,11 +143,11 @@ def begin_by_consensus(
 def inform(problem: Problem, kappa: ConstantReals, work: Work) -> Integer:
     """The covariance (n, n) at the end of a solve, with the information that is left of the units; 1: there is one.
 
-    The weights are multiplied by √κ, so that nothing but the covariance should be asked for afterwards.
+    The weights are multiplied by its root, so that nothing but the covariance should be asked for afterwards.
     """
     answer = work.answer
     rows = work.rows
-    first = 0
+    first = count_kinds(problem)
     for b in range(problem.residual_blocks):
         count = problem.blocks[b].unit_count
         for u in range(count):

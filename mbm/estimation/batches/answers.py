@@ -31,7 +31,7 @@ from mbm.estimation.batches.portion import DerivedColumns, Portion, derived_colu
 from mbm.estimation.batches.raw import rows_of
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.surface import held_back, limited_columns, near_limits
-from mbm.estimation.batches.types import Columns, Descent, Ends, Limits, Remarks, Rows, Which, places_of
+from mbm.estimation.batches.types import Columns, Descent, Ends, Kept, Limits, Remarks, Rows, Which, places_of
 from mbm.estimation.consensus.units import outlying
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
 from mbm.estimation.trust import faults
@@ -74,7 +74,7 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
     solved = ends.minima & found.good
     freedom = counts.rows - stack.equations.dimension + (0 if surface is None else surface[1].taken)
     solved &= (freedom >= 0) & ~stationary(portion, ends, found, rooted)
-    left = np.ones((1, 1)) if ends.kept is None else portion.by_slot(ends.kept.information)  # of cut-off variance
+    left = np.ones((1, 1)) if ends.kept is None else portion.by_slot(ends.kept.left)  # of cut-off variance
     scattered = ends.cost if ends.kept is None else (np.square(residuals) / left).sum(axis=1)
     unknown = [i for i, block in enumerate(problem.blocks) if block.unknown_factor]
     known, cost = not unknown, counts.cost if lossy or stack.equations.likely else ends.cost
@@ -83,7 +83,7 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
     noise = np.sqrt(scattered / np.maximum(freedom, 1)) if common else np.ones(len(which))
     if ends.factors is not None and len(unknown) == 1:
         cost = _as_stated(portion, residuals, unknown[0], ends.factors)
-    spread = _spread(problem, portion, residuals, slopes, found, noise, None if ends.kept is None else left)
+    spread = _spread(problem, portion, residuals, slopes, found, noise, ends.kept)
     reported, owners = stack.equations.layout.reported(ends.points), enumerate(problem.derived)
     derived = tuple(derived_columns(each, owner, stack, reported, spread.factor) for owner, each in owners)
     solved &= spread.sound & np.isfinite(cost) & _all_finite([one.sigma for one in derived], len(which))
@@ -280,12 +280,13 @@ def _spread(
     slopes: Floats,
     found: Factors,
     noise: Floats,
-    left: Floats | None,
+    kept: Kept | None,
 ) -> Spread:
-    """How far estimates scatter, with the factor ``noise`` (K,); ``left`` (K, m) is κ of the residuals (None: 1)."""
+    """How far estimates scatter, with the factor ``noise`` (K,), by what rows that are ``kept`` inform (None: 1)."""
+    information = None if kept is None else portion.by_slot(kept.information)
     root, scale, basis = found.root, found.scale, found.basis
     every = np.ones(len(noise), dtype=bool)
-    if left is None and not portion.equations.lossy:
+    if information is None and not portion.equations.lossy:
         return Spread(
             factor=root * noise[:, None, None],
             root=root,
@@ -295,13 +296,13 @@ def _spread(
             looked_at=every,
             sound=every,
         )
-    if left is None:
+    if information is None:
         bread = sandwiches(portion, residuals, slopes, root, _unknown(problem), found.gone)
     else:
-        bread = informed(left, basis)
+        bread = informed(information, basis)
     along = np.matmul(root, bread.own)
-    if left is not None:
-        root, scale = along, np.sqrt((np.square(slopes) * left[:, :, None]).sum(axis=1))
+    if information is not None:
+        root, scale = along, np.sqrt((np.square(slopes) * information[:, :, None]).sum(axis=1))
     return Spread(
         factor=along * noise[:, None, None],
         root=root,

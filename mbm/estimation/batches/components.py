@@ -202,7 +202,7 @@ class Rounds:
         residuals, slopes = portion.linearised(self.ends.points[which])
         scattered = np.square(residuals)
         if kept is not None:  # without the loss of the tails
-            scattered /= portion.by_slot(kept.information)
+            scattered /= portion.by_slot(kept.left)
         lossy = self._stack.equations.lossy
         slopes = rooted_slopes(portion.acting(), residuals, slopes) if lossy else slopes
         found = factors(slopes)

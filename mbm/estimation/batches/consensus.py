@@ -235,12 +235,14 @@ def _kept(
     stack, count = ruled.stack, len(which)
     outputs: list[Mask | None] = []
     left: list[Floats | None] = []
+    information: list[Floats | None] = []
     kept, scalars, inliers = np.zeros(count), np.zeros(count), np.zeros(count)
     for number, (each, mine) in enumerate(zip(stack.equations.groups, ruled.acting, strict=True)):
         rows = stack.rows[number, places_of(which)]
         if not mine:
             outputs.append(None)
             left.append(None)
+            information.append(None)
             kept += rows * each.kernel.outputs
             continue
         sizes = np.array([w.last - w.first for w in each.whiteners])
@@ -251,6 +253,7 @@ def _kept(
         kappa = consistency(components, np.where(np.isfinite(ratio), ratio, 0.0))
         outputs.append(np.repeat(found.inside[units].reshape(lines), sizes, axis=1))
         left.append(np.repeat(kappa.reshape(lines), sizes, axis=1))
+        information.append(np.repeat(found.information[units].reshape(lines), sizes, axis=1))
         inliers += np.bincount(solve[units], weights=found.inside[units] * components, minlength=count)
         scalars += rows * int(sizes.sum())
     every = np.bincount(solve, minlength=count)
@@ -263,7 +266,9 @@ def _kept(
     if not ruled.startless:
         # a solve that no more scalars than unknowns could contradict is not asked for agreement by the general path
         good &= scalars > stack.equations.dimension
-    return Kept(outputs=tuple(outputs), information=tuple(left), count=(kept + inliers).astype(np.int64)), good
+    every_kept = (kept + inliers).astype(np.int64)
+    told = Kept(outputs=tuple(outputs), left=tuple(left), information=tuple(information), count=every_kept)
+    return told, good
 
 
 def _in_one_piece(stack: Stack) -> Mask:

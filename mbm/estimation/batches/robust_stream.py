@@ -16,7 +16,7 @@ from mbm.estimation.consensus.native import Begun, ConsensusEnds, Rooms, consens
 from mbm.estimation.consensus.parts import parts_of
 from mbm.estimation.consensus.rules import NO_FORM, Rules as ConsensusRules, rules_of
 from mbm.estimation.consensus.types import Asked, observed
-from mbm.estimation.consensus.units import consistency, without_losses
+from mbm.estimation.consensus.units import without_losses
 from mbm.estimation.minimise.native.system import NativeSystem, system_of
 from mbm.estimation.native.code import AnyCode, native_code
 from mbm.estimation.search.starting import with_idle_ones
@@ -131,12 +131,9 @@ class RobustStream:
         )
 
     def _information(self, found: ConsensusEnds, count: int) -> tuple[Floats, Mask]:
-        """κ (T,) of what agrees, and where (T,) it is the same for all units."""
-        with np.errstate(all="ignore"):  # where nothing agreed there is no variance either
-            ratio = found.limits / found.variances
-        kappa = consistency(np.tile(self._agreement.sizes, count), np.where(np.isfinite(ratio), ratio, 0.0))
-        kappa = kappa.reshape(count, -1)
-        return kappa.min(axis=1), np.asarray(kappa.min(axis=1) == kappa.max(axis=1))
+        """What units that agree inform by (T,), and where (T,) it is the same for all of them."""
+        own = found.information.reshape(count, -1)
+        return own.min(axis=1), np.asarray(own.min(axis=1) == own.max(axis=1))
 
     def _of_inside(self, system: NativeSystem, inside: Mask) -> NativeSystem:
         """The data sets without the units that do not agree."""

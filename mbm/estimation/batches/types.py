@@ -109,20 +109,27 @@ class Ends:
 class Kept:
     """What consensus keeps of the equations that K solves have.
 
-    ``outputs`` (rows, outputs) of the K solves in each group say what is kept (None: everything), ``information`` (the
-    same) is κ of it (`robust.units.consistency`, None: 1); ``count`` (K,) how many scalars are kept.
+    ``outputs`` (rows, outputs) of the K solves in each group say what is kept (None: everything), ``left`` (the same)
+    is κ of it (`consensus.units.consistency`, None: 1), ``information`` (the same) what it informs by (`inform_units`,
+    None: 1); ``count`` (K,) how many scalars are kept.
     """
 
     outputs: tuple[Mask | None, ...]
+    left: tuple[Floats | None, ...]
     information: tuple[Floats | None, ...]
     count: Indices
 
     def of(self, solves: Sequence[Indices], some: Indices) -> Kept:
         """What is kept in ``some`` of the solves, ascending; ``solves`` (rows,) own the rows of each group."""
         mine = [np.isin(solve, some) for solve in solves]
+
+        def picked(each: tuple[Floats | None, ...]) -> tuple[Floats | None, ...]:
+            return tuple(None if one is None else one[m] for one, m in zip(each, mine, strict=True))
+
         return Kept(
             outputs=tuple(None if o is None else o[m] for o, m in zip(self.outputs, mine, strict=True)),
-            information=tuple(None if i is None else i[m] for i, m in zip(self.information, mine, strict=True)),
+            left=picked(self.left),
+            information=picked(self.information),
             count=self.count[some],
         )
 

@@ -27,7 +27,7 @@ from mbm.estimation.consensus.agreeing import agreed, agreed_anywhere
 from mbm.estimation.consensus.parts import agree_in_parts, parts_of
 from mbm.estimation.consensus.rules import independent_columns
 from mbm.estimation.consensus.scales import agree_beside_others, loss_noise
-from mbm.estimation.consensus.truncated import agree_by_losses, fitted, most_agreeing
+from mbm.estimation.consensus.truncated import agree_by_losses, fitted, informing, most_agreeing
 from mbm.estimation.consensus.types import Agreed, Asked, Checked, Prepared, held_by, observed, with_loss
 from mbm.estimation.consensus.units import Units, consistency, units_of, without_losses
 from mbm.estimation.minimise.minimise import minimise
@@ -132,9 +132,8 @@ def _prepared(
     ``settled``: those that are trusted determine all unknowns, so that it needs no majority to tell which are wrong.
     """
     problem, consensus, settings = asked.problem, asked.consensus, asked.settings
-    keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
-    keep[units.number] = found.inliers
     factors, noise = loss_noise(asked, equations, units, found)
+    squares = units.squares(equations.plain_residuals(found.point))
     diagnostics: list[Diagnostic] = []
     told = settled or found.share >= LEAST_SHARE
     if not told:
@@ -142,12 +141,12 @@ def _prepared(
     elif found.ambiguous:
         diagnostics.append(faults.ambiguous_consensus(problem.span))
     return Prepared(
-        equations=equations.kept(keep),
+        equations=equations.kept(units.kept(equations, found.inliers)),
         starts=_from_agreement(found, consensus, settings, beginnings),
         factors=factors,
         noise=noise,
-        literal=consensus.literal,
-        truncation=_truncation(equations, units, consistency(units.components, found.limits / found.variances)),
+        truncation=_by_row(equations, units, consistency(units.components, found.limits / found.variances)),
+        information=None if consensus.literal else _by_row(equations, units, informing(units, squares, found)),
         agreed=told,
         cut_short=found.cut_short,
         diagnostics=tuple(diagnostics),
@@ -327,9 +326,9 @@ def _from_agreement(
     return (agreeing, *(starts[1:] if isinstance(settings.starts, RandomStarts) else starts))
 
 
-def _truncation(equations: Assembled, units: Units, kappa: Floats) -> Floats:
-    """κ by residual (all residuals,): 1 for what no rule touches, and for losses, whose sandwich sees it itself."""
-    found = units.expanded(kappa)
+def _by_row(equations: Assembled, units: Units, values: Floats) -> Floats:
+    """Values (U,) by residual (all residuals,), 1 where no rule acts, and for losses: their sandwich sees it itself."""
+    found = units.expanded(values)
     for _, lines in loss_lines(equations):
         found[lines] = 1.0
     return found

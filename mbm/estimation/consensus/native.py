@@ -31,7 +31,8 @@ class ConsensusEnds:
     """What D data sets agree on; their units stand one after the other.
 
     ``points`` (D, N) is where the units agree, the first start where they do not; ``states`` (D, `Verdict`). For each
-    unit ``inside`` says whether it agrees, with squared norms up to ``limits``; ``variances`` are those of the noise.
+    unit ``inside`` says whether it agrees, with squared norms up to ``limits``; ``variances`` are those of the noise,
+    and ``information`` is what inliers inform by where there is an answer (`inform_units`).
     ``cut_short``: the one data set there is was interrupted.
     """
 
@@ -40,6 +41,7 @@ class ConsensusEnds:
     inside: Mask
     limits: Floats
     variances: Floats
+    information: Floats
     cut_short: bool = False
 
     @property
@@ -182,13 +184,13 @@ def consensus_many(
     room = replace(room, table=room.table.copy())
     put(room.table, c.Rules, startless=int(begun.startless), near=int(begun.near))
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
-    inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
+    inside, (limits, variances, information) = np.zeros(total, dtype=np.int64), np.zeros((3, total))
     code.expect(count * TRIALS * system.expected)
     every = code.blank(c.ConsensusBatch)
     rows = system.rows
     put(every, c.ConsensusBatch, problem=room.header, data=rows.data, stride=int(rows.data.shape[1]), units_at=units_at)
     put(every, c.ConsensusBatch, forms=known, starts=starts, numbers=points, verdicts=states)
-    put(every, c.ConsensusBatch, inlier=inside, limits=limits, noise=variances)
+    put(every, c.ConsensusBatch, inlier=inside, limits=limits, noise=variances, information=information)
 
     def part(first: int, last: int) -> None:
         mine, *_held = _ready(code, system, room, rules, every)
@@ -214,6 +216,7 @@ def consensus_many(
         inside=inside == 1,
         limits=limits,
         variances=variances,
+        information=information,
         cut_short=cut,
     )
 

@@ -30,7 +30,7 @@ from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.settings import Settings
 from mbm.problem.kinds import LossKind
-from mbm.solver.chi_square import untruncated
+from mbm.solver.chi_square import inform_units, untruncated
 from mbm.solver.consensus_records import Units as SolverUnits
 from mbm.solver.consensus_refine import gnc_weight
 from mbm.solver.decisions import CONTROL_GROWTH, GRADUATED_ROUNDS, LEAST_SHARE, STATED
@@ -230,9 +230,9 @@ def most_agreeing(candidates: Sequence[Agreed], units: Units) -> Agreed:
 def fitted(asked: Asked, equations: Assembled, units: Units, found: Agreed) -> Minimum:
     """The fit to the units that agree, weighted by their noise, where the constraints hold."""
     plain = without_losses(equations)
-    keep = np.ones(int(plain.units.max()) + 1, dtype=bool)
-    keep[units.number] = found.inliers
-    weighted = plain.with_factors(_by_row(np.sqrt(found.variances), units, plain)).kept(keep)
+    weighted = plain.with_factors(_by_row(np.sqrt(found.variances), units, plain)).kept(
+        units.kept(plain, found.inliers)
+    )
     return minimise(weighted, found.point, asked.settings, asked.problem.span)
 
 
@@ -283,6 +283,23 @@ def noise_of_inliers(
             raw = max(float(squares[mine].sum()) / freedom, least)
             noise[units.group == group] = untruncated(_listed(units.components[mine], limits[mine]), 0, 0, raw)
     return noise
+
+
+def informing(units: Units, squares: Floats, found: Agreed) -> Floats:
+    """What the units inform by (U,) where they agree, at squared norms (U,): `chi_square.inform_units`."""
+    known, numbers = np.unique(units.group, return_inverse=True)
+    unknown = known[known != STATED]
+    listed = SimpleNamespace(
+        count=units.count,
+        group=(numbers - 1 if len(unknown) < len(known) else numbers).tolist(),
+        inlier=found.inliers.tolist(),
+        components=units.components.tolist(),
+        limits=found.limits.tolist(),
+        noise=found.variances.tolist(),
+        information=[1.0] * units.count,
+    )
+    inform_units(cast("SolverUnits", listed), len(unknown), squares.tolist())
+    return np.array(listed.information)
 
 
 def _listed(components: Indices, limits: Floats) -> SolverUnits:

@@ -158,9 +158,9 @@ class Prepared:
     """What to minimise, and where to begin.
 
     ``factors`` (all residuals,) and ``noise`` belong to blocks with a loss whose factor is unknown. ``truncation`` (all
-    residuals,) is κ of the rows that consensus kept (None: no consensus); ``literal``: they inform as if there had been
-    no others. ``agreed`` is False where too few agree,
-    ``cut_short`` True where the search for those that do was interrupted.
+    residuals,) is κ of the rows that consensus kept (None: no consensus), ``information`` (the same) what they inform
+    by (None: as if there had been no others). ``agreed`` is False where too few agree, ``cut_short`` True where the
+    search for those that do was interrupted.
     """
 
     equations: Assembled
@@ -168,7 +168,7 @@ class Prepared:
     factors: Floats | None = None
     noise: Mapping[int, Noise] = field(default_factory=lambda: MappingProxyType({}))
     truncation: Floats | None = None
-    literal: bool = False
+    information: Floats | None = None
     agreed: bool = True
     cut_short: bool = False
     diagnostics: tuple[Diagnostic, ...] = ()
@@ -181,10 +181,8 @@ class Prepared:
 
     @property
     def informing(self) -> Floats | None:
-        """What makes of the Jacobian one that holds the information there is: √κ of each row (m,); None: nothing."""
-        if self.truncation is None or self.literal:
-            return None
-        return np.sqrt(self.equations.picked(self.truncation))
+        """What makes of the Jacobian one that holds the information there is (m,); None: nothing."""
+        return None if self.information is None else np.sqrt(self.equations.picked(self.information))
 
     def scattering(self, residuals: Floats) -> Floats:
         """Residuals (m,) that scatter as the noise does, without the loss of the tails."""

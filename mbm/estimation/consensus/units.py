@@ -60,6 +60,12 @@ class Units:
             squares = np.add.reduceat(squares, starts, axis=-1)
         return np.where(np.isfinite(squares), squares, np.inf)
 
+    def kept(self, equations: Assembled, inliers: Mask) -> Mask:
+        """Which units of the equations stay, by number, where the ``inliers`` (U,) alone do of these."""
+        keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
+        keep[self.number] = inliers
+        return keep
+
     def expanded(self, values: Floats) -> Floats:
         """Values (…, U) by unit as values (…, m) by residual, 1 where the rule does not act."""
         found = np.ones((*values.shape[:-1], len(self.of_row)))
@@ -124,11 +130,7 @@ def robust_variance(squares: Floats, units: Units, dimension: int, picked: Mask 
 
 
 def consistency(components: Indices, limit: Floats) -> Floats:
-    """Variance that normal residuals have left inside ``limit`` (U,): below 1 since the tails are cut off.
-
-    Hard rejection at ``s ≤ limit`` is the M-estimator with ψ(r) = r inside, so ``E ψψᵀ = E Dψ = κ F`` with the share F
-    of good units kept and this κ: the information of the kept rows has to be multiplied by it.
-    """
+    """Variance κ that normal residuals have left inside ``limit`` (U,): below 1 since the tails are cut off."""
     result = np.ones(len(components))
     for size in _distinct(components):
         of_size = components == size

@@ -73,7 +73,7 @@ struct frame {
     long derived_top_count;
     double *derived_both, *derived_both_sigma;
     long derived_both_count;
-    double kappa[1];    /* of each kind of unit: what limits leave */
+    double kappa[2];    /* by kind of unit: κ, its worth */
     double results[8];
     long states[8];
 };
@@ -500,7 +500,7 @@ static int prepare(struct frame *f, const derived_data *data,
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
-    for (b = 0; b < 1; b++)
+    for (b = 0; b < 2; b++)
         f->kappa[b] = 1.0;
     return 0;
 }
@@ -603,8 +603,7 @@ int derived_begin(const derived_data *data, derived_result *result, derived_work
         f->covariance[c] = NAN;
     for (c = 0; c < f->system->numbers; c++)
         f->point[c] = f->start[c];
-    f->states[4] = 0;
-    f->work.penalised = 0;
+    f->states[4] = f->work.penalised = 0;
     for (c = 0; c < n; c++)
         f->sides[c] = 0;
     answer(f, result);

@@ -45,7 +45,7 @@ MADE_TOGETHER = [
 ]
 
 
-def numbers_apart(first, second, path=""):
+def numbers_apart(first, second, path="", apart=1e-9):
     """Where two documents differ: texts anywhere, numbers by more than roundings in another order make of them."""
     if isinstance(first, dict) and isinstance(second, dict):
         if first.get("dof") == 0:  # whether residuals are zero or cannot get smaller is a matter of roundings
@@ -55,14 +55,14 @@ def numbers_apart(first, second, path=""):
             return
         for name in first:
             if name not in ("seconds", "backend", "iterations", "evaluations"):
-                yield from numbers_apart(first[name], second[name], f"{path}/{name}")
+                yield from numbers_apart(first[name], second[name], f"{path}/{name}", apart)
     elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
         for i, (one, other) in enumerate(zip(first, second, strict=True)):
-            yield from numbers_apart(one, other, f"{path}/{i}")
+            yield from numbers_apart(one, other, f"{path}/{i}", apart)
     elif isinstance(first, float) and isinstance(second, float):
         # Both paths end where the next step is below 1e-10 standard deviations, which here are 1e-3 to 1e-2; costs and
         # covariances follow from there to second and to first order.
-        if abs(first - second) > 1e-9 * max(abs(first), abs(second)) + 1e-11:
+        if abs(first - second) > apart * max(abs(first), abs(second)) + 1e-11:
             yield path, first, second
     elif first != second:
         yield path, first, second
@@ -84,7 +84,9 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
         # the subsets of consensus are drawn alike in native code only
         plain = mbm.loads(text).solve(data=data, backend="auto" if DRAWN & set(text.split()) else "numpy")
     assert not isinstance(plain.result.solves, ManyReports)
-    assert list(numbers_apart(plain.document(), made.document())) == []
+    # How much the rows kept say follows from residuals where consensus ends, within 1e-6 deviations of the fit.
+    apart = 1e-7 if ":robust" in text else 1e-9
+    assert list(numbers_apart(plain.document(), made.document(), apart=apart)) == []
 
 
 @pytest.mark.parametrize("name", MADE_TOGETHER)
