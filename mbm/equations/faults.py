@@ -108,13 +108,15 @@ MOST_NAMED = 6
 """Numbers of one unknown, or rows of a table, that a message lists."""
 
 
-def no_equations(unknowns: int, place: Place | None = None) -> Diagnostic:
-    """No residuals at all for ``unknowns`` scalar unknowns."""
+def no_equations(unknowns: int, place: Place | None = None, unpaired: str = "") -> Diagnostic:
+    """No residuals at all for ``unknowns`` scalar unknowns; ``unpaired``: why no rows of tables go together."""
+    clock = "Give the tables times of one clock, or a wider `:tolerance`. " if unpaired else ""
     return Diagnostic(
         code=NO_EQUATIONS,
-        message=f"{unknowns} scalar {'unknown' if unknowns == 1 else 'unknowns'}, but no equation has a row of data",
+        message=f"{unknowns} scalar {'unknown' if unknowns == 1 else 'unknowns'}, but no equation has a row of data"
+        + (unpaired and f": {unpaired}"),
         place=place,
-        hint=NO_EQUATIONS.mend,
+        hint=clock + NO_EQUATIONS.mend,
     )
 
 

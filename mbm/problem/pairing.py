@@ -158,6 +158,17 @@ def paired_rows(pair: PairDeclaration, table: Table) -> tuple[Positions, Positio
     return later_rows(table, pair.steps, _within(pair, table, table).keys, scale, pair.tolerance)
 
 
+def unpaired(pairs: Sequence[PairDeclaration], tables: Mapping[str, Table]) -> str:
+    """What the times are of the first pair that has no rows although both of its tables have some; empty if none is."""
+    for pair in pairs:
+        sides = [(side, tables[side]) for side in (pair.first, pair.second)]
+        if pair.steps is None and not len(tables[pair.name]) and all(len(table) for _, table in sides):
+            spans = [(side, times.min(), times.max()) for side, table in sides for times in (_times(table, pair),)]
+            said = " and ".join(f"from {low:.10g} to {high:.10g} in `{side}`" for side, low, high in spans)
+            return f"`{pair.name}` pairs no rows, as `{pair.by}` goes {said}"
+    return ""
+
+
 def _times(table: Table, pair: PairDeclaration) -> Numbers:
     """The times of a table, all finite."""
     return _numbers(table, pair.by, pair)

@@ -340,3 +340,16 @@ def test_a_pair_whose_tables_share_no_value_of_a_key_says_so():
             for words in ("`P`", "column `g`", "`A` (1, 2)", "`B` (7, 8, 9)"):
                 assert words in fault.message
             assert ":columns" in fault.hint
+
+
+@pytest.mark.parametrize("how", ["", ":interpolate true"])
+def test_times_that_do_not_overlap_are_said_with_their_spans(how):
+    text = f"""(problem p (data a external) (data b external) (pair both (a b) :by t :tolerance 1 {how})
+      (unknowns (x)) (observe both (= a.y (+ x b.y))))"""
+    data = {"a": {"t": [0.0, 1.0, 4.5], "y": [1.0, 2.0, 3.0]}, "b": {"t": [1000.0, 1007.25], "y": [1.0, 2.0]}}
+    with pytest.raises(mbm.MbmError, match="no-equations") as caught:
+        mbm.loads(text).solve(data=data).first.cost  # noqa: B018
+    (said,) = caught.value.diagnostics
+    assert "`both`" in said.message
+    assert "from 0 to 4.5 in `a`" in said.message
+    assert "from 1000 to 1007.25 in `b`" in said.message

@@ -48,6 +48,7 @@ from mbm.estimation.uncertainty.invariance import curved_directions, with_invari
 from mbm.estimation.uncertainty.observability import limited as beside_limits, observed_at
 from mbm.estimation.uncertainty.statistics import Statistics, cost_of, plain_residuals, statistics
 from mbm.kernels.types import KernelSet
+from mbm.problem.pairing import unpaired
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, UnknownKind
 from mbm.text.types import Diagnostic, MbmError
@@ -142,6 +143,8 @@ def estimate(
     """
     began = perf_counter()
     equations, binder = assemble(problem, kernels, tables, starts, cache)
+    if equations.dimension and not equations.count and (why := unpaired(problem.pairs, tables)):
+        raise MbmError(faults.no_equations(equations.dimension, problem.span, why))
     robust = prepared(problem, equations, settings, lambda: starting_points(equations, settings, last), checked_rows)
     equations = robust.equations.with_factors(robust.factors)
     ranges = partial(known_ranges(cache).of, equations, settings, stated=not problem.estimates_noise)
