@@ -358,3 +358,23 @@ def test_one_of_several_observations_is_named(tmp_path, capsys):
           (observe two d (= [a.x a.y] (+ u [c.x c.y]))))""")
     assert run(["trajectory", str(file), "--observation", "two", "-q"]) == 0
     assert "`c` against `a`" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("moves", ["neither", "est", "ref", "otherwise"])
+def test_a_similarity_that_collapses_is_refused(moves, tmp_path):
+    """Nothing can be told of the scale between a path and one that stands still, or that goes elsewhere."""
+    ref, est = written(tmp_path)
+    g = np.random.default_rng(1)
+    for path, side in ((ref, "ref"), (est, "est")):
+        rows = np.loadtxt(path)
+        if moves == "otherwise":
+            rows[:, 1:4] = g.normal(0, 1, (120, 3)) if side == "est" else rows[:, 1:4]
+        elif moves != side:
+            rows[:, 1:4] = np.array([1.0, 2.0, 3.0]) + (0.01 * g.normal(size=(120, 3)) if side == "est" else 0.0)
+        np.savetxt(path, rows, fmt="%.9f")
+    with pytest.raises(mbm.MbmError) as caught:
+        trajectory_file(problem(tmp_path, ref, est, "sim3"), SolveOptions())
+    (said,) = caught.value.diagnostics
+    assert (said.code.name, "no scale" in said.message) == ("no-trajectory", True)
+    found = trajectory_file(problem(tmp_path, ref, est, "se3"), SolveOptions())
+    assert found.trajectories[0].ape.statistics()["translation"].rmse > 0

@@ -49,6 +49,18 @@ def no_trajectory(span: Span, why: str) -> Diagnostic:
     )
 
 
+def no_scale(span: Span, sides: tuple[str, str], *, still: bool) -> Diagnostic:
+    """A similarity whose scale has collapsed; ``still``: the reference does not move."""
+    estimate, reference = (side.rstrip(".") for side in sides)
+    why = f"`{reference}` does not move" if still else f"`{estimate}` and `{reference}` do not move alike"
+    return Diagnostic(
+        code=NO_TRAJECTORY,
+        message=f"{why}, so that no scale can be told: the similarity shrinks the path of `{estimate}` to a point",
+        place=span,
+        hint="align with `(pose 2)` or `(pose 3)` in place of the similarity, or check that the tables belong together",
+    )
+
+
 def without_equations() -> Diagnostic:
     """A trajectory of a result that was pickled, or of nothing."""
     return Diagnostic(

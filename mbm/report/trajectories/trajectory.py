@@ -17,7 +17,7 @@ import numpy as np
 from mbm.problem.pairing import paired_rows
 from mbm.problem.rows import nearest_later, travelled
 from mbm.problem.tables import TIME, CellKey, PairDeclaration, StepKind
-from mbm.problem.types import Block, Problem
+from mbm.problem.types import Block, Problem, UnknownKind
 from mbm.report.trajectories import faults
 from mbm.report.trajectories.sides import Laid, Place, laid, trajectory_blocks
 from mbm.report.trajectories.types import Errors, Floats, Indices, Path, Segments, Trajectory
@@ -25,6 +25,13 @@ from mbm.text.types import MbmError
 
 SHARE = 0.1
 """How far from the step that a caller asks for the times or paths of two poses may be apart, as a part of it."""
+
+DIGITS_ALONE = 1e-9
+"""Spread of positions, beside their largest coordinate, that their digits alone make."""
+
+COLLAPSED = 0.1
+"""Spread of an aligned path beside that of the reference, below which its scale tells of the noise alone: the ratio is
+the correlation of the two."""
 
 _DELTA = re.compile(r"([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?)(f|s|m)")
 _WORDS = {StepKind.ROWS: "rows", StepKind.TIME: "time", StepKind.DISTANCE: "distance"}
@@ -59,11 +66,12 @@ def trajectory(
     compared with the next. Every row starts a step, as evo has it with ``--all_pairs``.
 
     Raises:
-        MbmError: no-trajectory, several-trajectories, bad-delta.
+        MbmError: no-trajectory (a similarity that leaves nothing of the path, too), several-trajectories, bad-delta.
 
     """
     block = chosen_block(place.problem, observation)
     found = laid(place, block)
+    _refuse_collapsed(place, found)
     times = _times(found)
     rpe: list[Segments | None] = [*_stated(place, block, found)]
     rpe += [_asked(text, found, times) for text in deltas or (() if rpe else ("1f",))]
@@ -78,6 +86,21 @@ def trajectory(
         ape=absolute_errors(found.reference, found.estimate, found.unit, found.factor),
         rpe=tuple(each for each in rpe if each is not None),
     )
+
+
+def _refuse_collapsed(place: Place, found: Laid) -> None:
+    entries = [each for each in place.layout.entries if each.unknown.kind is UnknownKind.SIMILARITY]
+    if not any(not bool(place.layout.fixed[each.range].all()) for each in entries):
+        return
+    reference, estimate = (_spread(each.positions) for each in (found.reference, found.estimate))
+    still = reference <= DIGITS_ALONE * float(np.abs(found.reference.positions).max(initial=0.0))
+    if len(found.positions) > 1 and (still or estimate <= COLLAPSED * reference):
+        raise MbmError(faults.no_scale(place.problem.span, found.sides, still=still))
+
+
+def _spread(positions: Floats) -> float:
+    """The root mean square distance from their mean."""
+    return float(np.sqrt(np.square(positions - positions.mean(axis=0)).sum(axis=1).mean())) if len(positions) else 0.0
 
 
 def _times(found: Laid) -> Floats | None:
