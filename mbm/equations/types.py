@@ -357,7 +357,9 @@ class NoiseState(Enum):
 
     ESTIMATED = "the factor was estimated from the residuals"
     NO_REDUNDANCY = "no degrees of freedom are left to estimate the noise"
-    COVERED = "the stated common errors explain all of the residuals, which leaves nothing to estimate the noise"
+    COVERED = (
+        "stated common errors or constants explain all of the residuals, which leaves nothing to estimate the noise"
+    )
     NOTHING = "the noise of other rows explains all of the residuals, so that the noise is estimated as nothing"
     EXACT = "all residuals are zero but for rounding, which leaves nothing to estimate the noise"
     DEPENDENT = "without scatter, or in proportion to others, components leave nothing to estimate the covariance"

@@ -21,6 +21,7 @@ from math import inf
 import numpy as np
 
 from mbm.equations.spreads import Freedom, Moved
+from mbm.equations.types import NoiseState
 from mbm.estimation.settings import Moves
 from mbm.estimation.trust.plausibility import OF_RESIDUALS
 from mbm.estimation.uncertainty.derived import PINNED
@@ -70,22 +71,46 @@ def moves_of(result: Result, moved: Sequence[tuple[ConsideredConstant, Result, R
     found: dict[tuple[tuple[str, CellKey], ...], Floats] = {}
     shares = shares_of([constant for constant, _, _ in moved])
     for i, solve in enumerate(result.solves):
-        own, *others = (_as_stated(each.solves[i]) for each in (result, *(b for _, *pair in moved for b in pair)))
+        both = (result, *(each for _, *pair in moved for each in pair))
+        own, *others = (_as_stated(each.solves[i], solve) for each in both)
         if own is not None and all(each is not None and each.shape == own.shape for each in others):
             sides = np.stack([each for each in others if each is not None]).reshape(len(moved), 2, -1)
             found[tuple(solve.key.items())] = (sides[:, 1] - sides[:, 0]) / (2.0 * shares[:, None])
     return lambda key: found.get(tuple(key.items()))
 
 
-def _as_stated(solve: SolveReport) -> Floats | None:
-    """The residuals of a solve divided by the noise as it is stated; None where it is not trusted, or some are out."""
+def _as_stated(solve: SolveReport, there: SolveReport) -> Floats | None:
+    """The residuals of a solve divided by the noise as it is stated in another (`_restated`); None where it is not
+    trusted, or some are out.
+    """
     if not solve.status.trusted or solve.robust_cost is not None or solve.made_from is None:
         return None
-    solution = solve.made_from()[1]
-    residuals = solution.minimum.residuals
+    solution, residuals = solve.made_from()[1], _restated(solve, there)
     if solution.factors is None:
         return residuals
     return residuals * solution.factors if residuals.shape == solution.factors.shape else None
+
+
+@np.errstate(all="ignore")
+def _restated(solve: SolveReport, there: SolveReport) -> Floats:
+    """The residuals (m,) of a solve, divided by what is stated as their noise ``there``, where constants are others."""
+    if solve.made_from is None or there.made_from is None:
+        return np.zeros(0)
+    solution, other = solve.made_from()[1], there.made_from()[1]
+    residuals = solution.minimum.residuals.copy()
+    if len(residuals) != sum(group.count for group in solution.groups):
+        return residuals
+    for group, stated in zip(solution.groups, other.groups, strict=True):
+        lines = residuals[group.first : group.first + group.count].reshape(group.rows, -1)
+        for mine, others in zip(group.whiteners, stated.whiteners, strict=True):
+            part, used, wanted = lines[:, mine.first : mine.last], mine.weights, others.weights
+            if np.array_equal(used, wanted):
+                continue
+            if used.ndim == 2:
+                part *= np.where(used == wanted, 1.0, wanted / used)
+            else:
+                part[...] = np.einsum("rij,rjk,rk->ri", wanted, np.linalg.pinv(used), part)
+    return residuals
 
 
 def _solve(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]) -> SolveReport:
@@ -157,6 +182,7 @@ def _tested(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]
     residuals, moves = both
     _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
     parts, stated = axes @ residuals, solve.chi2_p is not None
+    covered = any(each.state is NoiseState.COVERED for each in solution.noise.values())
     noise = next((each.factor**2 for each in solution.noise.values()), 1.0)
     residuals = residuals - (1.0 - np.sqrt(noise / (noise + np.square(lengths)))) * parts @ axes
     squares, fit = float(residuals @ residuals), solution.fit
@@ -167,7 +193,7 @@ def _tested(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pair]]
     def examined() -> Examined:
         found = solve.examined()
         others = [each for each in found.diagnostics if each.code not in OF_RESIDUALS]
-        return replace(found, diagnostics=(*others, *doubts_of(residuals, fit)))
+        return replace(found, diagnostics=(*others, *(() if covered else doubts_of(residuals, fit))))
 
     return replace(solve, chi2_p=fit.chi2_p, examination=examined)
 
@@ -176,12 +202,8 @@ def _residuals(solve: SolveReport, moved: Sequence[tuple[ConsideredConstant, Pai
     """The residuals (m,) whose squares are tested, and what a standard deviation of each constant does to them
     (constants, m); None where others are.
     """
-
-    def residuals(each: SolveReport) -> Floats:
-        return np.zeros(0) if each.made_from is None else each.made_from()[1].minimum.residuals
-
-    own = residuals(solve)
-    pairs = [(residuals(below), residuals(above)) for _, (below, above) in moved]
+    own = _restated(solve, solve)
+    pairs = [(_restated(below, solve), _restated(above, solve)) for _, (below, above) in moved]
     told, squares = solve.chi2_p, float(own @ own)
     if solve.dof is None or solve.cost is None or solve.robust_cost is not None:
         return None

@@ -72,3 +72,37 @@ def test_constants_that_move_no_residuals_take_none_of_them() -> None:
     # 1e-5: the derivatives of constants are halves of differences of two solves
     assert beside["a"].sigma == pytest.approx(plain["a"].sigma, rel=1e-5)
     assert beside["a"].dof == pytest.approx(plain["a"].dof, rel=1e-4)
+
+
+@pytest.mark.parametrize("s", [0.05, 0.2])
+def test_a_constant_in_the_form_of_unknown_noise_scales_the_weights_alone(s: float) -> None:
+    text = LINE.format(s=s, each="", observed=ONE).replace("(h 0 ", "(h 0.5 ").replace("(* h x x)", "0")
+    plain, scaled = (
+        mbm.loads(text.replace(":sigma unknown", each)).solve(data={"d": {"x": X, "y": Y}})
+        for each in (":sigma unknown", ":sigma (unknown h)")
+    )
+    # 1e-9: two solves of a linear problem
+    np.testing.assert_allclose(scaled.solves[0].covariance.matrix, plain.solves[0].covariance.matrix, rtol=1e-9)
+    assert scaled["b"].dof == pytest.approx(5.0)
+    assert [d.code for d in scaled.diagnostics] == [d.code for d in plain.diagnostics]
+
+
+def test_a_constant_in_stated_noise_beside_unknown_noise_moves_no_residuals() -> None:
+    other = " (observe d (= z (* 2 b)) :sigma unknown)"
+    text = LINE.format(s=0.05, each="", observed=ONE + other).replace("(h 0 ", "(h 0.3 ").replace("(* h x x)", "0")
+    data = {"d": {"x": X, "y": Y, "z": 4.0 + 0.2 * np.random.default_rng(1).normal(size=7)}}
+    kinds = (":sigma 0.3", ":sigma h", ":covariance [[(* h h)]]")
+    plain, *beside = (mbm.loads(text.replace(":sigma unknown", kind, 1)).solve(data=data) for kind in kinds)
+    for each in beside:
+        assert each.noise["d-2"] == pytest.approx(plain.noise["d-2"], rel=1e-6)  # rounds end when factors settle
+
+
+@pytest.mark.parametrize("k", [0.1, 0.3, 0.7])
+@pytest.mark.parametrize("rows", [6, 7, 8, 9])
+def test_readings_that_a_constant_alone_explains_tell_nothing_of_their_noise(rows: int, k: float) -> None:
+    x = np.arange(float(rows))
+    text = LINE.format(s=0.3, each="", observed=ONE).replace("(* b x) (* h x x)", "(* h (+ x 1))").replace(" (b)", "")
+    found = mbm.loads(text).solve(data={"d": {"x": x, "y": 1.0 + k * (x + 1.0)}})
+    assert found.solves[0].record.noise == {"d": None}
+    assert [each.code.name for each in found.diagnostics] == ["noise-not-estimated"]
+    assert found["a"].sigma == pytest.approx(0.3 * (x.mean() + 1.0), rel=1e-9)

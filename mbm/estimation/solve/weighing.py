@@ -119,9 +119,10 @@ class _Weighing:
             cost = float(np.square(robust.scattering(minimum.residuals)).sum())
             dof = self.equations.count + observed.equalities - observed.rank
             moves = self._left_over(minimum, observed, None)
-            noise = common_factor(cost, dof, rounding_at(self.equations, minimum))
+            rounding = rounding_at(self.equations, minimum)
+            noise = common_factor(cost, dof, rounding)
             if moves is not None and noise.state is NoiseState.ESTIMATED:
-                noise = beside_constants(minimum.residuals, moves, dof)
+                noise = beside_constants(minimum.residuals, moves, dof, rounding)
             return minimum, dict.fromkeys(self.unknown[0], noise), None
         found = variance_components(self._reweighted, groups, self._starting(groups))
         factors = self._row_factors([noise.factor for noise in found])

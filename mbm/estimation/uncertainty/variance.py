@@ -89,22 +89,30 @@ UNMOVED = 1e-12
 """Of the variance of residuals: what constants add to one direction of them that counts as nothing."""
 
 
-def beside_constants(residuals: Floats, moves: Floats, dof: int) -> Noise:
+DIFFERENCES = 100.0
+"""Rounding errors of residuals that what constants do to them has, found by moving these by a hundredth part."""
+
+
+def beside_constants(residuals: Floats, moves: Floats, dof: int, rounding: float) -> Noise:
     """The factor of one noise of all residuals e (m,), which uncertain constants move by ``moves`` D (k, m).
 
     The restricted likelihood of e, whose covariance is v M + Dᵀ D with the projector M on what the unknowns leave: its
     variance v by Fisher's scoring, and twice v² by the variance of that, the degrees of freedom. Moves in as many
     directions as there are degrees of freedom may take up all residuals: then the factor is as without them, if
-    anything too large.
+    anything too large. Fewer take up all of them but for ``rounding``, the rounding error of their norm, where there is
+    no noise.
     """
     cost = float(residuals @ residuals)
     _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
     moving = np.square(lengths) > UNMOVED * cost / dof
     lengths, axes = lengths[moving], axes[moving]
-    apart, along = np.square(lengths), np.square(axes @ residuals)
-    rest, left = max(cost - float(along.sum()), 0.0), dof - len(lengths)
-    if left <= 0 or not rest > 0.0:
+    parts, left = axes @ residuals, dof - len(lengths)
+    if left <= 0:
         return Noise(factor=sqrt(cost / dof), state=NoiseState.ESTIMATED)
+    apart, along, rest = np.square(lengths), np.square(parts), float(np.square(residuals - parts @ axes).sum())
+    blurred = rounding * (1.0 + DIFFERENCES * float(np.abs(parts / lengths).sum()))
+    if fits_exactly(rest, blurred):
+        return Noise(factor=blurred / sqrt(left), state=NoiseState.COVERED)
     variance, told = rest / left, float(left)
     for _ in range(VARIANCE_ROUNDS):
         shares = variance / (variance + apart)
