@@ -35,10 +35,10 @@ MACROS = frozenset(_MACROS.split())
 """Macros of the headers of C99 that generated text includes: no name of any kind can be one of them."""
 
 _FUNCTIONS = """add_noise add_slopes all_rows by_rows evaluate_rows append_rows eliminate_noise find_rows finish_solve
-fused_rows group_noise kept_rows know_rows least_of_minima least_of_paths limit_by_noise load_noise load_rows
-penalise_slopes penalise_values put_covariance root_of_covariance root_slopes root_values separate_rows set_covariance
-set_rotation_slopes set_slopes set_sphere_slopes singular_values start_solve tried_noise weights_of_covariance
-whiten_slopes whiten_values"""
+fused_rows group_noise kept_rows know_rows least_of_minima least_of_paths least_of_windows limit_by_noise load_noise
+load_rows penalise_slopes penalise_values put_covariance root_of_covariance root_slopes root_values separate_rows
+set_covariance set_rotation_slopes set_slopes set_sphere_slopes singular_values start_solve tried_noise
+weights_of_covariance whiten_slopes whiten_values"""
 _FRAME = """agreement chosen column consensus columns columns_used constants coordinates covariance data data_numbers
 data_set firsts fixed form index index_used kappa known lower members multipliers offsets parameters
 parameters_used point results rules scratch sides sigma spare start startless states system

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 import mbm
@@ -55,8 +56,19 @@ def test_a_fixed_model_is_judged_by_its_residuals() -> None:
 
 
 def test_unknown_noise_of_a_fixed_model_is_the_root_mean_square() -> None:
-    found = mbm.loads(FIXED.format(sigma="unknown", more="")).solve()
+    text = FIXED.format(sigma="unknown", more="")
+    found = mbm.loads(text.replace(":sigma 0.1", "")).solve()
     assert found.first.noise["t"] == pytest.approx(np.sqrt(np.square(RESIDUALS).mean()))
+    rows = np.arange(1.0, 5.0)
+    moved = rows @ rows * 0.1**2  # the variance that the constant adds along the one direction in which it moves rows
+    along = (RESIDUALS @ rows) ** 2 / (rows @ rows)
+    rest = RESIDUALS @ RESIDUALS - along
+    likelihood = minimize_scalar(
+        lambda v: 3 * np.log(v) + np.log(v + moved) + rest / v + along / (v + moved),
+        bounds=(1e-3, 1.0), method="bounded", options={"xatol": 1e-12},
+    )  # fmt: skip
+    # 1e-6: half of a difference of two solves
+    assert mbm.loads(text).solve().first.noise["t"] == pytest.approx(np.sqrt(likelihood.x), rel=1e-6)
 
 
 @pytest.mark.parametrize("backend", ["native", "casadi", "numpy"])

@@ -130,3 +130,13 @@ def test_models_with_jumps_are_not_taken_for_linear() -> None:
     )
     assert solve.method != "linear"
     assert solve.cost == pytest.approx((0.95**2 + 0.05**2) / 0.01, rel=1e-6)
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_keys_without_rows_of_the_derived_table_have_no_numbers(backend: str) -> None:
+    text = """(problem p (data few (table (id x) (1 1))) (data d (table (id y) (1 1) (0 1) (1 1.2)))
+      (unknowns (a :init 1)) (observe d (= y (exp a)) :sigma 1) (for-each id) (derive (q (sin a) :over few)))"""
+    first, second = mbm.loads(text).solve(backend=backend).document()["solves"]
+    # exp(a) is the mean of 1 and 1.2, to 1e-7 standard deviations
+    assert first["derived"]["q"]["value"] == pytest.approx([np.sin(np.log(1.1))], abs=1e-6)
+    assert second["derived"]["q"]["value"] == []

@@ -187,7 +187,7 @@ def _derived(
     for one in derived:
         stated = propagation.problem.derived[one.owner]
         count = one.sigma.size
-        if stated.kind is not None or one.gradient is None or count > left:
+        if stated.kind is not None or one.gradient is None or not 0 < count <= left:
             continue
         groups = propagation.binder.derived(propagation.kernels, one.owner)
         if around.equations.linear and all(affine(group, free) for group in groups):
