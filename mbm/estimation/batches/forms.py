@@ -119,7 +119,7 @@ class Formed:
         for count in np.unique(counts[counts >= self.plan.minimal]).tolist():
             mine = np.flatnonzero(counts == count)
             subsets = units[(ends[mine] - count)[:, None] + np.arange(count)]
-            parts.append((mine, self.plan.form.solve(self.plan, subsets)))
+            parts.append((mine, self.plan.solved(subsets)))
         width = max((part.shape[1] for _, part in parts), default=1)
         places = self.plan.candidate.places[0]
         found = np.full((len(which), width, len(places)), np.nan)

@@ -102,9 +102,22 @@ def test_rays_meet_where_they_were_sent_from() -> None:
     assert np.isnan(meeting_points(places, np.tile(rays[:1], (5, 1)))).all()
 
 
-@pytest.mark.parametrize("points", [np.tile([1.0, 2.0, 3.0], (5, 1)), cloud(5, 3)], ids=["one place", "one ray"])
-def test_points_at_one_place_or_on_one_ray_have_no_pose(points: np.ndarray) -> None:
-    found, shifts = poses_from_bearings(points, np.tile([0.0, 0.0, 1.0], (5, 1)))
+AHEAD = np.tile([0.0, 0.0, 1.0], (5, 1))
+ROUNDED = np.tile([4e-16, -7e-17, 5.0], (12, 1))
+"""Their mean is not quite where they all are."""
+
+
+@pytest.mark.parametrize(
+    ("points", "seen"),
+    [
+        (np.tile([1.0, 2.0, 3.0], (5, 1)), AHEAD),
+        (ROUNDED, bearings(cloud(12, 0), np.eye(3), np.zeros(3))),
+        (cloud(5, 3), AHEAD),
+    ],
+    ids=["one place", "one place but for rounding", "one ray"],
+)
+def test_points_at_one_place_or_on_one_ray_have_no_pose(points: np.ndarray, seen: np.ndarray) -> None:
+    found, shifts = poses_from_bearings(points, seen)
     assert (found.shape, shifts.shape) == ((0, 3, 3), (0, 3))
 
 

@@ -140,7 +140,7 @@ def _answers(plan: Plan) -> list[tuple[Indices, Floats]]:
     Of a family, the best solution of each member.
     """
     if plan.form.joint:
-        whole = plan.form.solve(plan, np.arange(len(plan.rows))[None])[0]
+        whole = plan.solved(np.arange(len(plan.rows))[None])[0]
         return [(plan.candidate.places.ravel(), w) for w in whole if bool(np.isfinite(w).any())]
     solved = solutions(plan)
     known = finite(solved, 2)
@@ -185,7 +185,7 @@ def solutions(plan: Plan) -> Floats:
     for count in np.unique(counts[counts >= plan.minimal]):
         which = np.flatnonzero(counts == count)
         subsets = np.stack([rows_of[m] for m in which])
-        parts.append((which, plan.form.solve(plan, subsets)))
+        parts.append((which, plan.solved(subsets)))
     width = max((part.shape[1] for _, part in parts), default=1)
     found = np.full((members, width, plan.candidate.places.shape[1]), np.nan)
     for which, part in parts:

@@ -36,7 +36,7 @@ class MinimalSolver:
         usable = np.flatnonzero((rows >= 0).all(axis=1))
         if not usable.size or subsets.shape[1] < self.plan.minimal:
             return np.empty((0, len(self.base))), np.empty(0, dtype=np.int64)
-        found = self.plan.form.solve(self.plan, rows[usable])
+        found = self.plan.solved(rows[usable])
         which, solution = np.nonzero(np.isfinite(found).all(axis=2))
         points = np.tile(self.base, (len(which), 1))
         points[:, self.plan.candidate.places[0]] = found[which, solution]

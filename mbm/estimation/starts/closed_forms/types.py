@@ -358,6 +358,18 @@ class Plan:
         """For people: the form and what it gives."""
         return f"{self.form.name}: {', '.join(self.candidate.names)}"
 
+    def solved(self, subsets: Indices) -> Floats:
+        """What the form's ``solve`` answers; NaN for subsets of which it meets a singular matrix."""
+        try:
+            return self.form.solve(self, subsets)
+        except np.linalg.LinAlgError:
+            if len(subsets) == 1:
+                places = self.candidate.places
+                return np.full((1, 1, places.size if self.form.joint else places.shape[1]), np.nan)
+        each = [self.solved(subset[None])[0] for subset in subsets]
+        most = max(map(len, each))
+        return np.stack([np.pad(one, ((0, most - len(one)), (0, 0)), constant_values=np.nan) for one in each])
+
 
 class ClosedForm(Protocol):
     """A method that computes unknowns directly where the equations are of its kind."""

@@ -74,6 +74,9 @@ def poses_from_three(code: AnyCode, points: Floats, bearings: Floats) -> tuple[F
 ITERATIONS = 12
 """Steps of Gauss–Newton on the rotation from each candidate; it converges quadratically from most."""
 
+SAME_PLACE = 1e-14
+"""Spread of points, beside their size, up to which rounding alone tells them apart."""
+
 SAME_ANGLE = 1e-3
 """Rotations nearer than this, in rad, count as one solution."""
 
@@ -93,7 +96,7 @@ def poses_from_bearings(
     """
     centre = points.mean(axis=0)
     spread = np.sqrt(np.square(points - centre).sum(axis=1).mean())
-    if not spread > 0:
+    if not spread > SAME_PLACE * np.abs(points).max():
         return np.empty((0, 3, 3)), np.empty((0, 3))
     local = (points - centre) / spread
     eyes = np.zeros_like(points) if origins is None else origins / spread
