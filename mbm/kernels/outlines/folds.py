@@ -53,7 +53,7 @@ def folds_of(fold: Fold, at: tuple[Floats, Floats], values: Floats) -> Folds:
     on_s[tuple(across.T)] = np.arange(len(across))
     on_t[tuple(along.T)] = len(across) + np.arange(len(along))
     chains = _chains(_neighbours(on_s, on_t, positive, len(both)))
-    lines = tuple(_directed(found[chain], slopes[chain]) for chain in chains)
+    lines = tuple(_apart(_directed(found[chain], slopes[chain])) for chain in chains)
     sides = (each[each >= 0] for each in (on_s[:, 0], on_t[CELLS], on_s[:, CELLS], on_t[0]))
     bottom, right, top, left = (found[each] for each in sides)
     return Folds(lines=lines, zeros=(bottom[:, 0], right[:, 1], 1 - top[:, 0], 1 - left[:, 1]))
@@ -126,3 +126,13 @@ def _directed(points: Floats, slopes: Floats) -> Floats:
     ways = np.diff(points, axis=0)
     left = np.stack([-ways[:, 1], ways[:, 0]], axis=1)
     return points if np.sum(left * (slopes[:-1] + slopes[1:])) >= 0 else points[::-1]
+
+
+def _apart(points: Floats) -> Floats:
+    """The polyline without points that repeat the one before, as where D = 0 at a node of the grid; its ends stay."""
+    kept = np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1) > _SETTLED / CELLS)
+    if not kept[1:].any():
+        return np.asarray(points[[0, -1]])
+    kept[np.flatnonzero(kept)[-1]] &= kept[-1]
+    kept[-1] = True
+    return np.asarray(points[kept])

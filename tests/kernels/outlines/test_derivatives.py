@@ -40,3 +40,18 @@ def test_against_differences(shape, camera):
     assert np.isfinite(expected).all()
     wrong = np.abs(jacobian @ directions - expected) / scale
     assert wrong.max() < 1e-8, list(MEASURES)
+
+
+@pytest.mark.parametrize("place", [(0.3, 0.2, 3.0), (0.2, -0.3, 2.5), (0.2, 0.2, 3.0), (0.3, 0.1, 3.0)])
+def test_the_extent_of_a_sphere_that_touches_a_plane_through_the_eye(place):
+    """The tangents from the eye in the planes y = 0 and x = 0, in closed form: 2 f a √(x² + z² - a²) / (z² - a²)."""
+    found = compiled("sphere", measures=("extent", "top", "left"), angles=(0, 0, 0), place=place)
+    focal, aside, z, a = np.array([800.0, 810.0]), np.array(place[:2]), place[2], 0.2
+    root, depth = np.sqrt(aside**2 + z**2 - a**2), z**2 - a**2
+    size = 2 * focal * a * root / depth
+    values, slopes = found.residuals(np.zeros(9)), found.jacobian(np.zeros(9))
+    assert np.isfinite(values).all()
+    assert np.isfinite(slopes).all()
+    np.testing.assert_allclose(values[:2], size, rtol=1e-9)
+    np.testing.assert_allclose(slopes[:2, 3:5], np.diag(size * aside / root**2), atol=1e-8 * size.max())
+    np.testing.assert_allclose(slopes[:2, 5], size * (z / root**2 - 2 * z / depth), rtol=1e-8)
