@@ -55,8 +55,20 @@ def many_solves(solves: Sequence[SolveReport], width: int, paint: Paint, full: b
         yield paint(f"… {len(solves) - len(shown)} more solves (-v shows all)", Style.QUIET)
     if left_out:
         yield paint(f"… {left_out} more columns (-v shows all; --csv and --json have them too)", Style.QUIET)
+    for sentence in _without_sigma(shown):
+        yield from (paint(line, Style.QUIET) for line in wrapped(sentence, width))
     yield ""
     yield from _totals(solves, width, paint)
+
+
+def _without_sigma(solves: Sequence[SolveReport]) -> Iterator[str]:
+    """Why quantities of solves that are to be trusted have no standard deviations: each reason once."""
+    names: dict[str, dict[str, None]] = {}
+    for scalar in chain.from_iterable(solve_scalars(solve) for solve in solves if solve.status.trusted):
+        if scalar.reason and scalar.sigma != scalar.sigma and scalar.bounds is None:
+            names.setdefault(scalar.reason, {})[f"`{scalar.quantity.name}`"] = None
+    for reason, found in names.items():
+        yield f"no standard deviation of {', '.join(found)}: {reason}"
 
 
 def _fitting(solves: Sequence[SolveReport], width: int, full: bool) -> tuple[list[_Column], int]:

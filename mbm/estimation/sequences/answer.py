@@ -366,7 +366,7 @@ def _one(walked: Walked, own: OwnSteps, numbers: Floats, owner: int) -> tuple[De
         else:
             values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
             slopes = tangent_slopes(derived.kind, derived.dimension, stated, slopes)
-        spread.put(positions, steps, slopes, walked.track)
+        spread.put(positions, own.varied(group, numbers, steps), slopes, walked.track)
     sigma = spread.sigma
     freedom, several = common(np.inf, sigma.shape), bool((spread.steps == SEVERAL).any())
     reason = ONE_AT_A_TIME if several else None

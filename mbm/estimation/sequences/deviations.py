@@ -11,7 +11,7 @@ from mbm.estimation.sequences.own_steps import SEVERAL
 from mbm.estimation.sequences.types import Track
 from mbm.values import dataclass
 
-ONE_AT_A_TIME = "this method keeps no covariance between different steps"
+ONE_AT_A_TIME = "this method keeps no covariance between different steps (`:method batch` does)"
 
 TOGETHER = 2000
 """Derived numbers up to which the covariance of all of them is a matrix."""

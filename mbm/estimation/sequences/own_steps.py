@@ -47,7 +47,18 @@ class OwnSteps:
 
     def steps(self, group: Group) -> Indices:
         """The step of each row (rows,): that of the states that move in it, the last of rows without, or `SEVERAL`."""
-        steps = self.places.step_of_coordinate[self._touched(group)]
+        return self._common(self.places.step_of_coordinate[self._touched(group)])
+
+    def varied(self, group: Group, numbers: Floats, steps: Indices) -> Indices:
+        """The ``steps`` (rows,) of a `placed` group; for `SEVERAL` that of the states by which a row has slopes."""
+        own, found = self.places.step_of_coordinate, steps.copy()
+        if bool((steps == SEVERAL).any()):
+            for lines, slopes in group.dense_slopes(numbers, np.arange(len(own)), len(own)):
+                found[lines] = self._common(np.where((slopes != 0.0).any(axis=1), own, NOT_OF_A_STEP))
+        return np.where(steps == SEVERAL, found, steps)
+
+    def _common(self, steps: Indices) -> Indices:
+        """The step (rows,) of steps (rows, …) and of such as are of none."""
         most = steps.max(axis=1, initial=NOT_OF_A_STEP)
         several = ((steps != most[:, None]) & (steps != NOT_OF_A_STEP)).any(axis=1)
         return np.where(several, SEVERAL, np.where(most == NOT_OF_A_STEP, self.last, most))

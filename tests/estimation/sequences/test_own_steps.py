@@ -126,7 +126,7 @@ def test_covariances_are_those_of_one_step_and_say_so():
     matrix = np.array(derived["matrix"], dtype=float)
     P = covariances[1]
     assert matrix[at("twice@1"), at("sum@1")] == pytest.approx(2 * (P[1, 1] + P[0, 1]), rel=1e-9)
-    reason = "this method keeps no covariance between different steps"
+    reason = "this method keeps no covariance between different steps (`:method batch` does)"
     assert document["derived"]["grown"]["sigma"] is None
     assert [document["derived"]["grown"]["reason"], whole["reason"], derived["reason"]] == [reason] * 3
 
@@ -140,3 +140,26 @@ def test_what_mentions_no_state_is_at_the_last_step():
     assert result["others"].value == pytest.approx(np.sqrt((3 * last[0] ** 2 + (OFFSET - last[0]) ** 2) / 4), rel=1e-9)
     slope = (4 * last[0] - OFFSET) / 4 / result["others"].value
     assert result["others"].sigma == pytest.approx(abs(slope) * offset.sigma, rel=1e-9)
+
+
+@pytest.mark.parametrize("method", ["ekf", "(smoother)"])
+def test_aggregates_that_vary_with_one_step_or_none_have_deviations(method):
+    """The greatest state is one step's, a count varies with none; a mean is of all, and tables say so."""
+    result = mbm.loads(f"""(problem p
+      (data d (table (run t z) ("a" 0 1) ("a" 1 2.2) ("a" 2 2.9) ("b" 0 5) ("b" 2 7) ("b" 3 8.5)))
+      (states :over t (x :init 1 :sigma 3))
+      (dynamics (random-walk x :sigma 0.5))
+      (observe d (= z x) :sigma 0.3)
+      (for-each run)
+      (derive (m (mean d x)) (most (max d x)) (least (min d x)) (n (count d (> z x)))
+        (near (- (max d x) (last d x))) (last (last d x)) (first (first d x)))
+      (solve :method {method}))""").solve()
+    reason = "this method keeps no covariance between different steps (`:method batch` does)"
+    for solve in result.document()["solves"]:
+        told = solve["derived"]
+        assert told["most"]["sigma"] == pytest.approx(told["last"]["sigma"], rel=1e-12)
+        assert told["least"]["sigma"] == pytest.approx(told["first"]["sigma"], rel=1e-12)
+        assert told["n"]["sigma"] == 0
+        assert told["near"]["sigma"] == pytest.approx(0, abs=1e-12)
+        assert [told["m"]["sigma"], told["m"]["reason"]] == [None, reason]
+    assert f"no standard deviation of `m`: {reason}" in " ".join(str(result).split())
