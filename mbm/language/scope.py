@@ -25,6 +25,7 @@ from mbm.language.values import (
     FORMS,
     SCALARS,
     Array,
+    Builtin,
     Callable_,
     ListValue,
     Placeable,
@@ -116,7 +117,10 @@ def scalar(value: Value, span: Span, wanted: str = "a number") -> Expression:
         return value
     if isinstance(value, TextColumn):
         raise MbmError(faults.text_in_number_column(span, value.name, value.sample, value.sample_place))
-    first = f"a function stands first in a list: `({value.name} …)`" if isinstance(value, Callable_) else None
+    first = None
+    if isinstance(value, Callable_):
+        used = value.usage if isinstance(value, Builtin) and value.usage.startswith("((") else f"({value.name} …)"
+        first = f"a function stands first in a list: `{used}`"
     raise MbmError(faults.wrong_kind(span, wanted, describe(value), first))
 
 

@@ -129,6 +129,12 @@ def test_a_function_behind_its_arguments_is_told_to_stand_first(lisp, form, hint
     assert caught.value.diagnostics[0].hint == f"a function stands first in a list: {hint}"
 
 
+def test_a_choice_of_extrema_is_told_to_stand_first_with_its_number(lisp):
+    with pytest.raises(MbmError) as caught:
+        lisp("(+ a (extrema (curve (s 0 1) [s (* s s)]) 1))", a=1.0)
+    assert caught.value.diagnostics[0].hint == "a function stands first in a list: `((extrema C 1) n)`"
+
+
 def test_a_misspelt_name_with_a_hyphen_is_no_subtraction(lisp):
     with pytest.raises(MbmError) as caught:
         lisp.value("focal-lenght", numbers={"focal-length": 1.0})
