@@ -90,7 +90,7 @@ UNIT_CLASH = Code(
 )
 MIXED_UNITS = Code(
     "mixed-units",
-    "The cells of an inline table have different units in one column, or the unit is given in `:columns` too.",
+    "The cells of an inline table have different units in one column, or some have none; or `:columns` gives it too.",
     "Give all cells of a column units of one dimension, or none and `:columns ((column :unit u))`.",
 )
 MISSING_UNIT = Code(
@@ -211,6 +211,15 @@ def mixed_units(span: Span, column: str, units: tuple[str, str], other: Span) ->
         code=MIXED_UNITS, place=span, labels=(Label(other, "first given here"),),
         message=f"the cells of `{column}` have the units {units[0] or '1'} and {units[1] or '1'}; use one",
         hint="write all cells in one unit",
+    )  # fmt: skip
+
+
+def cell_without_unit(span: Span, column: str, unit: str, other: Span) -> Diagnostic:
+    """A number other than zero without a unit in a column whose other cells state one."""
+    return Diagnostic(
+        code=MIXED_UNITS, place=span, labels=(Label(other, "a cell that has a unit"),),
+        message=f"a cell of `{column}` has no unit, others have {unit or 'one'}; use one",
+        hint="write the unit of each cell",
     )  # fmt: skip
 
 

@@ -275,20 +275,23 @@ def _inline(evaluator: Evaluator, scope: Scope, form: Sequence) -> _Source:
     if not isinstance(header, Sequence) or not all(isinstance(i, Symbol) for i in header.items):
         raise MbmError(language_faults.bad_form(form.span, "an inline table begins with its columns", usage))
     names = tuple(i.name for i in header.items if isinstance(i, Symbol))
-    if len(set(names)) != len(names):
-        twice = next(n for n in names if names.count(n) > 1)
-        raise MbmError(language_faults.duplicate_definition(header.span, twice, header.span))
+    for name in (n for n in names if names.count(n) > 1):
+        raise MbmError(language_faults.duplicate_definition(header.span, name, header.span))
     rows = []
-    units: dict[str, tuple[str, Span]] = {}
+    units, bare = dict[str, tuple[str, Span]](), dict[str, Span]()
     for item in form.items[2:]:
         if not isinstance(item, Sequence) or len(item.items) != len(names):
             shown = f"{len(item.items)} values" if isinstance(item, Sequence) else "no list"
             raise MbmError(language_faults.length_clash(item.span, f"a row of {shown}", f"{len(names)} columns"))
         cells = [_cell(evaluator, scope, cell) for cell in item.items]
-        for name, (_, unit), cell in zip(names, cells, item.items, strict=True):
+        for name, (value, unit), cell in zip(names, cells, item.items, strict=True):
+            if unit is None and not isinstance(value, str) and value != 0:
+                bare.setdefault(name, cell.span)  # zero is the same in every unit
             if unit is not None and units.setdefault(name, (unit, cell.span))[0] != unit:
                 raise MbmError(faults.mixed_units(cell.span, name, (units[name][0], unit), units[name][1]))
         rows.append(tuple(value for value, _ in cells))
+    for name in filter(bare.get, units):
+        raise MbmError(faults.cell_without_unit(bare[name], name, *units[name]))
     table = InlineTable(columns=names, rows=tuple(rows), spans=tuple(i.span for i in form.items[2:]))
     return _Source(format="table", inline=table, units=units)
 
