@@ -52,6 +52,34 @@ def test_what_a_constraint_makes_of_the_means(solve, constraints, a, b, method):
     assert found.status == "ok"
 
 
+@pytest.mark.parametrize("method", ["penalty", "exact"])
+@pytest.mark.parametrize(
+    ("kinked", "parts"),
+    [
+        ("(<= (max a b) 2)", "(<= a 2) (<= b 2)"),
+        ("(>= 4 (max (- a 1) b 3))", "(<= (- a 1) 4) (<= b 4)"),
+        ("(>= (min a b) 5)", "(>= a 5) (>= b 5)"),
+        ("(<= (abs (- a b)) 1)", "(<= -1 (- a b) 1)"),
+        ("(>= (- (abs (- a b))) -1)", "(<= -1 (- a b) 1)"),
+        ("(<= (max a b) (min 3 (+ a 1)))", "(<= a 3) (<= b 3) (<= b (+ a 1))"),
+        ("(<= (max t (+ a (* b x))) 8)", "(<= (+ a (* b x)) 8 :over t)"),
+    ],
+)
+def test_a_limit_of_the_greatest_holds_all_of_them(solve, kinked, parts, method):
+    """At the kink, with the sigmas and degrees of freedom of the limits one by one."""
+    one, other = (solve(problem(f"{text}) (solve :constraints {method}")) for text in (kinked, parts))
+    assert one.status == "ok"
+    assert one.solves[0].dof == other.solves[0].dof
+    for name in "ab":
+        assert one[name].value == pytest.approx(other[name].value, rel=EXACT)
+        assert one[name].sigma == pytest.approx(other[name].sigma, rel=1e-6, abs=EXACT)
+
+
+def test_a_part_of_the_greatest_that_is_known_is_decided_before_the_solve():
+    with pytest.raises(mbm.MbmError, match="contradiction"):
+        mbm.loads(problem("(<= (max a 3) 2)")).solve()
+
+
 def test_report_has_an_entry_for_each_constraint(solve):
     text = problem("(<= 0 a 3 :name low) (= (+ a b) 8) (for (i 1 2) (>= b (* i 1.0))) (uniform b 0 5.5)")
     found = solve(text).document()["solves"][0]["constraints"]

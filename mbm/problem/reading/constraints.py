@@ -20,7 +20,7 @@ from mbm.problem.kinds import ConstraintKind, Relation
 from mbm.problem.naming import TakenNames
 from mbm.problem.reading.distributions import DISTRIBUTIONS, USAGES, is_distribution, law_of, moments
 from mbm.problem.reading.equations import data_only, expanded
-from mbm.problem.reading.relations import Pair, both_sides, pairs, refuse_contradictions
+from mbm.problem.reading.relations import Pair, pairs, refuse_contradictions
 from mbm.problem.rows import rows_of
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind, Static
@@ -203,8 +203,6 @@ def _constraint(
         work.reads.everything |= any(pair.known for pair in chain)
         refuse_contradictions(kind, chain, table, positions, work.tables, span, work.uncertain)
         components = tuple(pair.component for pair in chain if not pair.known)
-        if work.scope.steps is not None and kind is not ConstraintKind.EQUAL:
-            components = tuple(side for component in components for side in both_sides(component))
         if components:
             cases.append(EquationCase(static=static, equations=(_demand(kind, components, span),)))
     if not cases:

@@ -11,7 +11,7 @@ dimensions as the points have coordinates; its derivative there takes none. So w
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -53,12 +53,30 @@ class Pair:
         return not holds_unknown(self.component)
 
 
-def both_sides(component: Expression) -> tuple[Expression, ...]:
-    """What is not to be above zero where ``component`` is: of ``|a| − b`` first a − b, then −a − b, without a kink."""
-    match component:
-        case Apply(operation=Operation.SUBTRACT, arguments=(Apply(operation=Operation.ABS, arguments=(inner,)), limit)):
-            return subtract(inner, limit, component.span), subtract(negate(inner), limit, component.span)
-    return (component,)
+def smooth_parts(node: Expression, extreme: Operation) -> tuple[Expression, ...]:
+    """The parts that a limit holds where it holds ``node``: of ``(max a b)`` below it both, of ``|a|`` a and −a.
+
+    ``extreme`` is the maximum for a limit above, the minimum for one below. Methods need slopes, and ``node`` has a
+    kink where its parts are equal: where the optimum is.
+    """
+    found: dict[tuple[Expression, Operation], Expression | None] = {}
+    left = [(node, extreme, False)]
+    while left:
+        each, taken, minus = left.pop()
+        if (each, taken) in found:
+            continue
+        found[each, taken] = None
+        match each:
+            case Apply(operation=operation, arguments=(a, b)) if operation is taken:
+                left += [(b, taken, minus), (a, taken, minus)]
+            case Apply(operation=Operation.ABS, arguments=(a,)) if taken is Operation.MAXIMUM:
+                left += [(a, Operation.MINIMUM, not minus), (a, taken, minus)]
+            case Apply(operation=Operation.NEGATE, arguments=(a,)):
+                other = Operation.MINIMUM if taken is Operation.MAXIMUM else Operation.MAXIMUM
+                left.append((a, other, not minus))
+            case _:
+                found[each, taken] = negate(each, each.span) if minus else each
+    return tuple(part for part in found.values() if part is not None)
 
 
 def holds_unknown(node: Expression) -> bool:
@@ -127,21 +145,31 @@ def _elements(values: Sequence[Value], span: Span) -> list[tuple[Expression, ...
 
 def _ascending(chain: tuple[Expression, ...], span: Span) -> list[Pair]:
     """``chain[0] ≤ chain[1] ≤ …`` as pairs."""
-    found = []
     known = [not holds_unknown(each) for each in chain]
-    for i, (left, right) in enumerate(pairwise(chain)):
-        if not (left.angle or right.angle) or (known[i] and known[i + 1]):
-            component = subtract(left, right, span)
-        elif not known[i] and not known[i + 1]:
-            component = difference(left, right, span)
-        elif known[i]:
-            middle = _middle(left, chain[i + 2], span) if i + 2 < len(chain) and known[i + 2] else None
-            component = subtract(left, _near(right, middle, span), span)
-        else:
-            middle = _middle(chain[i - 1], right, span) if i > 0 and known[i - 1] else None
-            component = subtract(_near(left, middle, span), right, span)
-        found.append(Pair(left, right, component))
+    found: list[Pair] = []
+    for i, (low, high) in enumerate(pairwise(chain)):
+        over = chain[i + 2] if i + 2 < len(chain) and known[i + 2] else None
+        under = chain[i - 1] if i > 0 and known[i - 1] else None
+        sides = product(smooth_parts(low, Operation.MAXIMUM), smooth_parts(high, Operation.MINIMUM))
+        found.extend(Pair(left, right, _excess(left, right, (under, over), span)) for left, right in sides)
     return found
+
+
+def _excess(
+    left: Expression, right: Expression, beyond: tuple[Expression | None, Expression | None], span: Span
+) -> Expression:
+    """What is not above zero where ``left ≤ right``; ``beyond`` are the known limits before and after the two."""
+    known, limit = not holds_unknown(left), not holds_unknown(right)
+    under, over = beyond
+    if not (left.angle or right.angle) or (known and limit):
+        return subtract(left, right, span)
+    if not known and not limit:
+        return difference(left, right, span)
+    if known:
+        middle = _middle(left, over, span) if over is not None else None
+        return subtract(left, _near(right, middle, span), span)
+    middle = _middle(under, right, span) if under is not None else None
+    return subtract(_near(left, middle, span), right, span)
 
 
 def _middle(low: Expression, high: Expression, span: Span) -> Expression:
