@@ -17,9 +17,9 @@ from mbm.values import dataclass
 MOST_LOOPS = 1000
 """Loops that are compared two by two: these take about a second."""
 
-CLOSES = 4.0
-"""Squared misfit of a cycle, beside its expectation, up to which it closes: one in 2,000 true ones does not, and fewer
-where chains have drifted so far that their covariances are those of other places."""
+OPEN = 1 / 2000
+"""Share of true cycles whose squared misfit, a χ², is taken not to close: of a thousand loops about none. More are left
+out where chains have drifted so far that their covariances are those of other places."""
 
 RIVALS = 4
 """Loops that do not close, but agree with one another, and are no chance: of 200 drawn at random no more than three."""
@@ -103,6 +103,8 @@ class _Cycles:
 
 
 def _cycles(motions: Motions, shifts: Floats, chain: Indices) -> _Cycles:
+    from scipy.special import chdtri
+
     R, t, variances = _ahead(motions, shifts)
     low, high = np.minimum(motions.first, motions.second), np.maximum(motions.first, motions.second)
     steps = low[chain]
@@ -113,7 +115,7 @@ def _cycles(motions: Motions, shifts: Floats, chain: Indices) -> _Cycles:
     own = _seen(_adjoint(R, t), variances[loops][:, :, None] * np.eye(6))
     R = R @ _transposed(turned[j])
     t = t - _applied(R, moved[j])
-    limit = CLOSES * (3 * shifts.shape[1] - 3)
+    limit = float(chdtri(3 * shifts.shape[1] - 3, OPEN))
     closed = (_squares(R, t, _between(drift, i, j) + own) <= limit) | (piece[i] != piece[j])
     return _Cycles(
         loops=loops, low=i, high=j, R=R, t=t, own=own, closed=closed, limit=limit, steps=steps, piece=piece, drift=drift
