@@ -374,3 +374,14 @@ def test_arguments_that_are_none(given: dict[str, Any]) -> None:
 def test_too_many_trials_are_refused_before_any_is_made() -> None:
     with pytest.raises(mbm.MbmError, match="too-many-trials"):
         propagated(line(), 10**9)
+
+
+def test_few_trials_do_not_tell_whether_an_interval_beside_a_limit_agrees() -> None:
+    rows = "(0 0.5) (1 0.4) (2 0.7) (3 0.45)"
+    text = LINE.format(rows=rows, sigma="", more=" (constraints (>= b 0.5))")
+    few, many = propagated(text, 500), propagated(text, 20_000)
+    assert few["b"].validated is None
+    assert "too few trials to tell" in str(few)
+    assert few.document()["solves"][0]["propagation"]["b"]["reason"] == "too few trials to tell"
+    assert many["b"].validated is False
+    assert propagated(line(), 500)["b"].validated

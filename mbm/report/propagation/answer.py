@@ -26,7 +26,7 @@ from mbm.report.document import document
 from mbm.report.elements import unit_text
 from mbm.report.intervals import MOST_LINES
 from mbm.report.pickled import as_data
-from mbm.report.propagation.solve import Part, PropagatedSolve, Propagation, propagation_document
+from mbm.report.propagation.solve import TOO_FEW, Part, PropagatedSolve, Propagation, propagation_document
 from mbm.report.sentences import diagnostic_sentence
 from mbm.report.types import Result, ResultStatus
 from mbm.text.faults import missing_extra
@@ -254,7 +254,7 @@ def _of_solve(found: PropagatedSolve, width: int, paint: Paint, full: bool) -> I
 
 def _rows(found: PropagatedSolve, part: Part) -> Iterator[tuple[str, ...]]:
     """Name, mean, sigma, intervals, and what the linear one says, of each scalar of a part."""
-    told, agrees = found.sampled.spreads, found.agrees(part)
+    told, agrees, compared = found.sampled.spreads, found.agrees(part), found.compared(part)
     unit = unit_text(part.item.quantity)
     for k, name in enumerate(part.names):
         place = part.columns.start + k
@@ -267,7 +267,7 @@ def _rows(found: PropagatedSolve, part: Part) -> Iterator[tuple[str, ...]]:
         mean = _number(float(told.mean[place] if varies else told.median[place]), scale)
         ends = [_interval(told.interval[place], scale), _interval(told.shortest[place], scale)]
         middle = mean if varies else f"{mean} (median)"
-        verdict = {None: "", True: "agrees", False: "differs"}[agrees[k]]
+        verdict = {None: TOO_FEW, True: "agrees", False: "differs"}[agrees[k]] if compared[k] else ""
         linear = f"{_interval(part.linear[k], scale)} {verdict}" if verdict else "none"
         linear += f"; no value in {missing:,} trials" if missing else ""
         yield name, f"{middle} {unit}".rstrip(), _sigma(sigma) if varies else "none", *ends, linear

@@ -111,7 +111,7 @@ class Propagation:
 
     ``interval`` is probabilistically symmetric, ``shortest`` the shortest; both have a last axis [low, high], at the
     coverage of the solve. ``validated``: the linear interval agrees with ``interval`` to two digits of the standard
-    deviation (GUM Supplement 1, clause 8); None where there is no linear interval. ``samples`` are those of the trials
+    deviation (GUM Supplement 1, clause 8); None where there is no linear interval, or too few trials tell. ``samples`` are those of the trials
     that converged, along the first axis, NaN where it has no value; ``undefined`` says in how many it has none, and all
     else is of the others. ``mean`` and ``sigma`` are NaN where an input that it depends on has no variance.
     """
@@ -178,10 +178,14 @@ class PropagatedSolve:
         return tuple(name for part in self.parts for name in part.names)
 
     def agrees(self, part: Part) -> tuple[bool | None, ...]:
-        """Whether the linear interval of each scalar is validated; None where it has none."""
-        told = self.sampled.varies[part.columns] & np.isfinite(part.linear).all(axis=1)
+        """Whether the linear interval of each scalar is validated; None where it has none, or too few trials tell."""
         found = validated(part.linear, self.sampled.spreads.of(part.columns))
-        return tuple(each if known else None for each, known in zip(found.tolist(), told.tolist(), strict=True))
+        return tuple(each if known else None for each, known in zip(found, self.compared(part), strict=True))
+
+    def compared(self, part: Part) -> list[bool]:
+        """Which scalars have a linear interval beside that of the trials."""
+        told: list[bool] = (self.sampled.varies[part.columns] & np.isfinite(part.linear).all(axis=1)).tolist()
+        return told
 
     def _of(self, part: Part) -> Propagation:
         told, shape = self.sampled.spreads, part.shape
@@ -198,6 +202,10 @@ class PropagatedSolve:
             samples=self.sampled.samples[:, part.columns].reshape(-1, *shape),
             undefined=self.sampled.undefined[part.columns].reshape(shape),
         )
+
+
+TOO_FEW = "too few trials to tell"
+"""Whether the linear interval agrees."""
 
 
 def propagation_document(found: PropagatedSolve) -> dict[str, Any]:
@@ -218,7 +226,7 @@ def propagation_document(found: PropagatedSolve) -> dict[str, Any]:
         elif not bool(found.sampled.varies[part.columns].all()):
             entry["reason"] = "an input has no variance"
         elif each.validated is None:
-            entry["reason"] = "there is no linear interval"
+            entry["reason"] = TOO_FEW if all(found.compared(part)) else "there is no linear interval"
         # a quantity may be called as a number of the trials is
         written[each.name if each.name not in written else f"{each.name} (quantity)"] = entry
     if found.diagnostics:
