@@ -175,3 +175,11 @@ def test_what_is_neither_true_nor_false(given: Any) -> None:
     text = "(problem p (unknowns (x :init 1)) (observe (= 1 x) :sigma 1))"
     said = refused(lambda: mbm.loads(text).solve(**given), "wrong-argument")
     assert f"`{name}` is {given[name]!r}; True or False is wanted" in said
+
+
+def test_a_start_of_none_is_no_start(compiled: mbm.CompiledProblem) -> None:
+    plain = compiled.solve()
+    starts = dict.fromkeys(each.quantity.name for each in plain.result.solves[0].estimates)
+    assert starts
+    beside = compiled.solve(init=starts)
+    assert beside.document()["solves"] == plain.document()["solves"]

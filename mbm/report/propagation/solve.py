@@ -111,9 +111,10 @@ class Propagation:
 
     ``interval`` is probabilistically symmetric, ``shortest`` the shortest; both have a last axis [low, high], at the
     coverage of the solve. ``validated``: the linear interval agrees with ``interval`` to two digits of the standard
-    deviation (GUM Supplement 1, clause 8); None where there is no linear interval, or too few trials tell. ``samples`` are those of the trials
-    that converged, along the first axis, NaN where it has no value; ``undefined`` says in how many it has none, and all
-    else is of the others. ``mean`` and ``sigma`` are NaN where an input that it depends on has no variance.
+    deviation (GUM Supplement 1, clause 8); None where there is no linear interval, or too few trials tell. ``samples``
+    are those of the trials that converged, along the first axis, NaN where it has no value; ``undefined`` says in how
+    many it has none, and all else is of the others. ``mean`` and ``sigma`` are NaN where an input that it depends on
+    has no variance.
     """
 
     name: str

@@ -65,7 +65,7 @@ def test_false_loops_leave_a_graph_where_it_is(how):
     """Up to twice as many as true ones."""
     clean = off(how, 0)
     assert clean < 0.2  # an edge scatters by 0.03
-    assert max(off(how, false) for false in (20, 80)) < 2 * clean
+    assert max(off(how, false) for false in (5, 20, 80)) < 2 * clean
 
 
 @pytest.mark.parametrize("how", [":loss tukey)", ") (solve :robust ransac)"])
