@@ -118,3 +118,23 @@ def test_a_bundle_without_frame_or_scale() -> None:
     got = numbers(found, "X", 20)
     shape = [np.linalg.norm(each[1:] - each[0], axis=1) / np.linalg.norm(each[1] - each[0]) for each in (got, points)]
     np.testing.assert_allclose(shape[0], shape[1], rtol=EXACT)
+
+
+def test_a_large_bundle_with_few_points_in_each_photograph() -> None:
+    """Of thousands of rows some are probed where the point is beside the camera."""
+    generator = np.random.default_rng(0)
+    points, d = generator.uniform(-3.0, 3.0, (3_000, 3)), {"photo": [], "point": [], "u": [], "v": []}
+    for photo in range(30):
+        there = np.flatnonzero(generator.uniform(size=len(points)) < 0.2)
+        R = Rotation.from_euler("y", 0.2 * photo).as_matrix()
+        found = seen(points[there], R, np.array([0.0, 0.0, 12.0])) + 0.5 * generator.standard_normal((len(there), 2))
+        for name, column in zip(d, (np.full(len(there), float(photo)), there.astype(float), *found.T), strict=True):
+            d[name] = np.append(d[name], column)
+    often = np.bincount(d["point"].astype(int))[d["point"].astype(int)] > 1
+    own, again = np.unique(d["point"][often], return_inverse=True)
+    d = {name: column[often] for name, column in d.items()} | {"point": again.astype(float)}
+    solved = solve(
+        BUNDLE.format(fixed="", more="(solve :gauge free)"),
+        photos={"photo": np.arange(30.0)}, points={"point": np.arange(float(len(own)))}, d=d,
+    )  # fmt: skip
+    assert solved.cost == pytest.approx(solved.dof, abs=5 * np.sqrt(2 * solved.dof))

@@ -94,6 +94,8 @@ def points_of(rows: Rows, frame: Frame, inverse: bool, generator: np.random.Gene
             w = _cross(np.broadcast_to(t, a.shape), a) + (w if d == 2 else w @ R.T)
         else:  # h = f(c R v + t): w = v × c Rᵀa
             a = c * a @ R
+        size = np.maximum(np.linalg.norm(a, axis=(1, 2), keepdims=True), 1e-300)  # a point may be near an eye
+        a, w = a / size, w / size
         operator = _cross_operator(a)
         normal += np.einsum("nkpi,nkpj->nij", operator, operator)
         right += np.einsum("nkpi,nkp->ni", operator, w)
