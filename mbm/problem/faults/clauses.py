@@ -362,7 +362,7 @@ def unknown_consensus(span: Span, name: str, known: tuple[str, ...]) -> Diagnost
 
 
 def contradiction(
-    span: Span, left: float, right: float, sign: str, place: Place | None, uncertain: tuple[str, ...] = ()
+    span: Span, sides: tuple[float, float], sign: str, place: Place | None, uncertain: tuple[str, ...] = ()
 ) -> Diagnostic:
     """A constraint between known numbers that is false; ``place`` is the row of data that makes it so.
 
@@ -372,7 +372,7 @@ def contradiction(
     mend = f"; a constant is not adjusted: make {named} an unknown with a prior, `(NAME :init VALUE :sigma SIGMA)`"
     return Diagnostic(
         code=CONTRADICTION,
-        message=f"this constraint never holds: {left:g} {sign} {right:g} is false",
+        message=f"this constraint never holds: {sides[0]:g} {sign} {sides[1]:g} is false",
         place=span,
         labels=(Label(place, "for this row"),) if place is not None else (),
         hint=f"correct the numbers, or remove it{mend if uncertain else ''}",

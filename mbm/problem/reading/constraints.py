@@ -28,7 +28,7 @@ from mbm.shapes.constraints import calls_with_constraints
 from mbm.shapes.model import ModelLog
 from mbm.shapes.types import ModelCall, ModelConstraint, Shape
 from mbm.text.printer import print_beginning
-from mbm.text.suggest import suggestion
+from mbm.text.suggest import ELSEWHERE, suggestion
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
@@ -134,7 +134,9 @@ def _read(work: Workspace, bound: _Bound, taken: TakenNames) -> Block | None:
     kind = _RELATIONS.get(head)
     if kind is None and not is_distribution(work, head):
         wrong = language_faults.bad_form(form.items[0].span, f"`{head}` is no constraint", USAGE)
-        raise MbmError(replace(wrong, hint=suggestion(head, (*_RELATIONS, *DISTRIBUTIONS), wrong.hint)))
+        if head not in ELSEWHERE:  # `(not (= a b))` is a condition, no constraint
+            wrong = replace(wrong, hint=suggestion(head, (*_RELATIONS, *DISTRIBUTIONS), wrong.hint))
+        raise MbmError(wrong)
     options = split_options(form.items[1:], form.span, owner="a constraint", known=("over", "name", "at"))
     over = options.get("over")
     table = work.table(over) if over is not None else None

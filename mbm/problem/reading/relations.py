@@ -29,7 +29,7 @@ from mbm.problem.tables import Table
 from mbm.text.types import MbmError, Span
 from mbm.values import dataclass
 
-SIGNS = {"<": "<", "<=": "≤", ">": "<", ">=": "≤", "uniform": "≤", "=": "="}
+SIGNS = {"<": "<", "<=": "≤", ">": ">", ">=": "≥", "uniform": "≤", "=": "="}
 
 EQUAL_NUMBERS = 1e-12
 """Known numbers that differ by less than this share of them are equal."""
@@ -127,7 +127,7 @@ def _elements(values: Sequence[Value], span: Span) -> list[tuple[Expression, ...
     """The elements of each value; numbers are repeated to the length of the others."""
     found: list[tuple[Expression, ...]] = []
     for value in values:
-        if isinstance(value, bool):
+        if isinstance(value, bool | str):
             raise MbmError(language_faults.wrong_kind(span, "a number or a vector", describe(value)))
         if isinstance(value, SCALARS):
             found.append((scalar(value, span),))
@@ -224,7 +224,10 @@ def refuse_contradictions(
         sign = SIGNS[kind.value]
         known = [leaf for leaf in leaves((pair.component,)) if isinstance(leaf, Constant) and leaf.name in uncertain]
         names = tuple(dict.fromkeys(leaf.name for leaf in known))
-        raise MbmError(faults.contradiction(span, float(left[row]), float(right[row]), sign, place, names))
+        sides = float(left[row]), float(right[row])
+        if kind in (ConstraintKind.ABOVE, ConstraintKind.NOT_BELOW):
+            sides = sides[::-1]  # as written
+        raise MbmError(faults.contradiction(span, sides, sign, place, names))
 
 
 def vanishing(node: Expression) -> tuple[Expression, ...]:
