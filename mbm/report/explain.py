@@ -269,8 +269,16 @@ def _refused(error: MbmError) -> Iterator[str]:
 
 
 def _keys(found: Elaborated) -> Iterator[str]:
-    if found.problem.request.for_each:
-        yield f"one solve for each value of {', '.join(found.problem.request.for_each)}"
+    keys, window = found.problem.request.for_each, found.problem.request.window
+    if keys:
+        yield f"one solve for each value of {', '.join(keys)}"
+    if window is not None:
+        least = f", with at least {window.min_rows} rows" if window.min_rows > 1 else ""
+        carried = ", beginning with what rows that have left say" if window.carry else ""
+        yield (
+            f"{'and' if keys else 'one solve'} for each window of {window.length:g} of {window.column}, "
+            f"one every {window.step:g} (SI units){least}{carried}"
+        )
 
 
 def enclosing_texts(asked: Enclosing) -> Iterator[str]:

@@ -30,6 +30,15 @@ def test_the_solver_and_its_reason(unknowns: str, more: str, solver: str, reason
     assert reason in said
 
 
+def test_windows_and_keys_are_said(tmp_path: Path) -> None:
+    path = tmp_path / "p.mbm"
+    path.write_text("""(problem p (data d (table (g t y) (1 0 1) (1 1 2) (1 2 3)) :columns ((t :unit ms))) (unknowns (a))
+      (observe d (= y a) :sigma 1) (for-each g) (window t :length 2ms :step 1ms :min-rows 2))""")
+    said = explain(path).split("\nsolver\n")[1]
+    assert "  one solve for each value of g\n" in said
+    assert "  and for each window of 0.002 of t, one every 0.001 (SI units), with at least 2 rows\n" in said
+
+
 def test_what_cannot_be_solved_is_still_explained(tmp_path: Path) -> None:
     path = tmp_path / "p.mbm"
     path.write_text("(problem p (data t (table (y s) (1 -1))) (unknowns (a)) (observe t (= y a) :sigma s))")
