@@ -32,8 +32,8 @@ def test_the_solver_and_its_reason(unknowns: str, more: str, solver: str, reason
 
 def test_windows_and_keys_are_said(tmp_path: Path) -> None:
     path = tmp_path / "p.mbm"
-    path.write_text("""(problem p (data d (table (g t y) (1 0 1) (1 1 2) (1 2 3)) :columns ((t :unit ms))) (unknowns (a))
-      (observe d (= y a) :sigma 1) (for-each g) (window t :length 2ms :step 1ms :min-rows 2))""")
+    path.write_text("""(problem p (data d (table (g t y) (1 0 1) (1 1 2) (1 2 3)) :columns ((t :unit ms)))
+      (unknowns (a)) (observe d (= y a) :sigma 1) (for-each g) (window t :length 2ms :step 1ms :min-rows 2))""")
     said = explain(path).split("\nsolver\n")[1]
     assert "  one solve for each value of g\n" in said
     assert "  and for each window of 0.002 of t, one every 0.001 (SI units), with at least 2 rows\n" in said

@@ -206,6 +206,7 @@ def test_noise_of_inliers_is_that_before_the_tails_were_cut_off(sizes):
         number=np.arange(len(components)),
         rounding=np.zeros(len(components)),
     )
-    found = noise_of_inliers(squares, squares <= limits, np.ones(len(components)), units, 3, limits)
+    redundancy = components * (1.0 - 3.0 / components.sum())  # three unknowns
+    found = noise_of_inliers(squares, squares <= limits, np.ones(len(components)), units, redundancy, limits)
     # 4 is the variance; that of sixty thousand squares, a tenth of which is cut off, is known to a percent
     np.testing.assert_allclose(found, 4.0, rtol=0.02)

@@ -9,7 +9,7 @@ import mbm
 
 
 @pytest.mark.parametrize("loss", ["huber", "tukey"])
-@pytest.mark.parametrize("unit", [1.0, 1e3])
+@pytest.mark.parametrize("unit", [1.0, pytest.param(1e3, marks=pytest.mark.slow)])
 def test_the_noise_of_readings_with_a_loss_may_be_unknown(loss, unit):
     """It is the truth's, with a tenth of the readings grossly wrong: of 24 walks the mean of s is within 10 %.
 

@@ -166,7 +166,12 @@ def test_consensus_of_many_circles_is_that_of_each_alone(everything_sparse, rim)
         single = solved(alone, rim=rim, more="(solve :robust lmeds)")
         (values, sigma), (own, own_sigma) = of_member(single, 0), of_member(found, member)
         np.testing.assert_allclose((own - values) / sigma, 0.0, atol=NEAR)
-        np.testing.assert_allclose(own_sigma, sigma, rtol=SAME)
+        # How many outliers may be within the limits is told by all rows together, of a circle alone by its nine: one
+        # factor for its three numbers. A row just beyond the limits counts as one inside, of which one in eight makes
+        # 1.24 at limits of 2.6 deviations.
+        ratios = own_sigma / sigma
+        np.testing.assert_allclose(ratios, ratios[0], rtol=SAME)
+        assert 1 / 1.25 < ratios[0] < 1.25
 
 
 def one_radius(tables, more: str):
