@@ -93,7 +93,7 @@ class _Weighing:
         self._robust = robust
         self.settings = settings
         self._place = problem.span
-        self.iterations = found.iterations
+        self.iterations = self._searched = found.iterations
         self.evaluations = found.evaluations
         self._last: tuple[Floats | None, Minimum] | None = (robust.factors, found.minimum)
         unknown = (
@@ -193,7 +193,7 @@ class _Weighing:
 
     def _left(self) -> int:
         """Iterations that the rounds have left."""
-        return REWEIGHTED_SEARCHES * self.settings.max_iterations - self.iterations
+        return REWEIGHTED_SEARCHES * self.settings.max_iterations - (self.iterations - self._searched)
 
     def _observed(self, minimum: Minimum) -> Observability:
         equations = self.equations
@@ -207,10 +207,7 @@ class _Weighing:
     def _minimum(self, factors: Floats | None) -> Minimum:
         if self._last is not None and _same(factors, self._last[0]):
             return self._last[1]
-        limit = self.settings.max_iterations
-        if self.iterations:
-            limit = min(limit, max(self._left(), 1))
-        settings = replace(self.settings, max_iterations=limit)
+        settings = replace(self.settings, max_iterations=min(self.settings.max_iterations, max(self._left(), 1)))
         minimum = minimise(self.equations.with_factors(factors), self._point, settings, self._place)
         self.iterations += minimum.iterations
         self.evaluations += minimum.evaluations

@@ -315,3 +315,26 @@ def test_clauses_share_a_scale() -> None:
     assert found.document()["solves"][0]["estimates"]["b"]["dof"] == pytest.approx(
         wanted.document()["solves"][0]["estimates"]["b"]["dof"], rel=1e-6
     )
+
+
+GROWN = np.array([1.02, 1.61, 2.9, 4.2, 7.9, 12.1, 19.8, 34.0, 53.0, 92.0, 147.0])
+
+
+def test_unknown_relative_noise_settles_however_many_starts_the_search_took() -> None:
+    """The rounds for the noise have work of their own: 64 starts before them, and a first fit whose noise is 100 %."""
+    times = np.arange(len(GROWN), dtype=np.float64)
+    found = mbm.loads(
+        f"(problem p {table(x=times, y=GROWN)} (unknowns (a positive) (b))"
+        " (observe t (= y (* a (exp (* b x)))) :sigma (unknown (* 1 model))))"
+    ).solve()
+
+    def log_of(p: Floats) -> float:
+        expected = p[0] * np.exp(p[1] * times)
+        return float(norm.logpdf(GROWN, expected, abs(p[2]) * expected).sum())
+
+    best = peers.most_likely(log_of, np.array([1.0, 0.5, 0.05]))
+    assert found.status == "ok"
+    # the restricted likelihood has 9 of the 11 degrees of freedom; the noise moves the estimates by its square
+    assert found["a"].value == pytest.approx(best[0], rel=best[2] ** 2)
+    assert found["b"].value == pytest.approx(best[1], rel=best[2] ** 2)
+    assert found.solves[0].noise["t"] == pytest.approx(best[2] * np.sqrt(11 / 9), rel=0.005)
