@@ -7,15 +7,32 @@ solving them one after the other decides them: a contradiction is a clash of two
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import field
 from fractions import Fraction
 from typing import TypeAlias
 
 from mbm.expression.algebra import UndefinedValueError, constant_value
-from mbm.expression.nodes import Apply, Column, Component, Constant, Dimensions, Expression, Number, leaves, postorder
+from mbm.expression.derivative import substituted
+from mbm.expression.nodes import (
+    Apply,
+    Column,
+    Component,
+    Constant,
+    Dimensions,
+    Expression,
+    External,
+    Figure,
+    Leaf,
+    Number,
+    Outlined,
+    Parameter,
+    Sheet,
+    leaves,
+    postorder,
+)
 from mbm.expression.rows import RowChoice
-from mbm.expression.units import NONE, Dimension, Exponent, whole
+from mbm.expression.units import NONE, TAKE_PREFIXES, Dimension, Exponent, whole
 from mbm.text.types import Span
 from mbm.values import dataclass
 
@@ -69,6 +86,7 @@ class Inference:
         self._solved: dict[Variable, Term] = {}
         self._terms: dict[int, Term] = {}
         self._alive: list[Expression] = []
+        self._seen: set[tuple[Figure, tuple[int, ...]]] = set()
         self.clashes: list[Clash] = []
         self.has_absolute = False
         """Whether a number or constant is a temperature on a scale with a zero of its own."""
@@ -79,6 +97,19 @@ class Inference:
             if id(node) not in self._terms:
                 self._terms[id(node)] = self._reduce(self._term(node))
                 self._alive.append(node)  # ids stay unique only while the nodes live
+                if isinstance(node, Apply) and node.output is not None:
+                    self._look(node, node.output.external)
+
+    def _look(self, node: Apply, called: External | Outlined) -> None:
+        """Take in the equations of what a silhouette is drawn from, which holds them within its sheets."""
+        if not isinstance(called, Outlined):
+            return
+        own = node.arguments[: called.figure.size]
+        key = called.figure, tuple(map(id, own))
+        if key not in self._seen:
+            self._seen.add(key)
+            for image in _images(called.figure, own):
+                self.visit(image)
 
     def equate(self, left: Expression, right: Expression, span: Span | None) -> None:
         """Two expressions have one dimension: a measured value and its sigma, an unknown and its start."""
@@ -128,6 +159,8 @@ class Inference:
             if known is not None:
                 return Term(known)
             variable = ("component", node.unknown, node.index)
+        elif isinstance(node, Parameter):
+            return Term(NONE)
         else:
             variable = ("opaque", id(node))
         return Term(NONE, {variable: 1})
@@ -259,3 +292,20 @@ def origin(node: Expression, inference: Inference, wanted: Dimension) -> Express
         if dimension is not None and (dimension == wanted or not dimension.is_none):
             return leaf
     return None
+
+
+def _images(figure: Figure, numbers: tuple[Expression, ...]) -> Iterator[tuple[Expression, ...]]:
+    """A point of each patch of a figure, in terms of its ``numbers``, and one of each net."""
+    share = Parameter("share")
+    for sheet, places in figure.patches:
+        yield _image(figure.sheets[sheet], (share, share, *(numbers[k] for k in places)))
+    for seen in figure.nets:
+        point = (Constant("coordinate", 0.0, TAKE_PREFIXES["m"].dimension),) * 3
+        yield _image(figure.sheets[seen.point], (*point, *(numbers[k] for k in seen.of_point)))
+
+
+def _image(sheet: Sheet, inputs: tuple[Expression, ...]) -> tuple[Expression, ...]:
+    named: dict[Leaf, Expression] = {
+        leaf: inputs[int(leaf.name)] for leaf in leaves(sheet.point) if isinstance(leaf, Constant)
+    }
+    return substituted(sheet.point, named)

@@ -14,7 +14,6 @@ from mbm.expression.derivative import substituted
 from mbm.expression.nets import Net, SeenNet
 from mbm.expression.nodes import Apply, Constant, Expression, Figure, Leaf, Number, Parameter, Sheet, postorder
 from mbm.expression.projection import by_axes
-from mbm.expression.units import TAKE_PREFIXES
 from mbm.language import faults as language_faults
 from mbm.language.curves import Point
 from mbm.language.values import Array, Call, CameraValue
@@ -125,9 +124,6 @@ class _Drawing:
         axes = tuple(Parameter(name, span) for name in ("x", "y", "z"))
         point, of_point = _sheet(self._image(carried(Array((3,), axes), steps, call).elements), (), axes)
         line, of_line = _bent_line(call, self._camera, steps) if self._line is not None else (_STRAIGHT, ())
-        one = Array((3,), tuple(Number(x, TAKE_PREFIXES["m"].dimension) for x in net.points[0].tolist()))
-        for each in carried(one, steps, call).elements:  # the dimensions of the others are seen in it
-            self._number(each)
         self.nets.append(
             SeenNet(
                 net=net,
@@ -238,7 +234,7 @@ def _taken(node: Expression, made: dict[int, Expression], others: list[Expressio
     """What stands for a node in a sheet; ``made`` keeps inputs apart, under the complement of their address."""
     known = made.get(id(node)) or made.get(~id(node))
     if known is None and isinstance(node, Number):
-        known = Number(node.value)
+        known = Number(node.value, node.dimension)
     if known is None:
         known = made[~id(node)] = Constant(str(first + len(others)), 0.0)
         others.append(node)
@@ -254,7 +250,7 @@ def _text(point: Point) -> str:
             names[id(node)] = f"v{len(lines)}"
             lines.append(f"{node.operation.value} {' '.join(names[id(a)] for a in node.arguments)}")
         else:
-            names[id(node)] = f"c{node.name}" if isinstance(node, Constant) else f"{getattr(node, 'value', node)!r}"
+            names[id(node)] = f"c{node.name}" if isinstance(node, Constant) else repr(node)
     return "; ".join([*lines, *(names[id(each)] for each in point)])
 
 

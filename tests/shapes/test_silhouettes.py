@@ -232,3 +232,18 @@ def test_a_derived_quantity_says_why_a_silhouette_has_none():
         True,
         False,
     ]
+
+
+@pytest.mark.parametrize(
+    "shape",
+    ["(cylinder r 1)", "(cone r 1)", "(sphere r)", "(ellipsoid r 1 1)", "(extrude (disk r) 1)", "(cup2 r)"],
+)
+def test_sizes_of_smooth_bodies_are_lengths_where_their_place_is(shape):
+    turned = "(cup2 (r) (revolve (polyline ((0 0) (r 0) (r 1) (0 1))) 360deg))\n"
+    clauses = f"(observe (= 9 (area (silhouette cam (trans [x 0m 2m] {shape})))) :sigma 1)"
+    (solve,) = mbm.loads(turned + PROBLEM.format(clauses + "(constraints (normal x 0 1mm))")).solve().solves
+    assert [solve[name].unit for name in "rx"] == ["m", "m"]
+
+
+def test_a_size_that_is_no_length_clashes_with_a_place_that_is_one():
+    assert code("(observe (= 9 (area (silhouette cam (trans [0m 0m 2m] (sphere 3s))))) :sigma 1)")[0] == "unit-clash"
