@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations.at_rows import AtRows
 from mbm.equations.faults import PRIOR_AGAINST_DATA
 from mbm.equations.losses import rooted_residuals, rooted_slopes
 from mbm.equations.metric import roundings
-from mbm.equations.solves import Counted, Lines, counted_of, mean_roots, used_rows
+from mbm.equations.solves import Counted, counted_of, mean_roots, used_rows
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.components import degrees_columns, informing_slopes
 from mbm.estimation.batches.doubts import doubtful, stationary
@@ -48,6 +47,7 @@ from mbm.estimation.trust.plausibility import (
     overstated,
     strained,
 )
+from mbm.estimation.trust.turned import turned_anyhow
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.types import Block, BlockRole, Problem
 from mbm.solver.decisions import usual_cost
@@ -124,7 +124,7 @@ def answers(problem: Problem, stack: Stack, which: Which, descent: Descent, *, e
         challenged=_challenged(ends, other=lossy or stack.equations.likely or surface is not None),
         log_likelihood=counts.log_likelihood,
         degrees=replace(degrees, limited=limited),
-        remarks=_remarks(fits, sigma0, tails, degrees.poor, partial(rows_of, problem, stack, points=ends.points)),
+        remarks=_remarks(fits, _seen(fits, stack, ends, spread.sigma), sigma0, tails, degrees.poor),
         limits=_limits(problem, stack, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
@@ -134,6 +134,7 @@ REMARKED = frozenset(
     code.name
     for code in (
         PRIOR_AGAINST_DATA,
+        faults.ANY_TURN,
         faults.AUTOCORRELATED_RESIDUALS,
         faults.BEHIND_CAMERA,
         faults.COARSE_READINGS,
@@ -174,11 +175,19 @@ def _fits(
     )
 
 
-def _remarks(fits: Fits, sigma0: Floats, tails: Floats, poor: Mask, seeing: Callable[[Lines], AtRows]) -> Remarks:
-    """The warnings about K solves, of a χ² with the probability ``tails`` (K,) of one as large.
+def _seen(fits: Fits, stack: Stack, ends: Ends, sigma: Floats) -> Said:
+    """Whether solves turn their backs on what is seen, or may be turned in any way; ``sigma`` (K, n) are deviations."""
+    yield from mostly_behind(
+        fits.problem, fits.solves, len(sigma), partial(rows_of, fits.problem, stack, points=ends.points)
+    )
+    yield from turned_anyhow(stack.equations.layout, stack.equations.free, sigma)
+
+
+def _remarks(fits: Fits, seen: Said, sigma0: Floats, tails: Floats, poor: Mask) -> Remarks:
+    """The warnings about K solves, of a χ² with the probability ``tails`` (K,) of one as large; ``seen`` come first.
 
     ``sigma0`` (K,) is the root mean square of the residuals per degree of freedom. ``poor`` (K,): the noise is told by
-    too few rows. ``seeing`` gives rows at the ends.
+    too few rows.
     """
     span, unlikely = fits.problem.span, improbable(tails, sigma0, lossy=fits.solves.equations.lossy)
     noise = (
@@ -187,8 +196,7 @@ def _remarks(fits: Fits, sigma0: Floats, tails: Floats, poor: Mask, seeing: Call
     )
     small = ((place, partial(faults.small_sample, span)) for place in np.flatnonzero(poor).tolist())
     rows = uneven_rows(fits, overstated(tails, sigma0))
-    behind = mostly_behind(fits.problem, fits.solves, len(sigma0), seeing)
-    said: tuple[Said, ...] = (behind, noise, hidden_outliers(fits), rows, of_readings(fits), small, strained(fits))
+    said: tuple[Said, ...] = (seen, noise, hidden_outliers(fits), rows, of_readings(fits), small, strained(fits))
     found: dict[int, tuple[Callable[[], Diagnostic], ...]] = {}
     for place, make in chain.from_iterable(said):
         found[place] = (*found.get(place, ()), make)

@@ -22,7 +22,10 @@ from mbm.estimation.sequences.places import Places
 from mbm.estimation.sequences.spread import Told
 from mbm.estimation.sequences.types import Prior, Rules, Track
 from mbm.estimation.sequences.walk import Chained
+from mbm.estimation.trust.behind import behind_at
+from mbm.estimation.trust.fits import only
 from mbm.estimation.trust.plausibility import IMPROBABLE
+from mbm.estimation.trust.turned import turned_anyhow
 from mbm.estimation.uncertainty.degrees import common
 from mbm.estimation.uncertainty.derived import reported, widths
 from mbm.estimation.uncertainty.variance import fit_statistics
@@ -135,6 +138,7 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         evaluations=track.evaluations,
         seconds=seconds(),
         diagnostics=(*_doubts(walked, fit, hypotheses), *_lost(walked, counted, residuals)),
+        doubts=lambda: _seen(walked, counted, numbers),
     )
 
 
@@ -265,6 +269,16 @@ def _doubts(walked: Walked, fit: Fit, hypotheses: tuple[Hypothesis, ...]) -> Ite
     weights = [each.weight for each in hypotheses]
     if sum(weights[1:]) >= PROBABLE:
         yield faults.another_hypothesis(walked.problem.span, weights[0], weights[1:])
+
+
+def _seen(walked: Walked, counted: Assembled, numbers: Floats) -> tuple[Diagnostic, ...]:
+    """Whether a walk turns its back on what it sees; or ends with what may be turned in any way."""
+    places, track = walked.told.places, walked.track
+    found = behind_at(walked.problem, counted, walked.tables, numbers)
+    if track.made < walked.chained.steps:
+        return found
+    last = np.sort(places.coordinates[-1, places.free])
+    return (*found, *only(turned_anyhow(counted.layout, last, _sigmas(walked)[last][None])))
 
 
 def _lost(walked: Walked, counted: Assembled, residuals: Floats) -> tuple[Diagnostic, ...]:

@@ -38,7 +38,9 @@ from mbm.estimation.solve.weighing import Reached, checked_rows, reached
 from mbm.estimation.trust.behind import behind_at
 from mbm.estimation.trust.contradiction import contradictions
 from mbm.estimation.trust.curvature import Curvature, curvature
+from mbm.estimation.trust.fits import only
 from mbm.estimation.trust.plausibility import doubts, fit_of, of_residuals
+from mbm.estimation.trust.turned import turned_anyhow
 from mbm.estimation.trust.unexamined import unexamined
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.freedom import with_motions
@@ -262,11 +264,18 @@ def answered(
         elsewhere=propagation.elsewhere,
         diagnostics=(*start_faults(problem, run.tables, minimum, equations), *outcome.diagnostics, *said),
         unexamined=lambda: unexamined(propagation, minimum, derived, bent()),
-        doubts=lambda: (*beside()[1], *behind_at(propagation, minimum), *doubts(propagation, minimum, derived, bent())),
+        doubts=lambda: (*beside()[1], *_seen(propagation, minimum), *doubts(propagation, minimum, derived, bent())),
         doubts_of=partial(_doubts_of, propagation, minimum),
         influence=_influence(outcome, robust),
         lock=lock,
     )
+
+
+def _seen(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic, ...]:
+    """Whether an answer turns its back on what is seen, or may be turned in any way."""
+    equations, sigma = propagation.equations, propagation.outcome.covariance.sigma
+    turned = only(turned_anyhow(equations.layout, equations.free, sigma[None])) if minimum.reason.converged else ()
+    return (*behind_at(propagation.problem, equations, propagation.binder.tables, minimum.point), *turned)
 
 
 def _doubts_of(propagation: Propagation, minimum: Minimum, residuals: Floats, fit: Fit) -> tuple[Diagnostic, ...]:

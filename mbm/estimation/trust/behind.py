@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
 
+from mbm.equations.assembly import Assembled
 from mbm.equations.at_rows import AtRows, pinholes, rows_at
 from mbm.equations.solves import Lines, Solves, alone
-from mbm.equations.types import Indices, Minimum
+from mbm.equations.types import Floats, Indices
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.fits import Said, only
-from mbm.estimation.uncertainty.derived import Propagation
+from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.text.types import Diagnostic
 
 
-def behind_at(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic, ...]:
-    """The warnings about one solve at its end."""
-    problem, equations = propagation.problem, propagation.equations
+def behind_at(
+    problem: Problem, equations: Assembled, tables: Mapping[str, Table], numbers: Floats
+) -> tuple[Diagnostic, ...]:
+    """The warnings about one solve whose equations have these ``numbers`` (N,) at its end."""
     if not any(map(pinholes, equations.groups)):
         return ()
 
     def seeing(lines: Lines) -> AtRows:
-        return rows_at(problem, lines.group, equations.layout, propagation.binder.tables, minimum.point)
+        return rows_at(problem, lines.group, equations.layout, tables, numbers)
 
     return only(mostly_behind(problem, alone(equations), 1, seeing))
 

@@ -64,6 +64,14 @@ BEHIND_CAMERA = Code(
     "a focal length of the other sign, `:focal (f (- f))`. If they are right, give the pose an `:init` before the "
     "camera.",
 )
+ANY_TURN = Code(
+    "any-turn",
+    "The standard deviation of an angle, a direction or a rotation is above π/√3 (104°), that of an angle of which "
+    "nothing is known: the data tell no more of it than that it is some angle. So end scenes that shrink to a point, "
+    "where the priors of all points have one mean and nothing states their scale (a warning).",
+    "Add what tells the angle, or fix it. In a scene of cameras and points state what tells its frame and its size: "
+    "`:fixed` for one pose, a distance, or priors that tell the points apart.",
+)
 SMALL_SAMPLE = Code(
     "small-sample",
     "The noise is estimated from so few rows that even intervals with Student's t and the corrections for small "
@@ -167,6 +175,19 @@ def behind_camera(span: Span, name: str, behind: int, rows: int) -> Diagnostic:
         "look at its `:axes` and the signs of `:focal`",
         place=span,
         hint=BEHIND_CAMERA.mend,
+    )
+
+
+def any_turn(span: Span, names: Sequence[str], widest: float) -> Diagnostic:
+    """Angles and rotations of an unknown whose standard deviations, ``widest`` rad, are those of any angle."""
+    more = f" and {len(names) - MOST_LISTED:,} more" if len(names) > MOST_LISTED else ""
+    return Diagnostic(
+        code=ANY_TURN,
+        severity=Severity.WARNING,
+        message=f"nothing is known of {', '.join(f'`{name}`' for name in names[:MOST_LISTED])}{more}: the standard "
+        f"deviation is {widest:.3g} rad, and that of any angle at all is 1.81 rad",
+        place=span,
+        hint=ANY_TURN.mend,
     )
 
 
