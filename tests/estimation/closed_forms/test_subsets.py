@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mbm.estimation.starts.closed_forms.completion import _by_member
+from mbm.estimation.starts.closed_forms.completion import _by_member, _plans_of
 from mbm.estimation.starts.closed_forms.minimal import MinimalSolver
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.types import Plan, _distinct
@@ -34,6 +34,16 @@ def test_a_singular_matrix_of_one_subset_is_no_solution_of_it_alone(joint):
     assert np.isnan(found[1]).all()
     np.testing.assert_allclose(found[2], [[1, 0], [np.nan, np.nan]], atol=1e-15)
     assert np.isnan(plan.solved(np.array([[5, 5]]))).all()
+
+
+def test_a_singular_matrix_where_a_form_looks_is_no_plan_of_it_alone():
+    def looking(_, candidate):
+        np.linalg.inv(np.zeros((2, 2)))
+
+    candidate = SimpleNamespace(situation=None, coupled=False, paired=False, places=np.array([[2, 0]]))
+    sound = SimpleNamespace(recognises=lambda *_: plan_of(None), joint=False)
+    found = list(_plans_of(candidate, (SimpleNamespace(recognises=looking, joint=False), sound)))
+    assert [len(plan.rows) for plan in found] == [50]
 
 
 def test_each_subset_of_known_units_has_its_point():

@@ -63,9 +63,17 @@ def plans(situation: Situation, forms: Iterable[ClosedForm]) -> Iterator[Plan]:
 def _plans_of(candidate: Candidate, forms: tuple[ClosedForm, ...]) -> Iterator[Plan]:
     together = candidate.coupled or candidate.paired
     for form in forms:
-        plan = form.recognises(candidate.situation, candidate) if form.joint or not together else None
+        plan = _recognised(form, candidate) if form.joint or not together else None
         if plan is not None and len(plan.rows):
             yield plan
+
+
+def _recognised(form: ClosedForm, candidate: Candidate) -> Plan | None:
+    """What a form ``recognises``; nothing where it meets a singular matrix (Euler angles that were probed upright)."""
+    try:
+        return form.recognises(candidate.situation, candidate)
+    except np.linalg.LinAlgError:
+        return None
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
