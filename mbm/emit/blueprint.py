@@ -17,6 +17,7 @@ from mbm.emit.identifiers import (
     TAKEN,
     UNKNOWN_FORMS,
     Identifiers,
+    identifier,
 )
 from mbm.emit.places import Places
 from mbm.emit.reading import counted_tables, used_columns
@@ -113,7 +114,7 @@ class Drafting:
         blocks = self.clauses()
         derived = tuple(self._derived(i, each) for i, each in enumerate(problem.derived))
         filters = {
-            plan.name: None if plan.where is None else self._rows(plan.where, f"{plan.name}_kept")
+            plan.name: None if plan.where is None else self._rows(plan.where, f"{identifier(plan.name)}_kept")
             for plan in problem.plans
         }
         constants = tuple(
@@ -217,7 +218,7 @@ class Drafting:
 
     def _unknown(self, unknown: Unknown, first: int) -> UnknownShape:
         def rows(values: RowValues | None, word: str) -> RowPrograms | None:
-            return None if values is None else self._rows(values, f"{word}_of_{unknown.name}")
+            return None if values is None else self._rows(values, f"{word}_of_{identifier(unknown.name)}")
 
         lower, upper = rows(unknown.start_lower, "least_start"), rows(unknown.start_upper, "greatest_start")
         known = self.references[0] if self.references else None

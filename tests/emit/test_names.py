@@ -63,9 +63,9 @@ CLASHES = {
         :sigma 0.2))""",
     "letters of no name here": f"""(problem \N{TIBETAN LETTER -A}
       (data 中 (table (x y) {LINE}))
-      (data 文 (table (x y) {LINE}))
-      (unknowns (ا :init 1) (\N{TIBETAN LETTER -A} :init 0))
-      (observe 中 (= y (+ (* ا x) \N{TIBETAN LETTER -A})) :sigma 0.2)
+      (data 文 (table (x y) {LINE}) :where (> x 0))
+      (unknowns (ا :init 1) (\N{TIBETAN LETTER -A} :init 0) (名 :init 0 :sigma 1 :fixed false))
+      (observe 中 (= y (+ (* ا x) \N{TIBETAN LETTER -A} 名)) :sigma 0.2)
       (observe 文 (= y (+ (* ا x) \N{TIBETAN LETTER -A})) :sigma 0.2))""",
     "long names": "(problem {p} (data {d} (table ({x} y) {rows})) (unknowns ({a} :init 1) ({b} :init 0))"
     " (observe {d} (= y (+ (* {a} {x}) {b})) :sigma 0.2))".format(
