@@ -113,7 +113,12 @@ def movable(equations: Assembled) -> Movable | None:
 
 
 def laid_elsewhere(equations: Assembled, tree: Movable, point: Floats, settings: Settings) -> tuple[Floats, ...]:
-    """All numbers (N,) with the family of poses moved as one to where it fits nearly as well as at a point (N,)."""
+    """All numbers (N,) with the family of poses moved as one to where it fits nearly as well as at a point (N,).
+
+    None where a pose is fixed.
+    """
+    if equations.layout.fixed[tree.entry.coordinates].any():
+        return ()
     part = excerpt(equations, np.flatnonzero(tree.others), _some_units(tree.apart, settings.seed))
     return Tree(part, tree.entry, point, affine_coordinates(part, tree.others)).elsewhere(settings)
 

@@ -1,7 +1,7 @@
 """A way that odometry tells and that was found in one place → the other places where it fits as well, or better.
 
 Near a minimum nothing tells of a mirror image. So the whole way is moved as one to where ranges, fixes or bearings suit
-it nearly as well, and the solve begins there again.
+it nearly as well, and the solve begins there again; so it does with points of unknown places on other sides of the way.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from dataclasses import replace
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.metric import rounding_at
-from mbm.equations.types import Minimum
+from mbm.equations.types import Floats, Minimum
 from mbm.estimation.minimise.minimise import minima
 from mbm.estimation.search.aligning import ORIGIN, laid_elsewhere, movable
 from mbm.estimation.search.basins import same_minimum
 from mbm.estimation.search.beside import BOTH_ZERO, PLAUSIBLE, Centre
 from mbm.estimation.search.facing import facing
+from mbm.estimation.search.rival_sides import on_other_sides
 from mbm.estimation.search.search import Alternative, Found, other_minimum
 from mbm.estimation.search.valleys import Walks
 from mbm.estimation.settings import Settings
@@ -40,14 +41,19 @@ def rival_minima(
     if tree is None:
         return
     known, walks = [minimum, *others], Walks(equations, settings.stopped)
-    for point in laid_elsewhere(equations, tree, minimum.point, settings):
+
+    def solved(point: Floats) -> Minimum | None:
         if settings.stopped():
-            return
+            return None
         other = next(iter(minima(equations, point[None], settings, problem.span)))
-        new = other.reason.converged and other.feasible and not any(same_minimum(walks, k, other) for k in known)
-        if new:
-            known.append(other)
-            yield other
+        if not other.reason.converged or not other.feasible or any(same_minimum(walks, k, other) for k in known):
+            return None
+        known.append(other)
+        return other
+
+    laid = map(solved, laid_elsewhere(equations, tree, minimum.point, settings))
+    yield from (other for other in laid if other is not None)
+    yield from on_other_sides(equations, tree, min(known, key=lambda each: each.cost), settings, solved)
 
 
 def places_beside(
