@@ -1,5 +1,7 @@
 """Equations among the constraints, which consensus keeps to: each tells one coordinate, which follows the others.
 
+Inequalities and bounds that hold a fit are kept to as well, once they are known: a coordinate at its bound is told.
+
 At a point the slopes of the equations are brought to reduced form: c tells coordinate j by ``d_j = -c - Σ s_k d_k``,
 over the coordinates that none tells. Rows then depend on those alone, so that subsets are as many units smaller, fits
 keep to the equations, and noise has the degrees of freedom that they leave. Which coordinates are told may change from
@@ -20,6 +22,7 @@ from mbm.solver.manifolds import retract
 from mbm.solver.trust_region import constraint_count
 
 NOT_TOLD = -1
+AT_BOUND = -2
 NO_VALUE = -1
 
 PUT_ROUNDS = 30
@@ -40,6 +43,9 @@ def normed_equations(problem: Problem, point: ConstantReals, work: ConsensusWork
     evaluate(problem, point, 1, work.rows, work.values, work.slopes)
     finite = 1
     for c in range(count):
+        for j in range(n):
+            if work.bounded[j] == 1:
+                work.slopes[c * n + j] = 0.0
         work.teller[c] = 1 - work.equation[c]
         if work.equation[c] == 1:
             row = work.slopes[c * n :]
@@ -58,11 +64,14 @@ def reduced_equations(problem: Problem, point: ConstantReals, work: ConsensusWor
     count = constraint_count(problem, work.rows.data)
     values = work.values
     slopes = work.slopes
+    found = 0
     for j in range(n):
         work.told_by[j] = NOT_TOLD
+        if work.bounded[j] == 1:
+            work.told_by[j] = AT_BOUND
+            found += 1
     if normed_equations(problem, point, work) == 0:
         return NO_VALUE
-    found = 0
     for _ in range(n):
         largest = CONSTRAINT_SHARE
         first = NOT_TOLD
@@ -104,7 +113,7 @@ def put_on_constraints(problem: Problem, point: Reals, work: ConsensusWork) -> N
             last = inf
             break
         for j in range(problem.n):
-            if work.told_by[j] != NOT_TOLD:
+            if work.told_by[j] >= 0:
                 change = -work.values[work.told_by[j]]
                 place = problem.number_of[j]
                 work.told_step[j] = change
@@ -129,11 +138,12 @@ def follow_constraints(
     stride = problem.chunk
     reduced_equations(problem, point, work)
     for j in range(n):
-        if work.told_by[j] != NOT_TOLD:
+        if work.told_by[j] >= 0:
             row = work.slopes[work.told_by[j] * n :]
             for k in range(n):
                 if k != j and row[k] != 0.0:
                     add_multiple(count, -row[k], chunk[j * stride :], chunk[k * stride :])
+        if work.told_by[j] != NOT_TOLD:
             filled(count, 0.0, chunk[j * stride :])
 
 
@@ -147,7 +157,7 @@ def tell_step(problem: Problem, point: ConstantReals, step: Reals, work: Consens
         if work.told_by[j] != NOT_TOLD:
             step[j] = 0.0
     for j in range(n):
-        if work.told_by[j] != NOT_TOLD:
+        if work.told_by[j] >= 0:
             step[j] = -dot(n, work.slopes[work.told_by[j] * n :], step)
 
 
@@ -173,8 +183,11 @@ def begin_on_constraints(problem: Problem, work: ConsensusWork) -> None:
     None if that were all, but no step leads from the first start to where they hold.
     """
     work.told = 0
-    if problem.constraint_blocks > 0:
+    if work.held == 0:
+        for j in range(problem.n):
+            work.bounded[j] = 0
         tell_equations(problem, work.rows, work.equation)
+    if problem.constraint_blocks > 0 or work.held == 1:
         work.told = reduced_equations(problem, work.begun, work)
         if work.told == NO_VALUE:
             work.told = 0

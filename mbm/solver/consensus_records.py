@@ -30,6 +30,9 @@ LISTS = 3
 MOST_CANDIDATES = 40
 """Those that are improved, in two ways."""
 
+HELD_ROUNDS = 5
+"""Times that inequalities and bounds are put in which hold the fit to what agrees, until they are the same."""
+
 NO_CANDIDATE = -1
 NOWHERE = -1
 
@@ -212,6 +215,8 @@ class ConsensusWork:
     """Unknowns that the equations among the constraints tell …"""
     left: Integer
     """… and all others."""
+    held: Integer
+    """1: ``bounded``, and inequalities among ``equation``, are those that hold a fit; the caller brings it."""
     trials_wanted: Integer
     trials_made: Integer
     points_made: Integer
@@ -266,7 +271,9 @@ class ConsensusWork:
     subset_whitening: Reals = sized("most_rows")
 
     equation: Integers = sized("most_multipliers")
-    """1 for constraints that are equations, 0 for inequalities."""
+    """1 for constraints that are equations, or hold as if they were, 0 for inequalities."""
+    bounded: Integers = sized("n")
+    """1 for coordinates that stay at a bound."""
     teller: Integers = sized("most_multipliers")
     """0 for equations that tell no coordinate yet."""
     told_by: Integers = sized("n")

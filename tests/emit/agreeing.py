@@ -76,6 +76,16 @@ TEXTS = {
       (observe d (= y (+ (* a x) b (* c (* x x)))) :sigma 0.2)
       (constraints (= (+ a b) 3))
       (solve :robust lmeds))""",
+    "at-a-bound": """(problem at-a-bound "The noise of rows with a loss, where a bound holds the fit."
+      (data d (table (x y) {rows}))
+      (unknowns (a :init 1) (b :init 2 :in (1.5 3)))
+      (observe d (= y (+ (* a x) b)) :sigma unknown :loss tukey))""",
+    "at-limits": """(problem at-limits "Consensus about a parabola that a bound and an inequality hold."
+      (data d (table (x y) {rows}))
+      (unknowns (a :init 1) (b :init 2 :in (1.4 3)) (c :init 0))
+      (observe d (= y (+ (* a x) b (* c (* x x)))) :sigma unknown)
+      (constraints (>= c 0.04))
+      (solve :robust lmeds))""",
     "levelling": """(problem levelling "Heights of marks; one step is wrong."
       (data marks (table (id height known) ("a" 10 1) ("b" 11 0) ("c" 12 0)) :key id)
       (data steps (table (from to rise) {rows}))

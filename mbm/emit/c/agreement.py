@@ -118,7 +118,7 @@ def agreement_beginning(blueprint: Blueprint, agreement: Agreement) -> Iterator[
 
 def agreement_function(blueprint: Blueprint, agreement: Agreement, prefix: int) -> str:
     """``agree_on``: the equations and the start as consensus leaves them, and a status."""
-    cells = Cells(blueprint)
+    cells, kept = Cells(blueprint), int(agreement.kept)
     lines = [
         "/* Consensus: where the solve begins, and which rows count. */",
         "static int agree_on(struct frame *f, double *factors)",
@@ -143,8 +143,8 @@ def agreement_function(blueprint: Blueprint, agreement: Agreement, prefix: int) 
         "    f->consensus.levels = LEVELS;",
         "    f->consensus.forms = f->known;",
         "    f->consensus.verdict = (struct verdict *)f->agreement;",
-        f"    f->units = begin_by_consensus({int(agreement.kept)}, scalars, f->wide, &f->work.rows, &f->consensus,",
-        "        f->start, f->kappa, factors);",
+        f"    f->units = begin_by_consensus({kept}, scalars, f->system, f->wide, &f->work, &f->consensus, f->start);",
+        f"    take_agreement({kept}, f->system, &f->work.rows, &f->consensus, f->start, f->kappa, factors);",
         f"    if (f->startless && f->agreement[{c.Verdict.agreed}] == 0)",
         f"        return {cells.status('NO_START')};",
         "    return 0;",

@@ -243,7 +243,8 @@ AGREE = '''def agree_on(p: Prepared, factors: Array) -> dict[str, Any] | None:
             known_units(p.system, p.work.rows, rules, MAP_PLACES, MAPS, SIGN, known)
         work.rules, work.levels, work.forms, work.verdict = rules, LEVELS, known, states
         work.reals, work.integers = reals(consensus_reals(rules)), integers(consensus_integers(rules))
-        units = begin_by_consensus(int(KEPT), scalars, wide, p.work.rows, work, p.start, p.kappa, factors)
+        units = begin_by_consensus(int(KEPT), scalars, p.system, wide, p.work, work, p.start)
+        take_agreement(int(KEPT), p.system, p.work.rows, work, p.start, p.kappa, factors)
     if startless and not states[AGREED]:
         raise DataError("the data give no start: state one")
     return {

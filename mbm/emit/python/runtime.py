@@ -271,11 +271,11 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
     point, triangle, covariance = reals(p.offsets[len(NAMES)]), reals((n + 1) * (n + 1)), reals(n * n)
     results, states, sides = reals(RESULTS), integers(STATES), integers(n)
     multipliers, factors = reals(p.system[MULTIPLIERS]), np.ones(len(NOISY) + 1)
+    answer, rows = p.work.answer, p.work.rows
+    answer.numbers, answer.results, answer.states, answer.sides = point, results, states, sides
+    answer.triangle, answer.covariance, answer.multipliers = triangle, covariance, multipliers
     agreed = agree_on(p, factors)
     with np.errstate(all="ignore"):
-        answer, rows = p.work.answer, p.work.rows
-        answer.numbers, answer.results, answer.states, answer.sides = point, results, states, sides
-        answer.triangle, answer.covariance, answer.multipliers = triangle, covariance, multipliers
         solve_first(p)
         settle_noises(p.system, p.work, p.kappa, factors, p.told, p.spare)
         set_assumptions(p.system, p.work, p.told, p.apart, p.covariances)

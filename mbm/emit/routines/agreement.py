@@ -1,22 +1,24 @@
 """Consensus before a solve: the units that agree (`mbm.solver.consensus`), and what follows for the equations.
 
 `:robust` leaves out what does not agree, and what agrees informs as `inform_units` says; losses keep all units, but
-begin where consensus is, and noise that goes with a loss is as large as the units that agree say. ``kappa`` (2, K) has
+begin where consensus is, and noise that goes with a loss is as large as the units that agree say. Bounds and
+inequalities that hold the fit to what agrees tell coordinates, as equations do. ``kappa`` (2, K) has
 two numbers for each unit of each block of residuals: the share of its variance that limits leave, and its information.
 """
 
 from __future__ import annotations
 
-from math import sqrt
+from math import isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
+from mbm.solver.batch import lossy, solve_alone
 from mbm.solver.chi_square import consistency, inform_units
 from mbm.solver.consensus import find_consensus
-from mbm.solver.consensus_records import ConsensusWork, Units
+from mbm.solver.consensus_records import HELD_ROUNDS, ConsensusWork, Units
 from mbm.solver.covariance import set_covariance
 from mbm.solver.decisions import STATED
-from mbm.solver.description import NO_LOSS, Problem, Unit
-from mbm.solver.equations import load_rows
+from mbm.solver.description import COST, NO_LOSS, Problem, Unit
+from mbm.solver.equations import load_rows, weights_width
 from mbm.solver.linear_algebra import copied
 from mbm.solver.stationary import forget_stationary
 from mbm.solver.sweeps import sweep
@@ -103,25 +105,93 @@ def scale_losses(problem: Problem, rows: Rows, work: ConsensusWork, factors: Rea
                 weigh_units(problem, rows, b, u, 1.0 / factor)
 
 
+def weigh_agreeing(problem: Problem, rows: Rows, work: ConsensusWork) -> None:
+    """Weights by the noise of the units that agree, 0 for the others; the consensus has those that were before."""
+    units = work.units
+    for u in range(units.count):
+        b = units.block[u]
+        factor = 1.0 / sqrt(units.noise[u]) if units.inlier[u] == 1 else 0.0
+        weigh_unit(problem, rows, b, units.row[u], problem.blocks[b].units[units.equation[u]], factor)
+        rows.data.count -= (1 - units.inlier[u]) * units.components[u]
+
+
+def weigh_as_before(problem: Problem, rows: Rows, work: ConsensusWork) -> None:
+    """The weights that the consensus was begun with, row after row."""
+    units = work.units
+    there = 0
+    for b in range(problem.residual_blocks):
+        part = rows.data.blocks[b]
+        count = part.rows * problem.blocks[b].weights
+        copied(count, work.rows.weights[there:], rows.whitening[part.weights :])
+        there += part.rows * weights_width(problem.blocks[b])
+    for u in range(units.count):
+        rows.data.count += (1 - units.inlier[u]) * units.components[u]
+
+
+def take_limits(problem: Problem, solve: Work, work: ConsensusWork) -> Integer:
+    """The bounds and constraints that hold the fit of a solve for consensus to keep to; 1: it did already."""
+    same = 1
+    for j in range(problem.n):
+        holds = 1 if solve.answer.sides[j] != 0 else 0
+        if work.bounded[j] != holds:
+            same = 0
+        work.bounded[j] = holds
+    for c in range(constraint_count(problem, solve.rows.data)):
+        holds = 1 if solve.equation[c] == 1 or solve.answer.multipliers[c] != 0.0 else 0
+        if work.equation[c] != holds:
+            same = 0
+        work.equation[c] = holds
+    return same
+
+
+def agree_within_limits(chunk: Integer, wide: Problem, solve: Work, work: ConsensusWork) -> None:
+    """Consensus again, with the bounds and inequalities that hold the fit to what agrees, until they are the same.
+
+    ``chunk`` is that of the solve, whose problem is ``wide`` otherwise.
+    """
+    limited = wide.boxed
+    for c in range(constraint_count(wide, solve.rows.data)):
+        limited += 1 - work.equation[c]
+    outer = wide.chunk
+    for b in range(wide.residual_blocks):
+        for u in range(wide.blocks[b].unit_count):
+            wide.blocks[b].units[u].loss = NO_LOSS
+    number = 0
+    while limited > 0 and number < HELD_ROUNDS and work.verdict.agreed == 1:
+        weigh_agreeing(wide, solve.rows, work)
+        wide.chunk = chunk
+        solve_alone(wide, solve.rows.data, work.here.point, solve)
+        wide.chunk = outer
+        weigh_as_before(wide, solve.rows, work)
+        number += 1
+        if not isfinite(solve.answer.results[COST]) or take_limits(wide, solve, work) == 1:
+            limited = 0
+        else:
+            work.held = 1
+            work.rules.startless = 0
+            work.starts = solve.answer.numbers
+            find_consensus(wide, work)
+
+
 def begin_by_consensus(
     kept: Integer,
     scalars: Integer,
+    problem: Problem,
     wide: Problem,
-    rows: Rows,
+    solve: Work,
     work: ConsensusWork,
     start: Reals,
-    kappa: Reals,
-    factors: Reals,
 ) -> Integer:
-    """Equations and start as consensus leaves them; how many units there are, 0: no consensus was looked for.
+    """The units that agree before a solve; how many units there are, 0: no consensus was looked for.
 
-    ``kept`` 1: what does not agree is left out (`:robust`). ``scalars``: residuals of the units that are ruled.
-    ``wide`` is the problem with room for all rows in one chunk, ``rows`` those of a solve.
+    ``kept`` 1: what does not agree is to be left out (`:robust`). ``scalars``: residuals of the units that are ruled.
+    ``wide`` is the problem with room for all rows in one chunk.
     """
     work.verdict.agreed = 0
     n = wide.n
     if n == 0 or scalars == 0 or (kept == 1 and work.rules.startless == 0 and scalars <= n):
         return 0
+    rows = solve.rows
     own = work.rows
     own.constants = rows.constants
     own.data = rows.data
@@ -131,13 +201,22 @@ def begin_by_consensus(
     own.columns = rows.columns
     work.starts = start
     work.shared = 0
+    work.held = 0
     find_consensus(wide, work)
-    if work.verdict.agreed == 1:
-        copied(wide.numbers, work.here.point, start)
-        scale_losses(wide, rows, work, factors)
-        if kept == 1:
-            leave_out(wide, rows, work, kappa)
+    if kept == 1 or lossy(problem) == 1:
+        agree_within_limits(problem.chunk, wide, solve, work)
     return work.units.count
+
+
+def take_agreement(
+    kept: Integer, problem: Problem, rows: Rows, work: ConsensusWork, start: Reals, kappa: Reals, factors: Reals
+) -> None:
+    """Equations, ``rows`` of a solve, and start as consensus leaves them."""
+    if work.verdict.agreed == 1:
+        copied(problem.numbers, work.here.point, start)
+        scale_losses(problem, rows, work, factors)
+        if kept == 1:
+            leave_out(problem, rows, work, kappa)
 
 
 def inform(problem: Problem, kappa: ConstantReals, work: Work) -> Integer:

@@ -38,14 +38,12 @@ from mbm.estimation.starts.closed_forms.types import ClosedForm
 from mbm.problem.kinds import ConsensusKind
 from mbm.problem.requests import RandomStarts
 from mbm.problem.types import Consensus, Method, Problem, UnknownKind
+from mbm.solver.consensus_records import HELD_ROUNDS
 from mbm.solver.decisions import ATTEMPTS, FAR, LEAST_SHARE, MANY_CONNECTED
 from mbm.text.types import Diagnostic, MbmError
 
 Starts: TypeAlias = Callable[[], tuple[Beginning, ...]]
 """Finds the points to start from, at least one; may raise MbmError."""
-
-HELD_ROUNDS = 5
-"""Times that inequalities and bounds are put in which hold the fit to what agrees, until they are the same."""
 
 SAMPLE = 10_000
 """With more units the trials are judged by so many, drawn at random: the best of them is the best of all but for luck
