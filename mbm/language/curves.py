@@ -27,6 +27,8 @@ from mbm.values import dataclass
 
 Formulas = tuple[Expression, ...]
 
+_HALF = Number(Fraction(1, 2), NONE)
+
 LEVELS = 200
 """So deep formulas are compared; below, the whole of each is computed and one chosen."""
 
@@ -64,6 +66,11 @@ def opposite(a: Expression, span: Span) -> Apply:
 def either(a: Expression, b: Expression, span: Span) -> Apply:
     """a or b."""
     return Apply(Operation.OR, (a, b), span=span)
+
+
+def middle(a: Expression, b: Expression, span: Span) -> Expression:
+    """(a + b)/2."""
+    return multiply(_HALF, add(a, b, span), span)
 
 
 def defined(test: Expression, value: Expression, span: Span) -> Expression:
@@ -209,12 +216,27 @@ class CurveValue(Placeable):
 
     def formula(self, near: Expression) -> Point:
         """The points in terms of the parameter, by the formula of the piece that ``near``, a parameter, lies in."""
+        return self._merged(near, tuple(piece.point for piece in self.pieces))
+
+    def _merged(self, near: Expression, formulas: tuple[Formulas, ...]) -> Formulas:
+        """Of formulas of each piece those of the piece that ``near``, a parameter, lies in."""
         knots = [piece.last for piece in self.pieces[:-1]]
         if isinstance(near, Number) and all(isinstance(knot, Number) for knot in knots):
             passed = sum(isinstance(knot, Number) and knot.value <= near.value for knot in knots)
-            return self.pieces[passed].point
+            return formulas[passed]
         before = tuple(less(near, knot, self.span) for knot in knots)
-        return merged(tuple(piece.point for piece in self.pieces), before, self.parameter, self.span)
+        return merged(formulas, before, self.parameter, self.span)
+
+    def seen_part(self, first: Expression, last: Expression) -> tuple[Expression, Expression]:
+        """The ends of what is seen of a part within one piece, at one of whose ends something is."""
+        seen = tuple((piece.seen,) for piece in self.pieces if piece.seen is not None)
+        if len(seen) < len(self.pieces):
+            return first, last
+        depth = Formula.of(self._merged(middle(first, last, self.span), seen), self.parameter)
+        depths = depth.at(first)[0], depth.at(last)[0]
+        between = _crossing((first, last), depths, self.span)
+        begins, ends = (negative(each, self.span) for each in depths)
+        return chosen(begins, between, first, self.span), chosen(ends, between, last, self.span)
 
 
 def in_space(curve: CurveValue) -> CurveValue:
@@ -240,13 +262,15 @@ def check_dimension(point: Array, span: Span, wanted: int | None = None) -> Poin
 class Chord:
     """The straight line between two points of a curve, ``start`` and ``end``, where its parameter is ``places``.
 
-    ``first`` and ``last`` bound what is seen of this part of the curve: ``hidden`` says whether its beginning and its
-    end are out of sight; None: nothing ever is. Of a part that is seen in part, ``start`` and ``end`` are both the end
-    that is seen. ``low`` and ``high`` are how far the place on the curve may be from what the line says: the next
-    chords' ends, but not beyond a corner.
+    ``ends`` are those of its part of the curve, ``first`` and ``last`` bound what is seen of it: ``hidden`` says
+    whether its beginning and its end, which have ``depths``, are out of sight, and ``cut`` is where it comes into
+    sight or goes out of it; None: all of the curve is always seen. Of a part that is seen in part, ``start`` and
+    ``end`` are both the end that is seen. ``low`` and ``high`` are how far the place on the curve may be from what
+    the line says: the next chords' ends, but not beyond a corner.
     """
 
     places: tuple[Expression, Expression]
+    ends: tuple[Expression, Expression]
     start: Point
     end: Point
     first: Expression
@@ -254,6 +278,8 @@ class Chord:
     low: Expression
     high: Expression
     hidden: tuple[Expression, Expression] | None = None
+    depths: tuple[Expression, Expression] | None = None
+    cut: Expression | None = None
 
     def seen(self, span: Span) -> Expression | None:
         """Whether there is anything of it; None where there always is."""
@@ -294,7 +320,8 @@ def _parts(curve: CurveValue, piece: Piece) -> Iterator[Chord]:
         else [_shown(formula, *each) for each in zip(at, depths, strict=True)]
     )
     for i, (a, b) in enumerate(pairwise(at)):
-        whole = Chord(places=(a, b), start=points[i], end=points[i + 1], first=a, last=b, low=a, high=b)
+        ends, (start, end) = (a, b), points[i : i + 2]
+        whole = Chord(places=ends, ends=ends, start=start, end=end, first=a, last=b, low=a, high=b)
         yield whole if depths is None else _cut(whole, (depths[i], depths[i + 1]), curve.span)
 
 
@@ -317,6 +344,7 @@ def _cut(chord: Chord, depths: tuple[Expression, Expression], span: Span) -> Cho
     first, last = chosen(hidden[0], between, a, span), chosen(hidden[1], between, b, span)
     return Chord(
         places=(chosen(hidden[0], b, a, span), chosen(hidden[1], a, b, span)),
+        ends=chord.ends,
         start=_either(hidden[0], chord.end, chord.start, span),
         end=_either(hidden[1], chord.start, chord.end, span),
         first=first,
@@ -324,6 +352,8 @@ def _cut(chord: Chord, depths: tuple[Expression, Expression], span: Span) -> Cho
         low=first,
         high=last,
         hidden=hidden,
+        depths=depths,
+        cut=between,
     )
 
 

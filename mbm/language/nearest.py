@@ -8,7 +8,6 @@ distance does not depend on how its foot moves, for along the curve the distance
 
 from __future__ import annotations
 
-from fractions import Fraction
 from functools import partial, reduce
 from itertools import pairwise
 
@@ -28,6 +27,7 @@ from mbm.language.curves import (
     either,
     equal,
     less,
+    middle,
     negative,
     opposite,
     out_of_sight,
@@ -35,13 +35,6 @@ from mbm.language.curves import (
 )
 from mbm.text.types import Span
 from mbm.values import dataclass
-
-_HALF = Number(Fraction(1, 2), NONE)
-
-
-def middle(a: Expression, b: Expression, span: Span) -> Expression:
-    """(a + b)/2."""
-    return multiply(_HALF, add(a, b, span), span)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -181,3 +181,17 @@ def test_curves_have_lengths(curve):
     with pytest.raises(MbmError) as caught:
         mbm.loads(text.replace("[1m 3m]", "[1s 3s]")).compile()
     assert caught.value.diagnostics[0].code.name == "unit-clash"
+
+
+def test_three_extrema_of_one_image_curve_are_not_too_much():
+    text = """(problem p
+      (camera cam :focal (800 800) :center (320 240))
+      (unknowns (a :init 0.31) (b :init 0.19) (w :init 0))
+      (define
+        (ring (curve (s -1 (- (* 2 pi) 1)) [(* a (cos s)) (* b (sin s)) (* w (cos s))]))
+        (C (project cam (trans [0 0 2] ring))))
+      (observe one (= [320 320] ((extrema C 2) 1)) :sigma 1)
+      (observe two (= [200 240] ((extrema C 1) 2)) :sigma 1)
+      (observe three (= [320 160] ((extrema C 2) 2)) :sigma 1))"""
+    (solve,) = mbm.loads(text).solve().solves
+    assert [solve[name].value for name in "abw"] == pytest.approx([0.3, 0.2, 0.0], abs=1e-6)

@@ -7,9 +7,12 @@ The root is held, and one more step of Newton's method has its derivative (impli
 
 from __future__ import annotations
 
-from mbm.expression.algebra import ONE, ZERO, add, apply, divide, multiply, subtract
+from fractions import Fraction
+
+from mbm.expression.algebra import ONE, ZERO, add, apply, divide, multiply, negate, subtract
 from mbm.expression.derivative import Formula, depending, derivatives
 from mbm.expression.nodes import Expression, Number, Operation
+from mbm.expression.units import NONE
 from mbm.language import faults
 from mbm.language.curves import (
     Chord,
@@ -19,13 +22,14 @@ from mbm.language.curves import (
     chords_of,
     chosen,
     defined,
-    either,
     equal,
+    middle,
     negative,
     opposite,
+    out_of_sight,
     positive,
 )
-from mbm.language.nearest import Bracket, at_knots, distance, middle
+from mbm.language.nearest import Bracket, at_knots, distance
 from mbm.language.scope import integer, scalar, vector
 from mbm.language.values import Array, Builtin, Call, Value, describe
 from mbm.language.vocabulary.curves import curve_of
@@ -38,12 +42,12 @@ STEPS = 7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Stretch:
-    """A part of a curve, from ``first`` to ``last``, and whether the coordinate falls at its ends."""
+    """A part of a curve from ``first`` on; 1 or 0 as the coordinate falls or rises where what is seen begins and ends."""
 
     first: Expression
-    last: Expression
+    width: Expression
     falls: tuple[Expression, Expression]
-    seen: Expression | None
+    seen: Expression | None = None
 
 
 def stationary(curve: CurveValue, coordinate: int, number: Expression, span: Span) -> Point:
@@ -56,51 +60,74 @@ def stationary(curve: CurveValue, coordinate: int, number: Expression, span: Spa
 
     """
     count: Expression = ZERO
-    found: Expression | None = None
-    falls: Expression = ZERO
+    falls: Expression = negate(ONE, span)
     stretches = _stretches(curve, coordinate, span)
-    first, last = stretches[0].first, stretches[0].last
+    first, width = stretches[0].first, stretches[0].width
     for stretch in stretches:
-        begins, ends = (_number(each, span) for each in stretch.falls)
-        turns: Expression = opposite(equal(begins, ends, span), span)
+        change = subtract(*stretch.falls, span)
+        turns = multiply(change, change, span)
         if stretch.seen is not None:
-            turns = both(stretch.seen, turns, span)
-        count = add(count, _number(turns, span), span)
-        hit = both(turns, equal(count, number, span), span)
-        first, last = chosen(hit, stretch.first, first, span), chosen(hit, stretch.last, last, span)
-        falls = chosen(hit, begins, falls, span)
-        found = hit if found is None else either(found, hit, span)
+            turns = chosen(stretch.seen, turns, ZERO, span)
+        count = add(count, turns, span)
+        hit = equal(multiply(turns, count, span), number, span)
+        first, width = chosen(hit, stretch.first, first, span), chosen(hit, stretch.width, width, span)
+        falls = chosen(hit, stretch.falls[0], falls, span)
+    last = add(first, width, span)
     point = curve.formula(middle(first, last, span))
-    at = _root(curve, point[coordinate], (first, last), falls, span)
-    place = Formula.of(point, curve.parameter).at(at)
-    return place if found is None else tuple(defined(found, each, span) for each in place)
+    at = _root(curve, point[coordinate], curve.seen_part(first, last), falls, span)
+    found = opposite(negative(falls, span), span)
+    return tuple(defined(found, each, span) for each in Formula.of(point, curve.parameter).at(at))
 
 
-def _number(test: Expression, span: Span) -> Expression:
-    """1 where a test holds, else 0."""
-    return chosen(test, ONE, ZERO, span)
+def _falling(slope: Formula, place: Expression, span: Span) -> Expression:
+    """1 where a slope is negative, else 0."""
+    return chosen(negative(slope.at(place)[0], span), ONE, ZERO, span)
 
 
 def _stretches(curve: CurveValue, coordinate: int, span: Span) -> list[_Stretch]:
     """The chords, and the corners as parts without length."""
     chords = chords_of(curve)
+    every = _falls(curve, chords, coordinate, span)
+    share = Number(Fraction(1, curve.chords), NONE)
+    widths = [multiply(share, subtract(piece.last, piece.first, span), span) for piece in curve.pieces]
+    found = []
+    for i, (chord, falls) in enumerate(zip(chords, every, strict=True)):
+        found.append(_Stretch(first=chord.ends[0], width=widths[i // curve.chords], falls=falls))
+        if _is_corner(curve, i) and i + 1 < len(chords):
+            found.append(_joint(chord, chords[i + 1], (falls[1], every[i + 1][0]), span))
+    if curve.closed:
+        found.append(_joint(chords[-1], chords[0], (every[-1][1], every[0][0]), span))
+    return found
+
+
+def _is_corner(curve: CurveValue, i: int) -> bool:
+    """Whether chord i ends at a corner."""
+    return curve.corners and i % curve.chords == curve.chords - 1
+
+
+def _falls(curve: CurveValue, chords: list[Chord], coordinate: int, span: Span) -> list[tuple[Expression, Expression]]:
+    """Where each chord begins and ends, or is cut: 1 where the coordinate falls there, else 0.
+
+    Where a smooth curve goes on this is one number for both chords: rounding makes and loses no root.
+    """
     slopes = [
         Formula.of(derivatives((piece.point[coordinate],), curve.parameter), curve.parameter) for piece in curve.pieces
     ]
-    falls = [
-        tuple(negative(slopes[i // curve.chords].at(end)[0], span) for end in (chord.first, chord.last))
-        for i, chord in enumerate(chords)
-    ]
+
+    def at_end(i: int, end: int) -> Expression:
+        chord = chords[i]
+        hidden = chord.depths is not None and out_of_sight(chord.depths[end])
+        return ZERO if hidden else _falling(slopes[i // curve.chords], chord.ends[end], span)
+
+    begins = [at_end(i, 0) for i in range(len(chords))]
     found = []
-    for i, (chord, (begins, ends)) in enumerate(zip(chords, falls, strict=True)):
-        corner = curve.corners and i % curve.chords == curve.chords - 1
-        if i + 1 < len(chords) and chord.hidden is None and not corner:
-            ends = falls[i + 1][0]  # of a smooth curve one number: rounding makes and loses no root
-        found.append(_Stretch(first=chord.first, last=chord.last, falls=(begins, ends), seen=chord.seen(span)))
-        if corner and i + 1 < len(chords):
-            found.append(_joint(chord, chords[i + 1], (ends, falls[i + 1][0]), span))
-    if curve.closed:
-        found.append(_joint(chords[-1], chords[0], (falls[-1][1], falls[0][0]), span))
+    for i, chord in enumerate(chords):
+        goes_on = i + 1 < len(chords) and not _is_corner(curve, i)
+        falls = begins[i], begins[i + 1] if goes_on else at_end(i, 1)
+        if chord.hidden is not None and chord.cut is not None:
+            cut = _falling(slopes[i // curve.chords], chord.cut, span)
+            falls = chosen(chord.hidden[0], cut, falls[0], span), chosen(chord.hidden[1], cut, falls[1], span)
+        found.append(falls)
     return found
 
 
@@ -108,7 +135,7 @@ def _joint(before: Chord, after: Chord, falls: tuple[Expression, Expression], sp
     """The corner where one chord ends and the next begins."""
     one, other = before.seen(span), after.seen(span)
     seen = None if one is None or other is None else both(one, other, span)
-    return _Stretch(first=before.last, last=before.last, falls=falls, seen=seen)
+    return _Stretch(first=before.ends[1], width=Number(0), falls=falls, seen=seen)
 
 
 def _root(
@@ -121,7 +148,7 @@ def _root(
     at = middle(*ends, span)
     for number in range(STEPS):
         rise, bend = slopes.at(at)
-        right = equal(_number(negative(rise, span), span), falls, span)
+        right = equal(chosen(negative(rise, span), ONE, ZERO, span), falls, span)
         bracket = bracket.narrowed(at, right)
         at = bracket.kept(subtract(at, divide(rise, bend, span), span), number)
     at = apply(Operation.HELD, at, span=span)
