@@ -138,7 +138,7 @@ class Divided:
 
 
 def divided(columns: tuple[str, ...], tables: Mapping[str, Table]) -> Divided:
-    """The rows of all solves; ``columns`` are those of ``for-each``, at least one.
+    """The rows of all solves; ``columns`` are those of ``for-each``, at least one. No solve has rows without a number.
 
     Raises:
         MbmError: more combinations than can be meant.
@@ -148,9 +148,12 @@ def divided(columns: tuple[str, ...], tables: Mapping[str, Table]) -> Divided:
     grouped = {name: groups(tables[name], [columns[i] for i in places]) for name, places in own.items() if places}
     whole = [grouped[name] for name, places in own.items() if len(places) == len(columns)]
     combinations = _combinations(columns, whole, [(own[name], each) for name, each in grouped.items()])
+    held = [tables[name].columns[columns[i]].numbers for name, places in own.items() for i in places]
+    if not all(numbers is None or np.isfinite(numbers).all() for numbers in held):
+        combinations = [c for c in combinations if not any(isinstance(k, float) and not math.isfinite(k) for k in c)]
     parts = {}
     for name, each in grouped.items():
-        if len(whole) == 1 and each is whole[0]:
+        if len(whole) == 1 and each is whole[0] and len(combinations) == len(each.cells):
             parts[name] = Part(groups=each, group=np.arange(len(combinations)))
             continue
         number = {cells: i for i, cells in enumerate(each.cells)}

@@ -233,7 +233,7 @@ def _members(rows: _Rows, column: str, place: Span) -> Indices:
     gap = next((i for i, cell in enumerate(cells) if isinstance(cell, float) and not isfinite(cell)), None)
     if gap is not None:
         where, cell = rows.table.place(int(rows.positions[gap]), column), float(cells[gap])
-        raise MbmError(faults.not_finite_cell(where, column, cell, place))
+        raise MbmError(faults.not_finite_cell(where, column, cell, place, faults.Leave.OBSERVED))
     numbers = {cell: i for i, cell in enumerate(dict.fromkeys(cells))}
     of_row = np.array([numbers[cell] for cell in cells], dtype=np.int64)
     return np.repeat(of_row, rows.lines.shape[1])

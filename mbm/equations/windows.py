@@ -10,7 +10,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem import faults as problem_faults
 from mbm.problem.checks import used_rows
 from mbm.problem.requests import ROUNDING, Window
-from mbm.problem.rows import MAXIMUM_REPORTED, Positions
+from mbm.problem.rows import Positions
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.text.types import MbmError
@@ -100,10 +100,11 @@ def windows(problem: Problem, window: Window, tables: Mapping[str, Table], chose
     """The windows over the rows at the ``chosen`` positions (all rows of tables not named).
 
     Ends go from the first row to the last of the tables that observations use, or of all that have the column if none
-    does; rows that ``:when`` leaves out do not count towards ``:min-rows``.
+    does; rows that ``:when`` leaves out do not count towards ``:min-rows``. Rows without a finite number
+    belong to none.
 
     Raises:
-        MbmError: a row without a finite number in the column.
+        MbmError: a text in the column.
 
     """
     having = {name: table for name, table in tables.items() if window.column in table.columns}
@@ -147,11 +148,8 @@ def _timed(table: Table, window: Window, chosen: Positions | None, used: Mask | 
         place = table.place(position, window.column)
         raise MbmError(problem_faults.bad_time(place, window.column, str(column.cell(position)), window.span))
     positions = np.arange(len(table), dtype=np.int64) if chosen is None else chosen
+    positions = positions[np.isfinite(column.numbers[positions])]
     times = column.numbers[positions]
-    wrong = np.flatnonzero(~np.isfinite(times))[:MAXIMUM_REPORTED]
-    if wrong.size:
-        cells = [(table.place(int(positions[i]), window.column), float(times[i])) for i in wrong]
-        raise MbmError(*(problem_faults.not_finite_cell(p, window.column, v, window.span) for p, v in cells))
     order = np.argsort(times, kind="stable")
     mask = np.zeros(len(positions), dtype=np.int64) if used is None else used[positions][order].astype(np.int64)
     before = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(mask)])

@@ -10,9 +10,10 @@ from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Le
 from mbm.expression.rows import Row, RowChoice, chosen_place
 from mbm.problem import faults
 from mbm.problem.previous import column_before, has_before
+from mbm.problem.requests import divided_by
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of, timed_rows
 from mbm.problem.tables import CellKey, PairDeclaration, Table
-from mbm.problem.types import Block, Problem, Static
+from mbm.problem.types import Block, BlockRole, Problem, Static
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
@@ -104,8 +105,31 @@ def check_data(
         mask = masks[each.block] if each.block is not None else None
         if positions is not None and mask is not None:
             positions = positions[mask[positions]]
-        errors.extend(_cells(each.leaves, table, positions, tables, families))
+        observed = each.block is not None and problem.blocks[each.block].role is BlockRole.OBSERVATION
+        errors.extend(_cells(each.leaves, table, positions, tables, families, observed))
+    for block, mask in zip(problem.blocks, masks, strict=True):
+        if block.table is not None and mask is not None:
+            observed = block.role is BlockRole.OBSERVATION
+            errors.extend(_undivided(problem, tables[block.table], np.flatnonzero(mask), observed))
+    for derived in problem.derived:
+        if derived.table is not None:
+            table = tables[derived.table]
+            errors.extend(_undivided(problem, table, np.arange(len(table)), False))
     return _first_of_each(errors), warnings
+
+
+def _undivided(problem: Problem, table: Table, rows: Positions, observed: bool) -> Iterator[Diagnostic]:
+    """The ``rows`` that belong to no data set: without a number in a column of ``for-each`` or ``window``."""
+    window = problem.request.window
+    for name in divided_by(problem.request.for_each, window):
+        numbers = table.columns[name].numbers if name in table.columns else None
+        if numbers is not None:
+            used = window.span if window is not None and name == window.column else None
+            wrong = rows[~np.isfinite(numbers[rows])][:MAXIMUM_REPORTED]
+            leave = faults.Leave.OBSERVED if observed else faults.Leave.EVERYWHERE
+            yield from (
+                faults.not_finite_cell(table.place(int(i), name), name, float(numbers[i]), used, leave) for i in wrong
+            )
 
 
 def _without_common_key(pair: PairDeclaration, first: Table, second: Table) -> Iterator[Diagnostic]:
@@ -130,18 +154,19 @@ def _cells(
     positions: Positions | None,
     tables: Mapping[str, Table],
     families: Mapping[str, str],
+    observed: bool,
 ) -> list[Diagnostic]:
     found: list[Diagnostic] = []
     for leaf in mentioned_leaves:
         if isinstance(leaf, Column):
-            found.extend(_finite(leaf, table, positions, tables))
+            found.extend(_finite(leaf, table, positions, tables, observed))
         elif isinstance(leaf, Component) and isinstance(leaf.member, ColumnMember):
             found.extend(_members(leaf, leaf.member, table, positions, tables, families))
     return found
 
 
 def _finite(
-    leaf: Column, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
+    leaf: Column, table: Table | None, positions: Positions | None, tables: Mapping[str, Table], observed: bool
 ) -> list[Diagnostic]:
     if leaf.sampling is not None and leaf.name == leaf.sampling.by:
         try:
@@ -152,8 +177,10 @@ def _finite(
     numbers = column_numbers(owner, leaf.name)
     rows = rows[has_before(owner)[rows]] if column_before(leaf.name) is not None else rows
     wrong = rows[~np.isfinite(numbers[rows])][:MAXIMUM_REPORTED]
+    leave = faults.Leave.OBSERVED if observed and owner is table else faults.Leave.EVERYWHERE
     return [
-        faults.not_finite_cell(owner.place(int(i), leaf.name), leaf.name, float(numbers[i]), leaf.span) for i in wrong
+        faults.not_finite_cell(owner.place(int(i), leaf.name), leaf.name, float(numbers[i]), leaf.span, leave)
+        for i in wrong
     ]
 
 

@@ -77,7 +77,8 @@ def distinct(table: Table, family: Family, name: str) -> Table:
     else:
         first: dict[CellKey, int] = {}
         for i, key in enumerate(table.keys(column)):
-            first.setdefault(key, i)
+            if key == key:  # a cell without a number is no member
+                first.setdefault(key, i)
         positions = np.fromiter(first.values(), dtype=np.int64, count=len(first))
     taken = {each: table.columns[each].take(positions) for each in family.names}
     rows = np.arange(1, len(positions) + 1)
@@ -194,7 +195,8 @@ def _dangling(table: Table, column: Column, row: int, other: Table, join: Join) 
     cell = column.cell(row)
     keys = other.keys()
     near = closest(cell, [str(key) for key in keys]) if isinstance(cell, str) else None
-    return faults.dangling_key(table.place(row, column.name), cell, f"the table `{other.name}`", near, join.span)
+    where = f"the table `{other.name}`"
+    return faults.dangling_key(table.place(row, column.name), cell, where, near, join.span, joined=True)
 
 
 def filtered(plan: TablePlan, tables: Mapping[str, Table], where: RowValues | None) -> Table:

@@ -377,5 +377,6 @@ def _gap(values: RowValues, tables: Mapping[str, Table], row: int) -> Diagnostic
                 owner = table if table is not None and leaf.table == table.name else tables[leaf.table]
                 number = float(value)
                 if np.isnan(number) and len(owner):
-                    return faults.not_finite_cell(owner.place(position, leaf.name), leaf.name, number, leaf.span)
+                    where = owner.place(position, leaf.name)
+                    return faults.not_finite_cell(where, leaf.name, number, leaf.span, faults.Leave.ASKED)
     return faults.undecided(values.span)

@@ -6,6 +6,7 @@ Temperatures on scales with a zero of their own (degC, degF) are no differences 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from enum import Enum
 
 from mbm.expression.nodes import Constant, Number
 from mbm.text.printer import plain_number
@@ -105,8 +106,9 @@ DANGLING_KEY = Code(
 )
 NOT_FINITE_CELL = Code(
     "not-finite-cell",
-    "A cell that an equation uses is empty, NaN or infinite.",
-    "Correct it; leave such rows out with `:when (finite column)` or `:missing skip`.",
+    "A cell that an equation, a condition, `for-each`, `window` or what is derived uses is empty, NaN or infinite.",
+    "Correct it; leave such rows out of an observation with `:when (finite column)`, of a table with "
+    "`:where (finite column)` or `:missing skip`.",
 )
 NO_ROWS = Code(
     "no-rows", "An observation has no rows to use, so it says nothing (a warning).", "Look at the data and at `:when`."
@@ -244,24 +246,35 @@ def missing_unit(span: Span | None, what: str) -> Diagnostic:
     return Diagnostic(code=MISSING_UNIT, message=f"{what} states no unit", place=span, hint="add `:unit`")
 
 
-_WITHOUT_KEY = "give the key, or leave such rows out with `:when` or `:missing skip`"
-
-
-def dangling_key(place: Place | None, cell: str | float, where: str, near: str | None, used: Span | None) -> Diagnostic:
-    """A key without a row."""
+def dangling_key(
+    place: Place | None, cell: str | float, where: str, near: str | None, used: Span | None, joined: bool = False
+) -> Diagnostic:
+    """A key without a row; tables are ``joined`` before `:where` and `:when` leave rows out."""
+    leave = "`:missing skip`" if joined else "`:when` or `:missing skip`"
+    without = f"give the key, or leave such rows out with {leave}"
     return Diagnostic(
         code=DANGLING_KEY, message=f"{_cell(cell)} is no key of {where}", place=place,
-        hint=did_you_mean(near, None if cell == cell and cell != "" else _WITHOUT_KEY),
+        hint=did_you_mean(near, None if cell == cell and cell != "" else without),
         labels=(Label(used, "used as a key here"),) if used is not None else (),
     )  # fmt: skip
 
 
-def not_finite_cell(place: Place, column: str, value: float, used: Span | None) -> Diagnostic:
-    """A gap in what an equation uses."""
+class Leave(Enum):
+    """What leaves rows with gaps out; ``{}`` is the column."""
+
+    OBSERVED = "leave such rows out with `:when (finite {})` or `:missing skip`"
+    EVERYWHERE = "leave such rows out with `:where (finite {})` or `:missing skip` in the data clause"
+    ASKED = "ask first: `(and (finite {}) …)`"
+
+
+def not_finite_cell(
+    place: Place, column: str, value: float, used: Span | None, leave: Leave = Leave.EVERYWHERE
+) -> Diagnostic:
+    """A gap in what is used; ``leave`` says how it may be left out there."""
     what = "empty or not a number" if value != value else "infinite"
     return Diagnostic(
         code=NOT_FINITE_CELL, message=f"a cell of `{column}` that is used is {what}", place=place,
-        hint=f"correct it, or leave such rows out with `:when (finite {column})` or `:missing skip`",
+        hint=f"correct it, or {leave.value.format(column)}",
         labels=(Label(used, "used here"),) if used is not None else (),
     )  # fmt: skip
 
