@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.solver.decisions import CERTAIN, ROUNDED_DEPENDENCE
+from mbm.solver.decisions import CERTAIN, GAP, ROUNDED_DEPENDENCE, SUSPECT
 from mbm.sparse.inverse import LocalNull, SparseInverse
 from mbm.sparse.normal import Normal
 from mbm.sparse.structure import Values
@@ -37,9 +37,8 @@ SHIFTS = (1e-12, 1e-10, 1e-8)
 FINE = (ROUNDED_DEPENDENCE**2,)
 """The same for the triangle of the Jacobian itself: nothing, beside what is not free."""
 
-SUSPECT = 1e-8
-GAP = 1e3
-"""Singular values, relative to the largest, that are zero if a gap follows them; below `CERTAIN` all are."""
+HARDLY_SEEN = 1e-8
+"""Curvatures of single members, relative to those of their columns, below which a direction is looked at by itself."""
 
 WEAK = 1e-5
 """Singular values, relative to the largest, below which the rounding of ``JᵀJ`` would take digits from a variance."""
@@ -117,7 +116,7 @@ def _local(found: Plan, normal: Normal, values: Values, zero: Mask) -> LocalNull
     curvatures, vectors = np.linalg.eigh(blocks)
     members, chosen = [], []
     for k in range(family.size):
-        suspects = np.flatnonzero(curvatures[:, k] < SUSPECT)
+        suspects = np.flatnonzero(curvatures[:, k] < HARDLY_SEEN)
         if not suspects.size:
             break
         trial = np.zeros(layout.columns)

@@ -92,7 +92,14 @@ def test_held_columns_count_as_known(narrow):
 
 @pytest.mark.parametrize(
     ("shares", "count"),
-    [([1e-16, 1e-15, 1e-3], 2), ([1e-9, 1e-3], 1), ([1e-9, 1e-8, 1e-7], 0), ([1e-3, 1e-2], 0), ([1e-16, 1e-16], 2)],
+    [
+        ([1e-16, 1e-15, 1e-3], 2),
+        ([1e-10, 1e-3], 1),
+        ([1e-10, 1e-9, 1e-8], 0),
+        ([2e-9, 1e-3], 0),
+        ([1e-3, 1e-2], 0),
+        ([1e-16, 1e-16], 2),
+    ],
 )
 def test_zero_is_what_is_far_below_the_next(shares, count):
     assert free_count(np.array(shares)) == count

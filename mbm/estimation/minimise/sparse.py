@@ -18,7 +18,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.metric import first_bad
 from mbm.equations.types import Equations, Floats, Minimum, Reason
 from mbm.equations.whitening import FLOOR
-from mbm.estimation.minimise.sparse_steps import CLOSE, Known, State, offset_at, proposed, recalled
+from mbm.estimation.minimise.sparse_steps import CLOSE, Known, State, offset_at, proposed, recalled, unexamined
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Method
 from mbm.solver.decisions import LEAST_GAIN_RATIO, OFFSET_DECREASE, SLOW_OFFSET, UNDECIDED
@@ -114,6 +114,7 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: P
         length=inf,
         limited=False,
         slow=False,
+        weak=True if equations.linear else None,
         offset=inf,
         before=inf,
         trials=0,
@@ -159,6 +160,9 @@ def _tried(equations: BlockEquations, state: State, here: Place) -> State:
     offset = offset_at(equations, here, promise if known.whole is None else known.whole[1])
     if offset <= state.tolerance and (state.damping > state.least or known.normal is None):
         return replace(state, damping=state.least, known=Known(normal=known.normal))
+    stalling = state.weak is None and offset > SLOW_OFFSET * state.before
+    if (stalling or (offset <= state.tolerance and not state.weak)) and unexamined(state, here):
+        return replace(state, weak=True, known=Known(normal=known.normal))
     if not state.slow and _creeps(state, offset):
         return replace(state, slow=True, known=Known(normal=known.normal))
     state = replace(state, offset=offset)

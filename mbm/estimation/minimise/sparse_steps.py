@@ -37,13 +37,14 @@ BOX_ROUNDS = 20
 class Known:
     """What need not be computed again: ``normal`` of the place; ``factors``, those of the place if its ``normal`` is
     there, else of the place before; the ``step`` to try from the place, and the decrease that it promises; the
-    ``whole`` one, undamped and not limited, likewise.
+    ``whole`` one, undamped and not limited, likewise. ``examined``: whether damping hides a direction has been decided.
     """
 
     normal: Normal | None = None
     factors: Factorised | None = None
     step: tuple[Floats, float] | None = None
     whole: tuple[Floats, float] | None = None
+    examined: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,7 +58,8 @@ class State:
     ``rule`` says how steps are limited: by ``damping``, or to a ``radius``; then ``length`` is that of the last step,
     and ``limited`` whether it was. ``slow``: Gauss-Newton's steps converge so slowly that Newton's pay. ``before`` is
     the offset that a whole step led from to the point (infinite: it was not whole), ``trials`` counts those from there.
-    ``least`` is the damping that is as good as none.
+    ``least`` is the damping that is as good as none. ``weak``: some direction is known so weakly that even that hides
+    it, and the triangle of the Jacobian is asked for undamped steps (None: nothing has looked so yet).
     """
 
     equations: BlockEquations
@@ -75,6 +77,7 @@ class State:
     length: float
     limited: bool
     slow: bool
+    weak: bool | None
     offset: float
     before: float
     trials: int
@@ -94,7 +97,7 @@ def recalled(equations: BlockEquations, state: State, here: Place) -> State:
         return _within(state, here, known.whole)
     if known.normal is not None or known.factors is None:
         return state
-    if state.offset <= CLOSE and not state.slow:
+    if state.offset <= CLOSE and not state.slow and (equations.linear or not state.weak):
         step = _along(known.factors, here)
         promise = 0.0 if step is None else _promise(state.plan, here, step)
         if step is not None and promise > 0.0 and offset_at(equations, here, promise) <= QUICK * state.offset:
@@ -109,8 +112,10 @@ def proposed(equations: BlockEquations, state: State, here: Place) -> State:
     normal = normal_at(state.plan, here) if state.known.normal is None else state.known.normal
     step, factors = _solved(state, here, normal)
     state = replace(state, known=Known(normal=normal, factors=factors))
-    if equations.linear and state.damping <= state.least and (factors is None or _lost(state, here, factors)):
-        step = _exact(state, here, step)
+    if state.weak and state.damping <= state.least and (factors is None or _lost(state, here, factors)):
+        exact = _exact(state, here, affine=equations.linear)
+        state = replace(state, weak=equations.linear or exact is not None, known=replace(state.known, examined=True))
+        step = step if exact is None else exact
     if step is None:
         return state
     found = (step, _promise(state.plan, here, step))
@@ -180,6 +185,14 @@ def _solved(state: State, here: Place, normal: Normal) -> tuple[Floats | None, F
     return step, None
 
 
+def unexamined(state: State, here: Place) -> bool:
+    """Whether the undamped step may lack a direction, and nothing has looked whether it does."""
+    known = state.known
+    if known.examined or known.normal is None or known.factors is None or state.damping > state.least:
+        return False
+    return _lost(state, here, known.factors)
+
+
 def _lost(state: State, here: Place, factors: Factorised) -> bool:
     """Whether damping or rounding hides what the normal equations know of some direction."""
     layout = state.plan.structure
@@ -188,18 +201,18 @@ def _lost(state: State, here: Place, factors: Factorised) -> bool:
     return bool(factors.least_pivot(squares) <= HIDDEN * max(state.damping, rounding))
 
 
-def _exact(state: State, here: Place, step: Floats | None) -> Floats | None:
-    """The undamped ``step`` of least norm by the triangle of the Jacobian of linear equations.
+def _exact(state: State, here: Place, *, affine: bool) -> Floats | None:
+    """The undamped step of least norm by the triangle of the Jacobian.
 
-    The one given where the normal equations do as well, or bounds are in the way.
+    None where the normal equations do as well, or bounds are in the way.
     """
     layout = state.plan.structure
-    found = decided(state.plan, here.values, layout.dead | here.held, affine=True)
+    found = decided(state.plan, here.values, layout.dead | here.held, affine=affine)
     if not found.triangular:
-        return step
+        return None
     whole = layout.padded(found.inverse.solve(-here.gradient[layout.free][:, None])[:, 0])
     low, high = (-inf, inf) if here.gaps is None else here.gaps
-    return whole if bool((np.isfinite(whole) & (whole >= low) & (whole <= high)).all()) else step
+    return whole if bool((np.isfinite(whole) & (whole >= low) & (whole <= high)).all()) else None
 
 
 def _promise(found: Plan, here: Place, step: Floats) -> float:
