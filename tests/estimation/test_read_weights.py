@@ -58,3 +58,21 @@ def test_deviations_that_fall_with_readings_favour_the_high_ones() -> None:
     assert "came out low weigh more" in low
     assert "came out high weigh more" in high
     assert np.sum(y**3) / np.sum(y**2) > y.mean() > np.sum(1 / y) / np.sum(1 / y**2)  # means with these weights
+
+
+def test_the_reading_may_stand_on_the_side_of_the_model() -> None:
+    asked = said("(sqrt y)", y=COUNTS[0])
+    assert said("(sqrt y)", "(= a y)", y=COUNTS[0]) == asked
+    assert said("(sqrt y)", "(= 0 (- y a))", y=COUNTS[0]) == asked
+    assert said("(* 0.2 x)", "(= y (* a x))", y=COUNTS[0], x=COUNTS[1]) == [[]]  # x is known, and beside the unknown
+
+
+def test_components_follow_their_own_readings() -> None:
+    text = "(problem p (data d external) (unknowns (a (vector 2))) (observe d (= [u v] a) :sigma [{} {}]))"
+
+    def of(first: str, second: str) -> list[str]:
+        solve = mbm.loads(text.format(first, second)).solve(data={"d": {"u": COUNTS[0], "v": 1000.0 + COUNTS[1]}}).first
+        return [each.message for each in solve.diagnostics if each.code.name == CODE]
+
+    assert shift(of("(sqrt u)", "5")) == shift(said("(sqrt y)", y=COUNTS[0])[0])
+    assert of("(sqrt v)", "(sqrt v)") == []

@@ -15,12 +15,13 @@ from mbm.estimation.native.code import AnyCode
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.fits import Fits, Said
 from mbm.estimation.trust.uneven import NO_DIFFERENCE, outlying_rows, told_apart, uneven_noise
-from mbm.expression.evaluate import Values, evaluate
-from mbm.expression.nodes import Column, Leaf, leaves
+from mbm.expression.algebra import UndefinedValueError
+from mbm.expression.derivative import derivatives
+from mbm.expression.evaluate import evaluate
+from mbm.expression.nodes import Column, Component, leaves
 from mbm.expression.rows import RowChoice
 from mbm.problem.rows import lookup
 from mbm.problem.types import BlockRole, Equation, NoiseKind, Problem
-from mbm.solver.decisions import BEND_STEP
 
 ALIKE, OPPOSED = 1.70, 2.58
 """Standard deviations from the mean beyond which successive residuals are taken to be correlated: positively, which
@@ -216,49 +217,58 @@ def weights_from_readings(fits: Fits) -> Said:
 
     With σ(y) of readings y = μ + e, e/σ² is −2 σ′/σ on average, to first order: whitened, all readings are 2 σ′ low.
     """
-    steep = fits.of_rows(lambda each: _steepness(each, fits), missing=0.0)
-    if not steep.any():
+    found = [_steepness(each, fits) for each in fits.solves.lines]
+    if not any(each is not None for each in found):
         return
+    steep, towards = (fits.solves.by_slot([each if each is None else each[k] for each in found], 0.0) for k in (0, 1))
     low = 2.0 * steep * fits.deviations()
     for owner, block in enumerate(fits.problem.blocks):
         mine = np.where(fits.solves.of_blocks((owner,)), low, 0.0)
         shift = np.sqrt(np.square(np.einsum("kmi,km->ki", fits.basis, mine)).sum(axis=-1))
         for place in np.flatnonzero(shift > WEIGHT_SHIFT).tolist():
-            end = "low" if mine[place].sum() > 0.0 else "high"
+            end = "low" if (mine[place] * towards[place]).sum() > 0.0 else "high"
             yield place, partial(faults.weights_from_readings, block.span, block.name, float(shift[place]), end)
 
 
 def _steepness(lines: Lines, fits: Fits) -> Floats | None:
-    """How fast log σ grows (R, outputs) with the measured side, where this holds one column; None: not at all."""
-    found = np.zeros((len(lines.solve), len(lines.whiteners)))
-    for place, each in enumerate(lines.group.equations):
-        if each.noise_kind is not NoiseKind.SIGMA or each.likelihood is not None or len(each.measured or ()) != 1:
-            return None
-        read = {leaf.identity for leaf in leaves(each.measured or ()) if isinstance(leaf, Column)}
-        noise = {leaf.identity for leaf in leaves(each.noise) if isinstance(leaf, Column)}
-        if len(read) == 1 and read <= noise:
-            found[:, place] = _growth(each, read.pop(), lines, fits)
-    return found if found.any() else None
+    """How fast log σ falls (R, outputs) as a component grows by what it reads, and 1 where that is by a lower reading,
+    else -1: (2, R, outputs). None: not at all.
+    """
+    found = np.zeros((2, *lines.slots.shape))
+    for each, whitener in zip(lines.group.equations, lines.whiteners, strict=True):
+        if each.noise_kind is not NoiseKind.SIGMA or each.likelihood is not None:
+            continue
+        for place in range(len(each.noise)):
+            growth, slope = _growths(each, place, lines, fits)
+            with_reading = np.where(np.isfinite(growth / slope), -growth / slope, 0.0)
+            found[0, :, whitener.first + place], found[1, :, whitener.first + place] = with_reading, -np.sign(slope)
+    return found if found[0].any() else None
 
 
-def _growth(equation: Equation, column: object, lines: Lines, fits: Fits) -> Floats:
-    """The same (R,) of one equation, by small steps of the ``column``."""
+def _growths(equation: Equation, place: int, lines: Lines, fits: Fits) -> tuple[Floats | float, Floats | float]:
+    """How fast log σ and a component grow (R,) with the one column that it reads, where σ is made of that.
+
+    0 where it reads several, or one that acts together with unknowns.
+    """
+    component, sigma = equation.components[place], equation.noise[place]
+    measured = [] if equation.measured is None else leaves((equation.measured[place],))
+    columns = [leaf for leaf in measured if isinstance(leaf, Column)] or leaves((component,))
+    read = {leaf.identity for leaf in columns if isinstance(leaf, Column)}
+    made = {leaf.identity for leaf in leaves((sigma,)) if isinstance(leaf, Column)}
+    if len(read) != 1 or not read <= made:
+        return 0.0, 1.0
+    every = [leaf for leaf in leaves((component, sigma)) if isinstance(leaf, Column) and leaf.identity in read]
+    try:
+        slopes = [derivatives((sigma, component), leaf) for leaf in every]
+    except UndefinedValueError:
+        return 0.0, 1.0
+    parts = tuple(part for pair in slopes for part in pair)
+    if any(isinstance(leaf, Component) for leaf in leaves(parts)):
+        return 0.0, 1.0
     block = fits.problem.blocks[lines.group.kernel.owner]
     data = lookup(None if block.table is None else fits.tables[block.table], lines.positions, fits.tables)
-
-    def at(side: float) -> tuple[Floats, Floats]:
-        def value(leaf: Leaf) -> Values:
-            numbers = data(leaf)
-            if not (isinstance(leaf, Column) and leaf.identity == column):
-                return numbers
-            size = np.abs(numbers)
-            return np.asarray(numbers + side * BEND_STEP * np.maximum(size, np.max(size) * BEND_STEP))
-
-        sigma, read = evaluate((*equation.noise, *(equation.measured or ())), value)
-        return np.log(sigma), np.asarray(read)
-
-    (low, down), (high, up) = at(-1.0), at(1.0)
-    return np.nan_to_num((high - low) / (up - down), posinf=0.0, neginf=0.0)
+    deviation, *numbers = evaluate((sigma, *parts), data)
+    return sum(numbers[::2]) / deviation, sum(numbers[1::2])
 
 
 SELDOM = 0.01
