@@ -146,7 +146,8 @@ class _Numbered(Mapping[int, V]):
 
 def _surface(mesh: Mesh, factor: float, span: Span) -> Surface:
     """The features of a mesh, numbered from 1."""
-    net = net_of(Mesh(vertices=factor * mesh.vertices, faces=mesh.faces))
+    scaled = Mesh(vertices=factor * mesh.vertices, faces=mesh.faces)
+    net = net_of(scaled)
     bent = net.edges[_bent(net)]
     return Surface(
         vertexes=_Numbered(
@@ -155,8 +156,51 @@ def _surface(mesh: Mesh, factor: float, span: Span) -> Surface:
         lines=_Numbered(len(bent), lambda i: tuple((bent[i] + 1).tolist())),
         planes=_Numbered(len(mesh.faces), lambda i: tuple(corner + 1 for corner in mesh.faces[i])),
         span=span,
-        net=net,
+        net=net_of(with_flat_faces(scaled, net)),
     )
+
+
+OFF_PLANE = 1e-6
+"""Of its size: how far a corner of a face may be from its plane, by rounding to single precision."""
+
+
+def with_flat_faces(mesh: Mesh, net: Net) -> Mesh:
+    """The mesh with faces that are no plane as triangles around one of their corners, as most programs draw them.
+
+    It is the first corner from which no triangle is turned over; a face without such a corner stays.
+    """
+    faces = [face for face in mesh.faces if len(set(face)) > 1]  # those that the net has
+    counts = np.array([len(face) for face in faces], dtype=np.int64)
+    if not len(faces) or counts.max() == 3:
+        return mesh
+    owner = np.repeat(np.arange(len(net.first)), np.diff(net.first, append=len(net.sides)))
+    normals = _normals(net, owner)
+    corners = net.points[np.where(net.along, *net.edges[net.sides].T)]
+    away = corners - corners[net.first][owner]
+    heights, sizes = (
+        np.maximum.reduceat(each, net.first)
+        for each in (np.abs(np.einsum("ij,ij->i", away, normals[owner])), np.abs(away).max(axis=1))
+    )
+    bent = heights > OFF_PLANE * sizes
+    found = [face for face, apart in zip(faces, bent.tolist(), strict=True) if not apart]
+    for count in np.unique(counts[bent]).tolist():
+        own = np.flatnonzero(bent & (counts == count))
+        found.extend(_triangles(mesh.vertices, np.array([faces[k] for k in own.tolist()]), normals[own]))
+    return Mesh(vertices=mesh.vertices, faces=tuple(found))
+
+
+def _triangles(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], normals: NDArray[np.float64]
+) -> Iterator[tuple[int, ...]]:
+    """Triangles that faces (k, corners) are made of; those faces that no corner sees whole."""
+    for first in range(faces.shape[1]):
+        turned = np.roll(faces, -first, axis=1)
+        ways = vertices[turned[:, 1:]] - vertices[turned[:, :1]]
+        fits = (np.einsum("kci,ki->kc", np.cross(ways[:, :-1], ways[:, 1:]), normals) > 0).all(axis=1)
+        for corner in range(1, faces.shape[1] - 1):
+            yield from map(tuple, turned[fits][:, [0, corner, corner + 1]].tolist())
+        faces, normals = faces[~fits], normals[~fits]
+    yield from map(tuple, faces.tolist())
 
 
 def net_of(mesh: Mesh) -> Net:

@@ -63,6 +63,19 @@ def test_against_the_union_of_all_triangles(rough, camera, parts):
     np.testing.assert_allclose(found["extent"], [high_u - low_u, high_v - low_v], rtol=tolerance)
 
 
+def test_faces_with_four_corners_that_are_no_plane(tmp_path):
+    """They are two triangles, as others that read such files have them: of a face that is folded nothing is cut off."""
+    corners, _ = ball(12, 0.1)
+    grid = np.arange(11 * 12).reshape(11, 12)
+    after = np.roll(grid, -1, axis=1)
+    faces = np.stack([grid[:-1], grid[1:], after[1:], after[:-1]], axis=-1).reshape(-1, 4)
+    triangles = corners[np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])]
+    region = shapely.union_all(shapely.polygons(seen(triangles, "pinhole")))
+    found = measured(written(tmp_path / "quads.obj", corners, faces), measures=("area", "centroid"))
+    np.testing.assert_allclose(found["area"], region.area, rtol=1e-9)
+    np.testing.assert_allclose(found["centroid"], region.centroid.coords[0], atol=1e-6)
+
+
 @pytest.mark.parametrize("camera", ["pinhole", "distorted"])
 def test_derivatives_against_differences(rough, camera):
     points = np.random.default_rng(3).uniform([230, 150], [480, 380], (8, 2))
