@@ -154,7 +154,23 @@ def _conflict(problem: Problem, solution: Solution, conflict: Conflict, names: t
             coordinate = int(solution.free[each])
             members.append(f"the {side} bound of `{names[coordinate]}`")
             labels.append(Label(solution.layout.owner(coordinate).unknown.span, f"and its {side} bound"))
+    for coordinate in _fixed_ones(solution, np.array(conflict.constraints, dtype=np.int64)):
+        members.append(f"the fixed `{names[coordinate]}`")
+        labels.append(Label(solution.layout.owner(coordinate).unknown.span, "and this is fixed"))
     return faults.conflicting_constraints(spans[0], members, tuple(labels), smallest=conflict.smallest)
+
+
+def _fixed_ones(solution: Solution, places: np.ndarray) -> list[int]:
+    """The fixed coordinates, in order, that the constraints at some places depend on."""
+    fixed, found = solution.layout.fixed, set[int]()
+    for group in solution.constraints:
+        mine = places[(places >= group.first) & (places < group.first + group.count)] - group.first
+        touched = group.columns[np.unique(mine // group.kernel.outputs)]
+        if group.gathered is not None:
+            touched = np.concatenate([touched.ravel(), group.gathered.touched])
+        own = touched[(touched >= 0) & (touched < len(fixed))]
+        found.update(own[fixed[own]].tolist())
+    return sorted(found)
 
 
 def conflict_sentence(problem: Problem, solution: Solution, names: tuple[str, ...]) -> str | None:

@@ -52,8 +52,9 @@ ACTIVE_CONSTRAINT = Code(
 CONFLICTING_CONSTRAINTS = Code(
     "conflicting-constraints",
     "No values of the unknowns meet all constraints and bounds. Those named contradict one another: without any one of "
-    "them the others can be met (as far as a search from the start can tell).",
-    "Correct or widen one of those named.",
+    "them the others can be met (as far as a search from the start can tell). What is fixed and stands in one of them "
+    "is named as well.",
+    "Correct or widen one of those named, or free what is fixed.",
 )
 INTERRUPTED = Code(
     "interrupted",
@@ -158,7 +159,7 @@ def active_constraint(span: Span, name: str, *, uniform: bool = False) -> Diagno
 def conflicting_constraints(
     span: Span, members: Sequence[str], labels: tuple[Label, ...], *, smallest: bool
 ) -> Diagnostic:
-    """Constraints and bounds, in words, that cannot all be met; the first stands at ``span``."""
+    """Constraints, bounds and fixed scalars, in words, that cannot all be met; the first stands at ``span``."""
     more = f" and {len(members) - MOST_NAMES} more" if len(members) > MOST_NAMES else ""
     shown = ", ".join(members[:MOST_NAMES]) + more
     if len(members) == 1:

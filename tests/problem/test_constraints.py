@@ -244,6 +244,23 @@ def test_infeasible_problem_says_which_constraints_contradict(solve):
     assert solved["estimates"]["a"]["sigma"] is None
 
 
+@pytest.mark.parametrize(
+    ("constraints", "named"),
+    [
+        ("(= a 3 :name three)", "`three`, the fixed `a`"),
+        ("(= b 1 :name one) (= (+ a b) 4 :name sum) (<= a 9 :name wide)", "`one`, `sum`, the fixed `a`"),
+    ],
+)
+def test_what_is_fixed_and_contradicts_a_constraint_is_named_with_it(constraints, named):
+    """Where it is fixed may be known at the solve alone; at 3, no constraint would contradict it."""
+    text = problem(constraints, "(unknowns (a :init 3 :fixed true) (b :init 0))")
+    assert mbm.loads(text).solve().first.status == "converged"
+    found = mbm.loads(text).solve(init={"a": 2.0}).first
+    assert found.status == "infeasible"
+    (said,) = [d for d in found.diagnostics if d.code.name == "conflicting-constraints"]
+    assert said.message == f"no values of the unknowns meet all of {named}"
+
+
 def test_rotation_with_a_constraint_stays_a_rotation(solve):
     """The axis of a rotation is held upright: what is left is the turn about it."""
     text = """(problem p
