@@ -115,12 +115,35 @@ def movable(equations: Assembled) -> Movable | None:
 def laid_elsewhere(equations: Assembled, tree: Movable, point: Floats, settings: Settings) -> tuple[Floats, ...]:
     """All numbers (N,) with the family of poses moved as one to where it fits nearly as well as at a point (N,).
 
+    In the plane turned over, too, if the motions between poses are nearly the same then: on a nearly straight way.
     None where a pose is fixed.
     """
     if equations.layout.fixed[tree.entry.coordinates].any():
         return ()
     part = excerpt(equations, np.flatnonzero(tree.others), _some_units(tree.apart, settings.seed))
-    return Tree(part, tree.entry, point, affine_coordinates(part, tree.others)).elsewhere(settings)
+    linear = affine_coordinates(part, tree.others)
+    found = Tree(part, tree.entry, point, linear).elsewhere(settings)
+    over = _turned_over(equations, tree.entry, point)
+    return found if over is None else (*found, *Tree(part, tree.entry, over, linear).laid(settings))
+
+
+def _turned_over(equations: Assembled, entry: Entry, point: Floats) -> Floats | None:
+    """All numbers (N,) with the poses of the plane mirrored at their longest axis; None where motions exclude that.
+
+    In space, turns about that axis are motions.
+    """
+    if entry.unknown.dimension != 2:
+        return None
+    poses = point[entry.range].reshape(entry.members, -1).copy()
+    middle = poses[:, 1:].mean(axis=0)
+    along = np.linalg.svd(poses[:, 1:] - middle, full_matrices=False)[2][0]
+    poses[:, 0] = 2.0 * np.arctan2(along[1], along[0]) - poses[:, 0]
+    poses[:, 1:] = 2.0 * middle - poses[:, 1:] + 2.0 * ((poses[:, 1:] - middle) @ along)[:, None] * along
+    result = point.copy()
+    result[entry.range] = poses.ravel()
+    residuals = equations.plain_residuals(result)
+    graph = [residuals[g.first : g.first + g.count] for g in equations.groups if g.rows and relates(g, entry)]
+    return result if np.square(np.concatenate(graph)).mean() <= PLAUSIBLE else None
 
 
 def _loose_family(equations: Assembled, numbers: Floats) -> Entry | None:

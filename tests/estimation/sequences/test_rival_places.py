@@ -147,6 +147,14 @@ def test_none_is_wrong_without_a_word_where_scale_and_offset_are_unknown(seed, n
     assert not wrong(result, true) or told(result.first)
 
 
+def test_bends_are_turned_over_with_a_way_whose_odometry_drifts():
+    """A way that is moved as one keeps its bends, and fits nowhere else where an unknown drift has bent it."""
+    true, *_, tables = drive(100, straight=True, nodes=4, steps=80)
+    text = RADIOS.replace("(offset :per nodes)", "(offset :per nodes) (b :init 0 :sigma 0.1)")
+    result = mbm.loads(text.replace("(pose2 dx dy da)", "(pose2 dx dy (- da b))")).solve(data=tables)
+    assert not wrong(result, true)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("text", "most"), [(PLAIN, 0), (RADIOS, 2)])
 def test_twenty_drives_past_two_three_and_four_nodes(text, most):
