@@ -112,3 +112,26 @@ def test_a_loss_on_equations_that_hold_no_unknown() -> None:
       (observe (if (> a 9) (= 1 7) (= 3 7)) :sigma (unknown 2) :loss cauchy))""")
     for backend in ("numpy", "native"):
         assert problem.solve(backend=backend)["a"].value == pytest.approx(7 / 3, rel=1e-6)
+
+
+@pytest.mark.parametrize("noise", [":sigma 0.1 :loss huber", ":sigma 0.1 :loss cauchy", ":loss huber"])
+@pytest.mark.parametrize("places", [(0.0, 1.7), (0.0, 0.0, 0.0, 0.0, 0.0, 1.7)], ids=["two rows", "one apart"])
+def test_what_one_row_alone_determines_it_contradicts_nobody_about(noise, places):
+    """The slope of a line by readings in two places: the fit goes through a single one there, whatever it is."""
+    problem = mbm.loads(f"(problem p (data d external) (unknowns (a) (b)) (observe d (= y (+ a (* b t))) {noise}))")
+    for seed in range(4):
+        y = np.random.default_rng(seed).normal(1.0, 0.1, len(places))
+        found = problem.solve(data={"d": {"t": places, "y": y}})
+        assert "bad-leverage" not in [each.code.name for each in found.diagnostics]
+
+
+@pytest.mark.parametrize("far", [1e2, 1e9, 1e12])
+@pytest.mark.parametrize("error", [0.0, -1.0])
+def test_a_row_far_out_is_told_from_a_wrong_one_far_out(far, error):
+    """The line 1 + 2t by 8 readings, continued to ``far`` as it is, or with 0 there: 100 deviations off, or more."""
+    t = np.append(np.arange(8.0), far)
+    noise = 0.1 * np.random.default_rng(1).normal(size=8)
+    y = np.append(1 + 2 * t[:8] + noise, (1 + 2 * far) * (1.0 + error))
+    text = "(problem p (data d external) (unknowns (a) (b)) (observe d (= y (+ a (* b t))) :sigma 0.1 :loss huber))"
+    found = mbm.loads(text).solve(data={"d": {"t": t, "y": y}})
+    assert ("bad-leverage" in [each.code.name for each in found.diagnostics]) == (error != 0.0)

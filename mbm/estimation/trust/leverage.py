@@ -136,20 +136,25 @@ def drawn(residuals: Floats, basis: Floats, weights: Floats, rows: Indices, shar
 def _apart(problem: Problem, equations: Assembled, point: Floats, factor: Floats, without: Mask) -> Floats:
     """How far each row (m,) is from the fit ``without`` some, in standard deviations; NaN where that is none.
 
-    ``factor`` (n, k) spans what all rows determine. Unknown noise is that of the others there, or as estimated,
-    whichever is larger; distances by Student's law are those of the normal law that are as rare.
+    That is where the others do not determine all that ``factor`` (n, k) spans, which all rows do. Unknown noise is that
+    of the others there, or as estimated, whichever is larger; distances by Student's law are those of the normal law
+    that are as rare.
     """
     units = np.setdiff1d(equations.units, equations.units[without])
     if not len(units):
         return np.full(equations.count, np.nan)
     others = excerpt(replace(equations, numbers=point), equations.free, units)
     there = minimise(others, point, ROUGH).point
-    residuals, slopes = equations.plain_residuals(there), equations.plain_jacobian(there) @ factor
+    residuals, slopes = equations.plain_residuals(there), equations.plain_jacobian(there)
     weights = np.where(without, 0.0, loss_weights(loss_lines(equations), residuals))
-    information = (weights[:, None] * slopes).T @ slopes
-    if not np.linalg.eigvalsh(information)[0] > EPSILON * np.trace(information):
+    # Scaled by what the others know: beside a row far out it would vanish.
+    lengths = np.linalg.norm(np.sqrt(weights)[:, None] * slopes, axis=0)
+    scale = np.where(lengths > 0.0, lengths, 1.0)
+    slopes = slopes / scale @ np.linalg.svd(scale[:, None] * factor, full_matrices=False)[0]
+    _, values, axes = np.linalg.svd(np.sqrt(weights)[:, None] * slopes, full_matrices=False)
+    if not values[-1] > EPSILON * max(slopes.shape) * values[0]:
         return np.full(equations.count, np.nan)
-    leverage = (slopes * np.linalg.solve(information, slopes.T).T).sum(axis=1)
+    leverage = np.square(slopes @ axes.T / values).sum(axis=1)
     deviations = np.sqrt(1.0 + np.where(without, leverage, -weights * leverage))
     found = np.abs(residuals) / deviations
     for number, block in enumerate(problem.blocks):
@@ -211,7 +216,8 @@ def leverage(
     wrong = _foremost(drawn(residuals, basis, weights, rows) & lossy, shares)
     if wrong.any():
         apart = _apart(problem, equations, minimum.point, alike.factor, wrong)
-        wrong &= np.isnan(apart) | (apart > farthest(rows))
+        # What others do not know at all they cannot contradict.
+        wrong &= np.where(np.isnan(apart), 1.0 - shares > ALONE, apart > farthest(rows))
     wrong |= _usurping(equations, minimum, basis, weights) & lossy
     wrong = _foremost(wrong, shares)
     told = []
