@@ -11,7 +11,7 @@ import numpy as np
 from mbm.equations.at_rows import DIVIDES_BY_DEPTH, looks_back
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.starts.closed_forms.chains import FRAME, Lines, is_pose
+from mbm.estimation.starts.closed_forms.chains import Lines, is_pose, with_poses
 from mbm.estimation.starts.closed_forms.moved_points import MovedPoints
 from mbm.estimation.starts.closed_forms.numerics.parallel import parallel_camera, parallel_poses
 from mbm.estimation.starts.closed_forms.numerics.planes import (
@@ -179,7 +179,7 @@ class Camera:
         known: a focal length moves it with the point, a coordinate of the centre alike, and distortion, which a focal
         length multiplies, not at all.
         """
-        rows = [self._rows(self._with_poses(situation, poses, t), lines) for t in _PLACES]
+        rows = [self.rows_of(with_poses(situation, poses, t), lines) for t in _PLACES]
         if not len(rows[0]):
             return None
         nothing = np.zeros(len(self.places))
@@ -202,7 +202,7 @@ class Camera:
         growing = [slopes[0][0, i, found.kinds.index(3 + i)] if 3 + i in found.kinds else 1.0 for i in range(2)]
         return found, np.sign(growing)
 
-    def _rows(self, situation: Situation, lines: Lines) -> Rows:
+    def rows_of(self, situation: Situation, lines: Lines) -> Rows:
         """Rows in which the camera's numbers are the only unknown ones."""
         support = Support(tuple(sorted(situation.layout.entries.index(entry) for entry in self.entries)))
         return Candidate(
@@ -213,15 +213,6 @@ class Camera:
             coordinates=self.coordinates[None],
             lines=tuple((group, rows, np.zeros(len(rows), dtype=np.int64)) for group, rows in lines),
         ).rows(2)
-
-    @staticmethod
-    def _with_poses(situation: Situation, poses: tuple[int, ...], shift: Floats) -> Situation:
-        numbers = situation.numbers.copy()
-        for k, number in enumerate(poses):
-            entry = situation.layout.entries[number]
-            motion = FRAME.numbers(np.ones(()), np.eye(3), (1.0 + 0.37 * k) * shift)
-            numbers[entry.range] = np.tile(motion, entry.members)
-        return situation.with_numbers(numbers)
 
 
 _PLACES = (np.array([0.31, 0.47, 5.3]), np.array([5.2, -0.64, 6.9]))

@@ -93,6 +93,16 @@ def without_poses(situation: Situation) -> Floats:
     return numbers
 
 
+def with_poses(situation: Situation, poses: tuple[int, ...], shift: Floats) -> Situation:
+    """With poses (by number) that do not turn, each farther along ``shift`` (3,) than that before."""
+    numbers = situation.numbers.copy()
+    for k, number in enumerate(poses):
+        entry = situation.layout.entries[number]
+        motion = FRAME.numbers(np.ones(()), np.eye(3), (1.0 + 0.37 * k) * shift)
+        numbers[entry.range] = np.tile(motion, entry.members)
+    return situation.with_numbers(numbers)
+
+
 def rows_of_products(situation: Situation, group: Group, rows: Indices) -> Iterator[tuple[tuple[int, ...], Indices]]:
     """Those of some rows of a group that miss one member of each of some poses, and nothing else, by these poses."""
     layout = situation.layout

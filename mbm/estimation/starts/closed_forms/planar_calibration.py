@@ -136,7 +136,7 @@ def _seen(situation: Situation, camera: Camera, number: int) -> tuple[Camera, li
     numbers[camera.places] = 0.0
     free = situation.with_numbers(numbers)
     views: list[View] = []
-    for poses, lines in _lines(free, camera).items():
+    for poses, lines in lines_of(free, camera).items():
         recognised = camera.recognised(free, lines, poses)
         if recognised is None or (camera.kinds and camera.kinds != recognised[0].kinds):
             return None
@@ -147,7 +147,7 @@ def _seen(situation: Situation, camera: Camera, number: int) -> tuple[Camera, li
     return (camera, views) if views else None
 
 
-def _lines(situation: Situation, camera: Camera) -> dict[tuple[int, ...], Lines]:
+def lines_of(situation: Situation, camera: Camera) -> dict[tuple[int, ...], Lines]:
     """The rows that mention a camera's numbers, by the poses that they miss."""
     found: dict[tuple[int, ...], list[tuple[Group, Indices]]] = {}
     numbers = [situation.layout.entries.index(entry) for entry in camera.entries]

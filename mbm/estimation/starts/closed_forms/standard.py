@@ -15,6 +15,7 @@ from mbm.estimation.starts.closed_forms.pose_in_parallel import POSE_IN_PARALLEL
 from mbm.estimation.starts.closed_forms.pose_in_product import POSE_IN_PRODUCT
 from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES
 from mbm.estimation.starts.closed_forms.similarity import SIMILARITY
+from mbm.estimation.starts.closed_forms.structure_and_camera import STRUCTURE_AND_CAMERA
 from mbm.estimation.starts.closed_forms.structure_from_motion import STRUCTURE_FROM_MOTION
 from mbm.estimation.starts.closed_forms.types import ClosedForm
 
@@ -30,6 +31,7 @@ STANDARD: tuple[ClosedForm, ...] = (
     POSE_AND_FOCAL_LENGTH,
     INTERSECTION,
     STRUCTURE_FROM_MOTION,
+    STRUCTURE_AND_CAMERA,
     PLANAR_CALIBRATION,
     MEASURED,
     RELATIVE_POSES,

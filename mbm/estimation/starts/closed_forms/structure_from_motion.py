@@ -75,10 +75,8 @@ class StructureFromMotion:
         if candidate.paired or len(candidate.entries) < 2:
             return None
         for number in candidate.support.entries:
-            cloud = situation.layout.entries[number]
-            unknown = cloud.unknown
-            if unknown.size == 3 and unknown.manifold.flat and not unknown.dimension and cloud.members >= LEAST_RAYS:
-                found = _photographs(situation, candidate, number)
+            if is_cloud(situation.layout.entries[number]):
+                found = photographs(situation, candidate, number)
                 if found is not None:
                     rows = Rows.without_numbers(sum(len(view.points) for view in found.views), 2)
                     return Plan(form=self, candidate=candidate, rows=rows, minimal=2 * LEAST_RAYS, data=found)
@@ -88,14 +86,21 @@ class StructureFromMotion:
         """The ways in which photographs and points may lie, (1, S, K·s); it takes all rows."""
         del subsets
         seen: Photographs = plan.data
-        solved = [_numbers(plan, each) for each in structures(seen.views, seen.cloud.members)]
+        ways = structures(seen.views, seen.cloud.members)
+        solved = [placed(seen, plan.candidate.situation, each)[plan.candidate.places].ravel() for each in ways]
         return np.stack(solved)[None] if solved else np.full((1, 1, plan.candidate.places.size), np.nan)
 
 
-def _photographs(situation: Situation, candidate: Candidate, number: int) -> Photographs | None:
+def is_cloud(entry: Entry) -> bool:
+    """Whether an unknown is a family of places, enough to tell how photographs lie."""
+    unknown = entry.unknown
+    return unknown.size == 3 and unknown.manifold.flat and not unknown.dimension and entry.members >= LEAST_RAYS
+
+
+def photographs(situation: Situation, candidate: Candidate, number: int) -> Photographs | None:
     """The views of a family of points (the unknown of this ``number``), if rows see them from all unknown poses."""
     cloud = situation.layout.entries[number]
-    member = {e: _members(candidate, situation.layout.entries[e]) for e in candidate.support.entries}
+    member = {e: members_of(candidate, situation.layout.entries[e]) for e in candidate.support.entries}
     absent = np.unique(member.pop(number))
     if candidate.places[:, _columns(candidate, cloud)].shape[1] != cloud.unknown.size:
         return None
@@ -116,14 +121,14 @@ def _photographs(situation: Situation, candidate: Candidate, number: int) -> Pho
         return None
     same &= finite(rays.directions, 1)
     views = _views(moved.rows.member[same], absent[which[same]], rays.directions[same], poses.members)
-    placed = _from_known_places(situation, number, absent)
+    known = _from_known_places(situation, number, absent)
     return Photographs(
         cloud=cloud,
         poses=poses,
         moved=moved,
-        views=(*views, *placed.views),
-        centres=placed.centres,
-        used=placed.groups | {piece.group.number for piece in moved.rows.pieces},
+        views=(*views, *known.views),
+        centres=known.centres,
+        used=known.groups | {piece.group.number for piece in moved.rows.pieces},
     )
 
 
@@ -132,7 +137,7 @@ def _columns(candidate: Candidate, entry: Entry) -> Indices:
     return np.flatnonzero((candidate.places[0] >= entry.range.start) & (candidate.places[0] < entry.range.stop))
 
 
-def _members(candidate: Candidate, entry: Entry) -> Indices:
+def members_of(candidate: Candidate, entry: Entry) -> Indices:
     """Which member of an unknown each member (K,) of a candidate has."""
     return np.asarray((candidate.places[:, _columns(candidate, entry)[0]] - entry.offset) // entry.unknown.size)
 
@@ -148,7 +153,7 @@ def _views(view: Indices, point: Indices, bearings: Floats, count: int) -> tuple
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Placed:
+class Known:
     """``views`` that are not turned from ``centres`` (k, 3), and the numbers of the groups that tell."""
 
     views: tuple[View, ...]
@@ -156,9 +161,9 @@ class Placed:
     groups: frozenset[int]
 
 
-def _from_known_places(situation: Situation, number: int, absent: Indices) -> Placed:
+def _from_known_places(situation: Situation, number: int, absent: Indices) -> Known:
     """What sees the members ``absent`` of a family of points, and nothing else that is not known."""
-    nothing = Placed(views=(), centres=np.empty((0, 3)), groups=frozenset())
+    nothing = Known(views=(), centres=np.empty((0, 3)), groups=frozenset())
     alone = situation.candidate((number,), absent[:, None])
     rows = None if alone is None else alone.rows(2)
     if rows is None or not len(rows):
@@ -172,22 +177,21 @@ def _from_known_places(situation: Situation, number: int, absent: Indices) -> Pl
     size = max(float(np.abs(origins).max(initial=0.0)), 1.0)
     _, first, which = np.unique(np.round(origins / size / SAME_PLACE), axis=0, return_index=True, return_inverse=True)
     views = _views(which.ravel(), absent[rows.member[seen]], rays.directions[seen], len(first))
-    return Placed(views=views, centres=origins[first], groups=frozenset(piece.group.number for piece in rows.pieces))
+    return Known(views=views, centres=origins[first], groups=frozenset(piece.group.number for piece in rows.pieces))
 
 
-def _numbers(plan: Plan, found: Structure) -> Floats:
-    """The candidate's numbers (K·s,) of a structure in the frame of the problem and of the size that suits best."""
-    seen: Photographs = plan.data
+def placed(seen: Photographs, situation: Situation, found: Structure) -> Floats:
+    """All numbers (N,), with a structure in the frame of the problem and of the size that suits best."""
     count = seen.poses.members
-    placed = [k for k in range(count, len(seen.views)) if bool(np.isfinite(found.t[k]).all())]
-    rest = placed[0] if placed else int(np.flatnonzero(finite(found.t, 1))[0])
-    centre = seen.centres[rest - count] if placed else np.zeros(3)
+    known = [k for k in range(count, len(seen.views)) if bool(np.isfinite(found.t[k]).all())]
+    rest = known[0] if known else int(np.flatnonzero(finite(found.t, 1))[0])
+    centre = seen.centres[rest - count] if known else np.zeros(3)
     R = found.R[:count] @ found.R[rest].T
     t = found.t[:count] - R @ found.t[rest]
     points = found.points @ found.R[rest].T + found.t[rest]
 
     def sized(scale: float) -> Floats:
-        numbers = plan.candidate.situation.numbers.copy()
+        numbers = situation.numbers.copy()
         turns, shifts = R, scale * t - R @ centre
         if seen.moved.inverse:
             turns = np.swapaxes(R, -1, -2)
@@ -197,19 +201,19 @@ def _numbers(plan: Plan, found: Structure) -> Floats:
         numbers[seen.cloud.range] = np.where(wanted, (scale * points + centre).ravel(), numbers[seen.cloud.range])
         return numbers
 
-    situation = plan.candidate.situation
+    none, one = sized(0.0), sized(1.0)  # places alone grow
     others = [group for group in situation.groups if group.rows and group.number not in seen.used]
     scales, width = SCALES, float(np.log(SCALES[1] / SCALES[0]))
     for _ in range(FINER if others else 0):
-        trials = np.stack([sized(scale) for scale in scales])
         with np.errstate(all="ignore"):
-            costs = sum(_squares(group, trials) for group in others)
+            trials = none + scales[:, None] * (one - none)
+            costs = sum(squares(group, trials) for group in others)
         best = float(scales[int(np.argmin(costs))]) if np.ptp(costs) > 0 else 1.0
         scales, width = best * np.exp(width * np.linspace(-1.0, 1.0, 21)), width / 10
-    return sized(best if others else 1.0)[plan.candidate.places].ravel()
+    return none + (best if others else 1.0) * (one - none)
 
 
-def _squares(group: Group, points: Floats) -> Floats:
+def squares(group: Group, points: Floats) -> Floats:
     """The sum of squares (P,) at points (P, N) of a group's outputs that have values there, weighted."""
     values = group.whitened(group.values_at(points))
     return np.asarray(np.square(np.where(np.isfinite(values), values, 0.0)).sum(axis=(1, 2)))

@@ -59,7 +59,10 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Structure:
-    """``R`` (V, 3, 3), ``t`` (V, 3) of photographs and ``points`` (P, 3), NaN where nothing tells."""
+    """``R`` (V, 3, 3), ``t`` (V, 3) of photographs and ``points`` (P, 3), NaN where nothing tells.
+
+    A point that one photograph alone sees lies on its ray, as far away as the others of that photograph do on average.
+    """
 
     R: Floats
     t: Floats
@@ -174,12 +177,23 @@ def _grown(views: Sequence[View], count: int, pair: tuple[int, int], way: tuple[
         seen = {k: known[views[k].points] for k in left}
         following = max(left, key=lambda k: int(seen[k].sum()), default=None)
         if following is None or seen[following].sum() < LEAST_KNOWN:
-            return Structure(R=R, t=t, points=points)
+            return Structure(R=R, t=t, points=_with_single_rays(views, R, t, points))
         left.remove(following)
         mine = seen[following]
         turns, shifts = poses_from_bearings(points[views[following].points[mine]], views[following].bearings[mine])
         if len(turns):
             R[following], t[following] = turns[0], shifts[0]
+
+
+def _with_single_rays(views: Sequence[View], R: Floats, t: Floats, points: Floats) -> Floats:
+    """The points (P, 3) with those that one photograph of known pose alone sees, on their rays."""
+    found = points.copy()
+    for k in np.flatnonzero(finite(t, 1)).tolist():
+        mine = points[views[k].points]
+        known = finite(mine, 1)
+        far = np.median(np.linalg.norm(mine[known] @ R[k].T + t[k], axis=1)) if known.any() else np.nan
+        found[views[k].points[~known]] = (far * views[k].bearings[~known] - t[k]) @ R[k]
+    return found
 
 
 def _met(views: Sequence[View], count: int, R: Floats, t: Floats) -> Floats:
