@@ -383,16 +383,18 @@ def problem_again(written: Written) -> Problem:
 def build(name: str, *clauses: object) -> Problem:
     """A problem without text: the same forms that reading a file gives, made from Python values.
 
-    Tuples are lists of the language, lists are vectors, ``symbol`` and ``keyword`` are names, strings are texts:
-    ``build("fit", (symbol("unknowns"), (symbol("a"), keyword("init"), 1.0)), …)``.
+    Tuples are lists of the language, lists and NumPy's arrays vectors, ``symbol`` and ``keyword`` names, strings
+    texts: ``build("fit", (symbol("unknowns"), (symbol("a"), keyword("init"), 1.0)), …)``.
 
     Raises:
+        MbmError: what a text with these forms would be refused for.
         TypeError: a value that is no form.
 
     """
     from mbm.text.formatter import format_text
     from mbm.text.from_python import from_python, symbol
     from mbm.text.printer import print_form
+    from mbm.text.reader import DEEPEST
 
-    form = from_python((symbol("problem"), symbol(name), *clauses))
+    form = from_python((symbol("problem"), symbol(name), *clauses), DEEPEST)
     return loads(format_text(Source("<python>", print_form(form))))

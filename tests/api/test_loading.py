@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import mbm
@@ -92,6 +94,26 @@ def test_a_problem_built_without_text_is_the_same_problem() -> None:
 def test_a_value_that_is_no_form_is_refused() -> None:
     with pytest.raises(TypeError):
         mbm.build("p", (mbm.symbol("unknowns"), object()))
+    with pytest.raises(TypeError, match="a name is a text"):
+        mbm.build(3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", [np.array, list, lambda values: [np.int64(v) for v in values]])
+def test_numbers_and_arrays_of_numpy_are_forms(kind: Any) -> None:
+    s, k = mbm.symbol, mbm.keyword
+    size, sigma, fixed = np.int64(2), np.float32(0.5), np.bool_(False)
+    unknown = (s("v"), (s("vector"), size), k("init"), kind([1, 2]), k("fixed"), fixed)
+    built = mbm.build("p", (s("unknowns"), unknown), (s("observe"), (s("="), kind([3, 4]), s("v")), k("sigma"), sigma))
+    found = built.solve()["v"]
+    np.testing.assert_allclose(found.value, [3, 4], rtol=1e-12)
+    np.testing.assert_allclose(found.sigma, [0.5, 0.5], rtol=1e-12)
+
+
+def test_values_in_one_another_without_end_are_refused() -> None:
+    round_about: list[Any] = []
+    round_about.append(round_about)
+    with pytest.raises(mbm.MbmError, match="too-deeply-nested"):
+        mbm.build("p", (mbm.symbol("observe"), round_about))
 
 
 def test_the_package_offers_what_it_says() -> None:
