@@ -7,7 +7,7 @@ passes through one; over smooth patches, which are seen as facets, in steps (App
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from mbm.equations.types import Indices
 from mbm.report.types import Floats, Mask
 from mbm.report.view.solids import newell
+from mbm.report.view.types import Stroke
 from mbm.values import dataclass
 
 STEPS = 160
@@ -157,6 +158,30 @@ class Faces:
         with np.errstate(all="ignore"):
             share = ((corners - start) * normals).sum(axis=1) / slope
         return np.asarray(share[np.isfinite(share) & (share > 1e-9) & (share < 1 - 1e-9)])
+
+
+MOST_STROKES = 300
+"""Lines of a model up to which all of them are drawn, dashed where they are hidden."""
+
+SHARP = np.cos(np.radians(30.0))
+"""Cosine of the angle between faces from which their edge is a feature of a model of very many faces."""
+
+
+def worth_drawing(strokes: Sequence[Stroke], towards: Callable[[Floats], Floats]) -> Sequence[Stroke]:
+    """The lines that are drawn: of very many those between faces that meet sharply, and those of the silhouette.
+
+    ``towards`` gives directions (n, 3) to the viewer from points (n, 3).
+    """
+    edges = [k for k, stroke in enumerate(strokes) if stroke.normals is not None]
+    if len(strokes) <= MOST_STROKES or not edges:
+        return strokes
+    normals = np.array([strokes[k].normals for k in edges])
+    ways = towards(np.array([strokes[k].points[0] for k in edges]))
+    one, other = np.moveaxis(normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-300), 1, 0)
+    faced = np.einsum("eki,ei->ek", normals, ways)
+    plain = (np.einsum("ei,ei->e", one, other) > SHARP) & (faced[:, 0] * faced[:, 1] > 0.0)
+    left_out = {k for k, each in zip(edges, plain.tolist(), strict=True) if each}
+    return [stroke for k, stroke in enumerate(strokes) if k not in left_out]
 
 
 def _bends(points: Floats) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import numpy as np
 from mbm.report.figures import BLUE, GREEN, GREY, ORANGE, RED
 from mbm.report.types import Floats
 from mbm.report.view import faults
-from mbm.report.view.hidden import Faces, Stretch
+from mbm.report.view.hidden import MOST_STROKES, Faces, Stretch, worth_drawing
 from mbm.report.view.rulers import Ruler, Wanted, placed, rulers
 from mbm.report.view.types import Mark, Solid
 from mbm.report.view.viewpoint import View, outlines
@@ -27,8 +28,8 @@ INCHES = (5.6, 5.0)
 MOST_LABELS = 300
 """Features whose names are tried; beyond, nobody could read them."""
 
-MOST_LINES = 36
-"""Lines up to which these are numbered; of more, the numbers of vertices and planes would have no room."""
+MOST_OF_A_KIND = {"line": 36, "vertex": 100, "plane": 100}
+"""Features up to which those of a kind are numbered: more lines leave the others no room."""
 
 MOST_COMPARISONS = 500_000_000
 """Lines times faces of a model: what is hidden is then found within a minute."""
@@ -87,11 +88,14 @@ def seen(solid: Solid, view: View) -> Seen:
     """
     patches = [view.of(patch) for patch in solid.patches]
     faces = Faces([view.of(face) for face in solid.faces], patches)
-    if len(solid.strokes) * faces.count > MOST_COMPARISONS:
+    strokes = worth_drawing(solid.strokes, lambda points: np.broadcast_to(view.axes[2], points.shape))
+    if len(strokes) * faces.count > MOST_COMPARISONS:
         raise MbmError(faults.too_much_to_draw(f"{MOST_COMPARISONS:,} pairs of a line and a face"))
     lines = []
-    for stroke in solid.strokes:
+    for stroke in strokes:
         lines += [_line(each, stroke.kind) for each in faces.stretches(view.of(stroke.points))]
+    if len(solid.strokes) > MOST_STROKES:
+        lines = [line for line in lines if not line.hidden]
     for patch in patches:
         for outline in outlines(patch):
             lines += [_line(each, "model") for each in faces.stretches(outline, outline=True)]
@@ -108,9 +112,9 @@ def seen(solid: Solid, view: View) -> Seen:
 
 
 def _named(marks: Sequence[Mark]) -> list[Mark]:
-    """The features that are named: lines only where they are few, of very many features parts and points first."""
-    lines = sum(mark.kind == "line" for mark in marks)
-    kept = [mark for mark in marks if mark.kind != "line" or lines <= MOST_LINES]
+    """The features that are named: those of a kind only where they are few, parts and points first."""
+    counts = Counter(mark.kind for mark in marks)
+    kept = [mark for mark in marks if counts[mark.kind] <= MOST_OF_A_KIND.get(mark.kind, MOST_MARKS)]
     return sorted(kept, key=lambda mark: list(_KINDS).index(mark.kind))[:MOST_MARKS]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from mbm.estimation.search.solution import Solution
 from mbm.problem.tables import Table
 from mbm.report.types import Floats, Mask
-from mbm.report.view.hidden import Faces
+from mbm.report.view.hidden import MOST_STROKES, Faces, worth_drawing
 from mbm.report.view.images import ImageRows, answer_lookup, right_up_forward, values_of
 from mbm.report.view.model_panels import Line
 from mbm.report.view.rays import placed_by_rays
@@ -181,10 +181,12 @@ def image_lines(
 
     patches = [flattened(p) for p in solid.patches if before(p)]
     faces = Faces([flattened(f) for f in solid.faces if before(f)], patches)
-    for stroke in solid.strokes:
+    many = len(solid.strokes) > MOST_STROKES
+    for stroke in worth_drawing(solid.strokes, np.negative):
         if before(stroke.points):
             for each in faces.stretches(flattened(stroke.points)):
-                yield Line(points=image(_finer(each.points)), hidden=each.hidden)
+                if not (many and each.hidden):
+                    yield Line(points=image(_finer(each.points)), hidden=each.hidden)
     for patch in patches:
         for outline in outlines(patch):
             for each in faces.stretches(outline, outline=True):

@@ -233,11 +233,10 @@ class _Walk:
         numbers = self._evaluated(tuple(e for p in node.vertexes.values() for e in p.elements))
         at = dict(zip(node.vertexes, frame.of(numbers.reshape(-1, 3)), strict=True))
         self.marks.extend(Mark(kind="vertex", text=str(n), at=p) for n, p in at.items())
-        drawn = set()
+        edges: dict[frozenset[int], list[Floats]] = {}
         for n, (a, b) in node.lines.items():
-            self.strokes.append(Stroke(points=np.stack([at[a], at[b]])))
             self.marks.append(Mark(kind="line", text=str(n), at=(at[a] + at[b]) / 2))
-            drawn.add(frozenset((a, b)))
+            edges[frozenset((a, b))] = []
         for n, corners in node.planes.items():
             polygon = np.stack([at[c] for c in corners])
             normal = newell(polygon)
@@ -246,9 +245,10 @@ class _Walk:
                 continue
             self.faces.append(polygon)
             for a, b in zip(corners, (*corners[1:], corners[0]), strict=True):
-                if frozenset((a, b)) not in drawn:
-                    drawn.add(frozenset((a, b)))
-                    self.strokes.append(Stroke(points=np.stack([at[a], at[b]])))
+                edges.setdefault(frozenset((a, b)), []).append(normal)
+        for ends, normals in edges.items():
+            both = np.stack(normals) if node.net is not None and len(normals) == 2 else None
+            self.strokes.append(Stroke(points=np.stack([at[n] for n in sorted(ends)]), normals=both))
 
     def _curve(self, node: CurveNode, frame: Affine, path: str) -> None:
         points = frame.of(self._curve_points(node.curve))

@@ -12,10 +12,14 @@ from mbm.values import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stroke:
-    """A line of space through ``points`` (n, 3). ``kind`` is model, camera or spread: it decides how it is drawn."""
+    """A line of space through ``points`` (n, 3). ``kind`` is model, camera or spread: it decides how it is drawn.
+
+    ``normals`` (2, 3) are those of the two faces of a mesh that meet there, if there are two.
+    """
 
     points: Floats
     kind: str = "model"
+    normals: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

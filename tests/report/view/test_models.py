@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -178,6 +179,23 @@ def test_models_of_too_many_lines_and_faces_are_refused(monkeypatch: pytest.Monk
     with pytest.raises(MbmError) as caught:
         seen(grid, View.at())
     assert code(caught) == "too-much-to-draw"
+
+
+def test_of_meshes_of_very_many_faces_sharp_edges_and_the_silhouette_are_drawn(tmp_path: Path) -> None:
+    """A drum of 120 sides, from the side: both rims, and two generators. Nothing is hidden, or numbered."""
+    angles = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    lines = [f"v {x!r} {y!r} {z}" for z in (0, 2) for x, y in ring.tolist()]
+    lines += [f"f {k + 1} {(k + 1) % 120 + 1} {(k + 1) % 120 + 121} {k + 121}" for k in range(120)]
+    lines += ["f " + " ".join(map(str, range(120, 0, -1))), "f " + " ".join(map(str, range(121, 241)))]
+    (tmp_path / "drum.obj").write_text("\n".join(lines), "utf-8")
+    (drum,) = of_forms(f'(mesh "{(tmp_path / "drum.obj").as_posix()}")')
+    assert len(drum.strokes) == 360
+    found = seen(drum, View.at(28, 0))
+    assert found.marks == ()
+    assert {line.hidden for line in found.lines} == {False}
+    upright = [line.points[:, 0].mean() for line in found.lines if np.ptp(line.points[:, 1]) > 1]
+    np.testing.assert_allclose(sorted(upright), [-1, 1], atol=0.01)
 
 
 def test_outlines_of_a_swept_side_are_seen_on_both_sides() -> None:
