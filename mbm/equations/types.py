@@ -136,6 +136,7 @@ class Reason(Enum):
     ONE_STEP = ("converged", "the equations are linear and were solved in one step")
     NO_UNKNOWNS = ("converged", "there are no unknowns: the quantities are computed from what is given")
     FLAT = ("not-converged", "the fit no longer improves, but the next step is not small: the minimum may lie far off")
+    ENDLESS = ("not-converged", "the fit improves on and on towards infinite values")
     MAX_ITERATIONS = ("not-converged", "the limit of iterations was reached before the estimates settled")
     NOT_FINITE_AT_START = ("not-converged", "an equation has no finite value at the initial values")
     INTERRUPTED = ("not-converged", "the solve was interrupted; this is the best point so far")

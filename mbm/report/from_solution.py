@@ -189,7 +189,7 @@ def _status(
 
 def _endless(problem: Problem, solution: Solution, names: tuple[str, ...]) -> str | None:
     """What has to be bounded where the likelihood rises towards infinite values."""
-    if solution.minimum.reason is not Reason.FLAT or not _may_rise_forever(problem):
+    if solution.minimum.reason not in (Reason.FLAT, Reason.ENDLESS) or not _may_rise_forever(problem):
         return None
     free = dict.fromkeys(name for each in free_directions(solution, names) for name in each.unknowns)
     if not free:

@@ -20,7 +20,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.spreads import Freedom, Limited, Moved
-from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum, Observability
+from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum, Observability, Reason
 from mbm.estimation.coverage.certain import Certain, certain
 from mbm.estimation.coverage.limits import Edges, edges
 from mbm.estimation.coverage.parabolas import Parabolas, Pieces, parabolas
@@ -338,7 +338,7 @@ def likelihood(
     followed = unfollowed(equations, minimum) is None
     if not (followed or limits is not None):
         return None
-    if not minimum.feasible or not minimum.reason.converged:
+    if not minimum.feasible or not (minimum.reason.converged or minimum.reason is Reason.ENDLESS):
         return None
     if not outcome.sigma_known or not outcome.covariance.variance > 0.0:
         return None

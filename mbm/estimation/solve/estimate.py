@@ -197,7 +197,7 @@ def _informed(equations: Assembled, minimum: Minimum, tally: Tally | None) -> tu
     minimum = informed(equations, confirmed(equations, minimum))
     if tally is None or not minimum.reason.converged or not rises_on(equations, minimum):
         return minimum, tally
-    return replace(minimum, reason=Reason.FLAT), replace(tally, converged=0, best_found=0)
+    return replace(minimum, reason=Reason.ENDLESS), replace(tally, converged=0, best_found=0)
 
 
 def answered(

@@ -106,6 +106,9 @@ INSIDE = 1e-3
 """Change of such a residual, were it straight, within which it goes on straight to one side, and as a root to the
 other: roots end in 3e-6."""
 
+SETTLED = 1e-8
+"""Standard deviations that the next step may have where others are at their ends: what these were off shows in it."""
+
 GROWN = 0.1, 10.0
 """What the cost may have grown by one standard deviation away, where it is 1 if that means anything."""
 
@@ -125,7 +128,10 @@ def _informed(equations: Assembled, minimum: Minimum) -> Minimum:
     estimate nothing tells it: its column is zero.
     """
     told, own = (each.plain_jacobian(minimum.point) for each in (equations.informing(), equations))
-    sides = _ends(equations, minimum, np.square(told).sum(axis=0), own)
+    sides, point = _ends(equations, minimum, np.square(told).sum(axis=0), own)
+    if point is not minimum.point:
+        minimum = _at_end(equations, minimum, sides == 0, point)
+        told = equations.informing().plain_jacobian(point)
     length = np.sqrt(np.square(told).sum(axis=0))
     level = length == 0.0
     for which in np.flatnonzero(suspects(equations, replace(minimum, at_bound=sides), length)).tolist():
@@ -152,17 +158,17 @@ def _told_beside(equations: Assembled, told: Floats, level: Mask) -> Mask:
     return found
 
 
-def _ends(equations: Assembled, minimum: Minimum, information: Floats, own: Floats) -> NDArray[np.int8]:
+def _ends(equations: Assembled, minimum: Minimum, information: Floats, own: Floats) -> tuple[NDArray[np.int8], Floats]:
     """The sides (n,) at which estimates are held, those included at which the model of a row ends: one after the other,
-    where rows hold all but one of the coordinates that they depend on.
+    where rows hold all but one of the coordinates that they depend on. The point is the minimum, brought to such ends.
     """
-    sides = minimum.at_bound.copy()
+    sides, point = minimum.at_bound.copy(), minimum.point
     least = np.maximum(AT_END * information, 1.0 / np.square(ABSURD * np.maximum(_size(equations, minimum), 1.0)))
     while True:
         slopes = np.where(sides == 0, own, 0.0)
         ending = (np.square(slopes) > least).any(axis=1) & ((slopes != 0.0).sum(axis=1) == 1)
         if not ending.any():
-            return sides
+            return sides, point
         row = int(np.argmax(ending))
         which = int(np.argmax(slopes[row] != 0.0))
         step = np.zeros(len(sides))
@@ -170,6 +176,32 @@ def _ends(equations: Assembled, minimum: Minimum, information: Floats, own: Floa
         points = np.stack([equations.retract(minimum.point, side * step) for side in (-1.0, 1.0)])
         low, high = np.abs(equations.residuals_at(points)[:, row])
         sides[which] = np.sign(step[which]) * (-1 if low > high else 1)
+        point = _where_it_ends(equations, point, row, which, float(own[row, which]))
+
+
+def _where_it_ends(equations: Assembled, point: Floats, row: int, which: int, slope: float) -> Floats:
+    """The point with one coordinate where the residual of a row, with such a ``slope``, is zero, or at 0 if it is there
+    as well.
+    """
+    place, off = float(equations.coordinates(point)[which]), float(equations.residuals(point)[row])
+    steps = np.zeros((2, equations.dimension))
+    steps[:, which] = -place, np.clip(place - off / slope, equations.lower[which], equations.upper[which]) - place
+    points = np.stack([equations.retract(point, step) for step in steps])
+    zero, near = np.abs(equations.residuals_at(points)[:, row])
+    within = equations.lower[which] <= 0.0 <= equations.upper[which]
+    if within and zero <= near:
+        return np.asarray(points[0])
+    return np.asarray(points[1]) if near <= abs(off) else point
+
+
+def _at_end(equations: Assembled, minimum: Minimum, free: Mask, point: Floats) -> Minimum:
+    """The minimum at the ``point``, where all coordinates but the ``free`` (n,) are held; settled, if those are."""
+    residuals, reason = equations.residuals(point), minimum.reason
+    if reason.under_way:
+        slopes = equations.plain_jacobian(point)[:, free]
+        left = slopes @ np.linalg.lstsq(slopes, residuals)[0]
+        reason = Reason.SMALL_OFFSET if float(left @ left) < SETTLED**2 else reason
+    return replace(minimum, point=point, residuals=residuals, cost=float(residuals @ residuals), reason=reason)
 
 
 def _along_ridges(equations: Assembled, minimum: Minimum, told: Floats) -> Mask:

@@ -6,7 +6,7 @@ from math import log
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
 import mbm
 
@@ -70,3 +70,54 @@ def test_readings_in_two_steps_tell_a_greatest_scatter_and_where_the_mean_is(low
     assert top == pytest.approx(5.5, abs=1e-5) if 2.0 * lost > 4.0 else 5.5 < top < 6.0
     least, most = found["d-sigma"].interval()
     assert least == 0.0 and most < 1.0
+
+
+BESIDE = """(problem p (data d external) (unknowns (r {r}) (s {s}))
+    (observe d (= n (+ (* r t) (* s u))) :distribution poisson))"""
+
+
+@pytest.mark.parametrize(("r", "s"), [("", ""), (":init 1", ":init 5"), ("positive", "positive"), (":in (0 100)", "")])
+@pytest.mark.parametrize("counts", [[0, 0, 9, 12], [0, 0, 30, 2], [0, 0, 2, 30]])
+def test_a_rate_without_counts_in_rows_of_another_one_is_zero(r: str, s: str, counts: list[int]) -> None:
+    """dL/dr at (0, N/2.3) is Σ t − Σ n t/(s u): where it is positive, the likelihood falls from r = 0 on."""
+    t, u, n = np.arange(1.0, 5.0), np.array([0.0, 0.0, 1.0, 1.3]), np.array(counts, dtype=float)
+    other = n.sum() / u.sum()
+    assert t.sum() - (n[2:] * t[2:] / (other * u[2:])).sum() > 0.0
+    found = mbm.loads(BESIDE.format(r=r, s=s)).solve(data={"d": {"n": n, "t": t, "u": u}})
+    solve = found.solves[0]
+    assert solve.status == "converged", solve.message
+    assert found["s"].value == pytest.approx(other, rel=1e-9)
+    value, (low, high) = float(found["r"].value), found["r"].interval()
+    assert 0.0 <= value < 1e-30
+    assert not np.signbit(value)
+    assert low == pytest.approx(0.0, abs=1e-30)
+
+    def left(rate: float) -> float:
+        """Greatest likelihood over s of a rate, beside that of none."""
+
+        def fall(s: float) -> float:
+            mean = rate * t + s * u
+            return float(mean.sum() - (n[2:] * np.log(mean[2:])).sum())
+
+        best = minimize_scalar(fall, bounds=(1e-6, 100.0), method="bounded", options={"xatol": 1e-9}).fun
+        return float(np.exp(fall_at_none - best))
+
+    mean = other * u
+    fall_at_none = float(mean.sum() - (n[2:] * np.log(mean[2:])).sum())
+    grid = np.linspace(0.0, 3.0, 601)
+    shares = np.array([left(float(each)) for each in grid])
+    wanted = np.interp(0.95, np.cumsum(shares) / shares.sum(), grid)
+    assert high == pytest.approx(wanted, abs=0.01)  # the grid has steps of 0.005
+
+
+def test_what_rises_for_ever_has_its_interval_and_says_so() -> None:
+    """exp(r) of nothing in 6 hours: log(−log(0.05)/6), whether a start is stated or not."""
+    text = """(problem p (data d (table (t n) (1 0) (2 0) (3 0))) (unknowns (r {}))
+        (observe d (= n (* t (exp r))) :distribution poisson))"""
+    for start in ("", ":init 0"):
+        found = mbm.loads(text.format(start)).solve()
+        low, high = found["r"].interval()
+        assert low == -np.inf
+        assert high == pytest.approx(np.log(-np.log(0.05) / 6.0), abs=5e-3)
+        assert found["r"].reason is not None
+    assert "infinite" in mbm.loads(text.format("")).solve().solves[0].message
