@@ -103,6 +103,14 @@ ANOTHER_SOLUTION = Code(
     "Measure something that tells the two apart, or exclude one with `:in` or a constraint; if it fits better, start "
     "there, or with `--starts 20`.",
 )
+OPEN_ENDED = Code(
+    "open-ended",
+    "The data do not exclude that an unknown is infinite, or any number far away: its equations feel nothing of it "
+    "there, and the cost approaches a value that the noise may have decided against (a warning). That is no other "
+    "solution.",
+    "Bound the unknown with `:in` or a prior, or measure where it shows; `interval` says how far the likelihood "
+    "reaches.",
+)
 EXACTLY = "no residuals are left in either"
 MOST_NAMED = 6
 """Numbers of one unknown, or rows of a table, that a message lists."""
@@ -294,6 +302,20 @@ def prior_against_data(span: Span, name: str, innovation: float) -> Diagnostic:
         message=f"the prior `{name}` lies {innovation:.2g} standard deviations from what the data say without it",
         place=span,
         hint=PRIOR_AGAINST_DATA.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def open_ended(place: Place | None, names: tuple[str, ...], costs: tuple[float, ...], name: str) -> Diagnostic:
+    """Where unknowns go far away, as ``names`` say, nothing is felt of them; ``costs`` and ``name`` as above."""
+    cost, best = costs
+    listed = " and ".join(names)
+    return Diagnostic(
+        code=OPEN_ENDED,
+        message=f"the data do not exclude {listed}: the {name} approaches {cost:.6g} there, that of the solution "
+        f"reported is {best:.6g}",
+        place=place,
+        hint=OPEN_ENDED.mend,
         severity=Severity.WARNING,
     )
 

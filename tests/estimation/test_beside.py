@@ -305,3 +305,29 @@ def test_circles_that_become_a_line_are_no_other_solution() -> None:
     run = np.repeat(np.arange(runs), len(angle))
     solves = mbm.loads(text).solve(data={"d": {"run": run, "x": x.ravel(), "y": y.ravel()}}).solves
     assert "another-solution" not in {each.code.name for solve in solves for each in solve.diagnostics}
+
+
+TIMES = np.arange(6.0)
+
+
+@pytest.mark.parametrize(
+    ("model", "names", "start", "readings", "left"),
+    [
+        # exp(a) → 0 leaves the mean
+        ("(+ b (* x (exp a)))", "`a` → −∞", "(a :init -2) (b :init 1)", [1.02, 0.96, 1.01, 0.95, 1.05, 1.0], 0),
+        # exp(-k x) → 1 for x = 0, and 0 else; between them the cost is higher
+        ("(+ b (* 0.1 (exp (- (* a x)))))", "`a` → ∞", "(a :init 0) (b :init 1)", [1, 1.02, 0.97, 1.04, 1.0, 1.1], 0.1),
+    ],
+)
+def test_a_cost_that_approaches_a_value_in_the_infinite_is_no_other_solution(
+    model: str, names: str, start: str, readings: list[float], left: float
+) -> None:
+    text = f"(problem p (data d external) (unknowns {start}) (observe d (= y {model}) :sigma 0.05))"
+    y = np.array(readings)
+    solve = mbm.loads(text).solve(data={"d": {"x": TIMES, "y": y}}).solves[0]
+    rest = y - left * (TIMES == 0)
+    cost = np.square((rest - rest.mean()) / 0.05).sum()
+    said = {each.code.name: each.message for each in solve.diagnostics}
+    assert "another-solution" not in said and solve.alternatives == ()
+    assert names in said["open-ended"] and f"approaches {cost:.6g}" in said["open-ended"]
+    assert solve.cost < cost < solve.cost + 9.0

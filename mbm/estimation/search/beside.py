@@ -8,12 +8,13 @@ only what lies beyond the edge-on view of a face is looked at.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from mbm.equations import faults
 from mbm.equations.assembly import Assembled
-from mbm.equations.metric import column_norms
+from mbm.equations.metric import column_norms, rounding_at
 from mbm.equations.surface import exact_constraints, on_surface
 from mbm.equations.turning import may_turn
 from mbm.equations.types import Fit, Floats, Mask, Minimum, Noise
@@ -28,6 +29,7 @@ from mbm.estimation.starts.random_starts import costs
 from mbm.expression.nodes import External
 from mbm.problem.manifold import Piece
 from mbm.problem.types import Problem
+from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
 PLAUSIBLE = 9.0
@@ -67,6 +69,9 @@ has ended with moderate accuracy; EQUAL afterwards."""
 
 POSITIVE = 1e-2
 """Share of its value at the minimum that a positive number keeps, and the scale of a similarity."""
+
+ASYMPTOTIC = 1e-6
+"""What residuals may change by, beside the largest, where a coordinate that went far goes as far again."""
 
 MOST_UNKNOWNS = 20
 """Unknowns above which the search would cost more than the solve."""
@@ -152,6 +157,70 @@ def minima_beside(
     return tuple(
         other_minimum(equations, each.minimum, len(each.starts), mirrored=each.twin is Twin.MIRRORED) for each in others
     )
+
+
+def rivals(
+    problem: Problem, equations: Assembled, best: Minimum, alternatives: Sequence[Alternative], most: float
+) -> tuple[Diagnostic, ...]:
+    """A warning where other minima cost ``most`` at most, so that the data do not exclude them."""
+    near = [a for a in alternatives if a.minimum.cost <= most]
+    if not near:
+        return ()
+    first = near[0]
+    costs = _costs(equations, best, first.minimum)
+    return (faults.another_solution(problem.span, len(near), costs, _what_costs(equations), mirrored=first.mirrored),)
+
+
+def _costs(equations: Assembled, best: Minimum, other: Minimum) -> tuple[float, ...]:
+    """Those of another minimum and of the best, 0 where that is rounding."""
+    least = rounding_at(equations, best) ** 2
+    return tuple(cost if cost > least else 0.0 for cost in (other.cost, best.cost))
+
+
+def _what_costs(equations: Assembled) -> str:
+    """What the cost is called."""
+    return "sum of the losses" if equations.lossy else "cost"
+
+
+def endless(
+    problem: Problem, equations: Assembled, about: Centre, ends: Sequence[Alternative]
+) -> tuple[Diagnostic, ...]:
+    """A warning for each of the ``ends`` of `unfelt` coordinates that the data do not exclude."""
+    found: dict[tuple[str, ...], tuple[float, ...]] = {}
+    for end in ends:
+        going = unfelt(equations, about, end.minimum)
+        numbers = equations.layout.number[equations.free]
+        names = tuple(
+            f"`{entry.unknown.name}` → {'∞' if step > 0.0 else '−∞'}"
+            for number, step in zip(numbers[going != 0.0].tolist(), going[going != 0.0].tolist(), strict=True)
+            for entry in equations.layout.entries
+            if entry.range.start <= number < entry.range.stop
+        )
+        if end.minimum.cost <= about.most:
+            found.setdefault(tuple(dict.fromkeys(names)), _costs(equations, about.minimum, end.minimum))
+    what = _what_costs(equations)
+    return tuple(faults.open_ended(problem.span, names, costs, what) for names, costs in found.items())
+
+
+@np.errstate(all="ignore")
+def unfelt(equations: Assembled, about: Centre, end: Minimum) -> Floats:
+    """How far plain coordinates (n,) have gone from the best to an end where nothing is felt of going as far again; 0
+    of all others. The cost approaches a value there, and the end is no minimum.
+    """
+    best, layout, free = about.minimum, equations.layout, equations.free
+    going = end.point[layout.number[free]] - best.point[layout.number[free]]
+    if end.blocks is not None:
+        return np.zeros_like(going)
+    slopes = end.jacobian if end.constraints is None else np.vstack([end.jacobian, end.constraints.slopes])
+    spread = max(float(np.sqrt(about.variance)), rounding_at(equations, best))
+    far = np.abs(going) * np.linalg.norm(best.jacobian, axis=0) > DISTANCES[0] * spread
+    able = far & (layout.number[free] >= 0) & ~layout.angle[free] & (end.at_bound == 0)
+    going = np.where(able & (np.abs(slopes * going) < ASYMPTOTIC * spread).all(axis=0), going, 0.0)
+    if not going.any():
+        return going
+    there = equations.residuals(equations.retract(end.point, going))
+    off = np.abs(there - end.residuals).max(initial=0.0)
+    return going if off <= ASYMPTOTIC * max(spread, np.abs(end.residuals).max(initial=0.0)) else np.zeros_like(going)
 
 
 def _ends(equations: Assembled, about: Centre, settings: Settings, problem: Problem) -> Iterable[Minimum]:

@@ -20,7 +20,6 @@ from mbm.equations.surface import affine_by_products
 from mbm.equations.types import Fit, Floats, Indices, Minimum, Observability, Reason
 from mbm.estimation.consensus.known_ranges import known_ranges
 from mbm.estimation.consensus.preparation import outliers, prepared, robust_cost, unit_weights
-from mbm.estimation.consensus.rivals import rivals
 from mbm.estimation.consensus.types import Prepared
 from mbm.estimation.coverage.limits import limited
 from mbm.estimation.coverage.profiles import Profiles, profiles
@@ -318,7 +317,7 @@ def _others(
     if not end.others and ((equations.linear and not equations.constraints) or not alone):
         return (), ()
     # Loaded by problems that bend only, so that the others start at once.
-    from mbm.estimation.search.beside import centre, minima_beside
+    from mbm.estimation.search.beside import centre, endless, minima_beside, rivals, unfelt
     from mbm.estimation.search.facing import facing
 
     about = centre(minimum, outcome.covariance.factor, outcome.fit, end.noise)
@@ -332,7 +331,10 @@ def _others(
 
         others = places_beside(equations, about, others, run.settings, run.problem)
     others = facing(run.problem, run.tables, equations, minimum, others)
-    return _as_counted(run, end, others), rivals(run.problem, equations, minimum, others, about.most)
+    ends = [each for each in others if unfelt(equations, about, each.minimum).any()]
+    others = tuple(each for each in others if each not in ends)
+    said = rivals(run.problem, equations, minimum, others, about.most)
+    return _as_counted(run, end, others), (*said, *endless(run.problem, equations, about, ends))
 
 
 def _as_counted(run: Run, end: Reached, others: Iterable[Alternative]) -> tuple[Alternative, ...]:
