@@ -135,7 +135,8 @@ class Workspace:
     ``formats`` has what a data clause may say of each format; ``routines`` gives the names of the registered closed
     forms, which may be asked for as methods; ``reads`` keeps account of the values that decided something, ``extent``
     of what there is to compile; ``written_out`` are the aggregates in constraints. ``uncertain`` are the names of
-    numbers of constants with a standard deviation. ``drawing``: distributions may be without a variance.
+    numbers of constants with a standard deviation, ``made`` has those that are made of others. ``drawing``:
+    distributions may be without a variance.
     """
 
     evaluator: Evaluator
@@ -147,6 +148,7 @@ class Workspace:
     undeclared: set[str] = field(default_factory=set)
     written_out: list[WrittenOut] = field(default_factory=list)
     uncertain: set[str] = field(default_factory=set)
+    made: dict[str, Expression] = field(default_factory=dict)
     drawing: bool = False
     reads: Reads = field(default_factory=Reads)
     extent: Extent = field(init=False)

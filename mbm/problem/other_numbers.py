@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from mbm.expression.algebra import UndefinedValueError, constant_value
 from mbm.expression.derivative import substituted
-from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Leaf, Number, Sampling, leaves
+from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Leaf, Number, Sampling, leaves, nearest
 from mbm.expression.units import Dimension, Unit
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.overrides import ConstantValue
@@ -27,6 +28,10 @@ def with_numbers(found: Elaborated, numbers: Mapping[str, float]) -> Elaborated 
 
     None where these values decide more than numbers in the equations: what these are, or which rows they have.
     """
+    try:
+        numbers = _with_made(found.problem.constants, numbers)
+    except UndefinedValueError:
+        return None
     if not set(numbers).isdisjoint(found.consulted.constants):
         return None
     problem: Problem = _changed(found.problem, numbers)
@@ -40,6 +45,27 @@ def with_numbers(found: Elaborated, numbers: Mapping[str, float]) -> Elaborated 
         return None
     # other tables than those of the equations before, of which evaluation remembers what it made of them
     return replace(found, problem=problem, tables=MappingProxyType(dict(found.tables)))
+
+
+def _with_made(constants: tuple[ConstantValue, ...], numbers: Mapping[str, float]) -> Mapping[str, float]:
+    """The numbers, and those of the constants that are made of them."""
+    made = {name: form for each in constants for name, form in each.made}
+    found = dict(numbers)
+
+    def follow(name: str) -> bool:
+        """Put in the number of a constant; whether it is another one."""
+        form = made.pop(name, None)
+        if name in numbers or form is None:
+            return name in found
+        if sum(follow(leaf.name) for leaf in leaves((form,)) if isinstance(leaf, Constant)):
+            value = constant_value(_expressions((form,), found)[0])
+            if value is not None:
+                found[name] = nearest(value)
+        return name in found
+
+    for name in tuple(made):
+        follow(name)
+    return found
 
 
 _WITHOUT = (str, int, float, Span, Source, Unit, Dimension, np.ndarray)

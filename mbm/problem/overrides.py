@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import inf
 
+from mbm.expression.nodes import Expression
 from mbm.expression.units import Unit
 from mbm.text.types import Span
 from mbm.values import dataclass
@@ -56,7 +57,8 @@ class ConstantValue:
     """A constant of the problem with its elements (one for a number) and their names in expressions.
 
     ``sigmas`` are their standard deviations (empty where it is exact), and ``law`` what they follow. ``unit`` is one
-    that they are written in, ``dof`` are their degrees of freedom.
+    that they are written in, ``dof`` are their degrees of freedom. ``made`` are the names of elements that are
+    made of other constants, and how.
     """
 
     name: str
@@ -66,4 +68,5 @@ class ConstantValue:
     unit: Unit | None = None
     dof: float = inf
     law: Law = NORMAL_LAW
+    made: tuple[tuple[str, Expression], ...] = ()
     span: Span

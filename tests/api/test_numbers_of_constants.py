@@ -29,10 +29,14 @@ NUMBERS = [
     "(unknowns (a) (b)) (observe d (= y (+ a (* b (first d (* h x)) x))) :sigma 0.3)",
     f"{LINE} (derive (q (if (> h 1.2) a b)))",
     f"{LINE} (derive (f (+ a (* h t)) :over (grid t 0 10 5)) (s (mean d (* h b x))))",
+    # g and both are made of h, before and after it
+    "(constants (both [(* 2 g) (* h (k 1))]) (g (* h h))) (unknowns (a) (b))"
+    " (observe d (= y (+ (* a g) (* b x (both 2)))) :sigma 0.3) (derive (q (* (both 1) b)))",
 ]
 DECIDING = [
     "(unknowns (a) (b)) (observe d (= y (+ a (* b (^ x h)))) :sigma 0.3)",
     "(unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma 0.3 :loss (huber h))",
+    "(constants (g (* h h))) (unknowns (a) (b)) (observe d (= y (+ a (* b (^ x g)))) :sigma 0.3)",
 ]
 """What is compiled depends on the number, or its unit may."""
 

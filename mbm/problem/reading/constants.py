@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from mbm.expression.algebra import UndefinedValueError, constant_value
+from mbm.expression.algebra import UndefinedValueError, constant_value, noting_constants
 from mbm.expression.inference import Declared, Inference
 from mbm.expression.nodes import Constant, Expression, Number, leaves, nearest
 from mbm.expression.units import Dimension, Unit, parse_unit
@@ -54,7 +54,7 @@ def _declare(work: Workspace, name: str, form: Form, span: Span, override: Overr
         value = work.evaluator.wanted(form, work.scope)
         if override is not None:
             value = _overridden(work, value, override)
-        return _named(value, name, form.span)
+        return _named(work, value, name, form.span)
 
     work.scope.add(name, Entry("constant", span, make))
 
@@ -100,12 +100,12 @@ def _redimensioned(given: Expression, declared: Expression, override: Override) 
     return given
 
 
-def _named(value: Value, name: str, span: Span) -> Value:
+def _named(work: Workspace, value: Value, name: str, span: Span) -> Value:
     """The value as constants that carry their name, so that equations show it."""
     if isinstance(value, str | bool):
         return value
     if isinstance(value, SCALARS):
-        return _constant(value, name, span)
+        return _constant(work, value, name, span)
     if isinstance(value, ListValue):
         value = vector(value, span)
     if isinstance(value, Array):
@@ -113,14 +113,17 @@ def _named(value: Value, name: str, span: Span) -> Value:
         indices = [
             f"{i // width + 1},{i % width + 1}" if value.is_matrix else f"{i + 1}" for i in range(len(value.elements))
         ]
-        elements = tuple(_constant(e, f"{name}[{i}]", span) for e, i in zip(value.elements, indices, strict=True))
+        elements = tuple(_constant(work, e, f"{name}[{i}]", span) for e, i in zip(value.elements, indices, strict=True))
         return Array(value.shape, elements)
     return value
 
 
-def _constant(node: Expression, name: str, span: Span) -> Constant:
+def _constant(work: Workspace, node: Expression, name: str, span: Span) -> Constant:
+    names = set[str]()
     try:
-        found = constant_value(node)
+        # other numbers of the constants that it is made of make another number, and decide nothing else
+        with noting_constants(names):
+            found = constant_value(node)
     except UndefinedValueError as error:
         raise MbmError(language_faults.undefined_value(span, str(error))) from None
     if found is None:
@@ -129,6 +132,8 @@ def _constant(node: Expression, name: str, span: Span) -> Constant:
     number = nearest(found)
     if not math.isfinite(number):
         raise MbmError(language_faults.undefined_value(span, name))
+    if names:
+        work.made[name] = node
     return Constant(name, number, dimension, span, node.angle, is_temperature(node, span))
 
 
@@ -160,6 +165,7 @@ def constant_values(work: Workspace, declared: list[DeclaredConstant], span: Spa
                         law=_law(work, each),
                         unit=_unit(each, numbers[0]) if sigmas else None,
                         dof=_dof(work, each),
+                        made=tuple((element, work.made[element]) for element in names_of if element in work.made),
                         span=entry.span,
                     )
                 )
