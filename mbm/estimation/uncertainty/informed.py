@@ -106,7 +106,7 @@ INSIDE = 1e-3
 """Change of such a residual, were it straight, within which it goes on straight to one side, and as a root to the
 other: roots end in 3e-6."""
 
-SETTLED = 1e-8
+BESIDE_ENDS = 1e-8
 """Standard deviations that the next step may have where others are at their ends: what these were off shows in it."""
 
 GROWN = 0.1, 10.0
@@ -200,7 +200,7 @@ def _at_end(equations: Assembled, minimum: Minimum, free: Mask, point: Floats) -
     if reason.under_way:
         slopes = equations.plain_jacobian(point)[:, free]
         left = slopes @ np.linalg.lstsq(slopes, residuals)[0]
-        reason = Reason.SMALL_OFFSET if float(left @ left) < SETTLED**2 else reason
+        reason = Reason.SMALL_OFFSET if float(left @ left) < BESIDE_ENDS**2 else reason
     return replace(minimum, point=point, residuals=residuals, cost=float(residuals @ residuals), reason=reason)
 
 
