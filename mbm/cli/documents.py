@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,8 @@ def refuse_standard_output(path: str | Path) -> None:
     if str(path) == STANDARD_OUTPUT:
         from mbm.files.faults import not_writable
 
-        raise MbmError(not_writable(path, "only `--json -` goes to standard output"))
+        told = not_writable(path, "only `--json -` goes to standard output")
+        raise MbmError(replace(told, hint="name a file or a folder"))
 
 
 def check_document(destination: str | None, reads: Iterable[Read]) -> None:

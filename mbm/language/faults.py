@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from mbm.expression.units import parse_unit
 from mbm.text.faults import shown
-from mbm.text.suggest import did_you_mean, for_a_number, suggestion
+from mbm.text.suggest import did_you_mean, for_a_number, is_number, suggestion
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
 UNKNOWN_NAME = Code(
@@ -362,7 +362,7 @@ def text_in_number_column(span: Span, column: str, cell: str | None, place: Plac
         return Diagnostic(code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` holds texts, not numbers", place=span)
     hint = for_a_number(cell)
     told = shown(cell, 40)
-    if parse_unit(cell) is not None:
+    if not is_number(cell) and parse_unit(cell) is not None:
         hint = (
             f"where `{told}` is a unit, leave its row out and write `:columns (({column} :unit {told}))`; else {hint}"
         )

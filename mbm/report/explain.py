@@ -265,7 +265,7 @@ def _solver(
 
 def _refused(error: MbmError) -> Iterator[str]:
     for each in error.diagnostics:
-        yield f"none: {each.message}" + (f". {each.hint}" if each.hint else "")
+        yield f"none: {each.message}" + (f". {each.hint[:1].upper()}{each.hint[1:]}" if each.hint else "")
 
 
 def _keys(found: Elaborated) -> Iterator[str]:

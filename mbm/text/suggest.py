@@ -88,8 +88,15 @@ def edit_distance(a: str, b: str, limit: int) -> int:
     return last[-1]
 
 
+def is_number(cell: str) -> bool:
+    """Whether a text is a finite decimal number."""
+    return re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", cell.strip(), re.ASCII | re.IGNORECASE) is not None
+
+
 def for_a_number(cell: str) -> str:
     """What to do about a cell of text where a number is wanted: dates are recognised as ISO 8601 has them."""
+    if is_number(cell):
+        return "the column holds texts, this one too, though it reads as a number: give numbers, without quotes"
     try:
         datetime.fromisoformat(cell)
     except ValueError:

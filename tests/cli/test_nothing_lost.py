@@ -352,5 +352,6 @@ def test_only_the_document_goes_to_standard_output(
     assert run([command, "p.mbm", *option.split(), "-"]) == 2
     said = capsys.readouterr()
     assert "only `--json -` goes to standard output" in said.err
+    assert "name a file" in said.err
     assert not said.out
     assert content(folder) == before
