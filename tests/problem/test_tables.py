@@ -161,6 +161,13 @@ def test_the_word_nan_is_blamed_and_not_the_number_beside_it(faults):
         assert diagnostic.message.endswith(f"but a cell is {blamed}")
 
 
+def test_texts_that_read_as_numbers_are_told_as_texts(faults):
+    text = "(problem p (data d external) (unknowns (a)) (observe d (= y (* a x))))"
+    hint = faults(text, data={"d": {"x": [1, "2", 3], "y": [1, 2, 3]}})[0].hint
+    assert "holds texts" in hint
+    assert "unit" not in hint
+
+
 def test_rows_of_a_table_on_one_line_are_told_apart(faults):
     keyed = "(problem p (data s (table (k x) (a 1) (b 2) (a 3)) :key k) (unknowns (o :per s)) (observe s (= x (o k))))"
     diagnostic = faults(keyed)[0]
