@@ -6,10 +6,12 @@ known to a tenth of its radius lies on an arc, not on a straight line.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.binding import affine
+from mbm.equations.binding import ALL, DENSE_PART, Group, affine
 from mbm.equations.metric import Forwarding
 from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.values import dataclass
@@ -20,12 +22,6 @@ RANK = 1e-15
 
 CLOSE = 1e-9
 """Step back to the surface, in units in which the columns of the Jacobian have length 1, that counts as none."""
-
-SHRINKING = 0.1
-"""Part of the step before up to which slopes are kept: what a last step leaves is less than that part of it."""
-
-NEAR = 0.01
-"""The same where slopes are those of the point that steps begin at: then the way back is the shortest, or nearly so."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,72 +55,61 @@ class OnSurface(Forwarding):
         """The points (…, N) of the surface near those after the steps (…, n); NaN where none is found."""
         moved = self.equations.retract(x, step)
         if moved.ndim == 1:
-            return self._back(moved)
-        found = self._all_back(x[0], moved)
-        for k in np.flatnonzero(np.isnan(found).all(axis=1)):
-            found[k] = self._back(moved[k])
+            return np.asarray(self._back(moved[None])[0])
+        size = len(self.equations.equality) * self.equations.dimension
+        some = max(DENSE_PART // max(size, 1), 1)
+        return np.concatenate([self._back(moved[i : i + some]) for i in range(0, len(moved), some)])
+
+    def _linearised(self, points: Floats) -> tuple[Floats, Floats]:
+        """The constraints (P, c) at points (P, N), and their derivatives (P, c, n) in the units of ``scale``."""
+        columns, width = self.equations.columns, self.equations.dimension
+        parts = [_linearised(group, points, columns, width) for group in self.equations.constraints]
+        values, slopes = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
+        return values[:, self.holding], slopes[:, self.holding] / self.scale
+
+    @np.errstate(all="ignore")
+    def _back(self, points: Floats) -> Floats:
+        """Newton's method at points (P, N), each step the shortest to where the linearised constraints hold."""
+        found = np.full(points.shape, np.nan)
+        under_way = np.arange(len(points))
+        for _ in range(MOST_ROUNDS):
+            values, slopes = self._linearised(points)
+            finite = np.isfinite(values).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
+            under_way, points = under_way[finite], points[finite]
+            steps = -_shortest(slopes[finite], values[finite])
+            points = self.equations.retract(points, steps / self.scale)
+            there = np.abs(steps).max(axis=1, initial=0.0) <= CLOSE
+            found[under_way[there]] = points[there]
+            under_way, points = under_way[~there], points[~there]
+            if not len(under_way):
+                break
         return found
 
-    @np.errstate(all="ignore")
-    def _all_back(self, start: Floats, points: Floats) -> Floats:
-        """All points (P, N), brought back together by the slopes at the ``start``; NaN those too far from it."""
-        slopes = self.equations.constraint_jacobian(start)[self.holding] / self.scale
-        if not np.isfinite(slopes).all():
-            return np.full(points.shape, np.nan)
-        inverse = np.linalg.pinv(slopes, rcond=RANK).T
-        last = np.full(len(points), np.inf)
-        under_way = np.ones(len(points), dtype=bool)
-        for _ in range(MOST_ROUNDS):
-            steps = -self._values_at(points) @ inverse
-            points = self.equations.retract(points, steps / self.scale)
-            length = np.abs(steps).max(axis=1, initial=0.0)
-            shrinking = length <= np.where(np.isinf(last), np.inf, np.maximum(NEAR * last, CLOSE))
-            points[under_way & ~shrinking] = np.nan
-            under_way &= shrinking & (length > CLOSE)
-            last = length
-            if not under_way.any():
-                break
-        points[under_way] = np.nan
-        return points
 
-    def _values_at(self, points: Floats) -> Floats:
-        """Values (P, c) of the constraints at points (P, N)."""
-        parts = [group.values_at(points).reshape(len(points), -1) for group in self.equations.constraints]
-        return np.hstack(parts)[:, self.holding]
-
-    @np.errstate(all="ignore")
-    def _back(self, point: Floats) -> Floats:
-        """Newton's method, each step the shortest to where the linearised constraints hold.
-
-        While steps shrink fast the slopes are those of a point before: they cost more than some steps more.
-        """
-        slopes: Floats | None = None
-        last = np.inf
-        for _ in range(MOST_ROUNDS):
-            values = self.equations.constraint_values(point)[self.holding]
-            if slopes is None:
-                slopes = self.equations.constraint_jacobian(point)[self.holding] / self.scale
-            if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
-                break
-            step = -_shortest(slopes, values)
-            point = self.equations.retract(point, step / self.scale)
-            length = float(np.abs(step).max(initial=0.0))
-            if length <= CLOSE:
-                return point
-            slopes, last = (None if length > SHRINKING * last else slopes), length
-        return np.full(len(point), np.nan)
+def _linearised(group: Group, points: Floats, columns: Indices, width: int) -> tuple[Floats, Floats]:
+    """Outputs (P, rows · outputs) at points (P, N) and their derivatives (P, rows · outputs, ``width``)."""
+    shape = (len(points), group.count)
+    if group.gathered is not None:
+        slopes = np.stack([group.dense_jacobian(point, columns, width) for point in points])
+        return group.values_at(points).reshape(shape), slopes.reshape(*shape, width)
+    inputs = group.inputs_at(points, ALL)
+    values, nonzeros = group.cache.stream(group.number, group.kernel).values_and_jacobian(inputs)
+    slopes = np.zeros((len(inputs), group.kernel.outputs, width))
+    if not all(group.shared_columns):
+        group = replace(group, columns=np.tile(group.columns, (len(points), 1)))
+    group.scatter(columns).add(nonzeros, slopes)
+    return values.reshape(shape), slopes.reshape(*shape, width)
 
 
 def _shortest(slopes: Floats, values: Floats) -> Floats:
-    """The shortest c (n,) with slopes (k, n) @ c = values; by least squares where these depend on one another.
-
-    NaN where there is no slope to follow.
+    """The shortest c (P, n) with slopes (P, k, n) @ c = values (P, k); by least squares where these depend on one
+    another. NaN where there is no slope to follow.
     """
-    if len(values) == 1:
-        length = float(slopes[0] @ slopes[0])
-        far = np.nan if values[0] != 0.0 else 0.0
-        return slopes[0] * (values[0] / length) if length > 0.0 else np.full(slopes.shape[1], far)
-    return np.asarray(np.linalg.lstsq(slopes, values, rcond=RANK)[0])
+    if values.shape[1] == 1:
+        lengths = np.square(slopes[:, 0]).sum(axis=1, keepdims=True)
+        far = np.where(values != 0.0, np.nan, 0.0)
+        return np.where(lengths > 0.0, slopes[:, 0] * (values / lengths), far)
+    return np.asarray((np.linalg.pinv(slopes, rcond=RANK) @ values[:, :, None])[:, :, 0])
 
 
 def on_surface(equations: Assembled, minimum: Minimum) -> OnSurface | None:

@@ -18,7 +18,8 @@ AGAIN = 0.3
 they gain as much, at the end of a fourth root a hundredth, and at a maximum nothing."""
 
 NOT_ROUNDED = 1e-6
-"""Share of what is reached that a round gains if it is no rounding."""
+"""Share of what is reached that two rounds gain if it is no rounding. Near a smooth maximum each round leaves a
+seventieth of what the one before left, and without end none gains less than the one before."""
 
 
 @np.errstate(all="ignore")
@@ -32,6 +33,8 @@ def farthest(value: Callable[[Floats], Floats], places: Floats, found: Floats) -
         best = int(np.argmax(np.where(np.isnan(found), -np.inf, found)))
         reached.append(float(found[best]))
         beside = found[max(best - 1, 0)], found[min(best + 1, len(found) - 1)]
+        if len(reached) > 2 and reached[-1] - reached[-3] <= NOT_ROUNDED * abs(reached[-1]):
+            break
         if not np.isfinite(reached[-1]) or np.min(beside) == reached[-1]:
             break
         low, high = places[max(best - 1, 0)], places[min(best + 1, len(places) - 1)]

@@ -235,8 +235,6 @@ def _complement(direction: Floats) -> Floats:
 
 def points_after(equations: Surface, point: Floats, steps: Floats) -> Floats:
     """The points (k, N) from ``point`` (N,) after each of the ``steps`` (k, n), bounds left aside."""
-    if not isinstance(equations, Assembled):
-        return np.stack([equations.retract(point, step) for step in steps])
     return equations.retract(np.tile(point, (len(steps), 1)), steps)
 
 
