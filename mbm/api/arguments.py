@@ -231,7 +231,7 @@ def as_json(value: object) -> object:
 
 def integer(given: Any) -> Any:
     """A whole number of any type as Python's own; anything else as it is."""
-    return operator.index(given) if isinstance(given, SupportsIndex) and not isinstance(given, bool) else given
+    return operator.index(given) if hasattr(given, "__index__") and not isinstance(given, bool) else given
 
 
 def _whole(given: object) -> int:

@@ -314,7 +314,7 @@ class Assembled:
     def uncounted(self) -> Mask | None:
         """Which residuals (m,) are no part of χ², and have no noise; None: none of them."""
         found = np.zeros(self.whole, dtype=bool)
-        for group in self.groups:
+        for group in self.groups if self.likely else ():
             found[group.first : group.first + group.count] = np.tile(~group.counting, group.rows)
         found = found if self.rows is None else found[self.rows]
         return found if found.any() else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import field
+from functools import cached_property
 from hashlib import sha256
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
@@ -30,7 +31,7 @@ Tabulated: TypeAlias = Callable[[Floats], Floats]
 """A program for any number of rows: outputs (rows, outputs) at contiguous inputs (rows, inputs), by one thread."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Kernel:
     """The equations of one group of rows, differentiated.
 
@@ -72,7 +73,7 @@ class Kernel:
         columns = tangents[self.jacobian_columns]
         return not bool(self.dependence[np.ix_(columns, tangents)].any() or self.steps[tangents].any())
 
-    @property
+    @cached_property
     def affine_by_products(self) -> bool:
         """Whether all derivatives are constant in the tangents, and products of data: known to roundings of their size.
 
