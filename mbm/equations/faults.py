@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from mbm.problem.naming import key_text
 from mbm.solver.decisions import LOWER
@@ -50,7 +51,8 @@ NO_CORRECTIONS_AT_START = Code(
 NOISE_NOT_ESTIMATED = Code(
     "noise-not-estimated",
     "The noise of an observation is unknown and cannot be estimated: no degrees of freedom are left, or all residuals "
-    "are zero.",
+    "are zero. Or the rounds that estimate it, each from the residuals that the last one left, ran out while it still "
+    "changed: standard deviations are those of the last round.",
     "Give `:sigma`, or add observations.",
 )
 
@@ -193,6 +195,15 @@ def no_corrections_at_start(span: Span, name: str, place: Place | None) -> Diagn
         labels=(Label(place, "for this row"),) if place is not None else (),
         hint=NO_CORRECTIONS_AT_START.mend,
         severity=Severity.WARNING,
+    )
+
+
+def noise_not_settled(span: Span, name: str) -> Diagnostic:
+    """An unknown noise that still changed in the last of the rounds that estimate it."""
+    return replace(
+        noise_not_estimated(span, name, ""),
+        message=f"the noise of `{name}` still changed when the rounds that estimate it ran out, and standard "
+        "deviations are those of the last round; give `:sigma`",
     )
 
 

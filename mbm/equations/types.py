@@ -287,6 +287,7 @@ class Observability:
     curvature: they are in ``null_space`` and ``combinations``, though the rank counts them. ``limited_space`` (n, k) is
     an orthonormal basis of what inequalities that hold the estimates take away beside equations, scaled (None: nothing
     is, or of sparse problems nobody looks). ``unnoticed`` directions change residuals, but not the sum of squares.
+    ``complete`` False: there may be more free combinations than were looked for.
     """
 
     dimension: int
@@ -308,6 +309,7 @@ class Observability:
     flat: int = 0
     limited_space: Floats | None = None
     unnoticed: int = 0
+    complete: bool = True
 
     @property
     def observable(self) -> bool:
@@ -372,7 +374,8 @@ class Noise:
 
     Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight (0 of NOTHING). ``rho`` is the
     correlation of neighbouring rows, ``covariance`` (k, k) that of a row's components, if they are estimated. Of
-    ``dependent`` components some combination has no residuals at all.
+    ``dependent`` components some combination has no residuals at all. ``settled`` False: the rounds that estimate it
+    ran out while it still changed.
     """
 
     factor: float
@@ -381,6 +384,7 @@ class Noise:
     rho: float | None = None
     covariance: Floats | None = None
     dependent: tuple[int, ...] = ()
+    settled: bool = True
 
     @property
     def why(self) -> str:

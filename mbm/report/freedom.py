@@ -18,7 +18,19 @@ EQUAL_MOVEMENTS = 1e-6
 def free_directions(solution: Solution, names: tuple[str, ...]) -> tuple[FreeDirection, ...]:
     """The free combinations, and the unknowns that nothing depends on; ``names`` (M,) are those of all coordinates."""
     found = [_direction(solution, names, combination) for combination in solution.observability.combinations]
-    return (*_unused(solution, names), *_whole(solution), *found)
+    return (*_more(solution), *_unused(solution, names), *_whole(solution), *found)
+
+
+def _more(solution: Solution) -> list[FreeDirection]:
+    """That there may be more free combinations than were looked for, which the equations as they are do not tell."""
+    observed = solution.observability
+    if observed.complete:
+        return []
+    sentence = (
+        f"{observed.null_space.shape[1]} combinations of unknowns, and perhaps more, for no more were looked for: very "
+        "large standard deviations are theirs; fix what no row tells (`:fixed`), give it a `:sigma`, or add rows"
+    )
+    return [FreeDirection(sentence=sentence, unknowns=(), coefficients={})]
 
 
 def _whole(solution: Solution) -> list[FreeDirection]:

@@ -36,3 +36,24 @@ def test_what_rows_tell_weakly_is_estimated(apart):
     for name in ("a", "b"):
         # of 480 normal errors one is beyond 4.5 standard deviations with probability 0.003
         assert float(np.abs((found[name].value - a) / found[name].sigma).max()) < 4.5
+
+
+PAIRS = """
+(problem pairs
+  (data members external :key k) (data d external) (data steps external)
+  (unknowns (a :per members :init 1) (b :per members :init 1))
+  (observe d (= y (+ (a k) (b k))) :sigma 1)
+  (observe steps (= rise (- (+ (a to) (b to)) (+ (a from) (b from)))) :sigma 0.1))
+"""
+
+
+@pytest.mark.parametrize(("members", "more"), [(50, False), (MEMBERS, True)])
+def test_more_free_directions_than_are_looked_for_are_said(members, more):
+    """Only sums are measured, so that as many differences are free; of at most 96 free directions all are found."""
+    k = np.arange(members)
+    steps = {"from": k[:-1], "to": k[1:], "rise": np.zeros(members - 1)}
+    data = {"members": {"k": k}, "d": {"k": k, "y": np.full(members, 2.0)}, "steps": steps}
+    found = mbm.loads(PAIRS).solve(data=data).first
+    assert found.status is SolveStatus.UNOBSERVABLE
+    said = [each.sentence for each in found.observability.unobservable]
+    assert any("and perhaps more" in sentence for sentence in said) == more

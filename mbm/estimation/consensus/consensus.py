@@ -225,16 +225,16 @@ def _agreed(asked: Asked, equations: Assembled, units: Units, starts: tuple[Begi
     before = equations.equality & (not all_told), np.zeros(equations.dimension, dtype=bool)
     for _ in range(HELD_ROUNDS):
         if not found.inliers.any():
-            break
+            return asked, found
         end = fitted(asked, equations, units, found)
         forcing = equations.equality if end.constraints is None else end.constraints.forcing
         holding = forcing, end.at_bound != 0
         if all(map(np.array_equal, holding, before)) or not np.isfinite(end.cost):
-            break
+            return asked, found
         before = holding
         asked = replace(asked, held=held_by(equations, end.point, *holding))
         found = _in_pieces(asked, equations, units, end.point[None])
-    return asked, found
+    return asked, replace(found, settled=False)
 
 
 def _in_pieces(asked: Asked, equations: Assembled, units: Units, points: Floats) -> Agreed:

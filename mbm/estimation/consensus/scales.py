@@ -49,7 +49,7 @@ def loss_noise(
         exact = variance <= units.rounding[mine & found.inliers].max(initial=0.0)
         state = NoiseState.NO_REDUNDANCY if not checked else NoiseState.EXACT if exact else NoiseState.ESTIMATED
         factor = sqrt(variance) if state is NoiseState.ESTIMATED else 1.0
-        noise[number] = Noise(factor=factor, state=state)
+        noise[number] = Noise(factor=factor, state=state, settled=found.settled)
         factors[equations.block_rows(number)] = factor
     return (factors, noise) if noise else (None, noise)
 
@@ -101,8 +101,8 @@ def agree_beside_others(
             or asked.settings.stopped()
             or max(float(np.abs(each - 1.0).max()) for each in ratios) <= SETTLED_VARIANCES
         ):
-            break
-    return found, redundancy
+            return found, redundancy
+    return replace(found, settled=False), redundancy
 
 
 def _within(number: int, units: Units) -> bool:

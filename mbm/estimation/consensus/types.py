@@ -136,7 +136,8 @@ class Agreed:
 
     ``inliers`` (U,) have squared norms up to ``limits`` (U,) at ``point`` (N,); ``variances`` (U,) are those of the
     noise: 1 where it is stated, else estimated from the inliers. ``trials`` is the number of subsets; ``ambiguous``
-    says that another point explains as much, ``cut_short`` that the trials were interrupted.
+    says that another point explains as much, ``cut_short`` that the trials were interrupted. ``settled`` False: rounds
+    of fit and noise, or of what holds the fit, ran out before they agreed.
     """
 
     point: Floats
@@ -146,6 +147,7 @@ class Agreed:
     trials: int = 0
     ambiguous: bool = False
     cut_short: bool = False
+    settled: bool = True
 
     @property
     def share(self) -> float:

@@ -106,13 +106,10 @@ class Rounds:
     def done(self) -> Shared:
         """Rounds until nothing moves."""
         self._begin()
-        for _ in range(NOISE_ROUNDS):
-            moved = max(self._enlarged(), self._scored())
-            if moved <= SETTLED_FACTORS:
-                break
+        settled = any(max(self._enlarged(), self._scored()) <= SETTLED_FACTORS for _ in range(NOISE_ROUNDS))
         return Shared(
             minimum=self._minimum,
-            noises=self._noises(),
+            noises={number: replace(noise, settled=settled) for number, noise in self._noises().items()},
             factors=self._ways.factors(np.exp(0.5 * self._at.logs)),
             structure=self._at.structure,
         )

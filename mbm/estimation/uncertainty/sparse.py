@@ -101,6 +101,7 @@ def described(found: Decision, point: Floats, fixed: Mask, limits: ConstraintSta
         estimable=~touched & ~fixed,
         fixed=fixed,
         inverse=inverse,
+        complete=found.complete,
     )
 
 

@@ -197,11 +197,6 @@ def statistics(
     alternatives = tuple(_alternatives(equations, minimum, noise)) if factors is not None else ()
     for each in alternatives:
         estimated = _masked(estimated, each)
-    diagnostics = tuple(
-        faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.why, _wanted(problem, i))
-        for i, n in noise.items()
-        if n.state not in (NoiseState.ESTIMATED, NoiseState.NOTHING)
-    )
     counted = None
     if equations.likely:
         own = equations.expanded(minimum.residuals)[None]
@@ -236,7 +231,7 @@ def statistics(
             freedoms=known_by,
         ),
         counted=counted,
-        diagnostics=diagnostics,
+        diagnostics=tuple(_unknown_noise(problem, noise)),
     )
 
 
@@ -302,6 +297,16 @@ def _wanted(problem: Problem, number: int) -> str:
     if block.structure.free:
         return "`:covariance`, or more rows"
     return "`:sigma`" if block.unknown_factor else "`(ar1 …)`, or more rows"
+
+
+def _unknown_noise(problem: Problem, noise: Mapping[int, Noise]) -> Iterator[Diagnostic]:
+    """What is to be said of noise that is not estimated, or not to the end."""
+    for number, each in noise.items():
+        block = problem.blocks[number]
+        if each.state not in (NoiseState.ESTIMATED, NoiseState.NOTHING):
+            yield faults.noise_not_estimated(block.span, block.name, each.why, _wanted(problem, number))
+        elif not each.settled:
+            yield faults.noise_not_settled(block.span, block.name)
 
 
 def _stated(equations: Assembled, noise: Mapping[int, Noise]) -> Mask:

@@ -220,6 +220,8 @@ class _Rounds:
         self._groups = groups
         self._stated = False
         self._tried = np.zeros(len(groups), dtype=bool)
+        self.moving = np.zeros(len(groups), dtype=bool)
+        """Groups whose factors changed in the last of all rounds."""
 
     def _told(self, factors: Floats) -> Shares | None:
         """Sums of squares and redundancy (1, groups) with some factors; None: no minimum was found."""
@@ -236,7 +238,8 @@ class _Rounds:
         """Rounds until all factors settle, or as many as are made."""
         helmert, only = self.helmert, np.zeros(1, dtype=np.int64)
         for number in range(1, NOISE_ROUNDS + 1):
-            shares = self._told(helmert.factors[0])
+            before = helmert.factors[0].copy()
+            shares = self._told(before)
             if shares is None:
                 return
             (settled,), (sound,) = helmert.advance(only, shares)
@@ -244,6 +247,7 @@ class _Rounds:
                 return
             if not settled and number % BETWEEN == 0:
                 self._fade(shares)
+        self.moving = np.abs(helmert.factors[0] / before - 1.0) > SETTLED_FACTORS
 
     def _fade(self, shares: Shares) -> None:
         """Let factors vanish that fall, and do where nothing is left, with the other factors as they then are."""
@@ -304,9 +308,9 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices], start: Flo
     rounds.run()
     helmert = rounds.helmert
     return tuple(
-        Noise(factor=float(factor), state=_state(exact=exact, untold=untold, checked=checked))
-        for factor, exact, untold, checked in zip(
-            helmert.factors[0], helmert.exact[0], helmert.untold[0], helmert.checked[0], strict=True
+        Noise(factor=float(factor), state=_state(exact=exact, untold=untold, checked=checked), settled=not moving)
+        for factor, exact, untold, checked, moving in zip(
+            helmert.factors[0], helmert.exact[0], helmert.untold[0], helmert.checked[0], rounds.moving, strict=True
         )
     )
 
