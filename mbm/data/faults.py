@@ -200,7 +200,7 @@ def missing_table(place: Place, table: str) -> Diagnostic:
         code=MISSING_TABLE,
         message=f"the table `{table}` is external, and none was given",
         place=place,
-        hint=f'give it with `--data {table}=PATH`, or in Python with `solve(data={{"{table}": …}})`',
+        hint=f'give it with `--data {table}=PATH`, or in Python with `data={{"{table}": …}}`',
     )
 
 

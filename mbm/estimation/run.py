@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from mbm.estimation.batches.types import Begun, Block
 
 StartsFinder = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]
-"""The starts (SI, by name) given from outside for the solve with a key."""
+"""The starts (SI, by name) given from outside for the solve with a key; NaN where none is given."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

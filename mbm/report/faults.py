@@ -116,7 +116,7 @@ def bad_initial_value(name: str, what: str, file: str | None = None) -> Diagnost
         code=BAD_INITIAL_VALUES,
         message=f"the initial value of `{name}` is {what}",
         place=None if file is None else DataPlace(file=file),
-        hint="write a number, lists of numbers, or an object with `keys` and `value`",
+        hint="write a number, one with its unit as a text (`5mm`), lists, or an object with `keys` and `value`",
     )
 
 

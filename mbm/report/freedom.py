@@ -101,10 +101,17 @@ def _unused(solution: Solution, every: tuple[str, ...]) -> list[FreeDirection]:
         subject = f"`{name}`" if len(positions) == entry.members * entry.unknown.freedom else listed(names)
         if all(p in mentioned for p in positions):
             sentence = f"{subject} appears in no equation that has data"
+        elif any(_read(solution, p) for p in positions):
+            sentence = f"what was read is as likely with other values of {subject} near the estimates"
         else:
             sentence = f"no equation changes with {subject} at the estimates"
         found.append(FreeDirection(sentence=sentence, unknowns=(name,), coefficients=dict.fromkeys(names, 1.0)))
     return found
+
+
+def _read(solution: Solution, position: int) -> bool:
+    """Whether a coordinate stands in equations that say how likely readings are, such as rounded ones."""
+    return any(group.readings is not None and position in group.columns for group in solution.groups)
 
 
 def _direction(solution: Solution, every: tuple[str, ...], combination: FreeCombination) -> FreeDirection:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,8 +22,8 @@ from mbm.scales import Scale
 from mbm.text.suggest import closest
 from mbm.text.types import MbmError
 
-StartsFinder = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]
-"""The starts (SI, by name) for the solve with a key; NaN where none is given."""
+if TYPE_CHECKING:
+    from mbm.estimation.run import StartsFinder
 
 
 def given_starts(problem: Problem, tables: Mapping[str, Table], init: Mapping[str, object] | None) -> StartsFinder:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
 
@@ -31,7 +32,8 @@ class InitialValue:
 def initial_values(given: object, key: Mapping[str, Key], file: str | None = None) -> dict[str, InitialValue]:
     """The initial values for the solve of ``key`` (empty: the only solve).
 
-    ``given`` maps names to a number, (nested) lists, or ``{"value": …, "keys": […], "unit": …}``; or it is a result
+    ``given`` maps names to a number, one with its unit (``"5mm"``), (nested) lists, or ``{"value": …, "keys": […],
+    "unit": …}``; or it is a result
     document, of which the solve with the same key counts, else its only solve. Without a match there are no values.
     Raises MbmError: bad-initial-values; ``file`` is where ``given`` was read from.
     """
@@ -74,7 +76,12 @@ def _of_document(document: Mapping[str, object], key: Mapping[str, Key], file: s
     return estimates if isinstance(estimates, Mapping) else {}
 
 
+_QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(\S*)\s*")
+
+
 def _initial_value(name: str, entry: object, file: str | None) -> InitialValue:
+    if isinstance(entry, str) and (written := _QUANTITY.fullmatch(entry)) is not None:
+        return InitialValue(value=np.asarray(float(written[1])), unit=written[2] or None)
     if not isinstance(entry, Mapping):
         return InitialValue(value=_array(name, entry, file))
     if "value" not in entry and ({"quaternion", "matrix", "angle"} & set(entry)):

@@ -98,6 +98,13 @@ def test_cells_state_the_unit_of_a_column_that_is_renamed(solve):
     assert caught.value.diagnostics[0].code.name == "mixed-units"
 
 
+def test_a_zero_without_a_unit_is_none_among_degrees_celsius():
+    """0 mm is 0 m, and means no harm; 0 °C is 273.15 K."""
+    text = "(problem p (data t (table (x y) {} {})) (unknowns (v)) (observe t (= y (* v x)) :sigma 1))"
+    assert [d.code.name for d in mbm.loads(text.format("(20degC 1)", "(0 2)")).check()] == ["mixed-units"]
+    assert mbm.loads(text.format("(20mm 1)", "(0 2)")).check() == ()
+
+
 def test_strict_units_want_every_unit(tmp_path):
     file = tmp_path / "p.mbm"
     file.write_text("(problem p (data t (table (x y) (1 2m) (2 5m))) (unknowns (v)) (observe t (= y (* v x))))")

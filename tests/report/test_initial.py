@@ -38,6 +38,15 @@ def test_the_solve_of_the_same_key_counts(epochs: Result) -> None:
     assert initial_values(written, {"epoch": 4.0}) == {}
 
 
+@pytest.mark.parametrize(
+    ("written", "value", "unit"),
+    [("5mm", 5.0, "mm"), (" -2.5e-3 m/s", -2.5e-3, "m/s"), ("7", 7.0, None), (".5degC", 0.5, "degC")],
+)
+def test_a_text_is_a_number_with_its_unit(written: str, value: float, unit: str | None) -> None:
+    found = initial_values({"x": written}, {})["x"]
+    assert (float(found.value), found.unit) == (value, unit)
+
+
 def test_null_becomes_nan() -> None:
     assert math.isnan(initial_values({"x": {"value": None}}, {})["x"].value)
 

@@ -217,7 +217,7 @@ def mixed_units(span: Span, column: str, units: tuple[str, str], other: Span) ->
 
 
 def cell_without_unit(span: Span, column: str, unit: str, other: Span) -> Diagnostic:
-    """A number other than zero without a unit in a column whose other cells state one."""
+    """A number without a unit in a column whose other cells state one; a zero, if theirs has another than SI."""
     return Diagnostic(
         code=MIXED_UNITS, place=span, labels=(Label(other, "a cell that has a unit"),),
         message=f"a cell of `{column}` has no unit, others have {unit or 'one'}; use one",

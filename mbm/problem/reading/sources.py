@@ -278,20 +278,21 @@ def _inline(evaluator: Evaluator, scope: Scope, form: Sequence) -> _Source:
     for name in (n for n in names if names.count(n) > 1):
         raise MbmError(language_faults.duplicate_definition(header.span, name, header.span))
     rows = []
-    units, bare = dict[str, tuple[str, Span]](), dict[str, Span]()
+    units, bare, zeros = dict[str, tuple[str, Span]](), dict[str, Span](), dict[str, Span]()
     for item in form.items[2:]:
         if not isinstance(item, Sequence) or len(item.items) != len(names):
             shown = f"{len(item.items)} values" if isinstance(item, Sequence) else "no list"
             raise MbmError(language_faults.length_clash(item.span, f"a row of {shown}", f"{len(names)} columns"))
         cells = [_cell(evaluator, scope, cell) for cell in item.items]
         for name, (value, unit), cell in zip(names, cells, item.items, strict=True):
-            if unit is None and not isinstance(value, str) and value != 0:
-                bare.setdefault(name, cell.span)  # zero is the same in every unit
+            if unit is None and not isinstance(value, str):
+                (zeros if value == 0 else bare).setdefault(name, cell.span)  # 0 m is 0 mm, 0 degC is not 0 K
             if unit is not None and units.setdefault(name, (unit, cell.span))[0] != unit:
                 raise MbmError(faults.mixed_units(cell.span, name, (units[name][0], unit), units[name][1]))
         rows.append(tuple(value for value, _ in cells))
-    for name in filter(bare.get, units):
-        raise MbmError(faults.cell_without_unit(bare[name], name, *units[name]))
+    for name, (unit, place) in units.items():
+        if alone := bare.get(name) or (zeros.get(name) if scale_of(unit).zero else None):
+            raise MbmError(faults.cell_without_unit(alone, name, unit, place))
     table = InlineTable(columns=names, rows=tuple(rows), spans=tuple(i.span for i in form.items[2:]))
     return _Source(format="table", inline=table, units=units)
 
@@ -369,11 +370,8 @@ def _skips(form: Form | None) -> bool:
 
 def _join(form: Form) -> Join:
     usage = ":with (table column) or :with (alias table column)"
-    if (
-        not isinstance(form, Sequence)
-        or not 2 <= len(form.items) <= 3
-        or any(isinstance(i, Keyword) for i in form.items)
-    ):
+    few = isinstance(form, Sequence) and 2 <= len(form.items) <= 3
+    if not isinstance(form, Sequence) or not few or any(isinstance(i, Keyword) for i in form.items):
         raise MbmError(language_faults.bad_form(form.span, "`:with` takes a table and a column", usage))
     names = [_symbol(f, ":with") for f in form.items]
     return Join(alias=names[0], table=names[-2], column=names[-1], span=form.span)
