@@ -9,12 +9,12 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.binding import INPUTS_AT_A_TIME, Group
-from mbm.equations.metric import minimum_norms
+from mbm.equations.metric import minimum_norms, rounding_at
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.estimation.minimise.native.minimum import StartEnds
 from mbm.estimation.search.twins import Agreement, Twin, separation, twin_of
-from mbm.estimation.search.valleys import Walks, flat
-from mbm.solver.decisions import DIFFERENCE
+from mbm.estimation.search.valleys import RANK, Walks, flat
+from mbm.solver.decisions import DIFFERENCE, fits_exactly, usual_cost
 from mbm.values import dataclass
 
 COARSE = 1e-4
@@ -34,6 +34,12 @@ LARGEST = 400
 
 COMPARED = 60
 """Minima, the lowest first, that are looked at for twins."""
+
+ENDLESS = 1e6
+"""Standard deviations from a minimum beyond which the end of a descent is on the way to the infinite."""
+
+NEARLY_EXACT = 1e6
+"""Roundings of a fit with noise: measured values have fewer digits."""
 
 LARGEST_MOVE = 0.1
 """Share of its box, or of its size, that a coordinate moves at most."""
@@ -110,6 +116,35 @@ def without_twins(equations: Assembled, basins: Sequence[Basin], agree: Agreemen
         else:
             kept.append(basin)
     return tuple(kept)
+
+
+def without_limits(equations: Assembled, basins: tuple[Basin, ...], *, stated: bool) -> tuple[Basin, ...]:
+    """The basins from the best minimum on, where the lower costs are limits in the infinite: scales that shrink what is
+    compared to nothing fit anything.
+
+    Such an end leaves unknowns open, or lies `ENDLESS` standard deviations from a minimum that determines them all and
+    fits as well as ``stated`` noise lets expect; of unknown noise, where the end fits all but exactly.
+    """
+    first, freedom = basins[0].minimum, float(equations.count - equations.dimension)
+    for number, basin in enumerate(basins[1:], 1):
+        minimum = basin.minimum
+        dense = minimum.blocks is None and first.blocks is None  # with many unknowns nobody asks
+        if not dense or not minimum.reason.converged or not minimum.feasible or flat(equations, minimum, RANK):
+            continue
+        if stated:
+            variance, sound = 1.0, minimum.cost <= usual_cost(freedom)
+        else:
+            variance = minimum.cost / max(freedom, 1.0)
+            sound = bool(fits_exactly(first.cost, NEARLY_EXACT * rounding_at(equations, minimum)))
+        limit = sound and (flat(equations, first, RANK) or _endless(equations, minimum, variance, first.point))
+        return basins[number:] if limit else basins
+    return basins
+
+
+def _endless(equations: Assembled, minimum: Minimum, variance: float, end: Floats) -> bool:
+    """Whether an end (N,) is so far from a minimum that it is none of what the data may mean."""
+    squares = variance * np.diag(np.linalg.pinv(minimum.jacobian.T @ minimum.jacobian, hermitian=True))
+    return bool((np.square(separation(equations, minimum.point, end[None])[0]) > ENDLESS**2 * squares).any())
 
 
 def equal_costs(first: float, second: float) -> bool:

@@ -63,7 +63,7 @@ def search(
     if len(starts) == 1:
         return alone(minimise(equations, starts[0].point, settings, problem.span), starts[0].origin)
     # Loaded by problems with many starts only, so that the others begin at once.
-    from mbm.estimation.search.basins import equal_costs
+    from mbm.estimation.search.basins import equal_costs, without_limits
     from mbm.estimation.search.seeker import Seeker
     from mbm.estimation.search.twins import Twin
 
@@ -71,6 +71,7 @@ def search(
     basins = seeker.basins(starts)
     if not basins:
         return alone(seeker.polished(starts[0].point), starts[0].origin)
+    basins = without_limits(equations, basins, stated=not problem.estimates_noise)
     best = basins[0]
     converged = [b for b in basins if b.minimum.reason.converged]
     at_best = [b for b in converged if equal_costs(b.minimum.cost, best.minimum.cost)]

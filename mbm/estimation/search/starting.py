@@ -292,16 +292,24 @@ def _ended(equations: Assembled, completion: Completion, settings: Settings) -> 
 
         looked_at = bool(middle.any()) and equations.count * equations.dimension <= HUGE
         point = off_stations(equations, numbers, middle, completed) if looked_at else completed(numbers)
-        return (Beginning(point=point, origin="; ".join((*used, "linear") if linear.any() else used)),)
+        first = Beginning(point=point, origin="; ".join((*used, "linear") if linear.any() else used))
+        if not middle.any() or settings.starts is not None or _takes_long(equations):
+            return (first,)
+        return (first, *_elsewhere(equations, completion, settings)[:FEW_KEPT])
     seen = _seen(equations, completion, settings)
     if seen:
         return tuple(end for each in seen for end in _ended(equations, each, settings))
-    if bool(middle.any()):
-        # What is drawn at random for the others would fit the middle only: the ranges are drawn from as well.
-        numbers, used = completion.numbers, completion.used
-        missing = replace(layout, start=numbers).missing()
-        linear = affine_coordinates(equations, missing)
-    return _random(equations, numbers, missing, linear, settings, used)
+    # What is drawn at random for the others would fit the middle only: the ranges are drawn from as well.
+    found = _elsewhere(equations, completion, settings)
+    if not found:
+        _refuse(layout, replace(layout, start=completion.numbers).missing())
+    return found
+
+
+def _takes_long(equations: Assembled) -> bool:
+    """Whether one start takes so long that no other is tried beside the middle of the ranges."""
+    called = any(group.kernel.calls or group.kernel.corrections is not None for group in equations.groups)
+    return called or max(equations.count, equations.dimension) * equations.dimension > LARGE
 
 
 def _seen(equations: Assembled, completion: Completion, settings: Settings) -> tuple[Completion, ...]:
@@ -319,10 +327,14 @@ def _seen(equations: Assembled, completion: Completion, settings: Settings) -> t
     return tuple(replace(completion, numbers=each, used=(*completion.used, SILHOUETTES)) for each in found)
 
 
-def _random(
-    equations: Assembled, base: Floats, missing: Mask, linear: Mask, settings: Settings, used: tuple[str, ...]
-) -> tuple[Beginning, ...]:
-    """The best fitting of random points; where ``linear`` unknowns depend on the others, they are solved for."""
+def _elsewhere(equations: Assembled, completion: Completion, settings: Settings) -> tuple[Beginning, ...]:
+    """The best fitting of random points for what closed forms left open, ranges included; none where none has a value.
+
+    Where linear unknowns depend on the others, they are solved for.
+    """
+    base = completion.numbers
+    missing = replace(equations.layout, start=base).missing()
+    linear = affine_coordinates(equations, missing)
     refuse_guessing(equations, base, settings)
     corrected = any(group.kernel.corrections is not None for group in equations.groups)
     numbers = max(equations.count, equations.dimension) * equations.dimension
@@ -336,9 +348,7 @@ def _random(
                 points = np.stack([solved_linearly(equations, point, linear) for point in points])
         found = costs(equations, points)
         points = points[[i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]]
-    if not len(points):
-        _refuse(equations.layout, missing)
-    origin = "; ".join((*used, "random points"))
+    origin = "; ".join((*completion.used, "random points"))
     return tuple(Beginning(point=point, origin=origin) for point in points)
 
 

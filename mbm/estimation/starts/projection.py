@@ -21,7 +21,7 @@ from mbm.expression.nodes import Outlined
 FEW, MOST = 128, 2048
 """Points that are looked at: twice as many with each nonlinear unknown, but no more than these."""
 
-WITHOUT_LINEAR, WITH_LINEAR = 8, 40
+WITHOUT_LINEAR, WITH_LINEAR = 12, 40
 """Nonlinear unknowns up to which this is done: random points seldom are near a minimum in more of them, unless parts
 of a sum, such as the decays of different samples, are found one after the other."""
 
