@@ -84,6 +84,8 @@ KINDS: Mapping[str, Kind] = {
     "5 laboratories, dark uncertainty": _laboratories(5, 2.0, "dark"),
     "6 laboratories, dark uncertainty": _laboratories(6, 2.0, "dark"),
     "6 laboratories, hardly any dark uncertainty": _laboratories(6, 0.5, "dark"),
+    "4 laboratories, hardly any dark uncertainty": _laboratories(4, 0.5, "dark"),
     "8 laboratories, dark uncertainty": _laboratories(8, 2.0, "dark"),
     "12 laboratories, dark uncertainty": _laboratories(12, 2.0, "dark"),
+    "12 laboratories, hardly any dark uncertainty": _laboratories(12, 0.5, "dark"),
 }

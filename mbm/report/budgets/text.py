@@ -66,7 +66,7 @@ def _lines(budget: Budget, paint: Paint, full: bool) -> Iterator[str]:
         rest = 1.0 - sum(row.share for row in shown)
         count = len(budget.rows) - len(shown)
         yield paint(f"  … and {count} more with {share_text(max(rest, 0.0))} together (-v shows all)", Style.QUIET)
-    if budget.inflation > 1.0 + 1e-9:
+    if abs(budget.inflation - 1.0) > 1e-9:
         yield f"  k holds a factor of {budget.inflation:.3g}, as weights are estimates"
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
-from scipy.stats import t
+from scipy.stats import chi2, norm, t
 
 import mbm
-from mbm.estimation.uncertainty.degrees import effective
+from mbm.estimation.uncertainty.degrees import effective, of_nothing
 
 Floats = NDArray[np.float64]
 
@@ -299,3 +299,19 @@ def test_effects_of_dark_uncertainty_are_held() -> None:
     assert 15 < told.sum() < runs
     held = (ends[told, :, 0] <= true[told]) & (true[told] <= ends[told, :, 1])
     assert held.mean() > 0.95
+
+
+@pytest.mark.parametrize("dof", [4, 5, 11, 19])
+def test_effects_that_are_nothing_leave_intervals_less_wide(dof: int) -> None:
+    """Laboratories that state one uncertainty, and nothing beside it: the mean is normal, and apart from the misfit."""
+    misfit = chi2.ppf((np.arange(20_000) + 0.5) / 20_000, dof) / dof
+    k = t.ppf(0.975, dof)
+
+    def held(inflation: np.ndarray) -> float:
+        return float((2.0 * norm.cdf(k * inflation) - 1.0).mean())
+
+    found = held(np.array([of_nothing(float(each), float(dof)) for each in misfit]))
+    # Hartung and Knapp's intervals, exact of all samples; those never shorter than stated
+    low, high = held(np.sqrt(misfit)), held(np.sqrt(np.maximum(misfit, 1.0)))
+    assert low == pytest.approx(0.95, abs=1e-3)
+    assert low < found < high - 0.003
