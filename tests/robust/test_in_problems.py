@@ -303,3 +303,25 @@ def test_deviations_of_a_polynomial_in_years_are_those_about_its_middle():
     near = mbm.loads(text.format(loss="huber")).solve(data={"d": {"x": t, "y": y}}).solves[0]
     # the coefficient of the cube is the same but for the scale of x; the estimates agree to 1e-12 times the condition
     assert float(far["a3"].sigma) * 15.0**3 == pytest.approx(float(near["a3"].sigma), rel=1e-4)
+
+
+@pytest.mark.parametrize("many", [False, True])
+@pytest.mark.parametrize("clause", [":sigma 1 :loss huber", ":loss huber", ":loss tukey"])
+def test_outliers_side_by_side_are_no_correlation_and_hide_none(clause, many) -> None:
+    white = np.random.default_rng(2).normal(size=40)
+    alike = white.copy()
+    for i in range(1, 40):
+        alike[i] = 0.8 * alike[i - 1] + 0.6 * white[i]
+    white[[14, 15]] += 12.0
+    alike[[5, 25]] += [12.0, -12.0]
+    text = f"""(problem p (data d external) (unknowns (a) (b)) {"(for-each run)" if many else ""}
+      (observe d (= y (+ a (* b x))) {clause}))"""
+
+    def doubted(y: np.ndarray) -> bool:
+        runs = 1 + many
+        columns = {"x": np.tile(np.arange(40.0), runs), "y": np.tile(y, runs), "run": np.repeat(np.arange(runs), 40)}
+        found = mbm.loads(text).solve(data={"d": columns})
+        return "autocorrelated-residuals" in [each.code.name for each in found.solves[0].diagnostics]
+
+    assert not doubted(white)
+    assert doubted(alike)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.faults import PRIOR_AGAINST_DATA
-from mbm.equations.losses import rooted_residuals, rooted_slopes
+from mbm.equations.losses import loss_weights, rooted_residuals, rooted_slopes
 from mbm.equations.metric import roundings
 from mbm.equations.solves import Counted, counted_of, mean_roots, used_rows
 from mbm.equations.types import Floats, Indices, Mask
@@ -166,6 +166,7 @@ def _fits(
         tables=stack.tables,
         solves=portion,
         residuals=rooted_residuals(portion.acting(), residuals),
+        pull=residuals * loss_weights(portion.acting(), residuals),
         basis=found.basis,
         image=spread.basis,
         noise=noise,

@@ -69,14 +69,15 @@ def correlated(found: Floats, expected: Floats, spread: Floats) -> np.ndarray:
 def autocorrelated(fits: Fits, overstated: Mask, tested: Indices | None = None) -> Said:
     """Residuals that are correlated along the rows, but for places (k,) that are ``tested`` (None: none).
 
-    ``overstated`` (K,): chi² says that the stated noise is too large.
+    ``overstated`` (K,): chi² says that the stated noise is too large. Under losses they count by their pull: two large
+    errors side by side are no correlation.
     """
     following = _following(fits)
     if following is None:
         return
     if tested is not None:
         following[:, tested] = -1
-    scores = lag_scores(lags_code(fits.solves.equations, fits.basis), fits.residuals, fits.basis, following)
+    scores = lag_scores(lags_code(fits.solves.equations, fits.basis), fits.pull, fits.basis, following)
     for place in np.flatnonzero(correlated(*scores)).tolist():
         numbers, small = [float(each[place]) for each in scores], bool(overstated[place])
         yield place, partial(faults.autocorrelated_residuals, fits.problem.span, *numbers, overstated=small)

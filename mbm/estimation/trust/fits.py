@@ -23,17 +23,19 @@ Said: TypeAlias = Iterator[tuple[int, Callable[[], Diagnostic]]]
 class Fits:
     """K solves at their minima.
 
-    ``residuals`` (K, m) are whitened, those with losses in square-root form, 0 where a solve has less. They follow the
-    estimates in the orthonormal directions ``basis`` (K, m, k); ``image`` (K, m, k) is their Jacobian times a factor of
-    the covariance, but for one unknown noise that all rows share: that multiplies standard deviations by ``noise``
-    (K,). ``held`` (K,): limits hold estimates. ``stated`` makes the standard deviations (K, m) without that noise,
-    ``redundancy`` the shares (m,) of the residuals of a solve that show in them.
+    ``residuals`` (K, m) are whitened, those with losses in square-root form, 0 where a solve has less; ``pull`` (K, m)
+    are the same with losses as they pull: whitened times their weight. They follow the estimates in the orthonormal
+    directions ``basis`` (K, m, k); ``image`` (K, m, k) is their Jacobian times a factor of the covariance, but for one
+    unknown noise that all rows share: that multiplies standard deviations by ``noise`` (K,). ``held`` (K,): limits hold
+    estimates. ``stated`` makes the standard deviations (K, m) without that noise, ``redundancy`` the shares (m,) of the
+    residuals of a solve that show in them.
     """
 
     problem: Problem
     tables: Mapping[str, Table]
     solves: Solves
     residuals: Floats
+    pull: Floats
     basis: Floats
     image: Floats
     noise: Floats

@@ -15,8 +15,9 @@ from functools import partial
 import numpy as np
 
 from mbm.equations import faults
-from mbm.equations.assembly import Assembled
+from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.binding import Group, mentioned
+from mbm.equations.losses import loss_weights
 from mbm.equations.solves import alone
 from mbm.equations.types import Covariance, Floats, Mask, Minimum
 from mbm.estimation.search.solution import DerivedSolution
@@ -27,7 +28,7 @@ from mbm.estimation.trust.fits import Fits, Said, only
 from mbm.estimation.trust.hidden import hidden_outliers
 from mbm.estimation.trust.nonlinearity import IntervalEnds
 from mbm.estimation.uncertainty.derived import Propagation
-from mbm.estimation.uncertainty.statistics import Statistics
+from mbm.estimation.uncertainty.statistics import Statistics, plain_residuals
 from mbm.estimation.uncertainty.variance import redundancy_numbers
 from mbm.expression.evaluate import evaluate
 from mbm.problem.naming import scalar_name
@@ -108,24 +109,20 @@ def fit_of(propagation: Propagation, minimum: Minimum) -> Fits | None:
     image = np.zeros((equations.count, 0)) if minimum.blocks is not None else minimum.jacobian @ estimated.factor
     scaled = not equations.lossy and estimated.variance > 0.0  # else the factor is not that of the normal equations
     image = image / np.sqrt(estimated.variance) if scaled else image
-    solves = alone(equations)
-
-    def redundancy(_: int) -> Floats:
-        left = redundancy_numbers(minimum.jacobian, propagation.outcome.observed, minimum.blocks)
-        return equations.expanded(left)
-
+    solves, plain, observed = alone(equations), plain_residuals(equations, minimum), propagation.outcome.observed
     pushed = minimum.constraints is not None and bool(minimum.constraints.forcing.any())
     return Fits(
         problem=propagation.problem,
         tables=propagation.binder.tables,
         solves=solves,
         residuals=equations.expanded(minimum.residuals)[None],
+        pull=equations.expanded(plain * loss_weights(loss_lines(equations), plain))[None],
         basis=equations.expanded(directions(image, scaled=scaled))[None],
         image=equations.expanded(image)[None],
         noise=np.sqrt([estimated.variance]),
         held=np.array([pushed or bool(minimum.at_bound.any())]),
         stated=once(solves.deviations),
-        redundancy=redundancy,
+        redundancy=lambda _: equations.expanded(redundancy_numbers(minimum.jacobian, observed, minimum.blocks)),
     )
 
 
