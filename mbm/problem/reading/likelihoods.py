@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mbm.expression.algebra import ONE, UndefinedValueError
-from mbm.expression.nodes import Component, Expression, Number, leaves
+from mbm.expression.nodes import Component, Expression, Number, Operation, leaves
+from mbm.expression.terms import Term, function
 from mbm.language.scope import LocalScope, scalar
 from mbm.language.values import Array, Scope, Value
 from mbm.problem import faults
@@ -132,7 +133,9 @@ def observed(
         raise MbmError(_not_here(stated, "goes with equations of one number", "write one equation for each number"))
     seen = residual.measured or tuple(Number(1, None, residual.span) for _ in residual.components)
     ones = dict.fromkeys(own_scales, Number(1, None, residual.span))
-    sides = ({MODEL: _like(residual.model, seen)}, {MODEL: residual.model}) if named else ({}, {})
+    # readings that scatter below zero have the sizes of values where a deviation has to be one, as √model
+    sizes = tuple(function(Operation.ABS, Term(each)).node for each in seen)
+    sides = ({MODEL: _like(residual.model, sizes)}, {MODEL: residual.model}) if named else ({}, {})
     known = made = plain(LocalScope({**ones, **sides[0]}, scope), True)
     if named or own_scales:
         made = plain(LocalScope(sides[1], scope), False)

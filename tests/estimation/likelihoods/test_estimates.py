@@ -282,3 +282,13 @@ def test_lines_without_a_start_begin_where_all_rates_are_possible(law, turned, r
     assert str(solve.status) == "converged"
     # Nelder-Mead's simplex is 1e-9 wide in values that are flat to 1e-8 of the deviations.
     np.testing.assert_allclose([solve["a"].value, solve["b"].value], found.x, atol=1e-5)
+
+
+def test_readings_below_zero_have_weights_by_the_root_of_the_model() -> None:
+    """Σ (y − a)²/a + n log a is least where a² + a = mean y²: whatever signs the readings have."""
+    y = np.array([-0.4, 1.3, 0.2, 2.1, -0.1])
+    text = "(problem p (data d external) (unknowns (a :in (0 100) :init 1)) (observe d (= y a) :sigma (sqrt model)))"
+    found = mbm.loads(text).solve(data={"d": {"y": y}})
+    wanted = np.sqrt(0.25 + np.square(y).mean()) - 0.5
+    assert found.solves[0].status == "converged"
+    assert found["a"].value == pytest.approx(wanted, rel=1e-8)
