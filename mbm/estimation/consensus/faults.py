@@ -23,6 +23,14 @@ NO_SUBSET = Code(
     "steps, belong to none.",
     "Use `:robust (gnc :quantile 99%)`, which judges each row by fits to all others, or a `:loss`.",
 )
+ONE_SIDED_OUTLIERS = Code(
+    "one-sided-outliers",
+    "Nearly all outliers of a clause under a loss lie on one side, as ranges around corners do, which are too long. "
+    "A loss bounds what each of them does; together they draw the estimates to their side, by more than standard "
+    "deviations tell (a warning).",
+    "Use a loss that leaves outliers out (`tukey`, `geman-mcclure`) or `:robust`, or describe the errors: an offset, "
+    "rows that are no measurement by `:when`.",
+)
 
 
 def no_subset(span: Span, rule: str) -> Diagnostic:
@@ -49,5 +57,16 @@ def ambiguous_consensus(span: Span) -> Diagnostic:
         message="another solution, which takes other measurements for outliers, explains the data as well",
         place=span,
         hint=AMBIGUOUS_CONSENSUS.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def one_sided_outliers(span: Span, name: str, aside: int, count: int) -> Diagnostic:
+    """So many outliers of a clause on one side, of all."""
+    return Diagnostic(
+        code=ONE_SIDED_OUTLIERS,
+        message=f"{aside} of {count} outliers of `{name}` lie on one side, and draw the estimates to it",
+        place=span,
+        hint=ONE_SIDED_OUTLIERS.mend,
         severity=Severity.WARNING,
     )

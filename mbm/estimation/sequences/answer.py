@@ -137,7 +137,7 @@ def solution_of(walked: Walked, seconds: Callable[[], float]) -> Solution:
         iterations=track.iterations,
         evaluations=track.evaluations,
         seconds=seconds(),
-        diagnostics=(*_doubts(walked, fit, hypotheses), *_lost(walked, counted, residuals)),
+        diagnostics=(*_doubts(walked, fit, hypotheses), *_of_losses(walked, counted, residuals)),
         doubts=lambda: _seen(walked, counted, numbers),
     )
 
@@ -281,15 +281,19 @@ def _seen(walked: Walked, counted: Assembled, numbers: Floats) -> tuple[Diagnost
     return (*found, *only(turned_anyhow(counted.layout, last, _sigmas(walked)[last][None])))
 
 
-def _lost(walked: Walked, counted: Assembled, residuals: Floats) -> tuple[Diagnostic, ...]:
-    """Where losses leave out more rows than they keep, a filter may follow what is wrong, or nothing any more."""
+def _of_losses(walked: Walked, counted: Assembled, residuals: Floats) -> tuple[Diagnostic, ...]:
+    """Where losses leave out more rows than they keep, a filter may follow what is wrong, or nothing any more; where
+    what they leave out lies on one side, it is drawn to that.
+    """
     rows = [lines[:, 0] for _, lines in loss_lines(counted)]
     left = outliers(counted, residuals)
     if not rows or left is None:
         return ()
     wrong = left[np.concatenate(rows)]
     if 2 * int(wrong.sum()) <= len(wrong):
-        return ()
+        from mbm.estimation.trust.one_sided import one_sided  # loaded by losses only, so that the others start at once
+
+        return one_sided(walked.problem, counted, residuals)
     return (too_few_agree(walked.problem.span, int((~wrong).sum()), len(wrong)),)
 
 

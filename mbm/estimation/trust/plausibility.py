@@ -79,25 +79,25 @@ def doubts(
     if not minimum.reason.converged:
         return ()
     problem, equations, outcome = propagation.problem, propagation.equations, propagation.outcome
-    found: list[Diagnostic] = []
-    found += _without_value(propagation, derived)
+    found = [*_without_value(propagation, derived)]
     if bent is not None:
         found += _nonlinear(equations, bent.ends)
         found += _nonlinear_derived(propagation, bent.derived)
     fit = fit_of(propagation, minimum)
     dense = fit if minimum.blocks is None else None
-    found += of_residuals(propagation, minimum, fit)
-    found += () if dense is None else only(of_readings(dense))
+    found += (*of_residuals(propagation, minimum, fit), *(() if dense is None else only(of_readings(dense))))
     if equations.likely:  # loaded by problems with likelihoods only
         found += vanishing_scales(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if outcome.freedoms.poor:
         found.append(trust_faults.small_sample(problem.span))
     if equations.lossy:  # loaded by problems with losses only, so that the others start at once
         from mbm.estimation.trust.leverage import leverage
+        from mbm.estimation.trust.one_sided import one_sided
         from mbm.estimation.trust.swapped import swapped
 
         found += swapped(problem, propagation.binder.tables, equations, minimum, outcome.influence.observed)
         found += leverage(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
+        found += one_sided(problem, equations, equations.plain_residuals(minimum.point))
     return (*found, *(only(strained(dense)) if dense is not None else ()))
 
 
