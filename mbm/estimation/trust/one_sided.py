@@ -16,8 +16,8 @@ from mbm.equations.assembly import Assembled, loss_lines
 from mbm.equations.losses import loss_weights
 from mbm.equations.types import Floats
 from mbm.estimation.consensus import faults
+from mbm.estimation.consensus.units import outlying
 from mbm.problem.types import Problem
-from mbm.solver.decisions import FAR
 from mbm.text.types import Diagnostic
 
 BY_CHANCE = 1e-3
@@ -38,6 +38,7 @@ def one_sided(problem: Problem, equations: Assembled, residuals: Floats) -> tupl
     from scipy.special import bdtr  # the binomial distribution; loaded by losses only, so that the others start at once
 
     pulls = loss_weights(loss_lines(equations), residuals) * residuals
+    beyond = outlying(loss_lines(equations), residuals)
     single = [lines[:, 0] for _, lines in loss_lines(equations) if lines.shape[1] == 1]
     under = np.isin(np.arange(len(residuals)), np.concatenate(single)) if single else np.zeros(len(residuals), bool)
     owners = np.zeros(len(residuals), dtype=np.int64)
@@ -48,7 +49,7 @@ def one_sided(problem: Problem, equations: Assembled, residuals: Floats) -> tupl
     found = []
     for owner in clauses:
         mine = under & (owners == owner)
-        far = mine & (np.abs(residuals) > FAR)
+        far = mine & beyond
         above, count = int((residuals[far] > 0.0).sum()), int(far.sum())
         chance = 2.0 * float(bdtr(min(above, count - above), count, 0.5))
         pulled = abs(float(pulls[far].sum())) / sqrt(float(mine.sum())) if count else 0.0
