@@ -78,3 +78,25 @@ def test_a_magnetometer_with_nine_unknowns_and_no_start() -> None:
     assert found.cost == pytest.approx(2 * best.cost, rel=1e-6)
     assert np.abs(found["a"].value) == pytest.approx(np.abs(best.x[:6]), abs=1e-5)
     assert found["b"].value == pytest.approx(best.x[6:], abs=1e-6)
+
+
+def test_oscillations_of_several_channels_are_found_each_by_itself() -> None:
+    """No equation ties channels to one another: the frequencies of all would hardly ever be drawn right together."""
+    truth = np.array([[2.8, 5.16, -1.7], [1.9, 3.1, 0.7], [2.1, 4.4, 1.1], [2.7, 2.66, 0.2]])
+    times = np.sort(RNG.uniform(0.0, 3.0, (4, 30)), axis=1)
+
+    def wave(p: Floats, t: Floats) -> Floats:
+        return np.asarray(p[0] * np.sin(2 * np.pi * p[1] * t + p[2]))
+
+    read = np.array([wave(p, t) for p, t in zip(truth, times, strict=True)]) + RNG.normal(0.0, 0.1, times.shape)
+    channel = np.repeat(np.arange(4.0), 30)
+    found = mbm.loads(
+        f"(problem p {table('k t y', channel, times.ravel(), read.ravel())}"
+        " (unknowns (a positive :per d.k) (f positive :per d.k) (ph angle :per d.k))"
+        " (observe d (= y (* (a k) (sin (+ (* 2 pi (f k) t) (ph k))))) :sigma 0.1))"
+    ).solve()
+    best = [
+        least_squares(lambda p, t=t, y=y: (wave(p, t) - y) / 0.1, p) for p, t, y in zip(truth, times, read, strict=True)
+    ]
+    assert found.cost == pytest.approx(2 * sum(each.cost for each in best), rel=1e-6)
+    assert found["f"].value == pytest.approx([each.x[1] for each in best], rel=1e-6)

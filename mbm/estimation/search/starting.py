@@ -17,6 +17,7 @@ from mbm.equations.affine_part import affine_coordinates, solved_linearly
 from mbm.equations.assembly import Assembled
 from mbm.equations.layout import Layout
 from mbm.equations.types import Floats, Mask
+from mbm.estimation.search.separate import separated, together
 from mbm.estimation.search.startless import refuse_guessing
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.nudging import off_stations
@@ -330,26 +331,36 @@ def _seen(equations: Assembled, completion: Completion, settings: Settings) -> t
 def _elsewhere(equations: Assembled, completion: Completion, settings: Settings) -> tuple[Beginning, ...]:
     """The best fitting of random points for what closed forms left open, ranges included; none where none has a value.
 
-    Where linear unknowns depend on the others, they are solved for.
+    Parts that no equation ties to one another are drawn each by itself.
     """
     base = completion.numbers
     missing = replace(equations.layout, start=base).missing()
-    linear = affine_coordinates(equations, missing)
     refuse_guessing(equations, base, settings)
+    drawn = tuple(_drawn(part.equations, base, part.missing, settings) for part in separated(equations, missing))
+    points = together(base, drawn) if drawn and all(map(len, drawn)) else _drawn(equations, base, missing, settings)
+    origin = "; ".join((*completion.used, "random points"))
+    return tuple(Beginning(point=point, origin=origin) for point in points)
+
+
+def _drawn(equations: Assembled, base: Floats, missing: Mask, settings: Settings) -> Floats:
+    """Points (some, N) with random values for ``missing`` coordinates, the best first.
+
+    Where linear unknowns depend on the others, they are solved for.
+    """
+    linear = affine_coordinates(equations, missing)
     corrected = any(group.kernel.corrections is not None for group in equations.groups)
     numbers = max(equations.count, equations.dimension) * equations.dimension
     kept = 1 if numbers > HUGE else FEW_KEPT if numbers > LARGE or corrected else KEPT
     most = PROJECTED if kept == KEPT else kept
     points = projected_points(equations, base, missing, linear, settings.seed, most, settings.stopped)
-    if points is None:
-        points = random_points(equations, base, missing, SAMPLES, settings.seed)
-        if bool(linear.any()):
-            with np.errstate(all="ignore"):
-                points = np.stack([solved_linearly(equations, point, linear) for point in points])
-        found = costs(equations, points)
-        points = points[[i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]]
-    origin = "; ".join((*completion.used, "random points"))
-    return tuple(Beginning(point=point, origin=origin) for point in points)
+    if points is not None:
+        return points
+    points = random_points(equations, base, missing, SAMPLES, settings.seed)
+    if bool(linear.any()):
+        with np.errstate(all="ignore"):
+            points = np.stack([solved_linearly(equations, point, linear) for point in points])
+    found = costs(equations, points)
+    return np.asarray(points[[i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]])
 
 
 def _sorted(equations: Assembled, found: list[Beginning]) -> tuple[Beginning, ...]:
