@@ -133,4 +133,4 @@ def test_a_missing_table(tmp_path, declare, faults_of):
     fault = path_fault(faults_of, declare("external", None), tmp_path)
     assert fault.code.name == "missing-table"
     assert "--data d=PATH" in fault.hint
-    assert 'solve(data={"d": …})' in fault.hint
+    assert 'data={"d": …}' in fault.hint

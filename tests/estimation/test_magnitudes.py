@@ -16,16 +16,16 @@ def sizes_of(monkeypatch, unknowns, form, data):
     """The magnitudes of a problem's unknowns, by name."""
     found = {}
 
-    def spied(equations, base, missing, linear, settings, used):
+    def spied(equations, base, missing, settings):
         told = magnitudes(equations, base, missing)
         for k in np.flatnonzero(missing):
             found[equations.layout.name(k)] = {
                 each: float(getattr(told, each)[k]) for each in ("low", "high", "first", "last", "least", "most")
             }
-        return original(equations, base, missing, linear, settings, used)
+        return original(equations, base, missing, settings)
 
-    original = starting._random
-    monkeypatch.setattr(starting, "_random", spied)
+    original = starting._drawn
+    monkeypatch.setattr(starting, "_drawn", spied)
     mbm.loads(f'(problem p (data d (csv "d.csv")) (unknowns {unknowns}) (observe d (= y {form}) :sigma 1))').solve(
         data={"d": data}
     )
