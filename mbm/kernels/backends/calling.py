@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.kernels.backends.numpy_stream import Step, run, steps_of
+from mbm.kernels.backends.numpy_stream import StreamEvaluation, evaluator
 from mbm.kernels.called_functions import CalledFunctions
 from mbm.kernels.types import Backend, Evaluation, ExternalCall, Floats, Kernel, Stream, Tabulated
 from mbm.machine.program import Program
@@ -36,8 +36,7 @@ class CallingBackend:
         """Buffers for ``rows`` rows."""
         if not kernel.calls:
             return self.inner.prepare(kernel, rows)
-        width = len(kernel.variables) + len(kernel.parameters)
-        return _Evaluation(np.zeros((rows, width)), self._calling(kernel))
+        return StreamEvaluation.of(kernel, self._calling(kernel), rows)
 
     def stream(self, kernel: Kernel) -> Stream:
         """The kernel for any number of rows."""
@@ -63,18 +62,6 @@ def backend(inner: Backend, functions: CalledFunctions) -> CallingBackend:
         name=inner.name,
         store=getattr(inner, "store", None),
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Evaluation:
-    inputs: Floats
-    _stream: CallingStream
-
-    def values(self) -> Floats:
-        return self._stream.values(self.inputs)
-
-    def values_and_jacobian(self) -> tuple[Floats, Floats]:
-        return self._stream.values_and_jacobian(self.inputs)
 
 
 class _Arguments:
@@ -113,8 +100,7 @@ class _Part:
 
     outputs: Sequence[int] | slice
     used: NDArray[np.int64]
-    program: Program
-    steps: tuple[Step, ...]
+    evaluated: Tabulated
 
     @staticmethod
     def of(program: Program, outputs: list[int]) -> _Part:
@@ -123,12 +109,10 @@ class _Part:
         own = replace(whole, inputs=tuple(whole.inputs[place] for place in used))
         together = outputs == list(range(outputs[0], outputs[-1] + 1)) if outputs else False
         places = slice(outputs[0], outputs[-1] + 1) if together else outputs
-        return _Part(places, np.array(used, dtype=np.int64), own, steps_of(own))
+        return _Part(places, np.array(used, dtype=np.int64), evaluator(own))
 
     def at(self, inputs: Floats) -> Floats:
-        found = np.empty((len(inputs), len(self.program.outputs)))
-        run(self.program, self.steps, inputs[:, self.used], found)
-        return found
+        return self.evaluated(inputs[:, self.used])
 
 
 @dataclass(slots=True, eq=False)

@@ -53,28 +53,23 @@ def _bind(function: casadi.Function, inputs: Floats, outputs: Floats) -> Callabl
 @dataclass(slots=True, eq=False)
 class _Evaluation:
     inputs: Floats
-    outputs: int
     _kernel: Kernel
-    _values: tuple[Floats, Callable[[], None]] | None = field(default=None)
-    _both: tuple[Floats, Callable[[], None]] | None = field(default=None)
+    _made: dict[str, tuple[Floats, Callable[[], None]]] = field(default_factory=dict)
 
     def values(self) -> Floats:
-        if self._values is None:
-            result = np.empty((len(self.inputs), self.outputs))
-            self._values = (result, _bind(function_of("values", self._kernel.value_program), self.inputs, result))
-        self._values[1]()
-        return self._values[0]
+        return self._called("values", self._kernel.value_program)
 
     def values_and_jacobian(self) -> tuple[Floats, Floats]:
-        if self._both is None:
-            result = np.empty((len(self.inputs), self.outputs + len(self._kernel.jacobian_rows)))
-            self._both = (
-                result,
-                _bind(function_of("values_and_jacobian", self._kernel.jacobian_program), self.inputs, result),
-            )
-        self._both[1]()
-        both = self._both[0]
-        return both[:, : self.outputs], both[:, self.outputs :]
+        both = self._called("values_and_jacobian", self._kernel.jacobian_program)
+        return both[:, : self._kernel.outputs], both[:, self._kernel.outputs :]
+
+    def _called(self, name: str, program: Program) -> Floats:
+        if name not in self._made:
+            result = np.empty((len(self.inputs), len(program.outputs)))
+            self._made[name] = result, _bind(function_of(name, program), self.inputs, result)
+        result, call = self._made[name]
+        call()
+        return result
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +83,7 @@ class CasadiBackend:
     def prepare(self, kernel: Kernel, rows: int) -> _Evaluation:
         """Buffers for ``rows`` rows; the mapped functions are made when first called."""
         width = len(kernel.variables) + len(kernel.parameters)
-        return _Evaluation(np.zeros((rows, width)), kernel.outputs, kernel)
+        return _Evaluation(np.zeros((rows, width)), kernel)
 
     def stream(self, kernel: Kernel) -> Stream:
         """By NumPy: a mapped function is made for a number of rows, and here that changes with each call."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.kernels.types import Floats, Kernel, Tabulated
+from mbm.kernels.types import Floats, Kernel, Stream, Tabulated
 from mbm.machine.numpy_functions import function_of
 from mbm.machine.program import Operator, Program
 from mbm.values import dataclass
@@ -89,30 +89,21 @@ def run(program: Program, steps: tuple[Step, ...], inputs: Floats, outputs: Floa
                 target[:, position] = 0.0 if value < 0 else values[value]
 
 
-@dataclass(slots=True, eq=False)
-class _Evaluation:
-    inputs: Floats
-    _kernel: Kernel
-    _values: tuple[Program, tuple[Step, ...], Floats] | None = None
-    _both: tuple[Program, tuple[Step, ...], Floats] | None = None
+def evaluator(program: Program) -> Tabulated:
+    """What evaluates a program for any number of rows."""
+    steps = steps_of(program)
 
-    def values(self) -> Floats:
-        if self._values is None:
-            program = self._kernel.value_program
-            self._values = (program, steps_of(program), np.empty((len(self.inputs), self._kernel.outputs)))
-        program, steps, outputs = self._values
-        run(program, steps, self.inputs, outputs)
-        return outputs
+    def evaluated(inputs: Floats) -> Floats:
+        found = np.empty((len(inputs), len(program.outputs)))
+        run(program, steps, inputs, found)
+        return found
 
-    def values_and_jacobian(self) -> tuple[Floats, Floats]:
-        count = self._kernel.outputs
-        if self._both is None:
-            program = self._kernel.jacobian_program
-            shape = (len(self.inputs), count + len(self._kernel.jacobian_rows))
-            self._both = (program, steps_of(program), np.empty(shape))
-        program, steps, outputs = self._both
-        run(program, steps, self.inputs, outputs)
-        return outputs[:, :count], outputs[:, count:]
+    return evaluated
+
+
+def tabulated(programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
+    """Each program for any number of rows."""
+    return {name: evaluator(program) for name, program in programs.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,38 +111,34 @@ class _Stream:
     """A kernel for any number of rows: for points by the thousand, whose number changes from call to call."""
 
     outputs: int
-    _values: tuple[Program, tuple[Step, ...]]
-    _both: tuple[Program, tuple[Step, ...]]
-
-    def values(self, inputs: Floats) -> Floats:
-        """The outputs (rows, outputs) at inputs (rows, variables + parameters)."""
-        program, steps = self._values
-        found = np.empty((len(inputs), len(program.outputs)))
-        run(program, steps, inputs, found)
-        return found
+    values: Tabulated
+    _both: Tabulated
 
     def values_and_jacobian(self, inputs: Floats) -> tuple[Floats, Floats]:
         """The outputs (rows, outputs) and the nonzeros of their Jacobian (rows, nonzeros)."""
-        program, steps = self._both
-        found = np.empty((len(inputs), len(program.outputs)))
-        run(program, steps, inputs, found)
+        found = self._both(inputs)
         return found[:, : self.outputs], found[:, self.outputs :]
 
 
-def tabulated(programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
-    """Each program for any number of rows."""
+@dataclass(frozen=True, slots=True, eq=False)
+class StreamEvaluation:
+    """A stream for a number of rows, whose results are new arrays."""
 
-    def one(program: Program) -> Tabulated:
-        steps = steps_of(program)
+    inputs: Floats
+    _stream: Stream
 
-        def evaluated(inputs: Floats) -> Floats:
-            found = np.empty((len(inputs), len(program.outputs)))
-            run(program, steps, inputs, found)
-            return found
+    @staticmethod
+    def of(kernel: Kernel, stream: Stream, rows: int) -> StreamEvaluation:
+        """That of a kernel for ``rows`` rows."""
+        return StreamEvaluation(np.zeros((rows, len(kernel.variables) + len(kernel.parameters))), stream)
 
-        return evaluated
+    def values(self) -> Floats:
+        """As `mbm.kernels.types.Evaluation` has it."""
+        return self._stream.values(self.inputs)
 
-    return {name: one(program) for name, program in programs.items()}
+    def values_and_jacobian(self) -> tuple[Floats, Floats]:
+        """Likewise."""
+        return self._stream.values_and_jacobian(self.inputs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,15 +149,15 @@ class NumpyBackend:
     store: Store | None = None
     """What keeps the solver's machine code."""
 
-    def prepare(self, kernel: Kernel, rows: int) -> _Evaluation:
-        """Buffers for ``rows`` rows; the buffers for results are made when first called."""
-        width = len(kernel.variables) + len(kernel.parameters)
-        return _Evaluation(np.zeros((rows, width)), kernel)
+    def prepare(self, kernel: Kernel, rows: int) -> StreamEvaluation:
+        """The stream for ``rows`` rows."""
+        return StreamEvaluation.of(kernel, self.stream(kernel), rows)
 
-    def stream(self, kernel: Kernel) -> _Stream:
+    def stream(self, kernel: Kernel) -> Stream:
         """The program of the kernel, run anew for each call."""
-        values, both = kernel.value_program, kernel.jacobian_program
-        return _Stream(outputs=kernel.outputs, _values=(values, steps_of(values)), _both=(both, steps_of(both)))
+        return _Stream(
+            outputs=kernel.outputs, values=evaluator(kernel.value_program), _both=evaluator(kernel.jacobian_program)
+        )
 
     def tabulated(self, programs: Mapping[str, Program]) -> Mapping[str, Tabulated]:
         """As the function of that name."""
