@@ -76,6 +76,7 @@ ELSEWHERE = {
     "nothing-to-draw": "cli/test_view.py",
     "plot-format": "report/test_plots.py",
     "points-left-out": "images/test_what_is_said.py",
+    "transparent-image": "images/test_what_is_said.py",
     "text-too-large": "bad/test_made.py",
     "too-long-to-print": "bad/test_made.py",
     "bad-memory-bound": "data/test_bound_diagnostics.py",

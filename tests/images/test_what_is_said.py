@@ -239,6 +239,29 @@ def test_an_empty_image_is_told_what_helps_with_images(tmp_path):
     assert "Copy it anew from the camera" in found.code.mend
 
 
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+@pytest.mark.parametrize("source", SOURCES)
+def test_pixels_that_are_seen_through_have_no_grey_value(source, depth, tmp_path):
+    """A cut-out: what the file holds behind it is black or anything else, and a dark object was taken for as dark."""
+    most = np.iinfo(depth).max
+    seen_through = np.zeros((240, 320, 4), depth)
+    cv2.circle(seen_through, (160, 120), 60, (most // 12, most // 12, most // 12, most), -1)
+    save(tmp_path / "broken.png", seen_through)
+    found = fault(tmp_path, source)
+    assert found.code.name == "transparent-image"
+    assert "has transparent pixels" in found.message
+    assert isinstance(found.place, DataPlace)
+    assert found.place.file.endswith("broken.png")
+
+
+def test_an_image_of_colours_with_transparency_that_hides_nothing_is_read(board, tmp_path):
+    save(tmp_path / "a.png", board)
+    save(tmp_path / "b.png", cv2.merge([board, board, board, np.full_like(board, 255)]))
+    text = '(problem p (data d (chessboard "{}.png" 7 4 25mm)) (unknowns (a)) (observe d (= u a)))'
+    one, other = (mbm.loads(text.format(name), base=tmp_path).solve()["a"].value for name in "ab")
+    assert one == other
+
+
 def test_no_change_of_a_byte_ends_the_process(board, tmp_path):
     """A table, or a diagnostic; nothing else, whichever byte of the headers is another."""
     from mbm.data.images.photographs import read_image

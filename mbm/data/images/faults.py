@@ -27,6 +27,11 @@ DAMAGED_IMAGE = Code(
     "An image file is cut short or damaged. Decoders fill up with grey what a file lacks, so it is refused.",
     "Copy it anew from the camera, or leave it out by a narrower pattern.",
 )
+TRANSPARENT_IMAGE = Code(
+    "transparent-image",
+    "An image has transparent pixels: which grey value they have depends on what lies beneath.",
+    "Save it without transparency, on a background of one colour that differs from the object.",
+)
 NO_BOARD = Code(
     "no-board",
     "The board that a data clause describes is in none of its images.",
@@ -82,6 +87,13 @@ def not_an_image(place: DataPlace, kinds: str) -> Diagnostic:
 def damaged_image(place: DataPlace, reason: str) -> Diagnostic:
     """``reason`` says what is wrong with the file."""
     return Diagnostic(code=DAMAGED_IMAGE, message=f"the image `{shown(place.file)}` is damaged: {reason}", place=place)
+
+
+def transparent_image(place: DataPlace) -> Diagnostic:
+    """Something is seen through an image."""
+    message = f"the image `{shown(place.file)}` has transparent pixels, which have no grey value"
+    hint = "save it without transparency, on a background that differs from the object"
+    return Diagnostic(code=TRANSPARENT_IMAGE, message=message, place=place, hint=hint)
 
 
 def pixels_of(path: str, width: int, height: int) -> str:

@@ -23,6 +23,9 @@ MOST_SCANS = 100
 KINDS = "PNG, JPEG, BMP, binary PGM and PPM"
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 
+_COLOUR_TYPE, _ALPHA = 25, 4
+"""Where a PNG says what its channels are, and the bit that stands for opacity."""
+
 _FRAMES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 _BARE = frozenset({0x01, *range(0xD0, 0xDA)})
 """Markers of JPEG: of the frame's header, and those without a length."""
@@ -57,6 +60,16 @@ def size_of(content: bytes, path: str) -> Size:
                 raise MbmError(faults.damaged_image(place, f"its size is {width} × {height} pixels"))
             return width, height
     raise MbmError(faults.not_an_image(place, KINDS))
+
+
+def may_be_transparent(content: bytes) -> bool:
+    """Whether an image file says how opaque its pixels are: a PNG with a channel, or an entry, for that.
+
+    OpenCV takes the fourth channel of BMP, which many programs leave at nothing, for colour.
+    """
+    if not content.startswith(PNG):
+        return False
+    return content[_COLOUR_TYPE] & _ALPHA != 0 or b"tRNS" in content[: content.find(b"IDAT")]
 
 
 def _png(content: bytes) -> Size:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from mbm.data.images import faults
+from mbm.data.images.header import may_be_transparent
 from mbm.text.faults import missing_extra
 from mbm.text.types import DataPlace, MbmError
 from mbm.values import dataclass
@@ -95,19 +96,31 @@ def decoded(content: bytes, place: DataPlace) -> Grey:
     """The grey values of an image file as the sensor has them, whatever it says of how to turn it.
 
     Raises:
-        MbmError: missing-extra, damaged-image.
+        MbmError: missing-extra, damaged-image, transparent-image.
 
     """
     cv2 = opencv(place)
+    packed, seen_through = np.frombuffer(content, np.uint8), False
     with listening() as heard:
         try:
-            image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+            if may_be_transparent(content):
+                seen_through = _seen_through(cv2.imdecode(packed, cv2.IMREAD_UNCHANGED))
+            image = cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
         except cv2.error:
             image = None
     damage = next((line for line in heard if line.startswith(DAMAGE)), None)
     if image is None or damage is not None:
         raise MbmError(faults.damaged_image(place, damage or "it cannot be decoded"))
+    if seen_through:
+        raise MbmError(faults.transparent_image(place))
     return np.asarray(image)
+
+
+def _seen_through(image: NDArray[np.unsignedinteger] | None) -> bool:
+    """Whether an image (height, width, channels) has a fourth channel, and pixels that are not opaque by it."""
+    if image is None or image.ndim < 3 or image.shape[2] < 4:
+        return False
+    return bool(image[:, :, 3].min() < np.iinfo(image.dtype).max)
 
 
 def pyramid(image: Picture) -> list[Picture]:

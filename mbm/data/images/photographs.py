@@ -14,7 +14,7 @@ from mbm.data.cells import frozen, row_numbers
 from mbm.data.content import read_bytes
 from mbm.data.faults import EMPTY_FILE
 from mbm.data.images import faults
-from mbm.data.images.header import size_of
+from mbm.data.images.header import may_be_transparent, size_of
 from mbm.data.images.opencv import decoded
 from mbm.data.images.together import Room, in_threads
 from mbm.data.types import RawTable
@@ -44,6 +44,9 @@ FEWEST_ALONG = 3
 
 PER_PIXEL = 6
 """Bytes for a pixel: decoded, and in copies of half the size (measured: 3); a board is looked for in a small copy."""
+
+PER_OPACITY = 8
+"""Bytes for a pixel with an opacity while that is looked at: four channels of 16 bits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +115,7 @@ class ImageFile:
     def decoded(self) -> Grey:
         """The image.
 
-        Raises MbmError: damaged-image, missing-extra.
+        Raises MbmError: damaged-image, transparent-image, missing-extra.
         """
         return decoded(self.content, self.place)
 
@@ -131,7 +134,7 @@ def image_file(path: Path, per_pixel: int = PER_PIXEL) -> ImageFile:
             raise
         raise MbmError(faults.damaged_image(place, "the file is empty")) from None
     width, height = size_of(content, shown)
-    needed = per_pixel * width * height
+    needed = max(per_pixel, PER_OPACITY if may_be_transparent(content) else 0) * width * height
     check_memory(needed, faults.pixels_of(shown, width, height), place)
     return ImageFile(place=place, content=content, sha256=digest, pixels=(width, height), needed=needed)
 
