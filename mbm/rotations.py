@@ -22,6 +22,10 @@ def tangents(x: Any, y: Any, z: Any, sign: Any) -> tuple[tuple[Any, Any, Any], t
     return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
 
 
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+"""Unit quaternions times it, number by number, turn back."""
+
+
 def hamilton(p: Floats, q: Floats) -> Floats:
     """Products p q of quaternions (…, 4)."""
     a, b, c, d = np.moveaxis(p, -1, 0)
@@ -95,6 +99,12 @@ def cross_matrix(v: Floats) -> Floats:
     result[..., 1, 0], result[..., 1, 2] = v[..., 2], -v[..., 0]
     result[..., 2, 0], result[..., 2, 1] = -v[..., 1], v[..., 0]
     return result
+
+
+def inverse_motion(R: Floats, t: Floats) -> tuple[Floats, Floats]:
+    """The inverses of motions ``x → R x + t``: rotations (…, d, d) and translations (…, d) again."""
+    back = np.swapaxes(R, -1, -2)
+    return back, -np.einsum("...ij,...j->...i", back, t)
 
 
 def exponential(omega: Floats) -> Floats:

@@ -19,15 +19,13 @@ from mbm.problem.manifold import Manifold, Piece, manifold_of
 from mbm.problem.naming import member_name, scalar_name
 from mbm.report.digits import Measured, enclosed, measured
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask, Quantity, SolveReport
-from mbm.rotations import hamilton, matrix_of_quaternion, quaternion_of_matrix, signed, vector_of_quaternion
+from mbm.rotations import CONJUGATE, hamilton, matrix_of_quaternion, quaternion_of_matrix, signed, vector_of_quaternion
 from mbm.scales import SI
 from mbm.text.printer import plain_number
 from mbm.values import dataclass
 
 NO_ROTATION = 1e-3
 """Largest entry of R Rᵀ − 1 of a matrix that is a rotation, written with four digits."""
-
-CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 GEOMETRIC = frozenset({Kind.DIRECTION, Kind.ROTATION, Kind.POSE, Kind.SIMILARITY})
 """Kinds whose sigmas belong to a tangent space."""

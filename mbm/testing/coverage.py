@@ -28,7 +28,7 @@ from mbm.report.elements import element_names
 from mbm.report.options import SimulationSettings
 from mbm.report.simulated import Simulated, Simulator
 from mbm.report.types import DerivedValue, Estimate, Floats, Kind, SolveReport
-from mbm.rotations import hamilton, vector_of_quaternion
+from mbm.rotations import CONJUGATE, hamilton, vector_of_quaternion
 from mbm.simulation.rows import Rows
 from mbm.simulation.types import Truth
 from mbm.values import dataclass
@@ -87,7 +87,7 @@ def differences(manifold: Manifold, found: Floats, true: Floats) -> Floats:
 
 def _step(piece: Piece, found: Floats, true: Floats, angle: bool) -> Floats:
     if piece is Piece.QUATERNION:
-        return vector_of_quaternion(hamilton(found * np.array([1.0, -1.0, -1.0, -1.0]), true))
+        return vector_of_quaternion(hamilton(found * CONJUGATE, true))
     if piece is Piece.SPHERE:
         across = np.stack([np.einsum("ij,ij->i", axis, true) for axis in tangent_axes(found)], axis=1)
         sine = np.linalg.norm(across, axis=1, keepdims=True)

@@ -22,12 +22,12 @@ from mbm.estimation.search.starting import Beginning
 from mbm.estimation.search.twins import Agreement, separation
 from mbm.estimation.search.valleys import Walks
 from mbm.estimation.settings import Settings
+from mbm.estimation.starts.closed_forms.motions import inverse, product
 from mbm.estimation.starts.random_starts import costs
 from mbm.estimation.starts.silhouettes.hulls import pictures_of
 from mbm.expression.nodes import Outlined
 from mbm.problem.manifold import Piece
 from mbm.problem.types import Problem, UnknownKind
-from mbm.rotations import matrix_of_quaternion, quaternion_of_matrix, unit
 from mbm.solver.decisions import takes_over
 
 TURN = np.radians(5.0)
@@ -248,31 +248,22 @@ def with_symmetric_ones(equations: Assembled, found: Found, settings: Settings, 
 def _symmetric(equations: Assembled, best: Minimum, known: Sequence[Minimum]) -> Iterator[Floats]:
     """The points (N,) to which motions between minima of one cost take the best one, if they cost hardly more."""
     pairs = [(a.point, b.point) for a, b in permutations(known, 2) if equal_costs(a.cost, b.cost)]
+    if not pairs:
+        return
+    one, other = (np.stack(each) for each in zip(*pairs, strict=True))
     for entry in equations.layout.entries:
         if entry.unknown.kind is not UnknownKind.POSE or entry.unknown.size != POSE:
             continue
         for first in range(entry.offset, entry.offset + entry.count, POSE):
             own = slice(first, first + POSE)
-            moved = [_composed(best.point[own], _composed(_inverse(a[own]), b[own])) for a, b in pairs]
-            points = np.tile(best.point, (len(moved), 1))
-            points[:, own] = np.array(moved).reshape(-1, POSE)
-            if len(points):
-                near = points[costs(equations, points) <= (1.0 + ALIKE) * best.cost]
-                yield from (point for point in near if not any(_is(equations, each, point) for each in known))
+            points = np.tile(best.point, (len(pairs), 1))
+            between = product(entry, inverse(entry, one[:, own]), other[:, own])
+            points[:, own] = product(entry, points[:, own], between)
+            near = points[costs(equations, points) <= (1.0 + ALIKE) * best.cost]
+            yield from (point for point in near if not any(_is(equations, each, point) for each in known))
 
 
 def _is(equations: Assembled, minimum: Minimum, point: Floats) -> bool:
     """Whether a point is no farther from a minimum than a motion between two others may be off."""
     moved = separation(equations, minimum.point, point[None])[0] * minimum_norms(minimum)
     return float(moved @ moved) <= ALIKE * minimum.cost
-
-
-def _composed(first: Floats, second: Floats) -> Floats:
-    """The pose (7,) that is the first after the second."""
-    turn, other = matrix_of_quaternion(unit(first[:4])), matrix_of_quaternion(unit(second[:4]))
-    return np.concatenate([quaternion_of_matrix(turn @ other), turn @ second[4:] + first[4:]])
-
-
-def _inverse(pose: Floats) -> Floats:
-    turn = matrix_of_quaternion(unit(pose[:4])).T
-    return np.concatenate([quaternion_of_matrix(turn), -turn @ pose[4:]])

@@ -11,7 +11,7 @@ from mbm.equations.manifolds import tangent_axes
 from mbm.equations.metric import rounded_turns, steps_between, turning
 from mbm.equations.types import Floats, Mask, Minimum
 from mbm.problem.manifold import Piece
-from mbm.rotations import hamilton
+from mbm.rotations import CONJUGATE, hamilton
 
 STEPS = 40
 """Steps of a walk; one that has not come to its end says nothing against one valley."""
@@ -138,7 +138,7 @@ def _towards(equations: Assembled, point: Floats, target: Floats) -> Floats:
         if curved.piece is Piece.SCALE:
             step = np.log(there / here)
         elif curved.piece is Piece.QUATERNION:
-            turn = hamilton(here * np.array([1.0, -1.0, -1.0, -1.0]), there)
+            turn = hamilton(here * CONJUGATE, there)
             sine = np.linalg.norm(turn[:, 1:], axis=1, keepdims=True)
             angle = 2.0 * np.arctan2(sine, np.abs(turn[:, :1])) * np.where(turn[:, :1] < 0.0, -1.0, 1.0)
             step = turn[:, 1:] * np.where(sine > 0.0, angle / sine, 0.0)

@@ -22,6 +22,7 @@ from mbm.report.scenes.views import RowsOf
 from mbm.report.types import Floats, Mask
 from mbm.rotations import (
     exponential,
+    inverse_motion,
     matrix_of_quaternion,
     planar,
     quaternion_of_matrix,
@@ -167,8 +168,7 @@ def _edges_of(
     identity = (0.0, 0.0, 0.0) if plane else (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     still, residual = rows.values(components, {name: identity}), rows.values(components)
     turned = 1 if plane else 3
-    rotations = _turn(-still[:, :turned])
-    translations = -np.einsum("rij,rj->ri", rotations, still[:, turned:])
+    rotations, translations = inverse_motion(_turn(still[:, :turned]), still[:, turned:])
     poses = _poses(rows.solution, entry)
     for first, second in (members, members[::-1]):
         i, j = ([entry.index[key] for key in rows.keys(member)] for member in (first, second))

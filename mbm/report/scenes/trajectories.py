@@ -9,7 +9,7 @@ from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.scenes import faults
 from mbm.report.scenes.types import Files, Trajectory, numbers, words
 from mbm.report.scenes.views import views
-from mbm.rotations import from_euler, matrix_of_quaternion, quaternion_of_matrix, unit
+from mbm.rotations import from_euler, inverse_motion, matrix_of_quaternion, quaternion_of_matrix, unit
 from mbm.text.types import MbmError
 
 TUM, KITTI = "tum", "kitti"
@@ -38,8 +38,7 @@ def trajectories(problem: Problem, solution: Solution, form: str) -> list[Trajec
             angles = np.column_stack([np.zeros((len(values), 2)), values[:, 0]])
             rotations, translations = from_euler(angles), np.column_stack([values[:, 1:], np.zeros(len(values))])
         if entry.unknown.name in inward:
-            rotations = rotations.transpose(0, 2, 1)
-            translations = -np.einsum("rij,rj->ri", rotations, translations)
+            rotations, translations = inverse_motion(rotations, translations)
         keys = entry.keys
         if all(isinstance(key, float) for key in keys):
             order = np.argsort(np.array(keys, dtype=np.float64), kind="stable")

@@ -236,11 +236,7 @@ class _Probe:
         return points_of(rows, FRAME, self.moved[k].inverse, np.random.default_rng(0))
 
     def _numbers(self, motions: Mapping[int, tuple[Floats, Floats]]) -> dict[str, Floats]:
-        found = {}
-        for k, (R, t) in motions.items():
-            R, t = (R.T, -R.T @ t) if self.moved[k].inverse else (R, t)
-            found[self.poses[k].entry.unknown.name] = FRAME.numbers(np.ones(()), R, t)
-        return found
+        return {self.poses[k].entry.unknown.name: self.moved[k].numbers(R, t) for k, (R, t) in motions.items()}
 
     def between(self, outer: int, inner: int) -> tuple[Floats, Floats]:
         """The motions (n, 3, 3), (n, 3) between two poses that follow one another; NaN where points tell of none."""

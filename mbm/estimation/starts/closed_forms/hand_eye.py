@@ -12,7 +12,7 @@ from mbm.estimation.starts.closed_forms.chains import FRAME, REST, SAME_MOTION, 
 from mbm.estimation.starts.closed_forms.products import Products, products_of
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
 from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation
-from mbm.rotations import nearest
+from mbm.rotations import inverse_motion, nearest
 from mbm.values import dataclass
 
 
@@ -95,7 +95,7 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
             continue
         for link, (R, t) in zip(found.links, both, strict=True):
             if link.inverse:
-                R, t = R.T, -R.T @ t
+                R, t = inverse_motion(R, t)
             put_pose(result, places, link.places(int(link.member[mine[0]])), FRAME.numbers(np.ones(()), R, t))
         break  # the other members follow from these
     return result.ravel()

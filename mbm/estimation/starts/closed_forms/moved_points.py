@@ -12,7 +12,7 @@ from mbm.equations.types import Floats, Mask
 from mbm.estimation.starts.closed_forms.frames import Frame, frames_of, some_rotation
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate
-from mbm.rotations import cross_matrix
+from mbm.rotations import cross_matrix, inverse_motion
 from mbm.values import dataclass
 
 PROBES = 4
@@ -32,6 +32,11 @@ class MovedPoints:
         shift = self.points - places if self.inverse else places - self.points
         R = np.broadcast_to(np.eye(self.frame.dimension), (len(places), self.frame.dimension, self.frame.dimension))
         return self.frame.numbers(np.ones(len(places)), R, shift)
+
+    def numbers(self, R: Floats, t: Floats) -> Floats:
+        """Those (…, s) of motions of which rotations R (…, d, d) and translations t (…, d) take points to places."""
+        R, t = inverse_motion(R, t) if self.inverse else (R, t)
+        return self.frame.numbers(np.ones(t.shape[:-1]), R, t)
 
     def values(self, places: Floats) -> Floats:
         """f (n, width) with each row's point at its place (n, d), or all at one (d,)."""

@@ -41,6 +41,7 @@ from mbm.estimation.starts.closed_forms.numerics.parallel import LINE
 from mbm.estimation.starts.closed_forms.numerics.space import projection
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Plan, Situation
+from mbm.rotations import inverse_motion
 from mbm.values import dataclass
 
 AXES = (
@@ -277,7 +278,7 @@ def _pose(view: View, R: Floats, t: Floats) -> Floats:
     t = view.turn.T @ t - R @ view.origin
     if view.eye is not None:
         R, t = view.eye.R.T @ R, view.eye.R.T @ (t - view.eye.t)
-    return FRAME.numbers(np.ones(()), R.T, -R.T @ t) if view.inverse else FRAME.numbers(np.ones(()), R, t)
+    return FRAME.numbers(np.ones(()), *(inverse_motion(R, t) if view.inverse else (R, t)))
 
 
 PLANAR_CALIBRATION = PlanarCalibration()

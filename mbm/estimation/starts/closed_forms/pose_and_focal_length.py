@@ -126,8 +126,7 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
             misfit = float(np.square(length * (towards - rays)).sum(axis=1).mean())
             if misfit < best:
                 best = misfit
-                turn, shift = (R[0].T, -R[0].T @ t[0]) if seen.moved.inverse else (R[0], t[0])
-                found[k] = np.insert(seen.moved.frame.numbers(np.ones(()), turn, shift), column, length)
+                found[k] = np.insert(seen.moved.numbers(R[0], t[0]), column, length)
     return found.ravel()
 
 

@@ -70,10 +70,7 @@ class PoseFromPoints:
             R, t = poses_from_three(plan.rows.code, points, bearings)
         else:
             R, t = _least_squares(plan, subsets)
-        if sights.moved.inverse:
-            R = np.swapaxes(R, -1, -2)
-            t = -np.einsum("...ij,...j->...i", R, t)
-        return sights.moved.frame.numbers(np.ones(t.shape[:-1]), R, t)
+        return sights.moved.numbers(R, t)
 
 
 def _least_squares(plan: Plan, subsets: Indices) -> tuple[Floats, Floats]:

@@ -56,11 +56,7 @@ class PoseInParallel:
         found = np.full((len(subsets), 2, plan.candidate.places.shape[1]), np.nan)
         for k, mine in enumerate(subsets):
             R, t, _ = parallel_poses(seen.moved.points[mine], seen.image[mine], DEEP)
-            R, t = seen.axes.T @ R, t @ seen.axes
-            if seen.moved.inverse:
-                R = np.swapaxes(R, -1, -2)
-                t = -np.einsum("kij,kj->ki", R, t)
-            found[k, : len(R)] = seen.moved.frame.numbers(np.ones(len(R)), R, t)
+            found[k, : len(R)] = seen.moved.numbers(seen.axes.T @ R, t @ seen.axes)
         return found
 
 

@@ -26,7 +26,7 @@ from mbm.estimation.starts.closed_forms.pose_from_points import rays_of
 from mbm.estimation.starts.closed_forms.rows import finite
 from mbm.estimation.starts.closed_forms.similarity import aligned, targets_of
 from mbm.estimation.starts.closed_forms.types import AGREEMENT, Candidate, Situation
-from mbm.rotations import exponential, matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
+from mbm.rotations import exponential, inverse_motion, matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
 from mbm.values import dataclass
 
 
@@ -50,13 +50,13 @@ class Products:
         for j, link in enumerate(self.links):
             pose = numbers[np.stack([link.places(member) for member in link.member.tolist()])]
             motion = (matrix_of_quaternion(pose[:, :4]), pose[:, 4:])
-            motion = inverse(motion) if link.inverse else motion
+            motion = inverse_motion(*motion) if link.inverse else motion
             if j < k:
                 before = after(after(before, motion), (self.turns[j], self.shifts[j]))
             elif j > k:
                 behind = after(after(behind, (self.turns[j - 1], self.shifts[j - 1])), motion)
-        found = after(after(inverse(before), (self.R, self.t)), inverse(behind))
-        return inverse(found) if self.links[k].inverse else found
+        found = after(after(inverse_motion(*before), (self.R, self.t)), inverse_motion(*behind))
+        return inverse_motion(*found) if self.links[k].inverse else found
 
 
 def products_of(candidate: Candidate) -> Products | None:
@@ -140,7 +140,7 @@ def _measured(situation: Situation, lines: Lines, entries: tuple[int, ...]) -> P
     if rest is None or any(each is None for each in turned):
         return None
     # P(Q) = C Q^∓1 A⁻¹, so that P(1)⁻¹ P(Q) = A Q^∓1 A⁻¹
-    within = [after(inverse(rest), each) for each in turned if each is not None]
+    within = [after(inverse_motion(*rest), each) for each in turned if each is not None]
     axes = np.stack([vector_of_quaternion(quaternion_of_matrix(R)) for R, _ in within], axis=-1)
     inverted = bool(np.linalg.det(axes[0]) > 0)
     turns = axes if inverted else -axes
@@ -165,9 +165,3 @@ def after(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tuple[
     """The motions (n, 3, 3), (n, 3) first ∘ second."""
     (R, t), (S, s) = first, second
     return R @ S, np.einsum("nij,nj->ni", R, s) + t
-
-
-def inverse(motion: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """The inverse motions."""
-    R, t = motion
-    return np.swapaxes(R, 1, 2), -np.einsum("nji,nj->ni", R, t)

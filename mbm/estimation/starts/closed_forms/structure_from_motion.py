@@ -192,11 +192,7 @@ def placed(seen: Photographs, situation: Situation, found: Structure) -> Floats:
 
     def sized(scale: float) -> Floats:
         numbers = situation.numbers.copy()
-        turns, shifts = R, scale * t - R @ centre
-        if seen.moved.inverse:
-            turns = np.swapaxes(R, -1, -2)
-            shifts = -np.einsum("kij,kj->ki", turns, shifts)
-        numbers[seen.poses.places] = seen.moved.frame.numbers(np.ones(count), turns, shifts)
+        numbers[seen.poses.places] = seen.moved.numbers(R, scale * t - R @ centre)
         wanted = np.isnan(numbers[seen.cloud.range])
         numbers[seen.cloud.range] = np.where(wanted, (scale * points + centre).ravel(), numbers[seen.cloud.range])
         return numbers
