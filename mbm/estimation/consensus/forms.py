@@ -240,7 +240,8 @@ def _form(solver: MinimalSolver) -> Form:
 def _frame_numbers(frame: Frame) -> tuple[int, list[int]] | None:
     """How the rotation is held, and the columns of its numbers and of the translation."""
     if isinstance(frame, WholeFrame):
-        return c.AS_QUATERNION, list(range(7))
+        first, last = frame.before, frame.before + 4
+        return c.AS_QUATERNION, [*range(first, last), *range(first), *range(last, 7)]
     if isinstance(frame, SeparateFrame):
         return c.AS_EULER_ANGLES, [*frame.angles, *frame.position]
     if isinstance(frame, RotationVectorFrame):

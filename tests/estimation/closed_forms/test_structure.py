@@ -120,6 +120,40 @@ def test_a_bundle_without_frame_or_scale() -> None:
     np.testing.assert_allclose(shape[0], shape[1], rtol=EXACT)
 
 
+TURN, PLACE = "(Q (rotation 3) :per photos)", "(t (vector 3) :per photos)"
+
+
+@pytest.mark.parametrize("unknowns", [(TURN, PLACE), (PLACE, TURN)], ids=["turn-first", "place-first"])
+def test_a_bundle_whose_rotations_and_positions_are_unknowns_of_their_own(unknowns: tuple[str, str]) -> None:
+    points, poses = scene(20, plane=False), photographs(3)
+    apart = np.linalg.norm(points[0] - points[1])
+    text = f"""(problem bundle (data photos external :key photo) (data points external :key point) (data d external)
+      (camera cam :focal (800 800) :center (640 360))
+      (unknowns {unknowns[0]} {unknowns[1]} (X (vector 3) :per points))
+      (observe d (= [u v] (project cam (+ (t photo) (rotate (Q photo) (X point))))) :sigma 0.5)
+      (observe scale (= {apart} (distance (X 0) (X 1))) :sigma 0.001)
+      (solve :gauge free))"""
+    tables = {"photos": {"photo": np.arange(3.0)}, "points": {"point": np.arange(20.0)}}
+    got = numbers(solve(text, **tables, d=pixels(points, poses)), "X", 20)
+    far = [np.linalg.norm(each[1:] - each[0], axis=1) for each in (got, points)]
+    np.testing.assert_allclose(far[0], far[1], rtol=EXACT)
+
+
+@pytest.mark.parametrize("unknowns", ["(Q (rotation 3)) (t (vector 3))", "(t (vector 3)) (Q (rotation 3))"])
+def test_consensus_places_a_camera_whose_rotation_and_position_are_unknowns_of_their_own(unknowns: str) -> None:
+    points, (_, (R, t)) = scene(12, plane=False), photographs(2)
+    image = seen(points, R, t)
+    image[:4] += 50.0
+    text = f"""(problem sights (data d external)
+      (camera cam :focal (800 800) :center (640 360))
+      (unknowns {unknowns})
+      (observe d (= [u v] (project cam (+ t (rotate Q [x y z])))) :sigma 0.5)
+      (solve :robust lmeds))"""
+    d = dict(zip("xyz", points.T, strict=True)) | {"u": image[:, 0], "v": image[:, 1]}
+    found = solve(text, d=d)
+    np.testing.assert_allclose(np.asarray(found["t"].value).ravel(), t, atol=EXACT)
+
+
 def test_a_large_bundle_with_few_points_in_each_photograph() -> None:
     """Of thousands of rows some are probed where the point is beside the camera."""
     generator = np.random.default_rng(0)

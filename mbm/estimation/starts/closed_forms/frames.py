@@ -53,17 +53,21 @@ class Frame(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WholeFrame:
-    """One unknown of kind rotation, pose or similarity."""
+    """One unknown of kind rotation, pose or similarity; or a rotation and a position that is an unknown of its own.
+
+    ``before``: so many coordinates of the position stand before the rotation.
+    """
 
     dimension: int
     moves: bool
     scales: bool
+    before: int = 0
 
     def numbers(self, c: Floats, R: Floats, t: Floats) -> Floats:
         """Quaternion or angle, translation, scale."""
         parts = [_rotation_numbers(R, self.dimension)]
         if self.moves:
-            parts.append(t)
+            parts = [t[..., : self.before], *parts, t[..., self.before :]]
         if self.scales:
             parts.append(c[..., None])
         return np.concatenate(parts, axis=-1)
@@ -71,9 +75,11 @@ class WholeFrame:
     def slopes(self, derivatives: Floats, R: Floats) -> Slopes:
         """The coordinates are those of ``Slopes``, in this order."""
         turns = 3 if self.dimension == 3 else 1
+        turned = np.arange(self.before, self.before + turns)
+        others = np.delete(derivatives, turned, axis=-1)
         return Slopes(
-            rotation=derivatives[..., :turns],
-            translation=derivatives[..., turns : turns + self.dimension] if self.moves else None,
+            rotation=derivatives[..., turned],
+            translation=others[..., : self.dimension] if self.moves else None,
         )
 
 
@@ -177,6 +183,8 @@ def frames_of(candidate: Candidate) -> Iterator[Frame]:
             moves=kinds[0] is not UnknownKind.ROTATION,
             scales=kinds[0] is UnknownKind.SIMILARITY,
         )
+    elif UnknownKind.ROTATION in kinds:
+        yield from _rotation_and_position(candidate)
     if not candidate.flat or any(candidate.entries[i].unknown.dimension for i in range(len(kinds))):
         return
     angles = [int(i) for i in np.flatnonzero(candidate.angles)]
@@ -192,6 +200,18 @@ def frames_of(candidate: Candidate) -> Iterator[Frame]:
     if len(angles) == 3 and len(others) == 3:
         for order in permutations(angles):
             yield SeparateFrame(angles=order, position=tuple(others))
+
+
+def _rotation_and_position(candidate: Candidate) -> Iterator[WholeFrame]:
+    """A rotation, and as many plain numbers as make a position, of one other unknown or several."""
+    turned = [entry for entry in candidate.entries if entry.unknown.kind is UnknownKind.ROTATION]
+    others = [entry for entry in candidate.entries if entry not in turned]
+    if len(turned) > 1 or not all(entry.unknown.manifold.flat and not entry.unknown.dimension for entry in others):
+        return
+    unknown, places = turned[0].unknown, candidate.places[0]
+    if candidate.places.shape[1] == unknown.size + unknown.dimension:
+        before = int((places < turned[0].range.start).sum())
+        yield WholeFrame(dimension=unknown.dimension, moves=True, scales=False, before=before)
 
 
 def _rotation_numbers(R: Floats, dimension: int) -> Floats:
