@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.excerpt import excerpt
@@ -32,6 +30,10 @@ def separated(equations: Assembled, missing: Mask) -> tuple[Separate, ...]:
     tied = any(group.gathered is not None or group.sampled for group in groups)
     if tied or equations.constraints or equations.rows is not None or sum(g.rows for g in groups) > MOST_ROWS:
         return ()
+    # Loaded by problems without starts only, so that the others start at once.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     count = len(missing)
     rows, columns, first = [], [], 0
     for group in groups:
