@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from mbm.data import faults
 from mbm.data.content import check_table
 from mbm.data.types import RawTable
-from mbm.problem.tables import GAP_WORDS, Column, Numbers
+from mbm.problem.tables import GAP_WORDS, Column, Numbers, reads_as_number
 from mbm.text.faults import worth_reading
 from mbm.text.types import DataPlace, Diagnostic, MbmError, Place
 
@@ -55,23 +55,26 @@ def column_from_texts(name: str, cells: Sequence[str]) -> Column:
     Numbers are decimal: ``5``, ``-.5``, ``2.5e-3``, ``inf``; neither hexadecimal nor with ``_`` between digits, which
     Python's ``float`` would let pass. Gaps are an empty cell, ``NA`` and ``nan`` in any case.
     """
-    numbers = _numbers_of_texts(cells)
+    numbers = numbers_of(cells)
     if numbers is None:
         stripped = [cell.strip() for cell in cells]
-        numbers = _numbers_of_texts(["nan" if cell in GAP_WORDS else cell for cell in stripped])
+        numbers = numbers_of(["nan" if cell in GAP_WORDS else cell for cell in stripped])
         if numbers is None:
             return Column(name=name, texts=tuple(stripped))
     numbers.setflags(write=False)
     return Column(name=name, numbers=numbers)
 
 
-def _numbers_of_texts(cells: Sequence[str]) -> Numbers | None:
-    """All cells as numbers, or None. One look at all characters at once spares a look at each cell."""
-    together = "".join(cells)
-    if "_" in together or not together.isascii():
+def numbers_of(texts: Sequence[str]) -> Numbers | None:
+    """All texts as numbers, shape (n,), or None if one is something else.
+
+    One look at all characters at once spares a look at each text.
+    """
+    together = "".join(texts)
+    if ("_" in together or not together.isascii()) and not all(map(reads_as_number, texts)):
         return None
     try:
-        return np.fromiter(map(float, cells), dtype=np.float64, count=len(cells))
+        return np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
     except ValueError:
         return None
 

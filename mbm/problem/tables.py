@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from enum import StrEnum
 from itertools import chain
@@ -382,6 +382,12 @@ class Table:
         if numbers is None:
             raise KeyError(column)
         return numbers
+
+    def keys_of_rows(self, rows: Iterable[int]) -> tuple[CellKey | None, ...] | None:
+        """The keys of rows, which count as in the file; None: such a row is left out, or for all: there is no key."""
+        if self.key is None:
+            return None
+        return tuple(map(dict(zip(self.rows.tolist(), self.keys(), strict=True)).get, rows))
 
     def keys(self, column: str | None = None) -> Sequence[CellKey]:
         """The cells of ``column`` (the key column if not named) as hashable values; rows' numbers if there is none."""

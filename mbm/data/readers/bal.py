@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.data.cells import row_numbers
+from mbm.data.cells import numbers_of, row_numbers
 from mbm.data.content import BLANKS, lines_in, read_text
 from mbm.data.readers import faults as format_faults
-from mbm.data.readers.fields import number_columns, numbers_of
+from mbm.data.readers.fields import number_columns
 from mbm.data.types import ManyReader, RawTable
 from mbm.problem.tables import Numbers, reads_as_number
 from mbm.text.types import DataPlace, MbmError

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.data.cells import row_numbers
+from mbm.data.cells import numbers_of, row_numbers
 from mbm.data.content import BLANKS, read_text
 from mbm.data.readers import faults as format_faults
-from mbm.data.readers.fields import are_rotations, line_numbers, lines_of, number_columns, numbers_of
+from mbm.data.readers.fields import are_rotations, line_numbers, lines_of, number_columns
 from mbm.data.readers.scenes import PARTS, POSE
 from mbm.data.types import ManyReader, RawTable
 from mbm.problem.tables import Numbers, reads_as_number

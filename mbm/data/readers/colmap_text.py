@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from mbm.data.cells import numbers_of
 from mbm.data.content import BLANKS, lines_in, read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.colmap_models import NAMES, PARAMETERS
 from mbm.data.readers.colmap_records import NO_POINT, Cameras, Images, Origin, Points, refuse_twice, whole
-from mbm.data.readers.fields import Line, line_numbers, lines_of, numbers_of
+from mbm.data.readers.fields import Line, line_numbers, lines_of
 from mbm.problem.tables import Numbers, reads_as_number
 
 CAMERA_FIELDS, IMAGE_FIELDS, POINT_FIELDS = 4, 10, 8

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.data import faults
-from mbm.data.cells import frozen
+from mbm.data.cells import frozen, numbers_of
 from mbm.data.content import lines_in
 from mbm.data.readers import faults as format_faults
 from mbm.problem.tables import Column, Numbers, reads_as_number
@@ -60,17 +60,6 @@ def number_table(lines: Sequence[Line], names: tuple[str, ...], path: str) -> Nu
     if numbers is None:
         raise MbmError(*_not_numbers(lines, names, path))
     return numbers.reshape(len(lines), width)
-
-
-def numbers_of(fields: Sequence[str]) -> Numbers | None:
-    """All fields as numbers, shape (n,), or None if one is something else."""
-    together = "".join(fields)
-    if ("_" in together or not together.isascii()) and not all(map(reads_as_number, fields)):
-        return None
-    try:
-        return np.fromiter(map(float, fields), dtype=np.float64, count=len(fields))
-    except ValueError:
-        return None
 
 
 def number_columns(names: Sequence[str], numbers: NDArray[np.float64]) -> tuple[Column, ...]:

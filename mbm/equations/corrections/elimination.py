@@ -284,16 +284,11 @@ class Elimination:
     def _column(self, column: MeasuredColumn, corrections: Floats, used: Mask) -> CorrectedColumn:
         places = column.first + np.flatnonzero(used[column.first : column.first + len(column.rows)])
         rows = column.rows[places - column.first].tolist()
-        table = self.tables[column.table]
-        keys = None
-        if table.key is not None:
-            of_row = dict(zip(table.rows.tolist(), table.keys(), strict=True))
-            keys = tuple(of_row.get(row) for row in rows)
         return CorrectedColumn(
             table=column.table,
             column=column.column,
             rows=tuple(row if row > 0 else None for row in rows),
-            keys=keys,
+            keys=self.tables[column.table].keys_of_rows(rows),
             corrections=corrections[places],
             sigma=self.measured.sigma[places],
         )

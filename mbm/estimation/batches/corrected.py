@@ -27,7 +27,6 @@ from mbm.estimation.batches.types import Corrections, Ends, Errors, Solver, Whic
 from mbm.estimation.minimise.minimise import ROUGH, ROUGHLY
 from mbm.estimation.settings import Settings
 from mbm.kernels.types import Kernel
-from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.values import dataclass
 
@@ -146,18 +145,10 @@ def _columns(
             column=column.column,
             first=np.searchsorted(solve[mine], np.arange(solves + 1)),
             rows=rows,
-            keys=_keys(stack.tables[column.table], rows),
+            keys=stack.tables[column.table].keys_of_rows(rows.tolist()),
             value=value[mine],
             sigma=known.sigma[place[mine]],
         )
-
-
-def _keys(table: Table, rows: Indices) -> list[CellKey] | None:
-    """The keys of rows (from 1 in the unfiltered table)."""
-    if table.key is None:
-        return None
-    of_row = dict(zip(table.rows.tolist(), table.keys(), strict=True))
-    return [of_row[row] for row in rows.tolist()]
 
 
 def _shared(stack: Stack, found: Measured) -> bool:

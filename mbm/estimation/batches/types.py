@@ -284,7 +284,7 @@ class Corrections:
     column: str
     first: Indices
     rows: Indices
-    keys: Sequence[CellKey] | None
+    keys: Sequence[CellKey | None] | None
     value: Floats
     sigma: Floats
 

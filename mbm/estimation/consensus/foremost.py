@@ -19,9 +19,9 @@ from mbm.estimation.consensus.units import Units
 from mbm.estimation.search.starting import blank_numbers
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import completions
-from mbm.estimation.starts.closed_forms.relative_poses import agreeing, measured_motions, related, relates
+from mbm.estimation.starts.closed_forms.relative_poses import agreeing, measured_motions, relates
 from mbm.estimation.starts.closed_forms.rows import ENOUGH
-from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges
+from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, related
 from mbm.estimation.starts.closed_forms.types import Situation
 from mbm.problem.types import UnknownKind
 

@@ -16,7 +16,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices, Minimum
-from mbm.estimation.starts.closed_forms.trees import behind_one_another
+from mbm.estimation.starts.closed_forms.trees import behind_one_another, related
 from mbm.estimation.trust import faults
 from mbm.problem.types import BlockRole, Problem
 from mbm.text.types import Diagnostic
@@ -251,11 +251,5 @@ def _may_follow(problem: Problem, equations: Assembled, group: Group) -> bool:
 
 def _ends(group: Group, entry: Entry) -> tuple[Indices, Indices] | None:
     """The two members (rows,) of a family that each row knows of; None if it does not know of two."""
-    places: dict[object, int] = {}
-    for j, slot in enumerate(group.kernel.variables):
-        if slot.unknown == entry.unknown.name:
-            places.setdefault(slot.member, j)
-    if entry.members < LEAST_ROWS or len(places) != 2:
-        return None
-    one, other = ((group.index[:, j] - entry.offset) // entry.unknown.size for j in places.values())
-    return one, other
+    members = {slot.member for slot in group.kernel.variables if slot.unknown == entry.unknown.name}
+    return related(group, entry) if entry.members >= LEAST_ROWS and len(members) == 2 else None

@@ -152,8 +152,7 @@ def _bend(minimum: Minimum, edges: list[_Edges], wrong: Indices) -> float:
 
 
 def _edges(group: Group, entry: Entry, misfits: Floats, falls: Floats) -> _Edges:
-    from mbm.estimation.starts.closed_forms.relative_poses import related
-    from mbm.estimation.starts.closed_forms.trees import behind_one_another
+    from mbm.estimation.starts.closed_forms.trees import behind_one_another, related
 
     own, fall = (each[group.first : group.first + group.count].reshape(group.rows, -1) for each in (misfits, falls))
     early = behind_one_another(entry, *related(group, entry))

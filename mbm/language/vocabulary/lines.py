@@ -8,6 +8,7 @@ the side from which its points run counter-clockwise; those from a line of space
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from mbm.expression.algebra import (
     ONE,
@@ -123,22 +124,15 @@ def _line_through(call: Call) -> Value:
     return line_through(p, q, call.span)
 
 
-def _project(call: Call) -> Value:
-    return image_of(call, call.arguments[0], call.arguments[1], call.forms[1].span)
-
-
-def _vertex_on_image(call: Call) -> Value:
-    found = _project(call)
-    if not isinstance(found, Array):
-        raise MbmError(faults.wrong_kind(call.forms[1].span, "a point", describe(call.arguments[1])))
+def _on_image(call: Call, kind: type[Array | ImageLineValue], wanted: str) -> Value:
+    found = image_of(call, call.arguments[0], call.arguments[1], call.forms[1].span)
+    if not isinstance(found, kind):
+        raise MbmError(faults.wrong_kind(call.forms[1].span, wanted, describe(call.arguments[1])))
     return found
 
 
-def _line_on_image(call: Call) -> Value:
-    found = _project(call)
-    if not isinstance(found, ImageLineValue):
-        raise MbmError(faults.wrong_kind(call.forms[1].span, "a line", describe(call.arguments[1])))
-    return found
+_VERTEX_ON_IMAGE = partial(_on_image, kind=Array, wanted="a point")
+_LINE_ON_IMAGE = partial(_on_image, kind=ImageLineValue, wanted="a line")
 
 
 def _vertex_on_line(call: Call) -> Value:
@@ -173,8 +167,8 @@ def _points(call: Call, count: int, wanted: str) -> list[tuple[Expression, ...]]
 
 
 FUNCTIONS: tuple[Builtin, ...] = (
-    Builtin("vertex-on-image", "(vertex-on-image camera P)", "The image [u v] of a point.", 2, 2, _vertex_on_image),
-    Builtin("line-on-image", "(line-on-image camera L)", "The image line of a line.", 2, 2, _line_on_image),
+    Builtin("vertex-on-image", "(vertex-on-image camera P)", "The image [u v] of a point.", 2, 2, _VERTEX_ON_IMAGE),
+    Builtin("line-on-image", "(line-on-image camera L)", "The image line of a line.", 2, 2, _LINE_ON_IMAGE),
     Builtin("image-line", "(image-line alpha rho)", "The image line of direction α at ρ = −X sin α + Y cos α.", 2, 2, _image_line),
     Builtin("line-through", "(line-through p q)", "The image line through two image points.", 2, 2, _line_through),
     Builtin("vertex-on-line", "(vertex-on-line p L)", "Signed distance of an image point from an image line.", 2, 2, _vertex_on_line),

@@ -176,7 +176,7 @@ def number_within(work: Workspace, form: Form, low: float, high: float, wrong: s
     """A number without a unit above ``low`` and up to ``high``, both finite or not."""
     given = work.evaluator.wanted(form, work.scope)
     value = nearest(static_number(given, form.span))
-    measured = isinstance(given, Number) and given.dimension not in (None, DIMENSIONLESS)
+    measured = isinstance(given, Number | Constant) and given.dimension not in (None, DIMENSIONLESS)
     if measured or not (low < value <= high and abs(value) < inf):
         raise MbmError(language_faults.bad_form(form.span, wrong, usage))
     return value
@@ -295,17 +295,9 @@ def read_enclosing(work: Workspace, form: Form | None, declarations: Iterable[De
         return Enclosing(contractor=contractor, boxes=boxes)
     if isinstance(width, Sequence) and width.items and isinstance(width.items[0], Sequence):
         return Enclosing(contractor=contractor, widths=_widths(work, width, declarations), boxes=boxes)
-    return Enclosing(contractor=contractor, fraction=_fraction(work, width), boxes=boxes)
-
-
-def _fraction(work: Workspace, form: Form) -> float:
-    given = work.evaluator.wanted(form, work.scope)
-    value = nearest(static_number(given, form.span))
-    measured = isinstance(given, Number | Constant) and given.dimension not in (None, DIMENSIONLESS)
-    if measured or not 0.0 < value <= 1.0:
-        wrong = "`:width` is a part of each box above 0 and up to 100%, or a width for each unknown"
-        raise MbmError(language_faults.bad_form(form.span, wrong, INTERVAL_USAGE))
-    return value
+    wrong = "`:width` is a part of each box above 0 and up to 100%, or a width for each unknown"
+    fraction = number_within(work, width, 0.0, 1.0, wrong, INTERVAL_USAGE)
+    return Enclosing(contractor=contractor, fraction=fraction, boxes=boxes)
 
 
 def _widths(work: Workspace, form: Sequence, declarations: Iterable[Declaration]) -> Mapping[str, tuple[Number, ...]]:

@@ -15,6 +15,7 @@ from mbm.equations.spreads import Influence
 from mbm.equations.types import NoiseState
 from mbm.equations.whitening import Whitener
 from mbm.estimation.search.solution import Solution
+from mbm.estimation.trust.uneven import table_rows
 from mbm.expression.units import Unit, parse_unit, scale_of
 from mbm.problem.naming import PRIOR
 from mbm.problem.rows import row_values
@@ -137,7 +138,7 @@ class _Part:
                 continue
             outputs = np.arange(whitener.first, whitener.last)
             every = Errors(
-                rows=np.repeat(self._rows(), len(outputs)),
+                rows=np.repeat(table_rows(self.problem, self.group, self.solution.tables), len(outputs)),
                 components=np.tile(outputs + 1 if self.parts.shape[1] > 1 else 0 * outputs, self.group.rows),
                 units=np.tile(units[outputs], self.group.rows),
                 values=np.stack([scales[o].from_si(values[:, o]) for o in outputs], axis=-1).ravel(),
@@ -162,7 +163,7 @@ class _Part:
         measured, count = measured_side(self.problem, self.group, self.solution.tables), int(used.sum())
         single = measured is not None and measured.shape[1] == 1
         return Errors(
-            rows=self._rows()[used],
+            rows=table_rows(self.problem, self.group, self.solution.tables)[used],
             components=np.zeros(count, dtype=np.int64),
             units=np.full(count, None, dtype=object),
             values=measured[used, 0] if measured is not None and single else np.full(count, np.nan),
@@ -197,20 +198,13 @@ class _Part:
         count = int(there.sum())
         squares = np.square(self.parts[there, whitener.first : whitener.last]).sum(axis=1)
         return Errors(
-            rows=self._rows()[there],
+            rows=table_rows(self.problem, self.group, self.solution.tables)[there],
             components=np.zeros(count, dtype=np.int64),
             units=np.full(count, None, dtype=object),
             values=np.full(count, np.nan),
             sigma=np.full(count, np.nan),
             parts=np.sqrt(squares),
         )
-
-    def _rows(self) -> NDArray[np.int64]:
-        """The rows of the unfiltered table, from 1; 0 without a table."""
-        table = self.problem.blocks[self.group.kernel.owner].table
-        if table is None or self.group.positions is None:
-            return np.zeros(self.group.rows, dtype=np.int64)
-        return np.asarray(self.solution.tables[table].rows[self.group.positions], dtype=np.int64)
 
     def _units(self) -> tuple[NDArray[np.object_], list[Scale]]:
         """The units (outputs,) of the components, None where none is known, and the scales of these."""

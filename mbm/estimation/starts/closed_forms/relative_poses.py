@@ -20,7 +20,7 @@ from mbm.estimation.starts.closed_forms.motions import inverse, origin, product,
 from mbm.estimation.starts.closed_forms.numerics.chordal import Frames, Motions, chordal
 from mbm.estimation.starts.closed_forms.numerics.consistency import agreeing_loops
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
-from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, ranks, shortest_ways
+from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, ranks, related, shortest_ways
 from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation, precision
 from mbm.problem.types import BlockRole, UnknownKind
 from mbm.rotations import matrix_of_quaternion, planar, quaternion_of_matrix
@@ -166,16 +166,6 @@ def relates(group: Group, entry: Entry) -> bool:
     kernel = group.kernel
     members = {slot.member for slot in kernel.variables if slot.unknown == entry.unknown.name}
     return entry.unknown.kind in KINDS and len(members) == 2 and kernel.outputs == entry.unknown.freedom
-
-
-def related(group: Group, entry: Entry) -> tuple[Indices, Indices]:
-    """The two members (rows,) that each row of a group relates."""
-    first: dict[object, int] = {}
-    for j, slot in enumerate(group.kernel.variables):
-        if slot.unknown == entry.unknown.name:
-            first.setdefault(slot.member, j)
-    one, other = ((group.index[:, j] - entry.offset) // entry.unknown.size for j in first.values())
-    return one, other
 
 
 def _pairs(situation: Situation, entry: Entry) -> list[Pairs]:

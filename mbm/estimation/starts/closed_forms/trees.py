@@ -1,4 +1,4 @@
-"""Trees that span the members of a family along measured edges."""
+"""Members of a family that rows relate, and trees that span them along measured edges."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations.binding import Group
 from mbm.equations.layout import Entry
 from mbm.equations.types import Floats, Indices, Mask
 
@@ -62,3 +63,13 @@ def _graph(members: int, codes: Indices, weights: Floats) -> csr_array:
     from scipy.sparse import csr_array
 
     return csr_array((weights, np.divmod(codes, members)), shape=(members, members))
+
+
+def related(group: Group, entry: Entry) -> tuple[Indices, Indices]:
+    """The two members (rows,) that each row of a group relates."""
+    first: dict[object, int] = {}
+    for j, slot in enumerate(group.kernel.variables):
+        if slot.unknown == entry.unknown.name:
+            first.setdefault(slot.member, j)
+    one, other = ((group.index[:, j] - entry.offset) // entry.unknown.size for j in first.values())
+    return one, other

@@ -13,10 +13,11 @@ Marquardt's method on the support function, for many points at once.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.layout import Layout
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.starts.random_starts import random_points
 from mbm.estimation.starts.silhouettes.hulls import DIRECTIONS, IN_SPACE, Hulls, Picture, hulls_of, pictures_of, support
@@ -37,7 +38,7 @@ def silhouette_starts(equations: Assembled, base: Floats, missing: Mask, seed: i
     """
     found = base[None]
     for picture in pictures_of(equations, base, missing, seed):
-        open_ones = picture.touched & missing & _still_missing(equations.layout, found[0])
+        open_ones = picture.touched & missing & replace(equations.layout, start=found[0]).missing()
         if open_ones.any():
             points = _of_picture(equations, picture, found[0], open_ones, seed)
             if len(points):
@@ -50,15 +51,6 @@ def _joined(found: Floats, points: Floats, base: Floats) -> Floats:
     count = max(len(found), len(points))
     before, after = (np.concatenate([each, each[:1].repeat(count - len(each), axis=0)]) for each in (found, points))
     return np.where(np.isnan(before), after, before)
-
-
-def _still_missing(layout: Layout, numbers: Floats) -> Mask:
-    found = np.zeros(len(layout.number), dtype=bool)
-    plain = layout.number >= 0
-    found[plain] = np.isnan(numbers[layout.number[plain]])
-    for curved in layout.curved:
-        found[curved.coordinates[np.isnan(numbers[curved.numbers]).any(axis=1)]] = True
-    return found
 
 
 def _of_picture(equations: Assembled, picture: Picture, base: Floats, open_ones: Mask, seed: int) -> Floats:
