@@ -6,7 +6,7 @@ import numpy as np
 
 from mbm.report.scenes import faults
 from mbm.report.scenes.scene import HALF_TURN
-from mbm.report.scenes.types import Camera, Files, Scene, in_order, numbers, word
+from mbm.report.scenes.types import Camera, Files, Scene, in_order, numbers
 from mbm.text.types import MbmError
 
 FORM = "bundler"
@@ -36,7 +36,7 @@ def written(scene: Scene) -> Files:
         lines += [numbers(point), "128 128 128", " ".join([str(len(rows)), *views])]
     return {
         "bundle.out": ("\n".join(lines) + "\n").encode(),
-        "list.txt": ("".join(f"{word(name)}\n" for name in scene.names)).encode(),
+        "list.txt": ("".join(f"{file}\n" for file in scene.files)).encode(),
     }
 
 

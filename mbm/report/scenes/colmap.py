@@ -6,7 +6,7 @@ import numpy as np
 
 from mbm.report.scenes import faults
 from mbm.report.scenes.scene import image_sizes
-from mbm.report.scenes.types import Camera, Files, Scene, ids, in_order, numbers, word
+from mbm.report.scenes.types import Camera, Files, Scene, ids, in_order, numbers
 from mbm.rotations import quaternion_of_matrix
 from mbm.text.types import MbmError
 
@@ -60,9 +60,9 @@ def _images(scene: Scene, camera_ids: list[int]) -> str:
     quaternions = quaternion_of_matrix(scene.rotations)
     seen = (scene.measured + HALF).tolist()
     rows = in_order(scene.image, len(scene.names))
-    for place, (name, number) in enumerate(zip(scene.names, ids(scene.names), strict=True)):
+    for place, (file, number) in enumerate(zip(scene.files, ids(scene.names), strict=True)):
         pose = numbers((*quaternions[place], *scene.translations[place]))
-        lines.append(f"{number} {pose} {camera_ids[scene.camera_of[place]]} {word(name)}")
+        lines.append(f"{number} {pose} {camera_ids[scene.camera_of[place]]} {file}")
         lines.append(" ".join(f"{numbers(seen[row])} {point_ids[scene.point[row]]}" for row in rows[place]))
     return "\n".join(lines) + "\n"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import replace
@@ -13,7 +14,7 @@ from mbm.equations.at_rows import DIVIDES_BY_DEPTH, looks_back
 from mbm.estimation.search.solution import Solution
 from mbm.problem.types import Problem
 from mbm.report.scenes import faults
-from mbm.report.scenes.types import Camera, Indices, Scene
+from mbm.report.scenes.types import Camera, Indices, Scene, word
 from mbm.report.scenes.views import Views, views
 from mbm.report.types import Floats
 from mbm.text.types import MbmError
@@ -47,9 +48,12 @@ def scene_of(problem: Problem, solution: Solution, form: str) -> Scene:
     rotations, translations = (np.concatenate([getattr(v, n) for v in found]) for n in ("rotation", "translation"))
     seen = np.concatenate([v.used & (v.measured is not None) for v in found])
     measured = np.concatenate([v.residual if v.measured is None else v.measured for v in found])
+    called = _image_names(names, cameras)
+    files = [file for v in found for file in v.file]
     return Scene(
         cameras=tuple(_camera(found, row, name) for row, name in zip(rows.tolist(), cameras, strict=True)),
-        names=_image_names(names, cameras),
+        names=called,
+        files=_image_files([files[row] for row in image_rows.tolist()], called),
         camera_of=camera[image_rows],
         rotations=rotations[image_rows],
         translations=translations[image_rows],
@@ -116,6 +120,12 @@ def _image_names(images: Sequence[tuple[str, int]], cameras: Sequence[tuple[str,
     names = ["-".join(filter(None, (*front[c], photo))) for photo, c in images]
     alone = Counter(names)
     return tuple(n if n and alone[n] == 1 else f"{n or 'image'}{i}" for i, n in enumerate(names, 1))
+
+
+def _image_files(files: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """The files of images, without blanks, which end a field; their names if any file is unknown or not unique."""
+    found = [re.sub(r"\s+", "_", file) for file in files]
+    return tuple(found if all(found) and len(set(found)) == len(found) else map(word, names))
 
 
 def _points(found: Sequence[Views]) -> tuple[Indices, list[str]]:

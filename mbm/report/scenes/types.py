@@ -39,13 +39,15 @@ class Camera:
 class Scene:
     """What was seen by which camera from where.
 
-    Images have ``names``, ``cameras`` (I,) among all, ``rotations`` (I, 3, 3) and ``translations`` (I, 3) from the
-    world to the camera, which looks along +z with y down. ``points`` (P, 3) have ``point_names``. Point
-    ``point`` (M,) was seen in image ``image`` (M,) at ``measured`` (M, 2) px, with the ``residual`` (M, 2).
+    Images have ``names``, ``files`` as other programs look for them, cameras ``camera_of`` (I,) among all,
+    ``rotations`` (I, 3, 3) and ``translations`` (I, 3) from the world to the camera, which looks along +z with y down.
+    ``points`` (P, 3) have ``point_names``. Point ``point`` (M,) was seen in image ``image`` (M,) at ``measured`` (M, 2)
+    px, with the ``residual`` (M, 2).
     """
 
     cameras: tuple[Camera, ...]
     names: tuple[str, ...]
+    files: tuple[str, ...]
     camera_of: Indices
     rotations: Floats
     translations: Floats

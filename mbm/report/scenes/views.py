@@ -11,6 +11,8 @@ determinant tells the two apart. Then X follows, also where it is no unknown but
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import PurePath
+from typing import TypeAlias
 
 import numpy as np
 
@@ -54,6 +56,11 @@ class RowsOf:
         family = self.solution.layout.entry(leaf.unknown).unknown.family
         return None if family is None else self.solution.tables.get(family.rows)
 
+    def places(self, table: Table, member: Member | None) -> list[int]:
+        """The positions (R,) in a table of the members that are picked, by its key; -1 where it has none."""
+        place = {key: i for i, key in enumerate(table.keys())}
+        return [place.get(key, -1) for key in self.keys(member)]
+
     def keys(self, member: Member | None) -> list[CellKey]:
         """The keys (R,) of the members that are picked; one text for all where there is no family."""
         if member is None:
@@ -74,6 +81,9 @@ def shown_key(key: CellKey) -> str:
     return key if isinstance(key, str) else key_text(key)
 
 
+Photographs: TypeAlias = list[tuple[str, tuple[int, int]]]
+"""The name of the file, width and height of an image, for each row."""
+
 _RIGID = 1e-6
 """How far, relative to the distances at hand, a point may be from where a rigid motion puts it: rounding is 1e-12."""
 
@@ -83,10 +93,11 @@ class Views:
     """Rows (R,) of one equation that is the image of a point.
 
     ``rotation`` (R, 3, 3) and ``translation`` (R, 3) lead from the world to the camera, in the axes of the camera;
-    ``world`` (R, 3) are the points. ``pose`` is the unknown that says where the camera was, ``outward``: it leads from
-    the camera to the world. ``photo`` and ``camera`` (R,) name the members of poses and of the camera, ``point``
-    that of the family of points (None: they are in none). ``numbers`` (R, n) are those of the camera. ``measured``
-    (R, 2), None where it is not data; ``residual`` (R, 2); ``used`` (R,).
+    ``world`` (R, 3) are the points. ``pose`` is the unknown that says where the camera was, ``outward``: it leads
+    from the camera to the world. ``photo`` and ``camera`` (R,) name the members of poses and of the camera, ``file``
+    (R,) the image if that is known, else "", ``point`` that of the family of points (None: they are in none).
+    ``numbers`` (R, n) are those of the camera. ``measured`` (R, 2), None where it is not data; ``residual`` (R, 2);
+    ``used`` (R,).
     """
 
     projection: Projection
@@ -96,6 +107,7 @@ class Views:
     translation: Floats
     world: Floats
     photo: list[str]
+    file: list[str]
     camera: list[str]
     point: list[str] | None
     numbers: Floats
@@ -149,7 +161,7 @@ def _view(rows: RowsOf, projection: Projection, form: str, seen: tuple[Floats | 
     pose = next((name for name, member in poses.items() if member is not None), next(iter(poses)))
     outward, rotation, translation, world = _moved(rows, projection, pose, form)
     numbers = (*projection.focal, *projection.center, *projection.distortion)
-    members = _members(numbers)
+    members, photographs = _members(numbers), _photographs(rows)
     return Views(
         projection=projection,
         pose=pose,
@@ -158,13 +170,14 @@ def _view(rows: RowsOf, projection: Projection, form: str, seen: tuple[Floats | 
         translation=translation,
         world=world,
         photo=rows.key_texts(list(poses.values())),
+        file=_files(rows, poses, photographs),
         camera=rows.key_texts(members),
         point=_point_keys(rows, projection, world),
         numbers=rows.values(numbers),
         measured=seen[0],
         residual=seen[1],
         used=seen[2],
-        size=_size(rows, numbers),
+        size=_size(rows, numbers, photographs),
     )
 
 
@@ -211,7 +224,7 @@ def _members(numbers: tuple[Expression, ...]) -> list[Member]:
     return list(dict.fromkeys(member for member in found if member is not None))
 
 
-def _size(rows: RowsOf, numbers: tuple[Expression, ...]) -> tuple[Floats, Floats] | None:
+def _size(rows: RowsOf, numbers: tuple[Expression, ...], photographs: Photographs) -> tuple[Floats, Floats] | None:
     """Width and height (R,) where the table of the cameras has such columns, or the rows were read from images."""
     for leaf in leaves(numbers):
         if not isinstance(leaf, Component | Column) or leaf.member is None:
@@ -219,19 +232,36 @@ def _size(rows: RowsOf, numbers: tuple[Expression, ...]) -> tuple[Floats, Floats
         table = rows.member_table(leaf)
         if table is None or not {"width", "height"} <= set(table.columns):
             continue
-        place = {key: i for i, key in enumerate(table.keys())}
-        which = [place.get(key, -1) for key in rows.keys(leaf.member)]
+        which = rows.places(table, leaf.member)
         if min(which, default=-1) >= 0:
             return table.numbers("width")[which], table.numbers("height")[which]
+    if not photographs:
+        return None
+    width, height = np.array([pixels for _, pixels in photographs], dtype=np.float64).T
+    return width, height
+
+
+def _photographs(rows: RowsOf) -> Photographs:
+    """The photographs (R,) that rows were measured in; none where any is from elsewhere."""
     own, positions = rows.rows.table, rows.group.positions
     if own is None or positions is None:
-        return None
-    pixels = [own.source(int(position)).pixels for position in positions]
-    known = [each for each in pixels if each is not None]
-    if not known or len(known) < len(pixels):
-        return None
-    width, height = np.array(known, dtype=np.float64).T
-    return width, height
+        return []
+    sources = [own.source(int(position)) for position in positions]
+    found = [(PurePath(each.path).name, each.pixels) for each in sources if each.pixels is not None]
+    return found if len(found) == len(sources) else []
+
+
+def _files(rows: RowsOf, poses: Mapping[str, Member | None], photographs: Photographs) -> list[str]:
+    """The file (R,) of each image, as the rows were read from it, or as a column `name` of the poses' table says."""
+    if photographs:
+        return [name for name, _ in photographs]
+    for pose, member in poses.items():
+        table = rows.member_table(Component(pose, (1,), member))
+        if table is None or "name" not in table.columns or table.columns["name"].texts is None:
+            continue
+        which, texts = rows.places(table, member), table.columns["name"].texts
+        return [texts[i] if i >= 0 else "" for i in which]
+    return [""] * rows.group.rows
 
 
 def _point_keys(rows: RowsOf, projection: Projection, world: Floats) -> list[str] | None:

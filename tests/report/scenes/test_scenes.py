@@ -300,6 +300,42 @@ def test_images_are_called_by_the_photo_and_the_camera_where_there_are_two(camer
     assert sorted(line.split()[-1] for line in lines) == wanted
 
 
+NAMED = """
+(problem named
+  (data marks (table (mark x y z) (a 0 0 0) (b 1 0 0) (c 1 1 0.2) (d 0 1 0.1)) :key mark)
+  (data photos (table (photo name) (7 "{first}") (9 "set 2/right.jpg")) :key photo)
+  (data seen (table (photo mark u v)
+      (7 a 320 240) (7 b 420 240) (7 c 416 336) (7 d 320 338)
+      (9 a 325 245) (9 b 425 245) (9 c 421 341) (9 d 325 343)) :with (photos photo) :with (marks mark))
+  (camera l :focal 500 :center (320 240))
+  (unknowns (T (pose 3) :per photos :init (pose3 (identity 3) [0 0 5])))
+  (observe seen (= [u v] (project l (transform (T photo) [marks.x marks.y marks.z]))) :sigma 0.3px))
+"""
+
+
+@pytest.mark.parametrize(
+    ("first", "wanted"),
+    [("set/left.jpg", ["set/left.jpg", "set_2/right.jpg"]), ("set 2/right.jpg", ["7", "9"])],
+    ids=["by their files", "two of one name"],
+)
+def test_images_keep_the_names_of_their_files_and_their_numbers(first: str, wanted: list[str], tmp_path: Path) -> None:
+    """As a model of COLMAP has them: its database knows images by these names. A blank ends a name."""
+    result = mbm.loads(NAMED.format(first=first)).solve()
+    result.write("colmap", tmp_path / "colmap")
+    lines = (tmp_path / "colmap" / "images.txt").read_text().splitlines()[2::2]
+    assert [line.split()[0] for line in lines] == ["7", "9"]
+    assert [line.split()[-1] for line in lines] == wanted
+    result.write("bundler", tmp_path / "bundler")
+    assert (tmp_path / "bundler" / "list.txt").read_text().split() == wanted
+
+
+def test_photographs_that_mbm_measured_are_called_by_their_files(tmp_path: Path) -> None:
+    problem = mbm.load(Path(__file__).parents[3] / "problems" / "photographs" / "photographs.mbm")
+    problem.solve().write("colmap", tmp_path)
+    lines = (tmp_path / "images.txt").read_text().splitlines()[2::2]
+    assert [line.split()[-1] for line in lines] == [f"board{i}.png" for i in range(1, 8)]
+
+
 def test_rejected_rows_are_in_no_track(tmp_path: Path) -> None:
     made = world()
     made.seen["u"][3] += 80.0
