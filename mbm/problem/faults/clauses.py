@@ -273,11 +273,16 @@ def too_many_operations(span: Span, limit: int) -> Diagnostic:
 
 
 def depends_on_unknown(span: Span, wanted: str, unknown: str) -> Diagnostic:
-    """An unknown where none may be."""
-    return Diagnostic(
-        code=DEPENDS_ON_UNKNOWN, message=f"{wanted} must be known before the solve, but holds the unknown `{unknown}`",
-        place=span, hint=f"use {'`unknown`, `model`, ' if wanted == '`:sigma`' else ''}columns, constants, numbers",
-    )  # fmt: skip
+    """An unknown where none may be; noise of unknown size beside a stated one is an unknown deviation of each row."""
+    message = f"{wanted} must be known before the solve, but holds the unknown `{unknown}`"
+    hint = "use columns, constants, numbers"
+    if wanted == "`:sigma`":
+        hint = (
+            "use `unknown`, `model`, columns, constants, numbers; scatter of unknown size beside what is stated (dark "
+            "uncertainty) is an unknown for each row, `(deviation :per TABLE :init 0)`, that is added to the model, "
+            "and `(observe dark TABLE (= 0 (deviation KEY)) :sigma unknown)`"
+        )
+    return Diagnostic(code=DEPENDS_ON_UNKNOWN, message=message, place=span, hint=hint)
 
 
 def external_misplaced(external: External | Outlined, wanted: str) -> Diagnostic:
