@@ -113,7 +113,7 @@ def seed(given: object) -> int | None:
     return found
 
 
-def step(given: float) -> float:
+def step(given: float | str) -> float:
     """Where a step is.
 
     Raises:
@@ -121,7 +121,7 @@ def step(given: float) -> float:
 
     """
     try:
-        found = float(given)
+        found = np.nan if isinstance(given, str) else float(given)
     except (TypeError, ValueError, OverflowError):
         found = np.nan
     if not np.isfinite(found):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
@@ -139,6 +139,11 @@ class Stream:
         self._plan = _plan(ready)
         self._keys: list[float] = []
         self._ended: Diagnostic | None = None
+
+    def __reduce__(self) -> NoReturn:
+        """A copy would take steps into the same numbers as this one."""
+        message = "a stream is neither pickled nor copied: `compiled.stream()` makes another, which is given the steps"
+        raise TypeError(message)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -251,7 +251,7 @@ def _read(reader: AnyReader, base: Path, path: str, declaration: TableDeclaratio
     """Read the file at ``path``, relative to ``base``, or all files that a pattern means."""
     whole, pattern = base / path, is_pattern(path)
     if pattern:
-        _check_confined(whole.parent, declaration, sources)
+        _check_confined(whole.parent, declaration, sources, shown=whole)
     files = matching(base, path, declaration.span)
     if isinstance(reader, ImageReader):
         arguments = {**dict(declaration.arguments), **_named(reader, declaration, sources)}
@@ -313,8 +313,10 @@ def _check_file(path: Path, declaration: TableDeclaration, sources: _Sources) ->
     check_ordinary(path, declaration.span, largest=largest_file())
 
 
-def _check_confined(path: Path, declaration: TableDeclaration, sources: _Sources) -> None:
-    """Check that a path lies in the sandbox if there is one, symbolic links followed."""
+def _check_confined(
+    path: Path, declaration: TableDeclaration, sources: _Sources, *, shown: Path | None = None
+) -> None:  # fmt: skip
+    """Check that a path lies in the sandbox if there is one, symbolic links followed; a fault says ``shown``."""
     sandbox = sources.sandbox
     if sandbox is None:
         return
@@ -324,4 +326,4 @@ def _check_confined(path: Path, declaration: TableDeclaration, sources: _Sources
         reason = str(error)
         raise MbmError(unreadable_file(path, reason, declaration.span)) from None
     if not confined:
-        raise MbmError(faults.outside_sandbox(declaration.span, path.as_posix(), sandbox.as_posix()))
+        raise MbmError(faults.outside_sandbox(declaration.span, (shown or path).as_posix(), sandbox.as_posix()))

@@ -209,16 +209,20 @@ def sixty_minutes(place: Span) -> Diagnostic:
     )  # fmt: skip
 
 
+def no_finite_number(place: Span) -> Diagnostic:
+    """NaN or an infinity among Python values."""
+    hint = "leave out what is not known; a cell without a value is the symbol `NA`"
+    return Diagnostic(code=BAD_NUMBER, message=f"`{place.text}` is no finite number", place=place, hint=hint)
+
+
 def unterminated_string(opening: Span, earlier: Span | None) -> Diagnostic:
     """``earlier`` is a string before this one that runs over several lines, perhaps the true culprit."""
     labels = () if earlier is None else (Label(earlier, 'or was the closing `"` of this one forgotten?'),)
     return Diagnostic(
-        code=UNTERMINATED_STRING,
-        message="this string has no end",
-        place=opening,
+        code=UNTERMINATED_STRING, message="this string has no end", place=opening,
         hint='write the closing `"`',
         labels=labels,
-    )
+    )  # fmt: skip
 
 
 def unknown_escape(place: Span) -> Diagnostic:

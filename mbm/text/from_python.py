@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from math import isfinite
 
 from mbm.text import faults
 from mbm.text.types import Bracket, Form, Keyword, MbmError, Numeral, Sequence, Source, Span, Symbol, Text
@@ -32,7 +33,7 @@ def from_python(value: object, deepest: int) -> Form:
         deepest: levels of tuples and lists that may stand in one another.
 
     Raises:
-        MbmError: there are more levels (`too-deeply-nested`).
+        MbmError: there are more levels (`too-deeply-nested`), or a number is not finite (`bad-number`).
         TypeError: a value of another kind.
 
     """
@@ -44,6 +45,8 @@ def _form(value: object, deepest: int, level: int) -> Form:
         return value
     if isinstance(value, bool):
         return symbol("true" if value else "false")
+    if isinstance(value, float) and not isfinite(value):
+        raise MbmError(faults.no_finite_number(_span(str(value))))
     if isinstance(value, int | float | Fraction) and type(value).__module__ != "numpy":
         return Numeral(value=value, unit=None, span=_span(str(value)))
     if isinstance(value, str):

@@ -109,6 +109,13 @@ def test_numbers_and_arrays_of_numpy_are_forms(kind: Any) -> None:
     np.testing.assert_allclose(found.sigma, [0.5, 0.5], rtol=1e-12)
 
 
+@pytest.mark.parametrize("value", [np.nan, -np.inf, np.float32("nan"), float("nan")])
+def test_numbers_that_are_not_finite_are_no_forms(value: float) -> None:
+    s = mbm.symbol
+    with pytest.raises(mbm.MbmError, match=r"bad-number: `-?(nan|inf)` is no finite number"):
+        mbm.build("p", (s("unknowns"), (s("a"), mbm.keyword("init"), value)))
+
+
 def test_values_in_one_another_without_end_are_refused() -> None:
     round_about: list[Any] = []
     round_about.append(round_about)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -152,6 +155,7 @@ WRONG = {
     "list": ({"z": [1.0]}, None, "not-a-table", "float"),
     "nested": ({"z": {"k": 3.0, "y": [[0.0]]}}, None, "bad-cell", "y"),
     "text at": ({}, "x", "wrong-argument", "`at` is 'x'; a finite number"),
+    "number as text": ({}, "3", "wrong-argument", "`at` is '3'; a finite number"),
     "infinite at": ({}, np.inf, "wrong-argument", "a finite number"),
     "text step": ({"z": {"k": "a", "y": 0.0}}, None, "wrong-step", "k"),
 }
@@ -227,6 +231,17 @@ def test_a_stream_ends_where_nothing_is_finite():
         with pytest.raises(mbm.MbmError, match="stream-stopped: the stream has ended at `k` = 1,"):
             stream.step({"z": {"k": 1.0, "y": 0.0}})
     assert stream.finish() == []
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_a_stream_is_not_copied(copied):
+    """A copy that took steps would change this one."""
+    compiled = mbm.loads(
+        """(problem walk (data d (table (t y) (1 2))) (states :over d.t (x :init 0 :sigma 10))
+          (dynamics (= (next x) x :sigma 0.1)) (observe d (= y x) :sigma 0.1) (solve :method ekf))"""
+    ).compile()
+    with pytest.raises(TypeError, match="a stream is neither pickled nor copied"):
+        copied(compiled.stream())
 
 
 def test_an_unknown_that_is_none():

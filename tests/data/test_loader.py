@@ -9,6 +9,7 @@ import pytest
 
 from mbm.data.loader import load, load_all
 from mbm.data.readers import READERS
+from mbm.text.types import MbmError
 
 
 def loaded(declaration, base, *, given=None, paths=None, sandbox=None):
@@ -154,6 +155,12 @@ def test_files_in_the_sandbox_are_read(tmp_path, declare):
     (tmp_path / "sub").mkdir()
     (tmp_path / "d.csv").write_text("x\n1\n")
     assert loaded(declare(path="sub/../d.csv"), tmp_path, sandbox=tmp_path).numbers("x").tolist() == [1.0]
+
+
+def test_a_pattern_that_leads_out_of_the_sandbox_is_named_whole(tmp_path, declare):
+    (tmp_path / "inner").mkdir()
+    with pytest.raises(MbmError, match=r"the file `[^`]*/run-\*\.csv` lies outside"):
+        loaded(declare(path="run-*.csv"), tmp_path, sandbox=tmp_path / "inner")
 
 
 def test_a_link_within_the_sandbox_is_followed(tmp_path, declare):
