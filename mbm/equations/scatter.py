@@ -1,4 +1,7 @@
-"""Nonzeros of kernel Jacobians → the dense Jacobian over the free numbers: where each of them goes, found once."""
+"""Nonzeros of kernel Jacobians → the dense Jacobian over the free numbers: where each of them goes, found once.
+
+And the parts into which they tie rows and columns together.
+"""
 
 from __future__ import annotations
 
@@ -74,3 +77,14 @@ def scatter(rows: Indices, variables: Indices, index: Indices, shared: tuple[boo
         varying.append((k, i, found[j]))
     parts = [(np.array(list(part.values())), *np.array(list(part)).T) for part in fixed]
     return Scatter(fixed=tuple(parts), varying=tuple(varying))
+
+
+def tied_parts(row: Indices, column: Indices, rows: int, columns: int) -> tuple[Indices, Indices]:
+    """The part, from 0, of each row and each column, where rows ``row`` (k,) have nonzeros in ``column`` (k,)."""
+    # Loaded when parts are asked for only, so that most problems start at once.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(row)), (row, rows + column)), shape=(rows + columns, rows + columns))
+    _, part = connected_components(links, directed=False)
+    return part[:rows], part[rows:]

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mbm.equations.binding import Group
+from mbm.equations.scatter import tied_parts
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.equations.whitening import whitener
 from mbm.expression.nodes import Column, leaves
@@ -54,9 +55,6 @@ def divided(measured: Measured, rows: Some) -> Division:
 
 def components(measured: Measured, shared: Some) -> Indices:
     """The component, from 0, of each shared row, group after group."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     lines, values, offset = [], [], 0
     for number, rows in shared:
         ids = measured.ids[number][rows]
@@ -64,10 +62,7 @@ def components(measured: Measured, shared: Some) -> Indices:
         lines.append(np.broadcast_to(offset + np.arange(len(rows))[:, None], ids.shape)[real])
         values.append(ids[real])
         offset += len(rows)
-    row, value = np.concatenate(lines), np.concatenate(values)
-    size = offset + len(measured.sigma)
-    links = coo_array((np.ones(len(row)), (row, offset + value)), shape=(size, size))
-    labels = connected_components(links, directed=False)[1][:offset]
+    labels, _ = tied_parts(np.concatenate(lines), np.concatenate(values), offset, len(measured.sigma))
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.layout import places_in
+from mbm.equations.scatter import tied_parts
 from mbm.equations.solves import likely
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.problem.likelihoods.types import SHIFT
@@ -38,12 +39,8 @@ def certain(equations: Assembled, minimum: Minimum) -> Certain | None:
     readings = {group.number: stated for group, stated in likely(equations.groups)}
     if not readings or equations.rows is not None or equations.factors is not None or equations.structure is not None:
         return None
-    # Loaded by likelihoods only, so that the others start at once.
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     columns = places_in(equations.free, len(equations.layout.number) + 1)
-    size, first = equations.dimension, 0
+    first = 0
     rows, touched, surprise = [], [], []
     squares = np.square(minimum.residuals)
     for group in (*equations.groups, *equations.constraints):
@@ -62,8 +59,7 @@ def certain(equations: Assembled, minimum: Minimum) -> Certain | None:
             lines = squares[group.first : group.first + group.count].reshape(group.rows, -1)
             cost = np.where(none, 0.5 * lines.sum(axis=1), np.nan)
         surprise.append(cost)
-    joined = np.concatenate(rows), np.concatenate(touched) + first
-    links = coo_array((np.ones(len(joined[0])), joined), shape=(first + size, first + size))
-    count, parts = connected_components(links, directed=False)
-    found = np.bincount(parts[:first], weights=np.concatenate(surprise), minlength=count)
-    return Certain(parts=parts[first:], surprise=np.asarray(found, dtype=np.float64))
+    of_row, of_column = tied_parts(np.concatenate(rows), np.concatenate(touched), first, equations.dimension)
+    count = int(of_column.max(initial=-1)) + 1
+    found = np.bincount(of_row, weights=np.concatenate(surprise), minlength=count)
+    return Certain(parts=of_column, surprise=np.asarray(found, dtype=np.float64))

@@ -6,6 +6,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.excerpt import excerpt
+from mbm.equations.scatter import tied_parts
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.values import dataclass
 
@@ -30,24 +31,17 @@ def separated(equations: Assembled, missing: Mask) -> tuple[Separate, ...]:
     tied = any(group.gathered is not None or group.sampled for group in groups)
     if tied or equations.constraints or equations.rows is not None or sum(g.rows for g in groups) > MOST_ROWS:
         return ()
-    # Loaded by problems without starts only, so that the others start at once.
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    count = len(missing)
     rows, columns, first = [], [], 0
     for group in groups:
         line, tangent = np.nonzero(missing[group.columns])
         rows.append(first + line)
         columns.append(group.columns[line, tangent])
         first += group.rows
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    links = coo_array((np.ones(len(row)), (count + row, column)), shape=(count + first, count + first))
-    _, part = connected_components(links, directed=False)
-    parts = np.unique(part[:count][missing])
+    part, part_of_row = tied_parts(np.concatenate(columns), np.concatenate(rows), len(missing), first)
+    parts = np.unique(part[missing])
     if not 1 < len(parts) <= MOST_PARTS:
         return ()
-    return tuple(_part(equations, missing & (part[:count] == each), part[count:] == each) for each in parts)
+    return tuple(_part(equations, missing & (part == each), part_of_row == each) for each in parts)
 
 
 def _part(equations: Assembled, missing: Mask, mine: Mask) -> Separate:
