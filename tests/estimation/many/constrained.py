@@ -87,8 +87,8 @@ PROBLEMS = {
         held(UNKNOWN.replace("(for-each epoch)", LONG), f"{CIRCLE} {SHELF}"),
         ring(tags=2),
     ),
-    "everything held": (held(EPOCHS, "(= (p 1) 1m) (= (p 2) 2m) (= (p 3) 1m)"), epochs()),
-    "far from the data": (held(EPOCHS, "(= (distance p [0m 0m 0m]) 2.5m)"), epochs()),
+    "everything held": (held(EPOCHS, "(= (p 1) 1m) (= (p 2) 2m) (= (p 3) 1m)"), epochs(12)),
+    "far from the data": (held(EPOCHS, "(= (distance p [0m 0m 0m]) 2.5m)"), epochs(12)),
     "a contradiction": (held(EPOCHS, "(>= (p 1) 1m) (<= (p 1) 0.9m)"), ring()),
     "two unknown noises": (
         held(BOTH.format(more="", sigma="unknown", second="unknown", solve=""), "(<= (p 3) 1.2m)"),
