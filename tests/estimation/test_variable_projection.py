@@ -249,8 +249,8 @@ def test_decays_of_many_samples_are_found_one_after_the_other():
     lives = np.array([150.0, 300.0, 420.0, 700.0, 1000.0, 220.0])
     y = 1000.0 * np.exp(-x / lives[sample]) + 5.0 * np.random.default_rng(2).normal(size=x.size)
     text = (
-        '(problem p (data d (csv "d.csv")) (unknowns (n :per d.k) (t :per d.k))'
-        " (observe d (= y (* (n k) (exp (- (/ x (t k)))))) :sigma 5))"
+        '(problem p (data d (csv "d.csv")) (unknowns (n :per d.k) (t :per d.k) (c))'
+        " (observe d (= y (+ c (* (n k) (exp (- (/ x (t k))))))) :sigma 5))"
     )
     result = mbm.loads(text).solve(data={"d": {"k": sample, "x": x, "y": y}})
     assert result.status == "ok"
@@ -306,7 +306,10 @@ def test_many_turns_and_those_far_from_zero(x, f, form):
 
 
 def test_wide_models_are_scanned_within_bounds(monkeypatch):
-    """Normal equations of 38 linear unknowns cost more than residuals do: one point, 24 values; none once stopped."""
+    """Normal equations of 39 linear unknowns cost more than residuals do: one point, 24 values; none once stopped.
+
+    The background ties the decays to one another: without it each is scanned by itself.
+    """
     points = []
     original = projection.projected
 
@@ -319,12 +322,12 @@ def test_wide_models_are_scanned_within_bounds(monkeypatch):
     x, k = np.tile(np.linspace(0, 3000, 10), 38), rows // 10
     y = 1000 * np.exp(-x / np.geomspace(150, 1000, 38)[k])
     text = (
-        '(problem p (data d (csv "d.csv")) (unknowns (n :per d.k) (t :per d.k))'
-        " (observe d (= y (* (n k) (exp (- (/ x (t k)))))) :sigma 5))"
+        '(problem p (data d (csv "d.csv")) (unknowns (n :per d.k) (t :per d.k) (c))'
+        " (observe d (= y (+ c (* (n k) (exp (- (/ x (t k))))))) :sigma 5))"
     )
     problem, data = mbm.loads(text), {"d": {"k": k, "x": x, "y": y}}
     assert problem.solve(data=data).status == "ok"
-    # 380 rows, 39 columns, each as long as 2.95 residuals: 686 points fit into 30 million,
+    # 380 rows, 40 columns, each as long as 3 residuals: 657 points fit into 30 million,
     # fewer than 24 for each unknown.
     assert points.count(24) == 38
     assert 96 not in points
