@@ -58,7 +58,7 @@ class OnSurface(Forwarding):
             return np.asarray(self._back(moved[None])[0])
         size = len(self.equations.equality) * self.equations.dimension
         some = max(DENSE_PART // max(size, 1), 1)
-        return np.concatenate([self._back(moved[i : i + some]) for i in range(0, len(moved), some)])
+        return np.concatenate([self._back(moved[i : i + some]) for i in range(0, max(len(moved), 1), some)])
 
     def _linearised(self, points: Floats) -> tuple[Floats, Floats]:
         """The constraints (P, c) at points (P, N), and their derivatives (P, c, n) in the units of ``scale``."""

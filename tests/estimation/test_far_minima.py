@@ -100,3 +100,24 @@ def test_oscillations_of_several_channels_are_found_each_by_itself() -> None:
     ]
     assert found.cost == pytest.approx(2 * sum(each.cost for each in best), rel=1e-6)
     assert found["f"].value == pytest.approx([each.x[1] for each in best], rel=1e-6)
+
+
+def test_precise_readings_with_two_solutions_keep_the_better_one_and_tell_the_other() -> None:
+    """A throw's height at two times, far more standard deviations apart than a way to the infinite begins with."""
+    text = """(problem p (data d (table (h) (1.0) (1.0000002) (0.9999999))) (unknowns (t))
+      (observe d (= h (- (* 6 t) (* 4.9 t t))) :sigma 1e-7) (observe (= 0.21 t) :sigma 0.3))"""
+    found = mbm.loads(text).solve()
+    early, late = np.sort(np.roots([-4.9, 6.0, -1.0]))  # the readings move them by 1e-8
+    assert found["t"].value == pytest.approx(early, rel=1e-6)
+    (other,) = found.alternatives
+    assert other.estimates[0].value == pytest.approx(late, rel=1e-6)
+
+
+def test_a_double_root_is_no_limit() -> None:
+    """At 0 both rows hold exactly and nothing is felt of a small step: finite, and the better fit of two."""
+    found = mbm.loads(
+        "(problem p (unknowns (a)) (observe (= 0 (* a a (- 3 (* 2 a)))) :sigma 1)"
+        " (observe (= 0 (* a a (- 3.1 (* 2 a)))) :sigma 1))"
+    ).solve()
+    assert float(found["a"].value) == pytest.approx(0.0, abs=1e-3)
+    assert "another-solution" in {each.code.name for each in found.diagnostics}

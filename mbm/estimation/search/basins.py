@@ -38,6 +38,12 @@ COMPARED = 60
 ENDLESS = 1e6
 """Standard deviations from a minimum beyond which the end of a descent is on the way to the infinite."""
 
+APART = 1e3
+"""Factor by which a number has grown or vanished that is on its way to the infinite or to 0."""
+
+UNFELT = 1e-3
+"""Standard deviations of the noise by which residuals change that no longer do."""
+
 NEARLY_EXACT = 1e6
 """Roundings of a fit with noise: measured values have fewer digits."""
 
@@ -119,11 +125,11 @@ def without_twins(equations: Assembled, basins: Sequence[Basin], agree: Agreemen
 
 
 def without_limits(equations: Assembled, basins: tuple[Basin, ...], *, stated: bool) -> tuple[Basin, ...]:
-    """The basins from the best minimum on, where the lower costs are limits in the infinite: scales that shrink what is
+    """The basins from the best minimum on, where the lowest cost is a limit in the infinite: scales that shrink what is
     compared to nothing fit anything.
 
-    Such an end leaves unknowns open, or lies `ENDLESS` standard deviations from a minimum that determines them all and
-    fits as well as ``stated`` noise lets expect; of unknown noise, where the end fits all but exactly.
+    Only where a minimum that determines all unknowns fits as well as ``stated`` noise lets expect; of unknown noise,
+    where the limit fits all but exactly.
     """
     first, freedom = basins[0].minimum, float(equations.count - equations.dimension)
     for number, basin in enumerate(basins[1:], 1):
@@ -136,15 +142,25 @@ def without_limits(equations: Assembled, basins: tuple[Basin, ...], *, stated: b
         else:
             variance = minimum.cost / max(freedom, 1.0)
             sound = bool(fits_exactly(first.cost, NEARLY_EXACT * rounding_at(equations, minimum)))
-        limit = sound and (flat(equations, first, RANK) or _endless(equations, minimum, variance, first.point))
-        return basins[number:] if limit else basins
+        return basins[number:] if sound and _endless(equations, minimum, variance, first) else basins
     return basins
 
 
-def _endless(equations: Assembled, minimum: Minimum, variance: float, end: Floats) -> bool:
-    """Whether an end (N,) is so far from a minimum that it is none of what the data may mean."""
+@np.errstate(all="ignore")
+def _endless(equations: Assembled, minimum: Minimum, variance: float, end: Minimum) -> bool:
+    """Whether the way from a minimum to an end leads on to the infinite: numbers have grown far beyond what the data
+    may mean, and go on growing, or where they double, and those that have all but vanished halve, no residual changes.
+    """
+    places = equations.layout.number[equations.free]
+    plain = (places >= 0) & ~equations.layout.angle[equations.free]
+    here, there = (np.where(plain, each.point[places], 0.0) for each in (minimum, end))
     squares = variance * np.diag(np.linalg.pinv(minimum.jacobian.T @ minimum.jacobian, hermitian=True))
-    return bool((np.square(separation(equations, minimum.point, end[None])[0]) > ENDLESS**2 * squares).any())
+    grown = (np.abs(there) > APART * np.abs(here)) & (np.square(there - here) > ENDLESS**2 * squares)
+    if not grown.any() or not end.reason.converged:
+        return bool(grown.any())
+    onwards = np.where(grown, there, np.where(np.abs(there) * APART < np.abs(here), -0.5 * there, 0.0))
+    off = np.abs(equations.residuals(equations.retract(end.point, onwards)) - end.residuals).max(initial=0.0)
+    return bool(off <= UNFELT * np.sqrt(variance))
 
 
 def equal_costs(first: float, second: float) -> bool:
