@@ -18,9 +18,10 @@ from mbm.estimation.sequences.stepping import Arrived, Cells
 from mbm.expression.nodes import Column as ColumnNode, leaves
 from mbm.problem.checks import check_data
 from mbm.problem.joining import prepare
+from mbm.problem.provenance import Provenance
 from mbm.problem.sequence.tables import transitions_table
 from mbm.problem.sequence.types import INTERVAL, PREVIOUS
-from mbm.problem.tables import Column, Provenance, Table
+from mbm.problem.tables import Column, Table
 from mbm.problem.types import Equation, Problem, TablePlan
 from mbm.scales import SI, Scale
 from mbm.symbolic.types import ColumnInput
@@ -142,6 +143,7 @@ class Arrivals:
                 raise MbmError(faults.lacks_columns(name, tuple(lacking)))
             other = [each for each in known if len(table) and known[each].is_text != table.columns[each].is_text]
             if other:
+                table.columns[other[0]].check()
                 raise MbmError(faults.other_cells(name, other[0], texts=known[other[0]].is_text))
         return read
 

@@ -13,7 +13,8 @@ from mbm import compiler
 from mbm.compiler import Inputs
 from mbm.language.session import Program
 from mbm.problem.clauses import effective_clauses, select_problem
-from mbm.problem.tables import EXTERNAL, Column, Provenance, Table, TableDeclaration
+from mbm.problem.provenance import Provenance
+from mbm.problem.tables import EXTERNAL, Column, Table, TableDeclaration, first_fault
 from mbm.registry.standard import Registry
 from mbm.report.designs import faults
 from mbm.report.designs.design import Offered
@@ -298,7 +299,8 @@ def _behind(own: Table, rows: Table, measured: set[str]) -> Table:
         if told.texts is not None:
             texts = ((), ("",) * len(rows)) if more is None else ((), more.texts or ())
             before = first.texts if first is not None and first.texts is not None else texts[0]
-            columns[name] = Column(name=name, texts=(*before, *texts[1]), unit=told.unit)
+            fault = first_fault(each for each in (first, more) if each is not None)
+            columns[name] = Column(name=name, texts=(*before, *texts[1]), unit=told.unit, fault=fault)
             continue
         if more is not None and more.numbers is None and name not in measured:
             why = f"the column `{name}` of the candidates holds no numbers"

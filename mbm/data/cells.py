@@ -26,6 +26,7 @@ from mbm.data.types import RawTable
 from mbm.problem.tables import GAP_WORDS, Column, Numbers, reads_as_number
 from mbm.text.faults import worth_reading
 from mbm.text.types import DataPlace, Diagnostic, MbmError, Place
+from mbm.values import dataclass
 
 Cell: TypeAlias = Real | float | str | None
 """A number, a text, or None for a gap."""
@@ -82,8 +83,8 @@ def numbers_of(texts: Sequence[str]) -> Numbers | None:
 def column_from_values(name: str, values: Sequence[object], path: str) -> Column:
     """The column of Python values: numbers, texts, and None, NaN or ``pandas.NA`` for gaps; cells count from row 1.
 
-    A text stays one even if it reads as a number; in a column with texts the numbers become texts.
-    Raises MbmError bad-cell for truth values among others and all else, naming ``path``, row and column.
+    A text stays one even if it reads as a number; in a column with texts the numbers become texts. With truth values
+    among others, or anything else, it has the fault bad-cell, which names ``path``, row and column.
     """
     kinds = set(map(type, values))
     if kinds <= {float, int, NoneType}:
@@ -92,8 +93,19 @@ def column_from_values(name: str, values: Sequence[object], path: str) -> Column
         return mixed_column(name, values)  # type: ignore[arg-type]
     if kinds & TRUTHS and all(type(value) in TRUTHS or _is_gap(value) for value in values):
         return Column(name=name, numbers=frozen([math.nan if _is_gap(value) else bool(value) for value in values]))
-    cells = [_checked(value, DataPlace(file=path, row=row, column=name)) for row, value in enumerate(values, start=1)]
+    cells = []
+    for row, value in enumerate(values, start=1):
+        cell = _plain(value)
+        if isinstance(cell, Strange):
+            fault = faults.bad_cell(DataPlace(file=path, row=row, column=name), cell.what)
+            return unreadable(name, len(values), fault)
+        cells.append(cell)
     return mixed_column(name, cells)
+
+
+def unreadable(name: str, rows: int, fault: Diagnostic) -> Column:
+    """A column whose cells are neither numbers nor texts, which is refused where it is used."""
+    return Column(name=name, texts=("",) * rows, fault=fault)
 
 
 def mixed_column(name: str, cells: Sequence[Cell]) -> Column:
@@ -113,13 +125,16 @@ def _numbers_of(cells: Sequence[Real | float | None]) -> Numbers:
 
 def column_from_array(name: str, array: NDArray[Any], path: str) -> Column:
     """The column of an array of shape (rows,): numbers and truth values become float64, masked ones gaps, dates
-    texts.
+    texts. With more dimensions or another type of cells it has the fault bad-array.
 
-    Raises MbmError bad-array for another number of dimensions or another type of cells.
+    Raises MbmError bad-array for an array without a dimension.
     """
     place = DataPlace(file=path, column=name)
     if array.ndim != 1:
-        raise MbmError(faults.bad_array(place, f"an array of shape {array.shape}"))
+        fault = faults.bad_array(place, f"an array of shape {array.shape}")
+        if array.ndim == 0:
+            raise MbmError(fault)
+        return unreadable(name, len(array), fault)
     if array.dtype.kind in "biuf":
         if isinstance(array, np.ma.MaskedArray):
             return Column(name=name, numbers=frozen(np.ma.filled(array.astype(np.float64), np.nan)))
@@ -131,22 +146,30 @@ def column_from_array(name: str, array: NDArray[Any], path: str) -> Column:
         )
     if array.dtype.kind in "UT":
         return column_from_values(name, array.tolist(), path)
-    raise MbmError(faults.bad_array(place, KIND_NAMES.get(array.dtype.kind, f"an array of {array.dtype}")))
+    fault = faults.bad_array(place, KIND_NAMES.get(array.dtype.kind, f"an array of {array.dtype}"))
+    return unreadable(name, len(array), fault)
 
 
-def _checked(value: object, place: DataPlace) -> Cell:
+@dataclass(frozen=True, slots=True)
+class Strange:
+    """A value that is no cell, in words."""
+
+    what: str
+
+
+def _plain(value: object) -> Cell | Strange:
     """A number, a text or None (a gap)."""
     if _is_gap(value):
         return None
     if type(value) in TRUTHS:
-        raise MbmError(faults.bad_cell(place, f"the truth value `{str(value).lower()}`"))
+        return Strange(f"the truth value `{str(value).lower()}`")
     if isinstance(value, str | Real):
         return value
     if type(value).__name__ == "Decimal":
         return float(value)  # type: ignore[arg-type]
     if isinstance(value, date | time | timedelta):
         return str(value) if isinstance(value, timedelta) else value.isoformat()
-    raise MbmError(faults.bad_cell(place, f"a value of type `{type(value).__name__}`"))
+    return Strange(f"a value of type `{type(value).__name__}`")
 
 
 def _is_gap(value: object) -> bool:
@@ -218,7 +241,7 @@ def check_lengths(lengths: Mapping[str, int], place: DataPlace) -> int:
 def columns_of_records(records: Sequence[Mapping[Any, object]], path: str) -> tuple[Column, ...]:
     """The columns of records, in the order in which their names first occur; a field left out is a gap.
 
-    Raises MbmError: no-columns, too-many-columns, bad-column-name, too-much-memory, bad-cell.
+    Raises MbmError: no-columns, too-many-columns, bad-column-name, too-much-memory.
     """
     names = check_names(list(dict.fromkeys(name for record in records for name in record)), DataPlace(file=path))
     check_table(Path(path), len(records) * len(names))

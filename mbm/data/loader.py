@@ -176,7 +176,11 @@ def _loaded(declaration: TableDeclaration, sources: _Sources) -> Table:
             raw = _raw(declaration, sources)
             if raw.remarks:
                 raw = replace(raw, remarks=tuple(_with_clause(remark, declaration) for remark in raw.remarks))
-            return shape(raw, declaration)
+            columns = tuple(
+                each if each.fault is None else replace(each, fault=_with_clause(each.fault, declaration))
+                for each in raw.columns
+            )
+            return shape(replace(raw, columns=columns), declaration)
     except MbmError as error:
         raise MbmError(*(_with_clause(fault, declaration) for fault in error.diagnostics)) from None
 

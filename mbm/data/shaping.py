@@ -57,7 +57,7 @@ def table_from_given(name: str, given: object) -> RawTable:
     """The table that was given under ``name``; numbers are copied. Its path is ``<name>``, as messages print it.
 
     Arrays have the shape (rows,). Raises MbmError: not-a-table, no-columns, bad-column-name, duplicate-column,
-    unequal-lengths, bad-array, bad-cell.
+    unequal-lengths, bad-array (a column that is no array).
     """
     path = f"<{name}>"
     place = DataPlace(file=path)
@@ -234,6 +234,7 @@ def _check_key(table: Table, key: str, declaration: TableDeclaration) -> None:
     if column is None:
         path = table.provenance.path
         raise MbmError(faults.missing_column(declaration.span, key, path, table.columns))
+    column.check()
     label = Label(declaration.span, f"`{key}` is the key of `{declaration.name}` here")
     found = [faults.missing_key(table.place(int(i), key)) for i in _gaps(column)[: faults.MOST_ROWS_REPORTED]]
     if not found:

@@ -10,7 +10,8 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.tables import Argument, Column, ColumnGroup, Format, Part, Provenance
+from mbm.problem.provenance import Part, Provenance
+from mbm.problem.tables import Argument, Column, ColumnGroup, Format
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 

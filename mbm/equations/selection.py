@@ -225,6 +225,7 @@ def groups(table: Table, columns: Sequence[str]) -> Groups:
 
 def _labels(column: Column) -> tuple[Indices, int]:
     """A whole number from 0 for each cell, equal where the cells are, and how many there may be."""
+    column.check()
     if column.texts is not None:
         numbers = {text: number for number, text in enumerate(dict.fromkeys(column.texts))}
         return np.fromiter(map(numbers.__getitem__, column.texts), np.int64, len(column.texts)), len(numbers)

@@ -11,8 +11,9 @@ import numpy as np
 from mbm.problem import faults
 from mbm.problem.grids import Grid
 from mbm.problem.previous import with_rows_before
+from mbm.problem.provenance import Part, Provenance
 from mbm.problem.rows import MAXIMUM_REPORTED, decided
-from mbm.problem.tables import CellKey, Column, Part, Provenance, Table
+from mbm.problem.tables import CellKey, Column, Table, first_fault
 from mbm.problem.types import Derived, Family, Join, Problem, RowValues, TablePlan
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic, MbmError
@@ -47,7 +48,8 @@ def stacked(tables: Mapping[str, Table], sources: tuple[Source, ...], name: str)
 
 def _joined(name: str, columns: list[Column]) -> Column:
     if any(c.texts is not None for c in columns):
-        return Column(name=name, texts=tuple(text for c in columns for text in c.texts or ()))
+        texts = tuple(text for c in columns for text in c.texts or ())
+        return Column(name=name, texts=texts, fault=first_fault(columns))
     return Column(name=name, numbers=np.concatenate([c.numbers for c in columns if c.numbers is not None]))
 
 
@@ -165,8 +167,7 @@ def joined(table: Table, joins: tuple[Join, ...], tables: Mapping[str, Table]) -
         positions = _positions(table, columns[join.column], other, join)
         for column in other.columns.values():
             name = f"{join.alias}.{column.name}"
-            taken = column.take(positions)
-            columns[name] = Column(name=name, numbers=taken.numbers, texts=taken.texts, unit=taken.unit)
+            columns[name] = replace(column.take(positions), name=name)
             names[name] = names.get(join.column, join.column)
         groups.update(other.groups_called(join.alias))
     provenance = replace(table.provenance, source_columns=names)
@@ -175,6 +176,7 @@ def joined(table: Table, joins: tuple[Join, ...], tables: Mapping[str, Table]) -
 
 def _positions(table: Table, column: Column, other: Table, join: Join) -> np.ndarray:
     """The position in the ``other`` table of the row that each cell of the column names."""
+    column.check()
     keys = other.columns[other.key].numbers if other.key is not None else None
     if keys is not None and column.numbers is not None and len(keys):
         order = np.argsort(keys, kind="stable")

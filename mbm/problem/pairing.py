@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from mbm.expression.units import NONE, parse_unit
 from mbm.problem import faults
+from mbm.problem.provenance import Origin
 from mbm.problem.rows import MAXIMUM_REPORTED, by_key, later_rows, starts_anew
-from mbm.problem.tables import TIME, CellKey, Column, Numbers, Origin, PairDeclaration, StepKind, Table
+from mbm.problem.tables import TIME, CellKey, Column, Numbers, PairDeclaration, StepKind, Table
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 

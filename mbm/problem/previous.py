@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, leaves
-from mbm.problem.tables import SOURCE, CellKey, Column as TableColumn, Origin, Table
+from mbm.problem.provenance import Origin
+from mbm.problem.tables import SOURCE, CellKey, Column as TableColumn, Table
 
 _BEFORE = "previous("
 _ROW = f"{_BEFORE})"

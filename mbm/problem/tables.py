@@ -12,8 +12,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.problem.provenance import Provenance
 from mbm.scales import Scale
-from mbm.text.types import DataPlace, Diagnostic, Span
+from mbm.text.types import DataPlace, Diagnostic, MbmError, Span
 from mbm.values import dataclass
 
 Numbers: TypeAlias = NDArray[np.float64]
@@ -216,101 +217,33 @@ class Steps:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Provenance:
-    """Where a table came from. ``file_rows[i]`` is the row of cell row i as in the file (header = 1).
-
-    ``origins`` has the columns that came in from another table; ``parts`` are what the rows were taken from, in their
-    order, where that was not the file at ``path`` alone. ``remarks`` are warnings of the reader. ``inline``: the table
-    stands in the text of the problem. ``pixels`` are width and height if it is an image.
-    """
-
-    path: str
-    sha256: str | None
-    rows: int
-    file_rows: NDArray[np.int64] = field(repr=False)
-    source_columns: Mapping[str, str] = field(default_factory=dict)
-    origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
-    parts: tuple[Part, ...] = field(default=(), repr=False)
-    remarks: tuple[Diagnostic, ...] = field(default=(), repr=False)
-    inline: bool = False
-    pixels: tuple[int, int] | None = None
-
-    def taking(self, rows: NDArray[np.int64]) -> Provenance:
-        """The provenance of a table that has these ``rows`` (n,) of this one, which count from 1."""
-        return Provenance(
-            path=self.path,
-            sha256=self.sha256,
-            rows=len(rows),
-            file_rows=self.file_rows[rows - 1],
-            parts=(Part(provenance=self, rows=rows),),
-        )
-
-    def origins_of_rows(self) -> tuple[Provenance, ...]:
-        """What the rows were read from: the tables that were put end to end, or this one."""
-        return tuple(part.provenance for part in self.parts) or (self,)
-
-    def source(self, row: int) -> Provenance:
-        """The file that a row, which counts from 1, was read from."""
-        before = 0
-        for part in self.parts:
-            if before < row <= before + len(part.rows):
-                return part.provenance.source(int(part.rows[row - 1 - before]))
-            before += len(part.rows)
-        return self
-
-    def place(self, row: int, column: str | None = None) -> DataPlace:
-        """The place of a cell; ``row`` counts the table's rows from 1, ``column`` is the name used in the problem."""
-        origin = self.origins.get(column) if column is not None else None
-        if origin is not None and 0 < row <= len(origin.rows):
-            return origin.provenance.place(int(origin.rows[row - 1]), origin.column)
-        name = self.source_columns.get(column, column) if column is not None else None
-        before = 0
-        for part in self.parts:
-            if before < row <= before + len(part.rows):
-                found = part.provenance.place(int(part.rows[row - 1 - before]), name)
-                return found if found.number is None else replace(found, number=row)
-            before += len(part.rows)
-        in_file = int(self.file_rows[row - 1]) if 0 < row <= len(self.file_rows) else row
-        return DataPlace(file=self.path, row=in_file, column=name, number=row if self.inline else None)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
-    """Rows that came from one place: for each its row (from 1) there."""
-
-    provenance: Provenance
-    rows: NDArray[np.int64] = field(repr=False)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Origin:
-    """Where a column of another table came from: for each row its row (from 1) there, and its name there."""
-
-    provenance: Provenance
-    rows: NDArray[np.int64] = field(repr=False)
-    column: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
     """A column: float64 numbers in SI (``texts`` None) or texts (``numbers`` None).
 
     ``unit`` is the unit the data clause states, None if it states none. In a column of numbers NaN marks an empty cell;
-    a NaN written in a file never gets this far unless the problem allows gaps.
+    a NaN written in a file never gets this far unless the problem allows gaps. Where ``fault`` is set, the cells are
+    neither numbers nor texts (empty texts stand for them): it is raised by whoever wants one of them.
     """
 
     name: str
     numbers: Numbers | None = field(default=None, repr=False)
     texts: tuple[str, ...] | None = field(default=None, repr=False)
     unit: str | None = None
+    fault: Diagnostic | None = field(default=None, repr=False)
 
     @property
     def is_text(self) -> bool:
         """Whether the cells are texts."""
         return self.texts is not None
 
+    def check(self) -> None:
+        """Raise MbmError with the fault of the cells, if there is one."""
+        if self.fault is not None:
+            raise MbmError(self.fault)
+
     def cell(self, position: int) -> CellKey:
         """The cell at a position from 0."""
+        self.check()
         if self.texts is not None:
             return self.texts[position]
         assert self.numbers is not None  # noqa: S101 - one of the two is always there
@@ -323,6 +256,7 @@ class Column:
         as no finite one (the word ``nan`` in the text of a problem), else (texts such as ``"1"`` in a JSON file) the
         first cell.
         """
+        self.check()
         if not self.texts:
             return None
         filled = [(i, t) for i, t in enumerate(self.texts) if t.strip() not in GAP_WORDS]
@@ -337,6 +271,11 @@ class Column:
             return replace(self, texts=tuple(texts[i] for i in positions))
         assert self.numbers is not None  # noqa: S101 - one of the two is always there
         return replace(self, numbers=self.numbers[positions])
+
+
+def first_fault(columns: Iterable[Column]) -> Diagnostic | None:
+    """Why one of several columns cannot be used."""
+    return next((column.fault for column in columns if column.fault is not None), None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -395,4 +334,5 @@ class Table:
         if name is None:
             return [float(r) for r in self.rows]
         cells = self.columns[name]
+        cells.check()
         return list(cells.texts) if cells.texts is not None else self.numbers(name).tolist()

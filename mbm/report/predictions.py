@@ -15,8 +15,9 @@ from mbm.estimation.search.solution import Solution
 from mbm.estimation.uncertainty.student import coverage_factors
 from mbm.expression.nodes import Component, leaves
 from mbm.expression.units import scale_of
+from mbm.problem.provenance import Provenance
 from mbm.problem.residual_units import Modelled, columns_of, observations_of
-from mbm.problem.tables import Column, Provenance, Table
+from mbm.problem.tables import Table
 from mbm.problem.types import Derived, Equation, NoiseKind, Problem
 from mbm.report import faults
 from mbm.report.frames import frame
@@ -193,7 +194,7 @@ def _table(solution: Solution, derived: Derived, at: object) -> Table:
         numbers = None if column.numbers is None else scale_of(stated).to_si(column.numbers)
         if name in wanted and numbers is not None and not bool(np.isfinite(numbers).all()):
             raise _refused(derived.name, f"the column `{name}` has a number that is not finite", "leave that row out")
-        columns[name] = Column(name=name, numbers=numbers, texts=column.texts, unit=stated)
+        columns[name] = replace(column, numbers=numbers, unit=stated)
     rows = np.arange(1, len(raw.file_rows) + 1)
     provenance = Provenance(path=raw.path, sha256=None, rows=len(rows), file_rows=rows)
     return Table(name=own.name, columns=columns, rows=rows, provenance=provenance)

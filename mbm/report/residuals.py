@@ -12,7 +12,8 @@ from mbm.equations.solves import lines_of, mean_roots, used_rows
 from mbm.equations.types import NoiseState
 from mbm.estimation.search.solution import Solution
 from mbm.problem.naming import PRIOR
-from mbm.problem.tables import Provenance, Table
+from mbm.problem.provenance import Provenance
+from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.encode import number
 from mbm.report.row_data import ResidualRow, ResidualSummary, RowData

@@ -83,11 +83,12 @@ def load_given(tmp_path: Path, declare: Callable[..., TableDeclaration]) -> Call
 
 @pytest.fixture
 def faults_of() -> Callable[..., tuple[Diagnostic, ...]]:
-    """The diagnostics with which a call fails."""
+    """The diagnostics with which a call fails, or the use of the columns of the table that it gives."""
 
     def make(call: Callable[..., object], *arguments: Any, **options: Any) -> tuple[Diagnostic, ...]:
         with pytest.raises(MbmError) as caught:
-            call(*arguments, **options)
+            for column in call(*arguments, **options).columns.values():
+                column.check()
         return caught.value.diagnostics
 
     return make

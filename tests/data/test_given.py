@@ -176,3 +176,58 @@ def test_dates_are_no_numbers_and_what_to_give_is_said():
     with pytest.raises(MbmError, match="text-in-number-column") as caught:
         mbm.loads(text).solve(data=given)
     assert caught.value.diagnostics[0].hint == "give times as numbers, in seconds since some start"
+
+
+ODD = {
+    "mixed": [1, True, 3],
+    "nested": [{"a": 1}, [2], None],
+    "wide": np.zeros((3, 2)),
+    "complex": np.array([1j, 2j, 3j]),
+}
+"""Columns of three rows that are neither numbers nor texts."""
+
+LINE = "(problem p (data d external) (unknowns (a)) (observe d (= y {}) :sigma 1))"
+
+
+def test_columns_that_nobody_uses_may_hold_anything():
+    """The mean of 1, 2, 3: frames of measurements often carry pictures, lists or truth values with gaps."""
+    result = mbm.loads(LINE.format("a")).solve(data={"d": {"y": [1.0, 2.0, 3.0], **ODD}})
+    assert result["a"].value == pytest.approx(2.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_columns_of_odd_cells_are_refused_where_they_are_used(name):
+    with pytest.raises(MbmError) as caught:
+        mbm.loads(LINE.format(f"(* a {name})")).solve(data={"d": {"y": [1.0, 2.0, 3.0], **ODD}})
+    (fault,) = caught.value.diagnostics
+    assert fault.code.name in {"bad-cell", "bad-array"}
+    assert f"column `{name}`" in fault.message
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_columns_of_odd_cells_are_no_keys(name):
+    text = f"(problem p (data d external :key {name}) (unknowns (a)) (observe d (= y a) :sigma 1))"
+    with pytest.raises(MbmError, match=r"bad-(cell|array): .*neither a number|bad-array: .* not a one-dimensional"):
+        mbm.loads(text).solve(data={"d": {"y": [1.0, 2.0, 3.0], **ODD}})
+
+
+@pytest.mark.parametrize("clause", ["for-each nested", "for-each wide"])
+def test_columns_of_odd_cells_divide_no_table(clause):
+    text = f"(problem p (data d external) (unknowns (a)) (observe d (= y a) :sigma 1) ({clause}))"
+    with pytest.raises(MbmError, match=r"bad-(cell|array)"):
+        mbm.loads(text).solve(data={"d": {"y": [1.0, 2.0, 3.0], **ODD}})
+
+
+def test_columns_of_odd_cells_pass_through_unions_and_joins():
+    """Rows of two tables end to end, with a row of a third beside each: the mean of 1 to 4 beside 0, 0, 1, 1 is 2."""
+    text = """(problem p (data one external) (data two external) (data far external :key k)
+        (data both (union one two) :with (far k)) (unknowns (a)) (observe both (= y (+ a {})) :sigma 1))"""
+    data = {
+        "one": {"y": [1.0, 2.0], "k": ["u", "u"], "odd": [[1], [2]]},
+        "two": {"y": [3.0, 4.0], "k": ["v", "v"], "odd": ["x", "y"]},
+        "far": {"k": ["u", "v"], "h": [0.0, 1.0], "odd": [b"1", b"2"]},
+    }
+    assert mbm.loads(text.format("far.h")).solve(data=data)["a"].value == pytest.approx(2.0, rel=1e-12)
+    for odd in ("odd", "far.odd"):
+        with pytest.raises(MbmError, match=r"bad-cell: row 1, column `odd` holds a value of type `(list|bytes)`"):
+            mbm.loads(text.format(odd)).solve(data=data)

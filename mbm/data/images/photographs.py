@@ -20,7 +20,8 @@ from mbm.data.images.together import Room, in_threads
 from mbm.data.types import RawTable
 from mbm.data.union.tables import shot_of
 from mbm.files.memory import check_memory
-from mbm.problem.tables import Column, ColumnGroup, Part, Provenance
+from mbm.problem.provenance import Part, Provenance
+from mbm.problem.tables import Column, ColumnGroup
 from mbm.text.types import DataPlace, Diagnostic, MbmError
 from mbm.values import dataclass
 

@@ -27,7 +27,7 @@ def read(path: Path) -> RawTable:
     """Read a JSON file.
 
     Raises MbmError as ``read_text`` does, and malformed-json, wrong-json-shape, no-columns, bad-column-name,
-    duplicate-column, bad-cell, unequal-lengths, short-row, long-row.
+    duplicate-column, unequal-lengths, short-row, long-row.
     """
     text, digest = read_text(path, between=MARKS)
     shown = path.as_posix()

@@ -32,7 +32,7 @@ def read(path: Path) -> RawTable:
     """Read an npz file.
 
     Raises MbmError as ``read_bytes`` and ``check_numbers`` do, and malformed-npz, no-columns, too-many-columns,
-    bad-column-name, duplicate-column, too-much-memory, bad-array, bad-cell, unequal-lengths.
+    bad-column-name, duplicate-column, too-much-memory, bad-array, unequal-lengths.
     """
     content, digest = read_bytes(path)
     shown = path.as_posix()

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from mbm.data.cells import check_names, column_from_array, column_from_values, counted_table
+from mbm.data.cells import check_names, column_from_array, column_from_values, counted_table, unreadable
 from mbm.data.content import PER_ROW, check_numbers, check_table, read_bytes
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable, Reader
 from mbm.files.memory import PER_VALUE
 from mbm.problem.tables import Column
 from mbm.text.faults import missing_extra
-from mbm.text.types import DataPlace, MbmError
+from mbm.text.types import DataPlace, Diagnostic, MbmError
 
 ROWS_AT_ONCE, FEW_ROWS = 65_536, 16
 """Rows that are read together: few where a cell may hold lists, of which the first ends the reading."""
@@ -32,7 +32,7 @@ def read(path: Path) -> RawTable:
     """Read a Parquet file.
 
     Raises MbmError as ``read_bytes`` and ``check_numbers`` do, and missing-extra, malformed-parquet, no-columns,
-    too-many-columns, bad-column-name, duplicate-column, too-much-memory, bad-cell.
+    too-many-columns, bad-column-name, duplicate-column, too-much-memory.
     """
     content, digest = read_bytes(path)
     shown = path.as_posix()
@@ -103,17 +103,15 @@ class _Part:
         self._name, self._path = name, path
         self._numbers: list[np.ndarray[Any, np.dtype[np.float64]]] = []
         self._values: list[object] = []
+        self._fault: Diagnostic | None = None
 
     def take(self, array: Any) -> None:
-        """Some more rows; what is null becomes a gap.
-
-        Raises:
-            MbmError: bad-cell, a cell is neither a number nor a text.
-
-        """
+        """Some more rows; what is null becomes a gap. Cells that may be as large as tables are not kept."""
         import pyarrow as pa
 
-        if _is_number(array.type):
+        if self._fault is not None:
+            self._values.extend([None] * len(array))
+        elif _is_number(array.type):
             self._numbers.append(np.asarray(array.to_numpy(zero_copy_only=False), dtype=np.float64))
         elif pa.types.is_dictionary(array.type):
             entries = [*array.dictionary.to_pylist(), None]
@@ -122,13 +120,15 @@ class _Part:
         else:
             self._values.extend(array.to_pylist())
             if not _is_flat(array.type) and array.null_count < len(array):
-                # Said at once, for such cells may be as large as tables.
-                column_from_values(self._name, self._values, self._path)
+                self._fault = column_from_values(self._name, self._values, self._path).fault
+                self._values = [None] * len(self._values)
 
     def column(self) -> Column:
         """All rows."""
         if self._numbers:
             return column_from_array(self._name, np.concatenate(self._numbers), self._path)
+        if self._fault is not None:
+            return unreadable(self._name, len(self._values), self._fault)
         return column_from_values(self._name, self._values, self._path)
 
 

@@ -14,12 +14,13 @@ from re import compile as compiled
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.data.cells import frozen
+from mbm.data.cells import frozen, unreadable
 from mbm.data.content import COMPRESSED
 from mbm.data.types import RawTable
 from mbm.data.union import faults
 from mbm.files.faults import unreadable_file
-from mbm.problem.tables import SOURCE, Column, ColumnGroup, Part, Provenance, Table
+from mbm.problem.provenance import Part, Provenance
+from mbm.problem.tables import SOURCE, Column, ColumnGroup, Table, first_fault
 from mbm.text.types import DataPlace, Diagnostic, MbmError, Place
 from mbm.values import dataclass
 
@@ -178,6 +179,9 @@ def _joined(name: str, pieces: Sequence[Piece]) -> Column:
     """The cells of a column in all pieces. One that is empty in a piece is what it is in the others."""
     cells = [piece.columns[name] for piece in pieces]
     unit = next((column.unit for column in cells if column.unit is not None), None)
+    fault = first_fault(cells)
+    if fault is not None:
+        return unreadable(name, sum(len(piece.rows) for piece in pieces), fault)
     if all(column.numbers is not None for column in cells):
         numbers = frozen(np.concatenate([column.numbers for column in cells if column.numbers is not None]))
         return replace(cells[0], numbers=numbers, unit=unit)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from mbm.problem import faults
 from mbm.problem.naming import key_text
+from mbm.problem.provenance import Origin
 from mbm.problem.sequence.types import INTERVAL, PREVIOUS, Sequence
-from mbm.problem.tables import Column, ColumnGroup, Numbers, Origin, Table
+from mbm.problem.tables import Column, ColumnGroup, Numbers, Table
 from mbm.text.types import MbmError
 
 

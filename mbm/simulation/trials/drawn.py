@@ -30,7 +30,8 @@ from mbm.expression.nodes import Apply, Column, Expression, Operation
 from mbm.expression.rows import RowChoice
 from mbm.kernels.types import KernelSet
 from mbm.problem.overrides import NORMAL_LAW, STUDENT, ConstantValue, Law
-from mbm.problem.tables import Column as TableColumn, Provenance, Table
+from mbm.problem.provenance import Provenance
+from mbm.problem.tables import Column as TableColumn, Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, Problem
 from mbm.simulation.noise import standard_variates, stream
 from mbm.simulation.trials import faults

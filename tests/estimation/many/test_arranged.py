@@ -8,7 +8,8 @@ import mbm
 from mbm.estimation.batches.parts import shapes
 from mbm.estimation.batches.sets import Span, sets_of
 from mbm.estimation.batches.stack import arranged
-from mbm.problem.tables import Column, Provenance, Table
+from mbm.problem.provenance import Provenance
+from mbm.problem.tables import Column, Table
 
 TEXT = """
 (problem p

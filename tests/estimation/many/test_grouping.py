@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mbm.equations.selection import divided, groups
-from mbm.problem.tables import Column, Provenance, Table
+from mbm.problem.provenance import Provenance
+from mbm.problem.tables import Column, Table
 
 
 def table(name="t", **columns):
