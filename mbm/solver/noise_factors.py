@@ -26,8 +26,9 @@ FAINT = 0.05
 BETWEEN = 5
 """Rounds after which such a factor is tried as nothing: each makes it smaller by the same share, often a small one."""
 
-NOTHING_LEFT = 0.5
-"""Share of the least redundancy that is left of a group that is nothing."""
+NOTHING_LEFT = 0.45
+"""Share of the least redundancy that is left of a group that is nothing, twice that where its noise was as large as
+that of the others: with a half, rounding would decide whether that is enough."""
 
 AT_LIMIT = 1e-6
 """Relative difference of squares and redundancy where a group is nothing that may be none: beyond rounding."""

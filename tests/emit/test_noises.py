@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 import mbm
 from tests.emit.making import make, of_text, run, written
@@ -50,6 +51,9 @@ TEXTS = {
       (observe d (= y (+ (* p a) (* q b) (* r c))) :sigma unknown) (derive (rise (- c a)))""",
     "whole": """(data d (table (x y) (1 1.2) (2 1.9) (3 2.6) (4 3.3))) (unknowns (a :init 1) (b :init 0))
       (observe d (= y (+ a (* b x))) :sigma unknown) (derive (top (+ a (* 5 b))))""",
+    "faint": """(data d (table (x y) (-0.736 -0.39908) (-0.624 -0.12584) (0.0395 1.32518) (0.9383 2.83952)
+      (1.9295 4.83942) (2.1982 5.30638))) (data e (table (u) (2.98158))) (unknowns (a :init 0) (b :init 0))
+      (observe d (= y (+ a (* b x))) :sigma unknown) (observe e (= u (+ a b)) :sigma unknown)""",
     "sharp": f"""{LINE} (data q (table (z) (1.1) (1.1) (1.1))) (unknowns (a :init 1) (b :init 0))
       (observe d (= y (+ (* a x) b)) :sigma 0.2) (observe q (= z b) :sigma (unknown 0.3)) (derive (top (* 6 b)))""",
 }
@@ -68,6 +72,7 @@ MISSING = {
     "loop": {"b", "c", "rise"},
     "sharp": {"b", "top"},
     "whole": set(),
+    "faint": set(),
 }
 """What is due to noise that nothing tells, read off the equations: the mean of alike laboratories is not, nor is what
 the noise that is nothing is only a part of, beside a slope or a mean that is not held.
@@ -129,3 +134,32 @@ def test_c(name, tmp_path):
         counts[name_of] = number + 1
         wanted = np.concatenate([np.ravel(solve[name_of].sigma) for solve in solves])
         assert _same(float(row["sigma"]) if row["sigma"] else np.nan, wanted[number], name), row
+
+
+def test_one_row_whose_noise_is_faint_beside_others(tmp_path, monkeypatch):
+    """Its noise, a fifteenth of the others', is where the restricted likelihood is largest; NumPy finds that."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    folder = written(of_text(_text("faint"), "python"), tmp_path)
+    spec = importlib.util.spec_from_file_location("faint", folder / "faint.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    tables = module.read_tables([str(folder / "data" / f"{table}.csv") for table in ("d", "e")])
+    found = module.solve(tables)
+    slopes = np.vstack([np.column_stack([np.ones(6), tables["d"]["x"]]), [1.0, 1.0]])
+    values = np.append(tables["d"]["y"], tables["e"]["u"])
+
+    def weighted(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        weights = np.exp(-2.0 * np.repeat(logs, [6, 1]))
+        normal = slopes.T @ (weights[:, None] * slopes)
+        estimates = np.linalg.solve(normal, slopes.T @ (weights * values))
+        residuals = values - slopes @ estimates
+        likelihood = np.linalg.slogdet(normal)[1] - np.log(weights).sum() + weights @ np.square(residuals)
+        return estimates, np.sqrt(np.diag(np.linalg.inv(normal))), float(likelihood)
+
+    best = minimize(lambda logs: weighted(logs)[2], np.log([0.1, 0.01]), method="Nelder-Mead", tol=1e-12)
+    estimates, sigmas, _ = weighted(best.x)
+    assert 0.002 < np.exp(best.x[1]) < 0.02
+    assert found["status"] == "converged"
+    for name, value, sigma in zip("ab", estimates, sigmas, strict=True):
+        assert abs(found["estimates"][name]["value"].item() - value) < 1e-5 * sigma
+        assert abs(found["estimates"][name]["sigma"].item() / sigma - 1.0) < 1e-5  # the simplex ends 1e-6 off

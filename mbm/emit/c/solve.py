@@ -36,8 +36,7 @@ _ANSWER = {
 
 def _spread(group: int, what: int) -> str:
     """What the residuals of a group of noise say at the end."""
-    given = "f->system, &f->work.rows, f->point, f->covariance, f->kappa"
-    return f"spread_of_group({given},\n        {group}, {what}, f->spare)"
+    return f"spread_of_group(f->system, &f->work, f->point, f->kappa, {group}, {what}, f->spare)"
 
 
 def solve_functions(blueprint: Blueprint, static: StaticSystem) -> str:

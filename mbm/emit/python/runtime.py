@@ -271,7 +271,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
     point, triangle, covariance = reals(p.offsets[len(NAMES)]), reals((n + 1) * (n + 1)), reals(n * n)
     results, states, sides = reals(RESULTS), integers(STATES), integers(n)
     multipliers, factors = reals(p.system[MULTIPLIERS]), np.ones(len(NOISY) + 1)
-    answer, rows = p.work.answer, p.work.rows
+    answer = p.work.answer
     answer.numbers, answer.results, answer.states, answer.sides = point, results, states, sides
     answer.triangle, answer.covariance, answer.multipliers = triangle, covariance, multipliers
     agreed = agree_on(p, factors)
@@ -281,7 +281,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         set_assumptions(p.system, p.work, p.told, p.apart, p.covariances)
 
         def spread_of(group: int, what: int) -> float:
-            return float(spread_of_group(p.system, rows, point, covariance, p.kappa, group, what, p.spare))
+            return float(spread_of_group(p.system, p.work, point, p.kappa, group, what, p.spare))
 
         cost = float(results[PLAIN_COST])
         if len(NOISY) == 1:  # one unknown factor counts as 1 in the cost

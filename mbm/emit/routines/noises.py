@@ -71,20 +71,22 @@ def rescale(problem: Problem, rows: Rows, group: Integer, ratio: Real) -> None:
                 rows.whitening[first + i] /= ratio
 
 
-def quadratic_form(n: Integer, matrix: ConstantReals, vector: ConstantReals) -> Real:
-    """``vᵀ M v``; rows of equations are 0 in most of their coordinates."""
+def leverage(n: Integer, work: Work, slopes: ConstantReals) -> Real:
+    """The share of a row with ``slopes`` (n,) that the estimates follow, by the factor of their covariance.
+
+    The covariance itself has rounding that is as large as what is left of a row that weighs far more than all others.
+    """
     total = 0.0
-    for j in range(n):
-        if vector[j] != 0.0:
-            total += vector[j] * dot(n, matrix[j * n :], vector)
+    for k in range(work.rank):
+        along = dot(n, work.part[k * n :], slopes)
+        total += along * along
     return total
 
 
 def share_of_group(
     problem: Problem,
-    rows: Rows,
+    work: Work,
     point: ConstantReals,
-    covariance: ConstantReals,
     kappa: ConstantReals,
     group: Integer,
     redundancy: Integer,
@@ -96,6 +98,7 @@ def share_of_group(
     ``kappa`` is the share of its variance that a unit of each kind has left, where limits cut its tails off.
     """
     n = problem.n
+    rows = work.rows
     scratch = found[FOUND:]
     line = scratch[row_scratch(problem) :]
     filled(FOUND, 0.0, found)
@@ -118,8 +121,7 @@ def share_of_group(
                             found[SQUARES] += line[i] * line[i]
                             if redundancy == 1:
                                 slopes = line[lines + i * n :]
-                                leverage = quadratic_form(n, covariance, slopes)
-                                found[REDUNDANCY] += max(0.0, min(1.0, 1.0 - leverage))
+                                found[REDUNDANCY] += max(0.0, min(1.0, 1.0 - leverage(n, work, slopes)))
                                 found[TERMS] += squares_of_terms(problem, slopes, point)
         kinds += block.unit_count
 
@@ -131,7 +133,7 @@ def tell_groups(problem: Problem, work: Work, kappa: ConstantReals, told: Reals,
         return 0
     sound = 1
     for g in range(problem.noises):
-        share_of_group(problem, work.rows, answer.numbers, answer.covariance, kappa, g, 1, spare)
+        share_of_group(problem, work, answer.numbers, kappa, g, 1, spare)
         copied(FOUND, spare, told[g * TOLD :])
         if not (isfinite(spare[SCATTER]) and isfinite(spare[REDUNDANCY])):
             sound = 0
@@ -379,16 +381,15 @@ def settle_noises(
 
 def spread_of_group(
     problem: Problem,
-    rows: Rows,
+    work: Work,
     numbers: ConstantReals,
-    covariance: ConstantReals,
     kappa: ConstantReals,
     group: Integer,
     what: Integer,
     spare: Reals,
 ) -> Real:
     """`SCATTER`, 0 where it is rounding, or `SQUARES` of a group (-1: of all that has none), at the end of a solve."""
-    share_of_group(problem, rows, numbers, covariance, kappa, group, 1 if what == SCATTER else 0, spare)
+    share_of_group(problem, work, numbers, kappa, group, 1 if what == SCATTER else 0, spare)
     if what == SCATTER and fits_rounding(spare) == 1:
         return 0.0
     return fabs(spare[what])  # it is not negative

@@ -5,15 +5,24 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from mbm.emit.routines.agreement import covariance_anew
-from mbm.emit.routines.noises import CHECKED, EXACT, TOLD, UNTOLD, quadratic_form, rescale
-from mbm.machine.words import ConstantReals, Integer, Reals
+from mbm.emit.routines.noises import CHECKED, EXACT, TOLD, UNTOLD, rescale
+from mbm.machine.words import ConstantReals, Integer, Real, Reals
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import copied
+from mbm.solver.linear_algebra import copied, dot
 from mbm.solver.noise_factors import OWN, SAME_COVARIANCES, TRIED, changed
 from mbm.solver.workspace import Work
 
 ASSUMPTIONS = 2
 """About noise: what was never checked is larger, what is estimated as nothing is."""
+
+
+def quadratic_form(n: Integer, matrix: ConstantReals, vector: ConstantReals) -> Real:
+    """``vᵀ M v``; rows of equations are 0 in most of their coordinates."""
+    total = 0.0
+    for j in range(n):
+        if vector[j] != 0.0:
+            total += vector[j] * dot(n, matrix[j * n :], vector)
+    return total
 
 
 def assumed(told: ConstantReals, unchecked: Integer) -> Integer:
