@@ -225,7 +225,9 @@ def _without_gaps(table: Table) -> Table:
             place = replace(table.provenance.place(1, column.name), row=None)
             raise MbmError(faults.empty_column(place))
         kept &= ~gaps
-    return table if kept.all() else table.take(np.flatnonzero(kept).astype(np.int64))
+    if kept.all():
+        return table
+    return replace(table.take(np.flatnonzero(kept)), gaps=table.take(np.flatnonzero(~kept)))
 
 
 def _check_key(table: Table, key: str, declaration: TableDeclaration) -> None:

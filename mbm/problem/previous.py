@@ -66,12 +66,13 @@ def with_rows_before(table: Table, keys: tuple[str, ...]) -> Table:
     """
     if _ROW in table.provenance.origins:
         return table
-    before = _positions(table, tuple(key for key in (*keys, SOURCE) if key in table.columns))
+    divided = tuple(key for key in (*keys, SOURCE) if key in table.columns)
+    before = _positions(_cells(table, divided))
     there = before >= 0
     own = {name: column for name, column in table.columns.items() if column_before(name) is None}
     columns, origins = dict(own), dict(table.provenance.origins)
     columns[_ROW] = TableColumn(name=_ROW, numbers=np.where(there, table.rows[before], np.nan))
-    place, chain = _places_in_chains(before)
+    place, chain = _places_in_chains(table, divided)
     columns[_PLACE] = TableColumn(name=_PLACE, numbers=place)
     columns[_CHAIN] = TableColumn(name=_CHAIN, numbers=chain)
     rows = np.zeros(int(table.rows.max(initial=0)), dtype=np.int64)  # also of rows that are not there, as gaps
@@ -94,25 +95,34 @@ def chains(table: Table) -> tuple[np.ndarray, np.ndarray]:
     return table.numbers(_CHAIN), table.numbers(_PLACE)
 
 
-def _places_in_chains(before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For rows whose row before is at the positions ``before`` (n,): the place in the key, and the key's number."""
-    place, chain, count = np.zeros(len(before)), np.zeros(len(before)), 0
-    for row, last in enumerate(before.tolist()):
+def _places_in_chains(table: Table, keys: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Of each row (n,) the place in its key and the key's number; rows that were left out for a gap count as places."""
+    gaps = table.gaps if table.gaps is not None and all(key in table.gaps.columns for key in keys) else None
+    cells, order = _cells(table, keys), np.arange(len(table))
+    if gaps is not None:
+        order = np.argsort(np.concatenate([table.rows, gaps.rows]))
+        both = cells + _cells(gaps, keys)
+        cells = [both[i] for i in order.tolist()]
+    place, chain, count = np.zeros(len(cells)), np.zeros(len(cells)), 0
+    for row, last in enumerate(_positions(cells).tolist()):
         if last < 0:
             chain[row], count = count, count + 1
         else:
             place[row], chain[row] = place[last] + 1, chain[last]
-    return place, chain
+    own = np.argsort(order)[: len(table)]
+    return place[own], chain[own]
 
 
-def _positions(table: Table, keys: tuple[str, ...]) -> np.ndarray:
-    """The position (n,) of the row before each, -1 for the first of its key."""
-    count = len(table)
-    if not keys:
-        return np.arange(-1, count - 1)
-    found = np.full(count, -1, dtype=np.int64)
+def _cells(table: Table, keys: tuple[str, ...]) -> list[tuple[CellKey, ...]]:
+    """What each row has in the columns that divide the table."""
+    return list(zip(*(table.keys(key) for key in keys), strict=True)) if keys else [()] * len(table)
+
+
+def _positions(cells: list[tuple[CellKey, ...]]) -> np.ndarray:
+    """The position (n,) of the row before each with the same cells, -1 for the first."""
+    found = np.full(len(cells), -1, dtype=np.int64)
     last: dict[tuple[CellKey, ...], int] = {}
-    for position, cells in enumerate(zip(*(table.keys(key) for key in keys), strict=True)):
-        found[position] = last.get(cells, -1)
-        last[cells] = position
+    for position, own in enumerate(cells):
+        found[position] = last.get(own, -1)
+        last[own] = position
     return found

@@ -284,7 +284,7 @@ class Table:
 
     ``rows`` holds, for each row kept, its number (from 1) in the unfiltered table; ``key`` is the name of the column
     whose cells name the rows. Columns that came in through ``:with`` are called ``alias.column``. ``groups`` are the
-    columns that make a vector or matrix together, by its name.
+    columns that make a vector or matrix together, by its name. ``gaps`` has the rows that ``:missing skip`` left out.
     """
 
     name: str
@@ -293,6 +293,7 @@ class Table:
     provenance: Provenance
     key: str | None = None
     groups: Mapping[str, ColumnGroup] = field(default_factory=dict)
+    gaps: Table | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -134,11 +134,15 @@ def test_two_clauses_with_noises_of_their_own():
     assert result.first.noise["o"] == pytest.approx(np.exp(other), rel=SEARCHED)
 
 
-def test_correlation_goes_by_the_rows_of_a_key_left_out_rows_among_them():
+@pytest.mark.parametrize("gap", [False, True])
+def test_correlation_goes_by_the_rows_of_a_key_left_out_rows_among_them(gap):
     key = np.array([1, 2, 1, 1, 2, 1, 2, 1])
     y = np.array([1.1, 1.3, 0.9, 1.6, 1.5, 0.2, 1.1, 0.8])
-    result = solved(f"""(problem p {table("r", k=key, y=y)} (unknowns (a)) (for-each k)
-      (observe r (= y a) :sigma 0.3 :correlation (ar1 0.5) :when (not (= row 3))))""")
+    data, when = table("r", k=key, y=y), ":when (not (= row 3))"
+    if gap:
+        data, when = data.replace("(1.0 0.9)", "(1.0 NA)").removesuffix(")") + " :missing skip)", ""
+    result = solved(f"""(problem p {data} (unknowns (a)) (for-each k)
+      (observe r (= y a) :sigma 0.3 :correlation (ar1 0.5) {when}))""")
     columns = result.table()
     for i, k in enumerate((1, 2)):
         rows = np.flatnonzero(key == k)
