@@ -341,7 +341,7 @@ def another_solution(
     cost, best = costs
     others = "another solution fits" if count == 1 else f"{count} other solutions fit"
     what = " (the mirror image)" if mirrored and count == 1 else ""
-    lower = cost < (1.0 - LOWER) * best
+    lower = cost < best - LOWER * abs(best)
     well = "as well" if not lower else "better" if count == 1 else "as well or better"
     owner = "its" if count == 1 else "of the first, the"
     how = f"{owner} {name} is {cost:.6g}, that of the solution reported {best:.6g}" if any(costs) else EXACTLY

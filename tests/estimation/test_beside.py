@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 import mbm
 
@@ -331,3 +332,31 @@ def test_a_cost_that_approaches_a_value_in_the_infinite_is_no_other_solution(
     assert "another-solution" not in said and solve.alternatives == ()
     assert names in said["open-ended"] and f"approaches {cost:.6g}" in said["open-ended"]
     assert solve.cost < cost < solve.cost + 9.0
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_much_worse_minimum_is_not_told_where_the_factor_of_a_models_weights_is_unknown(seed):
+    dose = np.repeat(10.0 ** np.linspace(-2.0, 3.0, 8), 3)
+    response = 0.05 + 1.95 / (1.0 + (dose / 7.0) ** -1.2)
+    data = {"d": {"c": dose, "y": response * (1.0 + 0.04 * np.random.default_rng(seed).normal(size=24))}}
+    result = mbm.loads(
+        """(problem p (data d external) (unknowns (lo) (hi) (ec positive) (h))
+          (observe d (= y (+ lo (/ (- hi lo) (+ 1 (^ (/ c ec) (- h)))))) :sigma (unknown (* 1 model))))"""
+    ).solve(data=data)
+    assert not told(result)
+    # With σ = s·model, s estimated for each, −2 log L differs by n log of the ratio of Σ (h/model)² and more.
+    assert all(24 * np.log(other.cost / result.cost) > 9.0 for other in result.alternatives)
+
+
+def test_costs_are_those_of_the_likelihood_where_unknowns_decide_the_weights():
+    data = ranges(UP, 1)
+    d = data["d"]
+    result = mbm.loads(PLACE.format(unknowns="(x) (y)", sigma="(* 5% model)", more="")).solve(data=data)
+    (other,) = result.alternatives
+
+    def surprise(solution):
+        model = np.hypot(float(solution["x"].value) - d["s"], float(solution["y"].value) - d["u"])
+        return -2.0 * norm.logpdf(d["r"], model, 0.05 * model).sum()
+
+    (said,) = [each.message for each in result.diagnostics if each.code.name == "another-solution"]
+    assert said.endswith(f"its −2 log L is {surprise(other):.6g}, that of the solution reported {surprise(result):.6g}")

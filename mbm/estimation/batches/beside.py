@@ -155,6 +155,7 @@ def sample(
             factor=columns.factor[place],
             variance=variance,
             most=minimum.cost + wide * (PLAUSIBLE * variance + BOTH_ZERO),
+            told=None,
         )
         agrees = derived_agreement(problem, binder, kernels)
         beside = minima_beside(equations, about, settings, problem, agrees)

@@ -8,7 +8,7 @@ only what lies beyond the edge-on view of a face is looked at.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.metric import column_norms, rounding_at
 from mbm.equations.surface import exact_constraints, on_surface
 from mbm.equations.turning import may_turn
-from mbm.equations.types import Fit, Floats, Mask, Minimum, Noise
+from mbm.equations.types import Fit, Floats, Mask, Minimum
 from mbm.estimation.minimise.minimise import minima
 from mbm.estimation.search.basins import EQUAL, Basin, merged, same_minimum, without_twins
 from mbm.estimation.search.search import Alternative, other_minimum
@@ -112,20 +112,29 @@ def why_not(equations: Assembled, problem: Problem) -> str | None:
 class Centre:
     """A minimum, beside which others that cost ``most`` at most are of interest.
 
-    ``factor`` (n, k) is that of its covariance, ``variance`` that of the noise which is in it.
+    ``factor`` (n, k) is that of its covariance, ``variance`` that of the noise which is in it. ``told`` is −2 log L
+    where the cost is no χ², since unknowns decide the weights.
     """
 
     minimum: Minimum
     factor: Floats
     variance: float
     most: float
+    told: float | None
 
 
-def centre(minimum: Minimum, factor: Floats, fit: Fit, noise: Mapping[int, Noise]) -> Centre:
-    """Beside a minimum those that the data do not exclude; with unknown noise, in units of its estimate."""
-    variance = minimum.cost / fit.dof if noise and fit.dof > 0 else 1.0
+def centre(minimum: Minimum, factor: Floats, fit: Fit, likelihood: float | None, *, scaled: bool) -> Centre:
+    """Beside a minimum those that the data do not exclude; if unknown noise is ``scaled`` to, in units of its estimate.
+
+    ``likelihood`` is log L where the cost is no χ².
+    """
+    variance = minimum.cost / fit.dof if scaled and fit.dof > 0 else 1.0
     return Centre(
-        minimum=minimum, factor=factor, variance=variance, most=minimum.cost + PLAUSIBLE * variance + BOTH_ZERO
+        minimum=minimum,
+        factor=factor,
+        variance=variance,
+        most=minimum.cost + PLAUSIBLE * variance + BOTH_ZERO,
+        told=None if likelihood is None else -2.0 * likelihood,
     )
 
 
@@ -160,26 +169,29 @@ def minima_beside(
 
 
 def rivals(
-    problem: Problem, equations: Assembled, best: Minimum, alternatives: Sequence[Alternative], most: float
+    problem: Problem, equations: Assembled, about: Centre, alternatives: Sequence[Alternative]
 ) -> tuple[Diagnostic, ...]:
-    """A warning where other minima cost ``most`` at most, so that the data do not exclude them."""
-    near = [a for a in alternatives if a.minimum.cost <= most]
+    """A warning where other minima cost so little that the data do not exclude them."""
+    near = [a for a in alternatives if a.minimum.cost <= about.most]
     if not near:
         return ()
     first = near[0]
-    costs = _costs(equations, best, first.minimum)
-    return (faults.another_solution(problem.span, len(near), costs, _what_costs(equations), mirrored=first.mirrored),)
+    costs, what = _costs(equations, about, first.minimum), _what_costs(equations, about)
+    return (faults.another_solution(problem.span, len(near), costs, what, mirrored=first.mirrored),)
 
 
-def _costs(equations: Assembled, best: Minimum, other: Minimum) -> tuple[float, ...]:
+def _costs(equations: Assembled, about: Centre, other: Minimum) -> tuple[float, ...]:
     """Those of another minimum and of the best, 0 where that is rounding."""
+    best = about.minimum
+    if about.told is not None:
+        return about.told + other.cost - best.cost, about.told
     least = rounding_at(equations, best) ** 2
     return tuple(cost if cost > least else 0.0 for cost in (other.cost, best.cost))
 
 
-def _what_costs(equations: Assembled) -> str:
+def _what_costs(equations: Assembled, about: Centre) -> str:
     """What the cost is called."""
-    return "sum of the losses" if equations.lossy else "cost"
+    return "sum of the losses" if equations.lossy else "cost" if about.told is None else "−2 log L"
 
 
 def endless(
@@ -197,8 +209,8 @@ def endless(
             if entry.range.start <= number < entry.range.stop
         )
         if end.minimum.cost <= about.most:
-            found.setdefault(tuple(dict.fromkeys(names)), _costs(equations, about.minimum, end.minimum))
-    what = _what_costs(equations)
+            found.setdefault(tuple(dict.fromkeys(names)), _costs(equations, about, end.minimum))
+    what = _what_costs(equations, about)
     return tuple(faults.open_ended(problem.span, names, costs, what) for names, costs in found.items())
 
 

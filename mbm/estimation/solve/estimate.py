@@ -320,7 +320,9 @@ def _others(
     from mbm.estimation.search.beside import centre, endless, minima_beside, rivals, unfelt
     from mbm.estimation.search.facing import facing
 
-    about = centre(minimum, outcome.covariance.factor, outcome.fit, end.noise)
+    likelihood = outcome.log_likelihood if equations.uncounted is not None else None
+    scaled = bool(end.noise) and end.factors is None
+    about = centre(minimum, outcome.covariance.factor, outcome.fit, likelihood, scaled=scaled)
     others = end.others
     if alone:
         agrees = derived_agreement(run.problem, run.binder, run.kernels)
@@ -333,7 +335,7 @@ def _others(
     others = facing(run.problem, run.tables, equations, minimum, others)
     ends = [each for each in others if unfelt(equations, about, each.minimum).any()]
     others = tuple(each for each in others if each not in ends)
-    said = rivals(run.problem, equations, minimum, others, about.most)
+    said = rivals(run.problem, equations, about, others)
     return _as_counted(run, end, others), (*said, *endless(run.problem, equations, about, ends))
 
 
