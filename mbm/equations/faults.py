@@ -294,9 +294,14 @@ def _listed(rows: list[int]) -> str:
     return f"row {listed} lies" if len(rows) == 1 else f"rows {listed}{more} lie"
 
 
+def probability_of(chance: float) -> str:
+    """A probability as messages give it, where it has a value at all."""
+    return f"p = {chance:.1g}" if chance > 0.0 else "p < 1e-300"
+
+
 def noise_against_data(span: Span, sigma0: float, probability: float) -> Diagnostic:
     """The χ² test fails beyond doubt."""
-    chance = f"p = {probability:.1g}" if probability > 0.0 else "p < 1e-300"
+    chance = probability_of(probability)
     return Diagnostic(
         code=NOISE_AGAINST_DATA,
         message=f"the residuals are {sigma0:.3g} times as large as the stated noise lets expect ({chance})",

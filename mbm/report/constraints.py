@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.binding import Group
+from mbm.equations.faults import probability_of
 from mbm.equations.metric import violations
-from mbm.equations.types import Conflict
+from mbm.equations.types import Conflict, ConstraintState
 from mbm.estimation.search.solution import Solution
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.types import Block, Problem
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     from mbm.estimation.batches.types import Limits
 
 MOST_LABELS = 8
+
+CONTRADICTS = 1e-4
+"""Probability of so large a fall of χ² without a limit, below which the data contradict it: four standard deviations,
+as for priors."""
 
 
 def constraint_reports(problem: Problem, solution: Solution) -> tuple[ConstraintReport, ...]:
@@ -132,10 +137,50 @@ def constraint_diagnostics(problem: Problem, solution: Solution, names: tuple[st
         return (_conflict(problem, solution, state.conflict, names),)
     pushed = state.forcing & ~state.equality
     blocks = {o: problem.blocks[o] for o in _owners(solution, np.flatnonzero(pushed))}
+    owners = np.array([*_owners(solution, np.arange(len(pushed)))], dtype=np.int64)
     return tuple(
-        faults.active_constraint(block.span, block.name, uniform=block.constraint is ConstraintKind.UNIFORM)
-        for block in blocks.values()
+        faults.active_constraint(
+            block.span,
+            block.name,
+            uniform=block.constraint is ConstraintKind.UNIFORM,
+            contradiction=_contradiction(problem, solution, state, pushed & (owners == owner)),
+        )
+        for owner, block in blocks.items()
     )
+
+
+@np.errstate(all="ignore")
+def _contradiction(problem: Problem, solution: Solution, state: ConstraintState, own: Mask) -> str | None:
+    """How the data contradict the limits ``own`` (k,) that they push against, in words; None: not so that it is known.
+
+    Without them χ² falls, to first order, by what the residuals have along the movements that these limits alone hold
+    back: a variate of χ² where the noise is stated, else one of F over what is left. Losses follow neither law.
+    """
+    minimum = solution.minimum
+    if solution.robust_cost is not None or minimum.blocks is not None:
+        return None
+    moving = minimum.at_bound == 0
+    scale = solution.observability.scale[moving]
+    slopes = minimum.jacobian[:, moving] / scale
+    held = state.slopes[:, moving] / scale
+    others = held[state.forcing & ~own]
+    kept = np.eye(len(scale)) - np.linalg.pinv(others) @ others
+    along = slopes @ kept
+    fall = float(np.square(along @ np.linalg.lstsq(along, minimum.residuals, rcond=None)[0]).sum())
+    released = int(np.linalg.matrix_rank(held[own] @ kept))
+    left, freedom = minimum.cost - fall, solution.fit.dof - released
+    if not (released > 0 and np.isfinite(fall) and freedom > 0):
+        return None
+    from scipy.special import chdtrc, fdtrc  # where a limit holds alone, so that other problems start at once
+
+    if problem.estimates_noise:
+        rounding = ROUNDING_ERRORS * EPSILON * minimum.cost
+        chance = float(fdtrc(released, freedom, fall / released / (max(left, rounding) / freedom)))
+    else:
+        chance = float(chdtrc(released, fall))
+    if not chance < CONTRADICTS:
+        return None
+    return f"the sum of squares is {minimum.cost:.3g}, and without it {max(left, 0.0):.3g} ({probability_of(chance)})"
 
 
 def _owners(solution: Solution, places: np.ndarray) -> Iterator[int]:

@@ -46,7 +46,8 @@ ACTIVE_CONSTRAINT = Code(
     "active-constraint",
     "The estimates lie at the limit of an inequality, and the data push against it. The covariance is that of "
     "movements along the limit, with zeros for what only leaves it. Intervals reach to where the estimates leave the "
-    "limit.",
+    "limit. The message says so where the data contradict the limit: the sum of squares without it would be so much "
+    "smaller that noise does this in less than one of 10,000 sets.",
     "If the limit is no fact of the matter, widen it; else take the standard deviations as those at the limit.",
 )
 CONFLICTING_CONSTRAINTS = Code(
@@ -145,11 +146,12 @@ UNIFORM_IS_A_LIMIT = (
 )
 
 
-def active_constraint(span: Span, name: str, *, uniform: bool = False) -> Diagnostic:
-    """The data push against an inequality, or against the limits of a `uniform`."""
+def active_constraint(span: Span, name: str, *, uniform: bool = False, contradiction: str | None = None) -> Diagnostic:
+    """The data push against an inequality, or against the limits of a `uniform`; ``contradiction``: beyond chance."""
+    held = f"the estimates are held by the constraint `{name}`"
     return Diagnostic(
         code=ACTIVE_CONSTRAINT,
-        message=f"the estimates are held by the constraint `{name}`",
+        message=held if contradiction is None else f"{held}, which the data contradict: {contradiction}",
         place=span,
         hint=UNIFORM_IS_A_LIMIT if uniform else ACTIVE_CONSTRAINT.mend,
         severity=Severity.WARNING,
