@@ -83,3 +83,11 @@ def test_each_solve_of_many_says_what_it_says_alone() -> None:
 
 def test_readings_without_noise() -> None:
     assert said("unknown", x=X, y=2 + X) == [[]]
+
+
+def test_where_the_other_rows_agree_exactly_no_infinite_distance_is_named() -> None:
+    text = "(problem p (data d external) (unknowns (a) (b)) (observe d (= y (+ a (* b x)))))"
+    columns = {"x": [1, 1, 1, 2, 2, 3], "y": [2, 2, 2, 4.1, 4.1, 6]}  # but for the last, all on y = 2.1 x - 0.1
+    diagnostics = mbm.loads(text).solve(data={"d": columns}).first.diagnostics
+    (message,) = [each.message for each in diagnostics if each.code.name == CODE]
+    assert message == "without row 6 of `d` all residuals are zero: the unknown noise is told by it alone"

@@ -262,6 +262,20 @@ def test_gaps_that_are_skipped_do_not_move_the_row_before():
     assert float(solved["v"].value) == pytest.approx((1 + 2 + 1) / 3)
 
 
+def test_a_gap_in_the_row_before_is_named_as_it_is_written():
+    text = """
+    (problem p
+      (data d (table (x) (1) (NA) (3) (4)))
+      (unknowns (v))
+      (observe d (= (- x (previous x)) v) :sigma 0.2 {}))"""
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads(text.format(":when (finite x)")).solve()
+    (fault,) = caught.value.diagnostics
+    assert "`(previous x)`" in fault.message
+    assert ":when (finite (previous x))" in fault.hint
+    assert float(mbm.loads(text.format(":when (and (finite x) (finite (previous x)))")).solve()["v"].value) == 1.0
+
+
 def test_columns_of_a_file_that_are_called_alike_change_nothing(tmp_path):
     (tmp_path / "d.csv").write_text("previous(),previous(x),x,y\n7,8,3,4\n7,8,4,5\n7,8,6,6\n")
     (tmp_path / "p.mbm").write_text(

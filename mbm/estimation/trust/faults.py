@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 
 from mbm.equations.types import Floats
 from mbm.estimation.consensus.faults import AMBIGUOUS_CONSENSUS
@@ -310,10 +311,15 @@ def weights_from_readings(span: Span, name: str, shift: float, end: str) -> Diag
 
 def outlying_row(span: Span, name: str, row: int, distance: float, probability: float, widened: float) -> Diagnostic:
     """The ``row`` of the clause ``name`` is so far off, in standard deviations; noise is so many times as large."""
+    said = (
+        f"row {row} of `{name}` is {distance:.3g} standard deviations from what the other rows say "
+        f"(p = {probability:.1g} for the farthest row), and alone makes the unknown noise {widened:.2g} times as large"
+    )
     return Diagnostic(
         code=OUTLYING_ROW,
-        message=f"row {row} of `{name}` is {distance:.3g} standard deviations from what the other rows say "
-        f"(p = {probability:.1g} for the farthest row), and alone makes the unknown noise {widened:.2g} times as large",
+        message=said
+        if isfinite(widened)
+        else f"without row {row} of `{name}` all residuals are zero: the unknown noise is told by it alone",
         place=span,
         hint=OUTLYING_ROW.mend,
         severity=Severity.WARNING,

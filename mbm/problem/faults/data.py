@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from enum import Enum
 
 from mbm.expression.nodes import Constant, Number
+from mbm.problem.previous import column_before
 from mbm.text.printer import plain_number
 from mbm.text.suggest import did_you_mean
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
@@ -272,9 +273,11 @@ def not_finite_cell(
 ) -> Diagnostic:
     """A gap in what is used; ``leave`` says how it may be left out there."""
     what = "empty or not a number" if value != value else "infinite"
+    before = column_before(column)
+    shown = column if before is None else f"(previous {before})"
     return Diagnostic(
-        code=NOT_FINITE_CELL, message=f"a cell of `{column}` that is used is {what}", place=place,
-        hint=f"correct it, or {leave.value.format(column)}",
+        code=NOT_FINITE_CELL, message=f"a cell of `{shown}` that is used is {what}", place=place,
+        hint=f"correct it, or {leave.value.format(shown)}",
         labels=(Label(used, "used here"),) if used is not None else (),
     )  # fmt: skip
 
