@@ -19,15 +19,14 @@ from typing import TYPE_CHECKING
 
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.types import Problem
+from mbm.report.options import SolveSettings
 from mbm.text.types import MbmError
 from mbm.values import dataclass, replace
 
 if TYPE_CHECKING:
     from mbm.emit.types import OutputFile
     from mbm.equations.binding import EvaluationCache
-    from mbm.equations.interruption import Interruption
     from mbm.estimation.run import StartsFinder
-    from mbm.estimation.settings import Moves
     from mbm.kernels.called_functions import CalledFunctions
     from mbm.kernels.types import KernelSet
     from mbm.language.session import Program
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
     from mbm.problem.overrides import Override
     from mbm.problem.tables import Table, TableDeclaration
     from mbm.registry.standard import Registry
-    from mbm.report.options import Progress
     from mbm.report.simulated import Simulator
     from mbm.report.types import Result
     from mbm.report.view.answers import Viewed
@@ -60,25 +58,6 @@ class Inputs:
     sandbox: Path | None = None
     allow_external: bool = False
     drawing: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SolveSettings:
-    """What a caller asks of a solve beyond the file; None leaves it to the file. ``init`` is a parsed JSON document.
-
-    ``for_each`` are key columns besides those of the file. ``moved`` is what uncertain constants do to residuals.
-    """
-
-    init: Mapping[str, object] | None = None
-    seed: int | None = None
-    method: str | None = None
-    starts: int | None = None
-    covariance_full: bool = False
-    progress: Progress | None = None
-    interruption: Interruption | None = None
-    workers: int | None = None
-    for_each: tuple[str, ...] = ()
-    moved: Moves | None = None
 
 
 def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = None) -> Program:

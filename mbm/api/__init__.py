@@ -10,12 +10,20 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mbm.api.budgets import budget_file
     from mbm.api.compiled import CompiledProblem
-    from mbm.api.designing import design_file
-    from mbm.api.files import check, expand, explain, propagate_file, sequences, simulate_file, solve_file
+    from mbm.api.files import (
+        budget_file,
+        check,
+        design_file,
+        expand,
+        explain,
+        propagate_file,
+        sequences,
+        simulate_file,
+        solve_file,
+        trajectory_file,
+    )
     from mbm.api.problem import Problem, build, load, loads
-    from mbm.api.trajectories import trajectory_file
     from mbm.api.viewing import view_file
     from mbm.report.answer import Solved
     from mbm.report.solve import Solve
@@ -24,12 +32,20 @@ if TYPE_CHECKING:
 
 _ROOMS = MappingProxyType(
     {
-        "mbm.api.budgets": ("budget_file",),
         "mbm.api.compiled": ("CompiledProblem",),
-        "mbm.api.designing": ("design_file",),
-        "mbm.api.files": ("check", "expand", "explain", "propagate_file", "sequences", "simulate_file", "solve_file"),
+        "mbm.api.files": (
+            "budget_file",
+            "check",
+            "design_file",
+            "expand",
+            "explain",
+            "propagate_file",
+            "sequences",
+            "simulate_file",
+            "solve_file",
+            "trajectory_file",
+        ),
         "mbm.api.problem": ("Problem", "build", "load", "loads"),
-        "mbm.api.trajectories": ("trajectory_file",),
         "mbm.api.viewing": ("view_file",),
         "mbm.report.answer": ("Solved",),
         "mbm.report.solve": ("Solve",),

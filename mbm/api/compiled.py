@@ -11,12 +11,13 @@ import numpy as np
 from mbm import compiler
 from mbm.api.arguments import by_name, coordinates, integer, starts_of, threads, yes_or_no
 from mbm.api.compilation import Compilation, Origin, compilation_of
-from mbm.compiler import Inputs, SolveSettings
+from mbm.compiler import Inputs
 from mbm.data.faults import MISSING_TABLE
 from mbm.files.journal import noting
 from mbm.problem.checks import Mentioned, mentioned
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import EXTERNAL
+from mbm.report.options import SolveSettings
 from mbm.text.types import MbmError
 from mbm.values import dataclass, replace
 

@@ -14,7 +14,7 @@ import numpy as np
 from mbm import compiler
 from mbm.api.considered import Numbers, given as given_numbers, moved
 from mbm.api.planned import Plan, Planner
-from mbm.compiler import Inputs, SolveSettings
+from mbm.compiler import Inputs
 from mbm.equations.selection import Selection, selections
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.problem.bounded import called, likelihood_of
@@ -24,6 +24,7 @@ from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Block, Equation, EquationCase, Method, NoiseKind, Problem
 from mbm.report.designs import faults
 from mbm.report.designs.design import Offered, designed
+from mbm.report.options import SolveSettings
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 

@@ -1,26 +1,46 @@
-"""What the command line does with a file: solve, check, explain, expand."""
+"""What the command line does with a file: each function does what the command of its name does."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mbm import compiler
 from mbm.api.problem import load, opened
-from mbm.compiler import Inputs, SolveSettings
+from mbm.compiler import Inputs
 from mbm.files.reading import read_file
 from mbm.problem.overrides import Override
 from mbm.text.shown import joined
 from mbm.text.types import Diagnostic, Source
 
 if TYPE_CHECKING:
+    from mbm.api.compiled import CompiledProblem
+    from mbm.api.problem import Problem
+    from mbm.emit.types import OutputFile as SolverFile
+    from mbm.report.budgets.answer import BudgetAnswer
+    from mbm.report.designs.answer import Design
+    from mbm.report.designs.types import DesignWish
     from mbm.report.options import PropagationSettings, SimulationSettings, SolveOptions
     from mbm.report.propagation.answer import Propagated
     from mbm.report.simulated import Simulated
     from mbm.report.simulated_files import OutputFile
+    from mbm.report.trajectories.answer import TrajectoryAnswer
     from mbm.report.types import Result
+
+
+def _asked(problem: Problem, options: SolveOptions) -> Problem:
+    """The problem of its file that is asked for."""
+    return problem if options.problem is None else problem.named(options.problem)
+
+
+def _ready(path: str | Path, options: SolveOptions) -> CompiledProblem:
+    """The problem that is asked for, compiled; all that it reads was read."""
+    ready = _asked(load(path, sandbox=options.sandbox), options).compiled(inputs_of(options), options.backend.value)
+    if options.loaded is not None:
+        options.loaded()
+    return ready
 
 
 def solve_file(path: str | Path, options: SolveOptions) -> Result:
@@ -30,13 +50,7 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
         MbmError: the problem, the data or the call is wrong.
 
     """
-    problem = load(path, sandbox=options.sandbox)
-    if options.problem is not None:
-        problem = problem.named(options.problem)
-    ready = problem.compiled(inputs_of(options), options.backend.value)
-    if options.loaded is not None:
-        options.loaded()
-    return ready.result(settings_of(options))
+    return _ready(path, options).result(options)
 
 
 def propagate_file(path: str | Path, options: SolveOptions, settings: PropagationSettings) -> Propagated:
@@ -62,12 +76,84 @@ def simulate_file(
     """
     from mbm.report.simulated_files import output_files
 
-    problem = opened(path, sandbox=options.sandbox)
-    if options.problem is not None:
-        problem = problem.named(options.problem)
+    problem = _asked(opened(path, sandbox=options.sandbox), options)
     simulator = problem.simulator(inputs_of(options))
     made = simulator.measurements(settings)
     return made, output_files(problem.program, simulator.found.problem, problem.name, made)
+
+
+def budget_file(
+    path: str | Path, options: SolveOptions, names: Sequence[str] = (), *, by_row: bool = False
+) -> BudgetAnswer:
+    """What ``mbm budget`` does: the budgets of the quantities ``names``, or of all; ``by_row`` as `budgets_of` has it.
+
+    Raises:
+        MbmError: the problem, the data or the call is wrong; unknown-quantity, no-budget.
+
+    """
+    from mbm.report.budgets.answer import answer_of
+
+    return answer_of(solve_file(path, options), names, by_row=by_row)
+
+
+def design_file(
+    path: str | Path, options: SolveOptions, at: Mapping[str, object] | None, candidates: str | None, wish: DesignWish
+) -> Design:
+    """The design of a problem file; ``at`` and ``candidates`` as `design_of` has them.
+
+    Raises:
+        MbmError: the problem, the data or the call is wrong; not-designed, no-candidates, unknown-quantity.
+
+    """
+    from mbm.api.designs import design_of
+
+    problem = _asked(opened(path, sandbox=options.sandbox), options)
+    return design_of(problem, inputs_of(options), at, candidates, wish)
+
+
+def trajectory_file(
+    path: str | Path, options: SolveOptions, deltas: Sequence[str] = (), observation: str | None = None
+) -> TrajectoryAnswer:
+    """The errors of the trajectory that a problem file aligns; ``deltas`` are steps, ``observation`` names the clause.
+
+    Where every unknown is fixed, nothing is solved: the errors are those of that alignment.
+
+    Raises:
+        MbmError: the problem, the data or the call is wrong; no-trajectory, several-trajectories, bad-delta.
+
+    """
+    from mbm.report.run import asked_options, unsolved
+    from mbm.report.trajectories.answer import TrajectoryAnswer, trajectories_of
+    from mbm.report.trajectories.known import known_place
+    from mbm.report.trajectories.trajectory import chosen_block, trajectory
+
+    ready = _ready(path, options)
+    found = ready.elaborated
+    chosen_block(found.problem, observation)
+    place = known_place(found, ready.kernels, ready.cache)
+    if place is None:
+        result = ready.result(options)
+        return TrajectoryAnswer(result=result, trajectories=trajectories_of(result, deltas, observation))
+    asked = asked_options(ready.cache.backend.name, ready.inputs.overrides, ready.inputs.paths, options.init)
+    result = unsolved(found.problem, found.raw, file=ready.origin.file, asked=asked)
+    result = replace(result, reads=ready.origin.reading.journal.reads())
+    return TrajectoryAnswer(result=result, trajectories=(trajectory(place, {}, deltas, observation),))
+
+
+def emit_file(path: str | Path, options: SolveOptions, target: str) -> tuple[SolverFile, ...]:
+    """What ``mbm compile`` does: the files of a solver for a problem; ``target`` is ``c``, ``python`` or ``casadi``.
+
+    Of ``options`` count the problem's name, constants and starts, the files of tables, initial values, and the sandbox.
+    The data decide nothing but the test that comes with the solver, and where it begins if neither the problem nor the
+    initial values say.
+
+    Raises:
+        MbmError: the problem or its data are wrong, or it has something that generated solvers do not have.
+
+    """
+    problem = opened(path, sandbox=options.sandbox)
+    found = compiler.elaborated(problem.program, options.problem, inputs_of(options), problem.registry)
+    return compiler.emitted(found, target, problem.registry, options.init)
 
 
 def inputs_of(options: SolveOptions) -> Inputs:
@@ -78,20 +164,6 @@ def inputs_of(options: SolveOptions) -> Inputs:
         sandbox=options.sandbox,
         allow_external=options.allow_external,
         drawing=options.drawing,
-    )
-
-
-def settings_of(options: SolveOptions) -> SolveSettings:
-    """What is asked of the solve beyond the file."""
-    return SolveSettings(
-        init=options.init,
-        seed=options.seed,
-        method=options.method,
-        starts=options.starts,
-        interruption=options.interruption,
-        covariance_full=options.covariance_full,
-        progress=options.progress,
-        workers=options.workers,
     )
 
 

@@ -11,13 +11,14 @@ import numpy as np
 from mbm import compiler
 from mbm.api import faults
 from mbm.api.varied import Varied, held_tables, varied
-from mbm.compiler import Inputs, SolveSettings
+from mbm.compiler import Inputs
 from mbm.equations.types import Floats
 from mbm.estimation.batches.stream import Stream, stream_of
 from mbm.estimation.settings import settings_of
 from mbm.estimation.solve.estimate import assemble
 from mbm.problem.checks import check_data
 from mbm.problem.tables import Table
+from mbm.report.options import SolveSettings
 from mbm.report.types import SolveReport
 from mbm.text.types import MbmError
 from mbm.values import dataclass

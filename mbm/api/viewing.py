@@ -9,19 +9,17 @@ from typing import TYPE_CHECKING
 from mbm import compiler
 from mbm.api.arguments import threads
 from mbm.api.compilation import Origin, compilation_of
-from mbm.api.files import inputs_of, settings_of
+from mbm.api.files import inputs_of
 from mbm.api.problem import Problem, opened
 from mbm.report.figures import require_matplotlib
 from mbm.report.view.models import solids_of_definitions, solids_of_forms
 from mbm.report.view.pages import page_bytes
-from mbm.report.view.wishes import Panels, Show, Wishes, model_panels, problem_panels
+from mbm.report.view.wishes import Wishes, model_panels, problem_panels
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.compiler import Inputs, SolveSettings
     from mbm.report.options import SolveOptions
-    from mbm.report.view.answers import Viewed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,20 +57,7 @@ def view_file(path: str | Path, options: SolveOptions, wishes: Wishes, ending: s
 
 
 def _of_problem(problem: Problem, options: SolveOptions, wishes: Wishes, ending: str) -> Picture:
-    inputs, settings = inputs_of(options), settings_of(options)
-    found, viewed = _solved(problem, inputs, replace(settings, workers=threads(settings.workers)), options, wishes)
-    report = viewed.report
-    return Picture(
-        content=page_bytes(found.panels, ending),
-        notes=found.notes if report.status.trusted else (report.message, *found.notes),
-        doubts=report.diagnostics,
-        trusted=report.status.trusted,
-    )
-
-
-def _solved(
-    problem: Problem, inputs: Inputs, settings: SolveSettings, options: SolveOptions, wishes: Wishes
-) -> tuple[Panels, Viewed]:
+    inputs, settings = inputs_of(options), replace(options, workers=threads(options.workers))
     origin = Origin(reading=problem.reading, registry=problem.registry, file=problem.file, name=problem.name)
     made = compilation_of(origin, inputs, options.backend.value)
     if options.loaded is not None:
@@ -80,7 +65,10 @@ def _solved(
     viewed = compiler.viewed(
         made.elaborated, made.kernels, problem.program, inputs, settings, made.cache, problem.registry, wishes.solve
     )
-    return problem_panels(viewed, wishes), viewed
-
-
-__all__ = ["Picture", "Show", "Wishes", "view_file"]
+    found, report = problem_panels(viewed, wishes), viewed.report
+    return Picture(
+        content=page_bytes(found.panels, ending),
+        notes=found.notes if report.status.trusted else (report.message, *found.notes),
+        doubts=report.diagnostics,
+        trusted=report.status.trusted,
+    )

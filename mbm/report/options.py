@@ -13,6 +13,7 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.equations.interruption import Interruption
+    from mbm.estimation.settings import Moves
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Called with the number of solves done and their total, from the calling thread."""
@@ -28,15 +29,34 @@ class Backend(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SolveOptions:
+class SolveSettings:
+    """What a caller asks of a solve beyond the file; None leaves it to the file. ``init`` is a parsed JSON document.
+
+    ``method`` is a name of LANGUAGE §7 as typed. ``interruption`` ends the solve with the best point so far when it is
+    requested. ``workers`` threads share many solves, or a large one (None: one for each processor). ``for_each`` are
+    key columns besides those of the file. ``moved`` is what uncertain constants do to residuals.
+    """
+
+    init: Mapping[str, object] | None = None
+    seed: int | None = None
+    method: str | None = None
+    starts: int | None = None
+    covariance_full: bool = False
+    progress: Progress | None = None
+    interruption: Interruption | None = None
+    workers: int | None = None
+    for_each: tuple[str, ...] = ()
+    moved: Moves | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SolveOptions(SolveSettings):
     """Options of one solve; None leaves the choice to the problem file or to the compiler.
 
     ``set`` holds (name, text) pairs as typed (``("h", "70cm")``): constants or initial values, later ones win.
-    ``data`` maps table names to paths, relative to the working directory. ``init`` is the parsed JSON document of
-    ``--init``: name → value, or a whole result document (`mbm.report.initial.initial_values` reads it for one solve).
-    ``method`` is a name of LANGUAGE §7 as typed. ``sandbox`` confines reads and ``use`` to a folder,
-    ``allow_external`` lets the problem call functions in Python. ``interruption`` ends the solve with the best point so
-    far when it is requested. ``workers`` threads share many solves, or a large one (None: one for each processor).
+    ``data`` maps table names to paths, relative to the working directory. ``init`` is the document of ``--init``:
+    name → value, or a whole result document (`mbm.report.initial.initial_values` reads it for one solve).
+    ``sandbox`` confines reads and ``use`` to a folder, ``allow_external`` lets the problem call functions in Python.
     ``loaded`` is called when all that the problem reads was read, and nothing was solved yet; it may raise MbmError.
     ``drawing``: inputs are to be drawn, so that they may be without a variance.
     """
@@ -44,17 +64,9 @@ class SolveOptions:
     problem: str | None = None
     set: tuple[tuple[str, str], ...] = ()
     data: Mapping[str, Path] = field(default_factory=lambda: MappingProxyType({}))
-    init: Mapping[str, object] | None = None
-    starts: int | None = None
-    seed: int | None = None
-    method: str | None = None
     backend: Backend = Backend.AUTO
-    workers: int | None = None
     sandbox: Path | None = None
     allow_external: bool = False
-    covariance_full: bool = False
-    progress: Progress | None = None
-    interruption: Interruption | None = None
     loaded: Callable[[], None] | None = None
     drawing: bool = False
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from mbm.api.compiled import CompiledProblem
 from mbm.api.problem import Problem
-from mbm.compiler import Inputs, SolveSettings
+from mbm.compiler import Inputs
 from mbm.equations.manifolds import tangent_axes
 from mbm.expression.evaluate import evaluate
 from mbm.problem.elaborated import Elaborated
@@ -25,7 +25,7 @@ from mbm.problem.rows import rows_of
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem as ElaboratedProblem
 from mbm.report.elements import element_names
-from mbm.report.options import SimulationSettings
+from mbm.report.options import SimulationSettings, SolveSettings
 from mbm.report.simulated import Simulated, Simulator
 from mbm.report.types import DerivedValue, Estimate, Floats, Kind, SolveReport
 from mbm.rotations import CONJUGATE, hamilton, vector_of_quaternion

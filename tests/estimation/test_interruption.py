@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import mbm
-from mbm.compiler import SolveSettings
 from mbm.equations.interruption import Interruption
 from mbm.equations.types import Reason
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Method
+from mbm.report.options import SolveSettings
 from tests.estimation.classics import CLASSICS, Functions
 
 METHODS = (Method.MARQUARDT, Method.DOGLEG, Method.GAUSS_NEWTON)

@@ -170,7 +170,7 @@ def test_constraints_and_fixed_unknowns_take_part():
 def test_an_interruption_ends_with_what_is_there():
     asked = Interruption()
     asked.request()
-    from mbm.compiler import SolveSettings
+    from mbm.report.options import SolveSettings
 
     compiled = mbm.loads(QUARTIC).compile()
     result = compiled.result(SolveSettings(interruption=asked))

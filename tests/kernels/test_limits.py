@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import curve_fit
 
 import mbm
-from mbm.api.emitting import emit_file
+from mbm.api.files import emit_file
 from mbm.report.options import SolveOptions
 from tests.emit.making import make, run, written
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.api.emitting import emit_file
+from mbm.api.files import emit_file
 from mbm.report.options import SolveOptions
 
 T = np.array([0.0, 1.0, 2.0, 3.0, 5.0])

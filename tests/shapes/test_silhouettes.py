@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.api.emitting import emit_file
+from mbm.api.files import emit_file
 from mbm.report.options import SolveOptions
 
 HEAD = """

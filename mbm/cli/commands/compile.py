@@ -35,7 +35,7 @@ def command(**given: Any) -> int:
     c: C99 that needs the mathematical library only. python: one module that needs NumPy only. casadi: serialised CasADi
     functions of the residuals and their Jacobian.
     """
-    from mbm.api.emitting import emit_file
+    from mbm.api.files import emit_file
     from mbm.report.options import SolveOptions
 
     folder = Path(given["folder"])

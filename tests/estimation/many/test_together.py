@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.compiler import SolveSettings
 from mbm.equations.interruption import Interruption
 from mbm.kernels.native.engine import available
 from mbm.report.blocks import ManyReports
 from mbm.report.exports import write_solves
+from mbm.report.options import SolveSettings
 from mbm.report.solve_columns import solve_columns
 from mbm.report.solve_document import solve_document
 from tests.estimation.many.problems import PROBLEMS, RANGES

@@ -8,7 +8,8 @@ from mbm import compiler
 from mbm.api import load
 from mbm.api.compilation import Origin, compilation_of
 from mbm.api.problem import Problem, loads
-from mbm.compiler import Inputs, SolveSettings
+from mbm.compiler import Inputs
+from mbm.report.options import SolveSettings
 from mbm.report.view.answers import Viewed
 
 PROBLEMS = Path(__file__).parents[3] / "problems"
