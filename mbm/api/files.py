@@ -123,8 +123,7 @@ def trajectory_file(
 
     """
     from mbm.report.run import asked_options, unsolved
-    from mbm.report.trajectories.answer import TrajectoryAnswer, trajectories_of
-    from mbm.report.trajectories.known import known_place
+    from mbm.report.trajectories.answer import TrajectoryAnswer, known_place, trajectories_of
     from mbm.report.trajectories.trajectory import chosen_block, trajectory
 
     ready = _ready(path, options)
@@ -207,7 +206,7 @@ def sequences(
     loaded = opened(path, sandbox=sandbox)
     if "states" not in loaded.program.source.text:
         return ()
-    from mbm.report.steps import steps_text
+    from mbm.report.explain import steps_text
 
     paths = {name: str(given) for name, given in (data or {}).items()}
     inputs = Inputs(paths=paths, sandbox=sandbox, allow_external=allow_external)

@@ -13,8 +13,7 @@ from mbm.api.files import inputs_of
 from mbm.api.problem import Problem, opened
 from mbm.report.figures import require_matplotlib
 from mbm.report.view.models import solids_of_definitions, solids_of_forms
-from mbm.report.view.pages import page_bytes
-from mbm.report.view.wishes import Wishes, model_panels, problem_panels
+from mbm.report.view.wishes import Wishes, model_panels, page_bytes, problem_panels
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 

@@ -57,7 +57,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _complete(asked: str) -> int:
-    from mbm.cli.completion import complete
+    from mbm.cli.group import complete
 
     return complete(COMPLETION, asked)
 

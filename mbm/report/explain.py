@@ -1,8 +1,13 @@
-"""``mbm explain``: the derived observation model as text, or what one stage of the compiler made."""
+"""``mbm explain``: the derived observation model as text, or what one stage of the compiler made.
+
+The steps of a sequence in words.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
 
 from mbm.emit.words import MOST_CASES
 from mbm.equations.binding import EvaluationCache
@@ -11,6 +16,7 @@ from mbm.estimation.starts.closed_forms.types import ClosedForm
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.bounded import called, likelihood_of, refuse_mixed_bounds
+from mbm.problem.checks import used_rows
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import ConsensusKind, ConstraintKind
 from mbm.problem.naming import PRIOR
@@ -32,11 +38,35 @@ from mbm.problem.types import (
     UnknownKind,
 )
 from mbm.report.columns import wrapped
-from mbm.report.steps import steps_text
 from mbm.symbolic.printing import latex_name, printed
 from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
 from mbm.text.shown import joined
 from mbm.text.types import MbmError
+
+
+def steps_text(problem: Problem, sequence: Sequence, tables: Mapping[str, Table]) -> str:
+    """How many steps there are, from where to where, of which tables; and how many have no row that is observed."""
+    steps = tables[sequence.steps].numbers(sequence.column)
+    named = ", ".join(dict.fromkeys(table for table, _ in sequence.sources))
+    ends = f" from {steps[0]:g} to {steps[-1]:g}" if len(steps) else ""
+    told = f"{len(steps)} step{'' if len(steps) == 1 else 's'}{ends}: the values of {sequence.column} in {named}"
+    predicted = len(steps) - len(_seen(problem, sequence, tables))
+    return told + (f"; {predicted} without a row that is observed" if predicted else "")
+
+
+def _seen(problem: Problem, sequence: Sequence, tables: Mapping[str, Table]) -> set[float]:
+    """The steps that have rows of observations."""
+    found: set[float] = set()
+    for block in problem.blocks:
+        if block.role is not BlockRole.OBSERVATION or block.table is None:
+            continue
+        table = tables[block.table]
+        if sequence.column in table.columns:
+            used = used_rows(block, tables)
+            numbers = table.numbers(sequence.column)
+            found.update(np.unique(numbers if used is None else numbers[used]).tolist())
+    return found
+
 
 WIDEST_PROPERTY = 100
 """Columns of what a problem says of itself."""

@@ -364,7 +364,7 @@ class Solve(Said):
         return f"Solve(problem={self.result.problem!r}{key}, status={found.status.value!r})"
 
     def _repr_html_(self) -> str:
-        from mbm.report.page.notebook import notebook
+        from mbm.report.page.writing import notebook
 
         return notebook(self.result)
 

@@ -9,10 +9,10 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from mbm.emit.routines.filtering import lower_factor
 from mbm.emit.routines.rooms import connected
 from mbm.emit.routines.rows import whiten_slopes
 from mbm.emit.routines.systems import set_component
-from mbm.emit.routines.whitening import lower_factor
 from mbm.machine.records import slot, view
 from mbm.solver import description as at
 from mbm.solver.decisions import MANY_CONNECTED

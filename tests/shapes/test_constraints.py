@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mbm.expression.nodes import Apply
-from mbm.shapes.constraints import calls_with_constraints
+from mbm.problem.reading.constraints import calls_with_constraints
 from mbm.text.printer import print_form
 
 TEXT = """

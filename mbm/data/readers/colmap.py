@@ -16,8 +16,16 @@ import numpy as np
 
 from mbm.data.cells import row_numbers
 from mbm.data.readers import colmap_binary, colmap_text
-from mbm.data.readers.colmap_models import PARAMETERS
-from mbm.data.readers.colmap_records import NO_POINT, Cameras, Images, Integers, Origin, Points, positions_of
+from mbm.data.readers.colmap_records import (
+    NO_POINT,
+    PARAMETERS,
+    Cameras,
+    Images,
+    Integers,
+    Origin,
+    Points,
+    positions_of,
+)
 from mbm.data.readers.fields import LARGEST_DEVIATION, number_columns
 from mbm.data.readers.scenes import PARTS, POSE
 from mbm.data.types import ManyReader, RawTable, asked

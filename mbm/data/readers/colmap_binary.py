@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from mbm.data.content import check_table, read_bytes
-from mbm.data.readers.colmap_models import NAMES, PARAMETERS
 from mbm.data.readers.colmap_records import (
     LARGEST_ID,
+    NAMES,
+    PARAMETERS,
     Cameras,
     Images,
     Integers,

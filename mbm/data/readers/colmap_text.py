@@ -9,8 +9,17 @@ import numpy as np
 from mbm.data.cells import numbers_of
 from mbm.data.content import BLANKS, lines_in, read_text
 from mbm.data.readers import faults as format_faults
-from mbm.data.readers.colmap_models import NAMES, PARAMETERS
-from mbm.data.readers.colmap_records import NO_POINT, Cameras, Images, Origin, Points, refuse_twice, whole
+from mbm.data.readers.colmap_records import (
+    NAMES,
+    NO_POINT,
+    PARAMETERS,
+    Cameras,
+    Images,
+    Origin,
+    Points,
+    refuse_twice,
+    whole,
+)
 from mbm.data.readers.fields import Line, line_numbers, lines_of
 from mbm.problem.tables import Numbers, reads_as_number
 

@@ -34,7 +34,7 @@ from mbm.estimation.batches.types import Columns, Descent, Ends, Kept, Limits, R
 from mbm.estimation.consensus.units import outlying
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
 from mbm.estimation.trust import faults
-from mbm.estimation.trust.behind import mostly_behind
+from mbm.estimation.trust.behind import mostly_behind, turned_anyhow
 from mbm.estimation.trust.coarse import of_readings, uneven_rows
 from mbm.estimation.trust.fits import Fits, Said
 from mbm.estimation.trust.hidden import hidden_outliers
@@ -47,7 +47,6 @@ from mbm.estimation.trust.plausibility import (
     overstated,
     strained,
 )
-from mbm.estimation.trust.turned import turned_anyhow
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.types import Block, BlockRole, Problem
 from mbm.solver.decisions import usual_cost

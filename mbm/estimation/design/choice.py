@@ -12,10 +12,9 @@ from typing import TypeAlias
 import numpy as np
 
 from mbm.equations.layout import Layout
-from mbm.equations.triangle import triangle
 from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
 from mbm.estimation.uncertainty.gauge import with_gauge
-from mbm.estimation.uncertainty.observability import covariance, observed_at, propagate
+from mbm.estimation.uncertainty.observability import covariance, observed_at, propagate, triangle
 from mbm.problem.kinds import Gauge
 from mbm.solver.decisions import SHARE, decided_rank
 from mbm.values import dataclass

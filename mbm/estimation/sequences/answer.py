@@ -22,10 +22,9 @@ from mbm.estimation.sequences.places import Places
 from mbm.estimation.sequences.spread import Told
 from mbm.estimation.sequences.types import Prior, Rules, Track
 from mbm.estimation.sequences.walk import Chained
-from mbm.estimation.trust.behind import behind_at
+from mbm.estimation.trust.behind import behind_at, turned_anyhow
 from mbm.estimation.trust.fits import only
 from mbm.estimation.trust.plausibility import IMPROBABLE
-from mbm.estimation.trust.turned import turned_anyhow
 from mbm.estimation.uncertainty.degrees import common
 from mbm.estimation.uncertainty.derived import reported, widths
 from mbm.estimation.uncertainty.variance import fit_statistics

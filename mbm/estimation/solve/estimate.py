@@ -34,12 +34,11 @@ from mbm.estimation.search.twins import derived_agreement
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.at_start import start_faults
 from mbm.estimation.solve.weighing import Reached, checked_rows, reached
-from mbm.estimation.trust.behind import behind_at
+from mbm.estimation.trust.behind import behind_at, turned_anyhow
 from mbm.estimation.trust.contradiction import contradictions
 from mbm.estimation.trust.curvature import Curvature, curvature
 from mbm.estimation.trust.fits import only
 from mbm.estimation.trust.plausibility import doubts, fit_of, of_residuals
-from mbm.estimation.trust.turned import turned_anyhow
 from mbm.estimation.trust.unexamined import unexamined
 from mbm.estimation.uncertainty.derived import Propagation
 from mbm.estimation.uncertainty.freedom import with_motions

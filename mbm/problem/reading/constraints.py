@@ -1,8 +1,11 @@
-"""``(constraints …)`` of the problem and of the models it uses: what is known beyond the data."""
+"""``(constraints …)`` of the problem and of the models it uses: what is known beyond the data.
+
+The constraints that the models of a shape bring along.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TypeVar
 
@@ -24,13 +27,33 @@ from mbm.problem.reading.relations import Pair, pairs, refuse_contradictions
 from mbm.problem.rows import rows_of
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind, Static
-from mbm.shapes.constraints import calls_with_constraints
 from mbm.shapes.model import ModelLog
-from mbm.shapes.types import ModelCall, ModelConstraint, Shape
+from mbm.shapes.types import Group, ModelCall, ModelConstraint, Moved, Node, Part, Shape
 from mbm.text.printer import print_beginning
 from mbm.text.suggest import ELSEWHERE, suggestion
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
+
+
+def calls_with_constraints(shapes: Iterable[Shape]) -> tuple[ModelCall, ...]:
+    """The model calls in ``shapes`` that have constraints, each distinct model-with-arguments once, outermost first.
+
+    Equal arguments give one and the same ``ModelCall`` (see ``Model``), so that identity of objects decides.
+    """
+    found: dict[int, ModelCall] = {}
+    seen: set[int] = set()
+    stack: list[Node] = [shape.content for shape in shapes][::-1]
+    while stack:
+        node = stack.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if isinstance(node, ModelCall) and node.constraints:
+            found[id(node)] = node
+        if isinstance(node, Moved | Part | Group | ModelCall):
+            stack.extend(reversed(node.children))
+    return tuple(found.values())
+
 
 T = TypeVar("T")
 

@@ -1,4 +1,7 @@
-"""What somebody wants to see, and the panels that show it."""
+"""What somebody wants to see, and the panels that show it.
+
+Panels → one picture, in bytes.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mbm.report.figures import MOST_PANELS
+from mbm.report.figures import MOST_PANELS, figure_bytes, grid_of, show_plainly
 from mbm.report.map_panels import map_panels
 from mbm.report.pictures import maps_of
 from mbm.report.view import faults
 from mbm.report.view.answers import Viewed, view_of_result
 from mbm.report.view.beneath import beneath, path_in
 from mbm.report.view.images import ImageRows, answer_lookup, image_rows
-from mbm.report.view.model_panels import draw_model
+from mbm.report.view.model_panels import INCHES, draw_model
 from mbm.report.view.near_curves import contour_photographs, curve_photographs, line_photographs
 from mbm.report.view.overlay import draw_overlay, overlay_of
-from mbm.report.view.pages import page_bytes
 from mbm.report.view.photographs import Photograph, photographs, together
 from mbm.report.view.scene import Scene, scene_of, source_of
 from mbm.report.view.solids import solid_of
@@ -33,6 +35,32 @@ if TYPE_CHECKING:
 
     from mbm.report.figures import Panel
     from mbm.report.types import Result
+
+
+EDGE = 0.04
+"""Share of a panel's height that is left free below and above: texts reach a little beyond the layout of a panel."""
+
+
+def page_bytes(panels: Sequence[Panel], ending: str) -> bytes:
+    """A page with all panels, three to a row at most, in the format ``ending``. Equal panels, equal bytes.
+
+    Raises:
+        MbmError: too-much-to-draw.
+
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    if len(panels) > MOST_PANELS:
+        raise MbmError(faults.too_much_to_draw(f"{MOST_PANELS} panels"))
+    rows, columns = grid_of(len(panels))
+    edge = EDGE / rows
+    layout = ConstrainedLayoutEngine(rect=(0.0, edge, 1.0, 1.0 - 2.0 * edge))
+    figure = Figure(figsize=(INCHES[0] * columns, INCHES[1] * rows), layout=layout)
+    for number, panel in enumerate(panels, start=1):
+        panel(figure.add_subplot(rows, columns, number))
+    show_plainly(figure)
+    return figure_bytes(figure, ending)
 
 
 class Show(StrEnum):

@@ -12,11 +12,10 @@ import pytest
 from mbm.api import loads
 from mbm.report.view.model_panels import seen
 from mbm.report.view.models import solids_of_definitions, solids_of_forms
-from mbm.report.view.pages import page_bytes
 from mbm.report.view.rulers import HEIGHT, WIDTH, Wanted, placed, rulers
 from mbm.report.view.types import Solid
 from mbm.report.view.viewpoint import View
-from mbm.report.view.wishes import model_panels
+from mbm.report.view.wishes import model_panels, page_bytes
 from mbm.text.types import MbmError
 
 TABLE = """(rod (l &optional (r 1cm) &key (:tilt a))

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbm.equations.types import Floats
 from mbm.estimation.native.code import AnyCode
-from mbm.estimation.starts.closed_forms.numerics.medians import agreeing, contaminated, samples_of
+from mbm.estimation.starts.closed_forms.numerics.planes import agreeing, contaminated, samples_of
 from mbm.rotations import cross_matrix, exponential, nearest
 
 SAME_ORIGIN = 1e6
