@@ -26,7 +26,7 @@ class Origin:
     reading: Reading = field(repr=False)
     registry: Registry = field(repr=False)
     file: str | None
-    name: str | None
+    name: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

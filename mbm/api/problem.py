@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -17,7 +17,7 @@ from mbm.api.recall import Text
 from mbm.compiler import Inputs
 from mbm.files.journal import THE_PROBLEM, Journal, note, noting
 from mbm.files.reading import read_file
-from mbm.registry.standard import Registry, standard_registry
+from mbm.registry.standard import standard_registry
 from mbm.text.types import Diagnostic, MbmError, Severity, Source
 from mbm.values import dataclass
 
@@ -94,20 +94,16 @@ def _problem(text: Text, closed_forms: tuple[ClosedForm, ...], file: str | None,
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Problem:
+class Problem(Origin):
     """A problem as read: nothing is evaluated or loaded yet."""
 
-    reading: Reading = field(repr=False)
-    registry: Registry = field(repr=False)
-    file: str | None
     sandbox: Path | None = None
-    name: str | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         """It pickles as its text."""
         from mbm.api.pickled import Written
 
-        return problem_again, (Written.of(self._origin()),)
+        return problem_again, (Written.of(self),)
 
     @property
     def program(self) -> Program:
@@ -160,10 +156,7 @@ class Problem:
 
     def compiled(self, inputs: Inputs, backend: str) -> CompiledProblem:
         """As ``compile``, for everything that may come from outside."""
-        return compiled(self._origin(), inputs, backend)
-
-    def _origin(self) -> Origin:
-        return Origin(reading=self.reading, registry=self.registry, file=self.file, name=self.name)
+        return compiled(self, inputs, backend)
 
     def solve(
         self,

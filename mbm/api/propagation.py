@@ -16,7 +16,7 @@ from mbm.report.propagation.solve import PropagatedSolve, parts_of, scalars_of
 from mbm.simulation.trials import faults
 from mbm.simulation.trials.drawn import drawn, weighted, with_shifts
 from mbm.simulation.trials.drawn_constants import with_drawn_constants
-from mbm.simulation.trials.run import Asked, sampled
+from mbm.simulation.trials.run import Asked, Effort, sampled
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
@@ -30,17 +30,6 @@ if TYPE_CHECKING:
     from mbm.problem.overrides import ConstantValue
     from mbm.report.options import PropagationSettings
     from mbm.report.types import Result, SolveReport
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Asked:
-    """The settings, checked."""
-
-    trials: int | None
-    seed: int
-    workers: int | None
-    progress: Callable[[int, int], None]
-    stopped: Callable[[], bool]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,7 +58,7 @@ def propagated(
         seed = 1 if result.seed is None else abs(result.seed)
     _refuse(problem)
     shared = _trials(now, origin, inputs)
-    settings = _Asked(
+    settings = Effort(
         trials=trials,
         seed=seed,
         workers=workers,
@@ -164,7 +153,7 @@ def _trials(now: Compilation, origin: Origin, inputs: Inputs) -> _Trials:
     )
 
 
-def _of_solve(trials: _Trials, solve: SolveReport, asked: _Asked) -> PropagatedSolve:
+def _of_solve(trials: _Trials, solve: SolveReport, asked: Effort) -> PropagatedSolve:
     """The trials of one solve."""
     from mbm.estimation.batches.trials import trial_solver
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mbm import compiler
 from mbm.api.arguments import threads
-from mbm.api.compilation import Origin, compilation_of
+from mbm.api.compilation import compilation_of
 from mbm.api.files import inputs_of
 from mbm.api.problem import Problem, opened
 from mbm.report.figures import require_matplotlib
@@ -57,8 +57,7 @@ def view_file(path: str | Path, options: SolveOptions, wishes: Wishes, ending: s
 
 def _of_problem(problem: Problem, options: SolveOptions, wishes: Wishes, ending: str) -> Picture:
     inputs, settings = inputs_of(options), replace(options, workers=threads(options.workers))
-    origin = Origin(reading=problem.reading, registry=problem.registry, file=problem.file, name=problem.name)
-    made = compilation_of(origin, inputs, options.backend.value)
+    made = compilation_of(problem, inputs, options.backend.value)
     if options.loaded is not None:
         options.loaded()
     viewed = compiler.viewed(

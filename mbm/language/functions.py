@@ -197,14 +197,17 @@ MACRO_USAGE = "(defmacro name (a b) body…)"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Definition:
-    """A ``defun`` or ``defmacro`` as read: nothing is evaluated yet."""
+    """A ``defun``, ``defmacro`` or model as read: nothing is evaluated yet.
+
+    The ``body`` of a model holds the declaration, constraints and shape descriptions.
+    """
 
     name: str
     parameters: Parameters
     doc: str
     body: tuple[Form, ...]
     span: Span
-    is_macro: bool
+    is_macro: bool = False
 
 
 def parse_definition(form: Sequence) -> Definition:

@@ -12,7 +12,7 @@ from mbm.files.faults import too_many_files
 from mbm.files.reading import read_file
 from mbm.language import faults
 from mbm.language.evaluator import FormEvaluator
-from mbm.language.functions import Definition, Parameters, bind_definition, parse_definition, parse_parameters
+from mbm.language.functions import Definition, bind_definition, parse_definition, parse_parameters
 from mbm.language.limits import Limits, resolved_inside
 from mbm.language.scope import opened
 from mbm.language.values import Callable_, Evaluator, Macro, Scope, Value, Vocabulary
@@ -49,17 +49,6 @@ _NOT_YET = {
 }
 MODEL_USAGE = "(name (argument…) [(declare …)] [(constraints …)] shape…) or (defmodel name (argument…) …)"
 PROBLEM_USAGE = '(problem name [:like OTHER] "doc" clause…)'
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelDefinition:
-    """A model as read: ``body`` holds the declaration, constraints and shape descriptions."""
-
-    name: str
-    parameters: Parameters
-    doc: str
-    body: tuple[Form, ...]
-    span: Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,7 +95,7 @@ class Program:
     base: Path = field(default_factory=Path)
     sandbox: Path | None = None
     functions: Mapping[str, Definition] = field(default_factory=dict)
-    models: Mapping[str, ModelDefinition] = field(default_factory=dict)
+    models: Mapping[str, Definition] = field(default_factory=dict)
     constants: Mapping[str, ConstantDefinition] = field(default_factory=dict)
     problems: Mapping[str, ProblemDefinition] = field(default_factory=dict)
 
@@ -149,7 +138,7 @@ class _ProgramReader:
         self.limits = limits
         self.reserved = reserved
         self.functions: dict[str, Definition] = {}
-        self.models: dict[str, ModelDefinition] = {}
+        self.models: dict[str, Definition] = {}
         self.constants: dict[str, ConstantDefinition] = {}
         self.problems: dict[str, ProblemDefinition] = {}
         self.diagnostics: list[Diagnostic] = []
@@ -234,9 +223,7 @@ class _ProgramReader:
             raise MbmError(faults.bad_form(form.span, f"the model `{name.name}` has no shape", MODEL_USAGE))
         parameters = parse_parameters(items[1], name.name)
         self._claim("function", name.name, name.span)
-        self.models[name.name] = ModelDefinition(
-            name=name.name, parameters=parameters, doc=doc, body=body, span=name.span
-        )
+        self.models[name.name] = Definition(name=name.name, parameters=parameters, doc=doc, body=body, span=name.span)
 
     def _use(self, form: Sequence, path: Path, chain: tuple[Path, ...]) -> None:
         if len(form.items) != 2 or not isinstance(form.items[1], Text):
@@ -288,7 +275,7 @@ def parse_problem(form: Sequence) -> ProblemDefinition:
     return ProblemDefinition(name=name.name, doc=doc, like=like, clauses=tuple(clauses), span=name.span)
 
 
-ModelMaker = Callable[[ModelDefinition, Scope], Callable_]
+ModelMaker = Callable[[Definition, Scope], Callable_]
 
 
 class GlobalScope:

@@ -8,6 +8,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
+from mbm.equations.corrections.types import CorrectedColumn
 from mbm.equations.layout import Layout
 from mbm.equations.types import Indices
 from mbm.estimation.batches.answers import REMARKED
@@ -21,7 +22,6 @@ from mbm.report.residuals import column_corrections
 from mbm.report.root_means import RootMeans, of_block
 from mbm.report.row_data import RawResiduals
 from mbm.report.types import (
-    CorrectionReport,
     DerivedValue,
     Estimate,
     Floats,
@@ -92,7 +92,7 @@ class BlockReports:
         with self.block.lock:
             return of_block(self.problem, self.block)
 
-    def corrected(self, place: int) -> tuple[CorrectionReport, ...]:
+    def corrected(self, place: int) -> tuple[CorrectedColumn, ...]:
         """The corrections of measured values in the solve at a place."""
         return column_corrections(self._corrections, place)
 

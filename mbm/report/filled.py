@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mbm.equations.corrections.types import CorrectedColumn
 from mbm.equations.layout import Entry
 from mbm.equations.types import Indices
 from mbm.estimation.batches.types import REASONS, Block, Columns
@@ -24,7 +25,6 @@ from mbm.report.residuals import places_of, residual_rows, row_data
 from mbm.report.row_data import ResidualSummary
 from mbm.report.spreads import Spread
 from mbm.report.types import (
-    CorrectionReport,
     CovarianceMatrix,
     DerivedValue,
     Estimate,
@@ -94,7 +94,7 @@ def _spread(block: Block, entry: Entry, numbers: Floats, values: Floats) -> Spre
 def filled(
     model: SolveReport,
     items: tuple[Estimate | DerivedValue, ...],
-    corrections: tuple[CorrectionReport, ...],
+    corrections: tuple[CorrectedColumn, ...],
     problem: Problem,
     block: Block,
     place: int,

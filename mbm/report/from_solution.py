@@ -41,7 +41,7 @@ from mbm.report.quantities import (
     stuck,
     untold_noise,
 )
-from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries, row_data
+from mbm.report.residuals import prior_reports, residual_rows, residual_summaries, row_data
 from mbm.report.root_means import of_solution
 from mbm.report.spreads import Spread
 from mbm.report.types import (
@@ -121,7 +121,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         pictures=guarded(solution.lock, lambda: plot_data(problem, solution)),
         maps=guarded(solution.lock, lambda: maps_of(problem, solution)),
         priors=prior_reports(problem, solution),
-        corrections=correction_reports(solution),
+        corrections=solution.corrections,
         constraints=constraints,
         hypotheses=tuple(_hypothesis(solution, how, each) for each in solution.hypotheses),
         followed=solution.followed,

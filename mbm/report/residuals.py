@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.binding import Group, block_rows, measured_side
+from mbm.equations.corrections.types import CorrectedColumn
 from mbm.equations.solves import lines_of, mean_roots, used_rows
 from mbm.equations.types import NoiseState
 from mbm.estimation.search.solution import Solution
@@ -17,7 +18,7 @@ from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.encode import number
 from mbm.report.row_data import ResidualRow, ResidualSummary, RowData
-from mbm.report.types import CorrectionReport, Floats, Mask, PriorReport
+from mbm.report.types import Floats, Mask, PriorReport
 from mbm.text.types import DataPlace
 
 if TYPE_CHECKING:
@@ -188,7 +189,7 @@ def prior_reports(problem: Problem, solution: Solution) -> tuple[PriorReport, ..
     return tuple(found)
 
 
-def column_corrections(columns: Sequence[Corrections], place: int) -> tuple[CorrectionReport, ...]:
+def column_corrections(columns: Sequence[Corrections], place: int) -> tuple[CorrectedColumn, ...]:
     """The corrections of each uncertain column in one of many solves."""
     found = []
     for each in columns:
@@ -196,7 +197,7 @@ def column_corrections(columns: Sequence[Corrections], place: int) -> tuple[Corr
         rows = tuple(row if row > 0 else None for row in each.rows[mine].tolist())
         keys = None if each.keys is None else tuple(each.keys[mine])
         found.append(
-            CorrectionReport(
+            CorrectedColumn(
                 table=each.table,
                 column=each.column,
                 rows=rows,
@@ -206,21 +207,6 @@ def column_corrections(columns: Sequence[Corrections], place: int) -> tuple[Corr
             )
         )
     return tuple(found)
-
-
-def correction_reports(solution: Solution) -> tuple[CorrectionReport, ...]:
-    """The corrections of each uncertain column."""
-    return tuple(
-        CorrectionReport(
-            table=each.table,
-            column=each.column,
-            rows=each.rows,
-            keys=each.keys,
-            value=each.corrections,
-            sigma=each.sigma,
-        )
-        for each in solution.corrections
-    )
 
 
 def stated_sigmas(weights: Floats) -> Floats:

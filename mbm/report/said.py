@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 from operator import attrgetter
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from mbm.equations.corrections.types import CorrectedColumn
 from mbm.report.row_data import NoiseReport, ResidualRow, ResidualSummary
 from mbm.report.types import (
     ConstraintReport,
-    CorrectionReport,
     Key,
     PriorReport,
     SolveReport,
@@ -88,7 +88,7 @@ class Said(ABC):
 
     constraints = Recorded[tuple[ConstraintReport, ...]]("The constraints at the estimates, in SI.")
     priors = Recorded[tuple[PriorReport, ...]]("The priors at the estimates, in SI.")
-    corrections = Recorded[tuple[CorrectionReport, ...]]("The corrections of columns with ``:errors``, in SI.")
+    corrections = Recorded[tuple[CorrectedColumn, ...]]("The corrections of columns with ``:errors``, in SI.")
 
     @property
     def starts(self) -> Tally | None:

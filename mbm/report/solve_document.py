@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mbm.equations.corrections.types import CorrectedColumn
 from mbm.report.elements import GEOMETRIC, plain_key, shown_bounds, shown_sigma, unit_text, written as written_geometry
 from mbm.report.encode import number, numbers
 from mbm.report.intervals import interval_document, intervals
@@ -17,7 +18,6 @@ from mbm.report.row_data import RawResiduals, ResidualSummary
 from mbm.report.types import (
     Alternative,
     ConstraintReport,
-    CorrectionReport,
     CovarianceMatrix,
     DerivedValue,
     Estimate,
@@ -73,7 +73,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
     }
 
 
-def corrections_document(columns: tuple[CorrectionReport, ...]) -> dict[str, Any]:
+def corrections_document(columns: tuple[CorrectedColumn, ...]) -> dict[str, Any]:
     """Corrections by table and column, in SI."""
     written: dict[str, Any] = {}
     for each in columns:

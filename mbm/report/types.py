@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.equations.corrections.types import CorrectedColumn
 from mbm.files.journal import Read
 from mbm.report.row_data import Map, NoiseReport, PlotData, RawResiduals, ResidualRow, ResidualSummary, RowData
 from mbm.report.spreads import ConsideredConstant, Spread
@@ -189,21 +190,6 @@ class Observability:
     unused: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CorrectionReport:
-    """Corrections of the uncertain values of one column, to be added to them, and their stated sigma, both in SI.
-
-    ``rows`` are 1-based rows of the unfiltered table (None: left out by a filter), ``keys`` those of a table with keys.
-    """
-
-    table: str
-    column: str
-    rows: tuple[int | None, ...]
-    keys: tuple[Key | None, ...] | None
-    value: Floats
-    sigma: Floats
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriorReport:
     """A ``normal`` (or a prior of ``:sigma``) at the estimates: ``residual = (value - mean)/sigma``, one per scalar."""
@@ -312,7 +298,7 @@ class SolveReport:
     pictures: Callable[[], tuple[PlotData, ...]] = tuple
     maps: Callable[[], tuple[Map, ...]] = tuple
     priors: tuple[PriorReport, ...] = ()
-    corrections: tuple[CorrectionReport, ...] = ()
+    corrections: tuple[CorrectedColumn, ...] = ()
     constraints: tuple[ConstraintReport, ...] = ()
     pieces: tuple[Piece, ...] = ()
     hypotheses: tuple[Alternative, ...] = ()

@@ -7,10 +7,10 @@ from importlib.resources import files
 from pathlib import Path
 
 from mbm.language.evaluator import FormEvaluator
-from mbm.language.functions import Parameters, bind
+from mbm.language.functions import Definition, Parameters, bind
 from mbm.language.limits import Limits
 from mbm.language.scope import EmptyScope, scalar
-from mbm.language.session import ModelDefinition, read_program
+from mbm.language.session import read_program
 from mbm.language.values import Call, Evaluator, Value, Vocabulary
 from mbm.shapes.model import arrived_arguments, call_model
 from mbm.shapes.types import ModelFunction, Shape
@@ -24,7 +24,7 @@ LIBRARY_NAMES = (
 
 
 @cache
-def library_definition(name: str) -> ModelDefinition:
+def library_definition(name: str) -> Definition:
     """A model of the library as read; its ``doc`` says what the feature numbers are."""
     file = f"{name}.mbm"
     text = (files("mbm.shapes") / "library" / file).read_text(encoding="utf-8")

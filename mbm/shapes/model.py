@@ -9,9 +9,9 @@ from mbm.expression.algebra import number
 from mbm.expression.forms import number_form
 from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Leaf, Number, Opaque, Parameter, leaves
 from mbm.language import faults as language_faults
-from mbm.language.functions import Parameters, bind
+from mbm.language.functions import Definition, Parameters, bind
 from mbm.language.scope import LocalScope, opaque_element
-from mbm.language.session import MODEL_USAGE, ModelDefinition
+from mbm.language.session import MODEL_USAGE
 from mbm.language.values import (
     FORMS,
     SCALARS,
@@ -129,7 +129,7 @@ class ModelLog:
 class Model(ModelFunction):
     """A model of the user as a function. It remembers its shapes: equal arguments give one and the same shape."""
 
-    def __init__(self, definition: ModelDefinition, scope: Scope, log: ModelLog | None = None) -> None:
+    def __init__(self, definition: Definition, scope: Scope, log: ModelLog | None = None) -> None:
         self._definition = definition
         self._scope = scope
         self._built: dict[Hashable, Shape] = {}
@@ -174,7 +174,7 @@ class Model(ModelFunction):
         return shape
 
 
-def call_model(evaluator: Evaluator, definition: ModelDefinition, bound: LocalScope, span: Span) -> ModelCall:
+def call_model(evaluator: Evaluator, definition: Definition, bound: LocalScope, span: Span) -> ModelCall:
     """The node of one call; ``bound`` holds the parameters."""
     preamble = read_preamble(evaluator, definition.body, bound)
     if not preamble.shapes:
@@ -197,12 +197,12 @@ def arrived_arguments(call: Call) -> tuple[Value, ...]:
     return tuple([call.evaluator.arrived(v, f, call.scope) for v, f in zip(call.arguments, at, strict=True)])
 
 
-def make_model(definition: ModelDefinition, scope: Scope) -> Callable_:
+def make_model(definition: Definition, scope: Scope) -> Callable_:
     """The function that a model definition makes in ``scope``."""
     return Model(definition, scope)
 
 
-def model_maker(log: ModelLog) -> Callable[[ModelDefinition, Scope], Callable_]:
+def model_maker(log: ModelLog) -> Callable[[Definition, Scope], Callable_]:
     """``make_model`` that notes in ``log`` which models are used."""
     return lambda definition, scope: Model(definition, scope, log)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,8 +19,37 @@ from mbm.sparse.structure import BlockFamily, Structure, structure
 from mbm.values import dataclass
 
 
+class ForwardingBlocks(Forwarding):
+    """A base of equations whose Jacobian is made block by block: what they have besides is that of ``equations``."""
+
+    __slots__ = ()
+
+    if TYPE_CHECKING:
+        equations: Assembled | Blocked
+
+    @property
+    def lower(self) -> Floats:
+        """Hard lower bounds (n,)."""
+        return self.equations.lower
+
+    @property
+    def upper(self) -> Floats:
+        """Hard upper bounds (n,)."""
+        return self.equations.upper
+
+    @property
+    def backend(self) -> Backend | None:
+        """What evaluates the kernels."""
+        return self.equations.backend
+
+    @property
+    def floored(self) -> bool:
+        """Some combination of residuals has hardly any noise beside others."""
+        return self.equations.floored
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Blocked(Forwarding):
+class Blocked(ForwardingBlocks):
     """``equations`` with residuals piece by piece: those that are left out are zero (protocol ``BlockEquations``).
 
     ``count`` and ``jacobian`` are of those alone that count. First come the groups of equations, then the systems with
@@ -33,29 +63,9 @@ class Blocked(Forwarding):
     limits: tuple[GroupPlace, ...] = ()
 
     @property
-    def lower(self) -> Floats:
-        """Hard lower bounds (n,)."""
-        return self.equations.lower
-
-    @property
-    def upper(self) -> Floats:
-        """Hard upper bounds (n,)."""
-        return self.equations.upper
-
-    @property
     def linear(self) -> bool:
         """The residuals are affine."""
         return self.equations.linear
-
-    @property
-    def backend(self) -> Backend | None:
-        """What evaluates the kernels."""
-        return self.equations.backend
-
-    @property
-    def floored(self) -> bool:
-        """Some combination of residuals has hardly any noise beside others."""
-        return self.equations.floored
 
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals with losses (all,), zero where left out."""

@@ -289,7 +289,7 @@ class Elimination:
             column=column.column,
             rows=tuple(row if row > 0 else None for row in rows),
             keys=self.tables[column.table].keys_of_rows(rows),
-            corrections=corrections[places],
+            value=corrections[places],
             sigma=self.measured.sigma[places],
         )
 

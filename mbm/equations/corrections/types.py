@@ -28,7 +28,7 @@ class Local:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CorrectedColumn:
-    """The corrected values of a column: ``corrections`` (p,), to be added, and the stated ``sigma`` (p,), both in SI.
+    """The corrections ``value`` (p,) of an uncertain column, to be added, and the stated ``sigma`` (p,), both in SI.
 
     ``rows`` (p,) count from 1 in the unfiltered table, None where a filter has left the row out; ``keys`` are those of
     the rows where the table has a key.
@@ -38,7 +38,7 @@ class CorrectedColumn:
     column: str
     rows: tuple[int | None, ...]
     keys: tuple[CellKey | None, ...] | None
-    corrections: Floats
+    value: Floats
     sigma: Floats
 
 

@@ -13,9 +13,9 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group, affine
 from mbm.equations.surface import OnSurface, on_surface
 from mbm.equations.types import Covariance, Floats, Indices, Minimum
-from mbm.estimation.coverage.quantities import farthest
 from mbm.estimation.search.search import Alternative
 from mbm.estimation.search.solution import DerivedSolution
+from mbm.estimation.trust.farthest import farthest
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
     LOOKED_AT,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from mbm.language.curves import CurveValue
-from mbm.language.functions import Optional, Parameters
+from mbm.language.functions import Definition, Optional, Parameters
 from mbm.language.limits import Limits, recursion_room
-from mbm.language.session import ModelDefinition, Program, Session, open_session
+from mbm.language.session import Program, Session, open_session
 from mbm.language.values import Callable_, Vocabulary
 from mbm.problem import faults as problem_faults
 from mbm.report.view import faults
@@ -80,7 +80,7 @@ def _solid(session: Session, form: Form, text: str) -> Solid:
     return solid_of(value, text, library_of(session.functions))
 
 
-def _incomplete(model: ModelDefinition, given: Mapping[str, str]) -> Diagnostic:
+def _incomplete(model: Definition, given: Mapping[str, str]) -> Diagnostic:
     usage = model.parameters.usage(model.name)
     return faults.model_without_values(model.name, _missing(model.parameters, given), usage, model.span)
 
@@ -95,7 +95,7 @@ def _missing(parameters: Parameters, given: Mapping[str, str]) -> tuple[str, ...
     return tuple(name for name in (*parameters.required, *lacking) if name not in given)
 
 
-def _call(model: ModelDefinition, given: Mapping[str, str]) -> str:
+def _call(model: Definition, given: Mapping[str, str]) -> str:
     """The call of a model with values from outside, and defaults as they are written where there are none."""
     parameters = model.parameters
     items = [given[name] for name in parameters.required]

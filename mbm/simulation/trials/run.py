@@ -150,20 +150,26 @@ Scalars = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
-    """How many ``trials`` (None: until settled), at which level of ``coverage``, from which ``seed``.
+class Effort:
+    """How many ``trials`` (None: until settled), from which ``seed``.
 
-    ``words`` name the solve. ``workers`` threads share the trials (None: one a processor). ``progress`` hears of the
-    trials done and those to be expected; ``stopped`` is asked between blocks.
+    ``workers`` threads share the trials (None: one a processor). ``progress`` hears of the trials done and those to be
+    expected; ``stopped`` is asked between blocks.
     """
 
     trials: int | None
-    coverage: float
     seed: int
-    words: tuple[str, ...]
     workers: int | None
     progress: Callable[[int, int], None]
     stopped: Callable[[], bool]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked(Effort):
+    """The trials of one solve, which ``words`` name, at which level of ``coverage``."""
+
+    coverage: float
+    words: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -16,20 +16,18 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.manifolds import of_arrays
-from mbm.equations.metric import Forwarding
 from mbm.equations.types import Conflict, ConstraintState, Floats, Mask, Minimum, Reason
 from mbm.estimation.minimise.constrained.feasible import feasible_point
 from mbm.estimation.minimise.constrained.linearise import constraint_state, first_order
 from mbm.estimation.minimise.constrained.types import Linearised
 from mbm.estimation.minimise.sparse import least_damping, sparse_minimum
 from mbm.estimation.settings import Settings
-from mbm.kernels.types import Backend
 from mbm.problem.types import Method
 from mbm.solver import constraints as rules
 from mbm.solver.decisions import EXACT, FIRST_WEIGHT, HEAVIER, LOOSE, MET
 from mbm.solver.step_control import relative_offset
 from mbm.sparse.arithmetic import Arithmetic
-from mbm.sparse.equations import Blocked, blocked
+from mbm.sparse.equations import Blocked, ForwardingBlocks, blocked
 from mbm.sparse.place import conjugate, inside, products
 from mbm.sparse.structure import Structure, Values
 from mbm.sparse.system import BlockJacobian, DeferredMatrix, Factorised, Plan, blocks_of, factorised, plan
@@ -46,7 +44,7 @@ REDUNDANT = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Penalised(Forwarding):
+class Penalised(ForwardingBlocks):
     """Residuals ``weight · c + shift`` of the constraints c (k,), ``weight`` (k,) > 0, behind those of ``equations``.
 
     Those of inequalities are penalties where they are positive only (protocol ``BlockEquations``).
@@ -62,29 +60,9 @@ class Penalised(Forwarding):
         return self.equations.count + len(self.weight)
 
     @property
-    def lower(self) -> Floats:
-        """Hard lower bounds (n,)."""
-        return self.equations.lower
-
-    @property
-    def upper(self) -> Floats:
-        """Hard upper bounds (n,)."""
-        return self.equations.upper
-
-    @property
     def linear(self) -> bool:
         """Never promised: inequalities have a kink."""
         return False
-
-    @property
-    def backend(self) -> Backend | None:
-        """What evaluates the kernels."""
-        return self.equations.backend
-
-    @property
-    def floored(self) -> bool:
-        """Some combination of residuals has hardly any noise beside others."""
-        return self.equations.floored
 
     def structure(self) -> Structure:
         """Which blocks there are."""
