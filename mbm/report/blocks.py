@@ -8,7 +8,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from mbm.equations.corrections.types import CorrectedColumn
+from mbm.equations.corrected import CorrectedColumn
 from mbm.equations.layout import Layout
 from mbm.equations.types import Indices
 from mbm.estimation.batches.answers import REMARKED

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbm.equations.corrections.types import CorrectedColumn
+from mbm.equations.corrected import CorrectedColumn
 from mbm.equations.layout import Entry
 from mbm.equations.types import Indices
 from mbm.estimation.batches.types import REASONS, Block, Columns

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.equations.binding import Group, block_rows, measured_side
-from mbm.equations.corrections.types import CorrectedColumn
+from mbm.equations.corrected import CorrectedColumn
 from mbm.equations.solves import lines_of, mean_roots, used_rows
 from mbm.equations.types import NoiseState
 from mbm.estimation.search.solution import Solution

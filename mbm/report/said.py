@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from operator import attrgetter
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from mbm.equations.corrections.types import CorrectedColumn
+from mbm.equations.corrected import CorrectedColumn
 from mbm.report.row_data import NoiseReport, ResidualRow, ResidualSummary
 from mbm.report.types import (
     ConstraintReport,

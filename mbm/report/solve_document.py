@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbm.equations.corrections.types import CorrectedColumn
+from mbm.equations.corrected import CorrectedColumn
 from mbm.report.elements import GEOMETRIC, plain_key, shown_bounds, shown_sigma, unit_text, written as written_geometry
 from mbm.report.encode import number, numbers
 from mbm.report.intervals import interval_document, intervals

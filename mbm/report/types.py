@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.equations.corrections.types import CorrectedColumn
+from mbm.equations.corrected import CorrectedColumn
 from mbm.files.journal import Read
 from mbm.report.row_data import Map, NoiseReport, PlotData, RawResiduals, ResidualRow, ResidualSummary, RowData
 from mbm.report.spreads import ConsideredConstant, Spread

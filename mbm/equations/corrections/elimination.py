@@ -19,12 +19,13 @@ from typing import Protocol
 import numpy as np
 
 from mbm.equations.binding import INPUTS_AT_A_TIME, EvaluationCache, Group
+from mbm.equations.corrected import CorrectedColumn
 from mbm.equations.corrections.feet import feet, first_feet
 from mbm.equations.corrections.measured import Measured, MeasuredColumn, check_sharing, measured, rows_of_groups
 from mbm.equations.corrections.search import spread
 from mbm.equations.corrections.straight import Builder, straight_groups
 from mbm.equations.corrections.system import System
-from mbm.equations.corrections.types import Conditions, CorrectedColumn, Feet, MeasuredErrors
+from mbm.equations.corrections.types import Conditions, Feet, MeasuredErrors
 from mbm.equations.scatter import Scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem.tables import Table

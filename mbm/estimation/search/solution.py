@@ -18,7 +18,7 @@ from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.equations.corrections.types import CorrectedColumn
+    from mbm.equations.corrected import CorrectedColumn
     from mbm.estimation.search.search import Alternative, Tally
 
 
