@@ -178,3 +178,25 @@ def test_simulated_experiments_with_drawn_constants_scatter_as_expected() -> Non
     actual = float(np.std(np.asarray(found["g"], dtype=float), ddof=1))
     assert design.chosen is not None
     assert abs(actual / float(design.chosen.sigma or 0.0) - 1) < 3 / np.sqrt(2 * count)
+
+
+HEIGHTS = """(problem net
+  (data d (table (i j) (1 2) (2 3))) (data c (table (i j) (3 4) (1 3) (1 4) (2 4)))
+  (unknowns (h :per (d.i c.j) :init 0))
+  (observe d (= dh (- (h i) (h j))) :sigma 1)
+  (constraints (= (h 1) 0)))"""
+
+
+def test_what_a_constraint_fixes_leaves_the_determinant_of_the_rest() -> None:
+    """A levelling net: the determinant is 1 over its spanning trees (Kirchhoff): 4 of a square, 3 of the other sets."""
+    design = mbm.loads(HEIGHTS).design(None, "c", choose=2, criterion="D")
+    assert design.chosen is not None
+    assert design.chosen.rows == (1, 3)
+    assert design.chosen.objective == pytest.approx(-np.log(4), abs=1e-9)
+
+
+def test_of_fewer_candidates_than_wanted_all_are_chosen() -> None:
+    """Once each: no set of a hundred can be made of four."""
+    design = mbm.loads(HEIGHTS).design("h[4]", "c", choose=100)
+    assert design.chosen is not None
+    assert design.chosen.rows == (1, 2, 3, 4)

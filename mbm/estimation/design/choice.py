@@ -45,6 +45,13 @@ class Expected:
         """Standard deviations (q,)."""
         return np.asarray(np.sqrt(np.diag(self.matrix)))
 
+    def gain(self, then: Expected) -> float | None:
+        """By which factor the standard deviations shrink, in their geometric mean; correlations count."""
+        if not (self.determined and then.determined):
+            return None
+        count, logarithm = volume(self.matrix)
+        return float(np.exp((logarithm - volume(then.matrix)[1]) / (2 * max(count, 1))))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Information:
@@ -163,6 +170,9 @@ PASSES = 50
 BETTER = 1e-9
 """Relative improvement that counts: less is rounding, and would exchange equal candidates for ever."""
 
+DEPENDENT = 1e-12
+"""Share of a variance that is rounding where the numbers before decide a number."""
+
 MOST_REPEATS = 10**9
 """Repeats up to which a standard deviation is sought: more measurements than anybody makes."""
 
@@ -215,6 +225,8 @@ def choose(information: Information, wish: Wish, seed: int) -> Choice:
     information = information.compressed()
     score = _scores(information, wish.criterion)
     size = len(information.candidates)
+    if wish.count is not None and not wish.repeats:
+        wish = replace(wish, count=min(wish.count, size))
     every = _every(wish, size)
     if every is not None:
         best = every[0] if every else np.zeros(size, dtype=np.int64)
@@ -254,9 +266,21 @@ def repeats_for(information: Information, candidate: int, wanted: float) -> int 
 
 def objective(expected: Expected, criterion: Criterion) -> float:
     """What a criterion makes small of a set that determines all numbers."""
-    if criterion is Criterion.D:
-        return float(np.linalg.slogdet(expected.matrix)[1])
-    return float(np.trace(expected.matrix))
+    return volume(expected.matrix)[1] if criterion is Criterion.D else float(np.trace(expected.matrix))
+
+
+def volume(matrix: Floats) -> tuple[int, float]:
+    """How many numbers of a covariance are free of those before them, and the logarithm of the determinant of theirs.
+
+    Constraints, and numbers derived from one another, leave the same combinations without variance in every set.
+    """
+    left, count, logarithm = matrix.copy(), 0, 0.0
+    for place, variance in enumerate(np.diag(matrix).tolist()):
+        remains = float(left[place, place])
+        if remains > DEPENDENT * variance:
+            count, logarithm = count + 1, logarithm + float(np.log(remains))
+            left -= np.outer(left[:, place], left[place] / remains)
+    return count, logarithm
 
 
 def _scores(information: Information, criterion: Criterion) -> Callable[[Indices], Score]:

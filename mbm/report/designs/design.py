@@ -337,19 +337,12 @@ def _candidates(
                 cost=float(offered.costs[place]),
                 determined=then.determined,
                 sigma=sigma,
-                gain=_gain(told, then) if not alike else before / sigma if before is not None and sigma else None,
+                gain=told.gain(then) if not alike else before / sigma if before is not None and sigma else None,
                 observable=then.missing < told.missing,
                 repeats=None if wanted is None else repeats_for(compressed, place, wanted),
             )
         )
     return tuple(found)
-
-
-def _gain(before: Expected, then: Expected) -> float | None:
-    """By which factor the standard deviations of numbers shrink, in their geometric mean; correlations count."""
-    if not (before.determined and then.determined):
-        return None
-    return float(np.exp((objective(before, Criterion.D) - objective(then, Criterion.D)) / (2 * len(then.sigma))))
 
 
 def _chosen(information: Information, offered: Offered | None, wish: DesignWish, alike: bool) -> ChosenSet | None:
