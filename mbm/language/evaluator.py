@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import TypeVar
 
 from mbm.expression.algebra import UndefinedValueError
@@ -30,7 +31,7 @@ from mbm.language.values import (
     describe,
     size_of,
 )
-from mbm.text.suggest import closest, infix, listed, suggestion
+from mbm.text.suggest import closest, how_to_index, infix, listed, suggestion
 from mbm.text.types import (
     Bracket,
     Code,
@@ -90,6 +91,8 @@ class FormEvaluator:
             if form.bracket is Bracket.SQUARE:
                 return self.vector(form, form.items, scope)
             return self._list(form, scope)
+        except MbmError as error:
+            raise _with_index(error, form) from None
         finally:
             self.budget.leave()
 
@@ -271,6 +274,22 @@ def _with_label(error: MbmError, span: Span, message: str) -> MbmError:
             for d in error.diagnostics
         )
     )
+
+
+def _with_index(error: MbmError, form: Sequence) -> MbmError:
+    """The error, with how an element is written where it speaks of ``name[index]``, which is read as two forms."""
+    for name, index in pairwise(form.items):
+        if isinstance(name, Symbol) and isinstance(index, Sequence) and name.span.end == index.span.start:
+            hint = how_to_index(name.name, index.span.text)
+            both = replace(name.span, end=index.span.end)
+            return MbmError(*(replace(d, hint=hint) if _speaks_of(d, form, both) else d for d in error.diagnostics))
+    return error
+
+
+def _speaks_of(fault: Diagnostic, form: Sequence, part: Span) -> bool:
+    """Whether a fault is of all of a form, or of a part of it."""
+    places = (fault.place, *(label.place for label in fault.labels))
+    return any(p == form.span or (isinstance(p, Span) and part.start <= p.start < part.end) for p in places)
 
 
 def element(value: Value, arguments: tuple[Value, ...], form: Sequence) -> Value:

@@ -368,7 +368,7 @@ def describe(value: Value) -> str:
     if isinstance(value, PoseValue | Placeable):
         return value.kind
     if isinstance(value, FamilyValue):
-        return f"the family `{value.name}`"
+        return f"the family `{value.name}`, of which `({value.name} KEY)` is a member"
     if isinstance(value, TableName):
         return f"the table `{value.name}`"
     if isinstance(value, FORMS):

@@ -102,3 +102,11 @@ def for_a_number(cell: str) -> str:
     except ValueError:
         return "correct the cell, or leave it empty (`NA` in a problem's own table) and allow gaps with `:missing skip`"
     return "give times as numbers, in seconds since some start"
+
+
+def how_to_index(name: str, index: str) -> str:
+    """What to write for ``name[index]``."""
+    inside = " ".join(index.strip("[]").replace(",", " ").split())
+    return (
+        f"`{name}{index}` is read as `{name}` and a vector: an element, or a member by its key, is `({name} {inside})`"
+    )

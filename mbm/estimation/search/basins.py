@@ -12,13 +12,13 @@ from mbm.equations.binding import INPUTS_AT_A_TIME, Group
 from mbm.equations.metric import minimum_norms, rounding_at
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.estimation.minimise.native.minimum import StartEnds
-from mbm.estimation.search.twins import Agreement, Twin, separation, twin_of
+from mbm.estimation.search.twins import Agreement, Twin, plainer, separation, twin_of
 from mbm.estimation.search.valleys import RANK, Walks, flat
 from mbm.solver.decisions import DIFFERENCE, fits_exactly, usual_cost
 from mbm.values import dataclass
 
 COARSE = 1e-4
-"""Ends nearer to each other than this share of the spread of all ends are the same before they are polished."""
+"""Ends plainer to each other than this share of the spread of all ends are the same before they are polished."""
 
 FINE = 1e-3
 """Minima are the same if no coordinate differs by more than this share of its conditional standard deviation."""
@@ -108,7 +108,8 @@ def _ranked(basins: Sequence[Basin]) -> Iterator[Basin]:
 def without_twins(equations: Assembled, basins: Sequence[Basin], agree: Agreement) -> tuple[Basin, ...]:
     """Basins that are another way to write a better one are joined to it; mirror images stay, and are marked.
 
-    Those of which derived quantities do not ``agree`` stay as well: somebody tells them apart.
+    Those of which derived quantities do not ``agree`` stay as well: somebody tells them apart. Plain numbers that turn
+    as angles do are written as near to their starts as they can be.
     """
     kept: list[Basin] = []
     for number, basin in enumerate(basins):
@@ -117,8 +118,9 @@ def without_twins(equations: Assembled, basins: Sequence[Basin], agree: Agreemen
             kept.append(basin)
         elif found[1] is Twin.MIRRORED:
             kept.append(replace(basin, twin=Twin.MIRRORED))
-        elif agree(kept[found[0]].minimum.point, basin.minimum.point):
-            kept[found[0]] = _joined(kept[found[0]], basin)
+        elif agree((same := kept[found[0]]).minimum.point, basin.minimum.point):
+            swapped = found[1] is Twin.WOUND and plainer(equations, same.minimum.point, basin.minimum.point)
+            kept[found[0]] = _joined(basin, same) if swapped else _joined(same, basin)
         else:
             kept.append(basin)
     return tuple(kept)

@@ -19,10 +19,10 @@ from mbm.equations.excerpt import excerpt
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.estimation.minimise.minimise import minima, minimise
 from mbm.estimation.minimise.native.minimum import StartEnds, ends_of_starts, joined
-from mbm.estimation.search.basins import Basin, ends_apart, merged, ways_down, without_twins
+from mbm.estimation.search.basins import COMPARED, Basin, ends_apart, merged, ways_down, without_twins
 from mbm.estimation.search.dissection import MAXIMUM_ROWS, Dissection, Mention, Part, dissected
 from mbm.estimation.search.starting import Beginning
-from mbm.estimation.search.twins import Agreement
+from mbm.estimation.search.twins import Agreement, unwound
 from mbm.estimation.search.valleys import Walks
 from mbm.estimation.settings import Settings
 from mbm.problem.types import BlockRole, Problem
@@ -262,7 +262,16 @@ class Seeker:
             left = [self._below(b) for b in found]
             if any(b is not a for a, b in zip(found, left, strict=True)):
                 found = merged(self._walks, left)
+        wound = tuple(self._unwound(b) for b in found[:COMPARED])
+        if any(b is not a for a, b in zip(found, wound, strict=False)):
+            found = merged(self._walks, (*wound, *found[COMPARED:]))
         return found if len(found) < 2 else without_twins(self._equations, found, self._agree)
+
+    def _unwound(self, basin: Basin) -> Basin:
+        """The basin with plain numbers that turn as angles do within a turn of their starts."""
+        before = basin.minimum.point
+        point = unwound(self._equations, before, self._agree)
+        return basin if point is before else replace(basin, minimum=replace(basin.minimum, point=point))
 
     def _below(self, basin: Basin) -> Basin:
         """The basin itself, or where it leads if it is a saddle."""

@@ -1,14 +1,16 @@
 """Minima that are one solution written twice, or mirror images that no equation tells apart.
 
 Two minima of the same residuals suggest a symmetry: angles that turn by half a turn (Euler angles: φ+π, π−θ, ψ+π),
-values that change sign or are reflected, directions that point the other way (a plane's normal, with its offset),
-unknowns that trade places. Whether the equations have it is tried at random
-points: a symmetry holds everywhere, two solutions that happen to fit equally well agree at the solutions only.
+plain numbers that do as angles do (a phase in a sine), values that change sign or are reflected, directions that point
+the other way (a plane's normal, with its offset), unknowns that trade places. Whether the equations have it is tried at
+random points: a symmetry holds everywhere, two solutions that happen to fit equally well agree at the solutions only.
+That of plain numbers holds for all data, too: frequencies a turn apart are alike at whole times only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -62,6 +64,7 @@ class Twin(Enum):
     """How one minimum follows from another; the value is the sentence for people."""
 
     TURNED = "the same solution in other angles"
+    WOUND = "the same solution with plain numbers turned as angles are"
     EXCHANGED = "the same solution with unknowns exchanged"
     MIRRORED = "the mirror image: no observation tells the two apart"
 
@@ -147,16 +150,61 @@ def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask, a
     def wrapped(x: Floats) -> Floats:
         return np.abs(np.remainder(x + np.pi, 2 * np.pi) - np.pi)
 
+    halves = np.round((b - a) / np.pi)
+    wound = ~turning & (np.abs(b - a - np.pi * halves) <= NEAR)
     half = turning & (wrapped(b - a - np.pi) <= NEAR)
     supplement = turning & ~half & (wrapped(b + a - np.pi) <= NEAR)
     negated = np.where(turning, wrapped(a + b) <= NEAR, np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b)))
-    if (~(half | supplement | negated)).sum() > MIDDLES:
+    if (~(half | supplement | negated | wound)).sum() > MIDDLES:
         return None
-    sign = np.where(half, 1.0, -1.0)
-    shift = np.where(half | supplement, np.pi, np.where(negated, 0.0, a + b))
+    sign = np.where(half | wound, 1.0, -1.0)
+    shift = np.select([wound, half | supplement, negated], [np.pi * halves, np.pi, 0.0], a + b)
     rewritten = len(about) > 0 and bool((half | supplement | negated).all()) and len(moving) <= len(about)
-    kind = Twin.TURNED if rewritten or half.any() else Twin.MIRRORED
+    kind = Twin.WOUND if wound.any() else Twin.TURNED if rewritten or half.any() else Twin.MIRRORED
     return _Map(targets=moving, sources=moving, sign=sign, shift=shift, about=about, kind=kind)
+
+
+def unwound(equations: Assembled, point: Floats, agree: Agreement) -> Floats:
+    """The point (N,) with plain numbers brought by whole turns as near to their starts, or 0, as nothing notices."""
+    layout = equations.layout
+    plain = equations.free[(layout.number[equations.free] >= 0) & ~layout.angle[equations.free]]
+    places, result = layout.number[plain], point
+    if equations.constraints:
+        return result
+    turns = np.round((point[places] - _nearest(equations, places)) / (2 * np.pi))
+    moved = point[places] - 2 * np.pi * turns
+    inside = (moved >= layout.lower[plain]) & (moved <= layout.upper[plain])
+    few, angle = np.flatnonzero((turns != 0) & inside), np.zeros(len(places), dtype=bool)
+    nothing = np.empty((0, 3), dtype=np.int64)
+    for k in few:
+        shift = _Map(
+            targets=places[k : k + 1], sources=places[k : k + 1], sign=np.ones(1), shift=-2 * np.pi * turns[k : k + 1],
+            about=nothing, kind=Twin.WOUND,
+        )  # fmt: skip
+        if _holds(equations, shift, result, places, angle):
+            candidate = shift.applied(result[None])[0]
+            result = candidate if agree(result, candidate) else result
+    return result
+
+
+def plainer(equations: Assembled, first: Floats, second: Floats) -> bool:
+    """Whether a person would rather write the point ``second`` (N,) than its twin ``first``.
+
+    Of numbers that change sign more are positive (amplitudes), else it is nearer to the starts of numbers, or 0.
+    """
+    places = equations.layout.number[equations.free]
+    places = places[places >= 0]
+    a, b = first[places], second[places]
+    opposite = np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b))
+    gain = int((b[opposite] > 0).sum()) - int((a[opposite] > 0).sum())
+    middle = _nearest(equations, places)
+    return gain > 0 or (gain == 0 and bool(np.abs(b - middle).sum() < (1.0 - NEAR) * np.abs(a - middle).sum()))
+
+
+def _nearest(equations: Assembled, places: Indices) -> Floats:
+    """The starts of numbers, 0 where none is known."""
+    start = equations.layout.start[places]
+    return np.where(np.isfinite(start), start, 0.0)
 
 
 def _holds(equations: Assembled, candidate: _Map, about: Floats, places: Indices, angle: Mask) -> bool:
@@ -169,11 +217,26 @@ def _holds(equations: Assembled, candidate: _Map, about: Floats, places: Indices
     probes[:, candidate.about] = scattered / np.linalg.norm(scattered, axis=-1, keepdims=True)
     with np.errstate(all="ignore"):
         before, after = equations.residuals_at(probes), equations.residuals_at(candidate.applied(probes))
+    if not _alike(before, after):
+        return False
+    if candidate.kind is Twin.WOUND:
+        with np.errstate(all="ignore"):
+            for group in equations.groups:
+                blurred = group.parameters * (1.0 + TRIED_SHARE * random.uniform(-1.0, 1.0, group.parameters.shape))
+                other = replace(group, parameters=blurred)
+                found = (other.values_at(each).reshape(PROBES, -1) for each in (probes, candidate.applied(probes)))
+                if not _alike(*found):
+                    return False
+    return True
+
+
+def _alike(before: Floats, after: Floats) -> bool:
+    """Whether residuals (P, m) at several points are those at others up to the sign of each column."""
     finite = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
     if finite.sum() < 2:
         return False
     before, after = before[finite], after[finite]
-    allowed = AGREE * (1.0 + np.abs(before).max())
+    allowed = AGREE * (1.0 + np.abs(before).max(initial=0.0))
     kept, turned = (np.abs(before - sign * after).max(axis=0) <= allowed for sign in (1.0, -1.0))
     return bool((kept | turned).all())
 

@@ -1,0 +1,63 @@
+"""Plain numbers that turn as angles do: one solution, written as a person would; frequencies a turn apart are two."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import mbm
+
+SINE = """(problem s (data d external) (unknowns (a) (w :in (0.5 {most})) (phi))
+  (observe d (= y (* a (sin (+ phi (* w t))))) :sigma 0.05) {more})"""
+
+
+def wave(times: np.ndarray, truth: tuple[float, float, float], seed: int) -> dict[str, dict[str, np.ndarray]]:
+    noise = np.random.default_rng(seed).normal(0.0, 0.05, len(times))
+    return {"d": {"t": times, "y": truth[0] * np.sin(truth[2] + truth[1] * times) + noise}}
+
+
+@pytest.mark.parametrize(("seed", "phase"), [(1, 2.8), (2, -2.4), (3, 0.3)])
+def test_a_wave_has_a_positive_amplitude_and_a_phase_within_half_a_turn(seed, phase):
+    """(a, φ), (−a, φ + π) and (a, φ + 2π) are one wave; SciPy begins at the truth, which is so written."""
+    data = wave(np.linspace(0.0, 9.7, 12), (2.5, 0.85, phase), seed)
+    t, y = data["d"]["t"], data["d"]["y"]
+    wanted = least_squares(lambda p: (p[0] * np.sin(p[2] + p[1] * t) - y) / 0.05, [2.5, 0.85, phase], xtol=1e-12).x
+    solve = mbm.loads(SINE.format(most=3, more="")).solve(data=data).first
+    found = [float(each.value) for each in solve.estimates]
+    assert found == pytest.approx(list(wanted), abs=1e-4)  # a hundredth of their standard deviations
+    assert not solve.alternatives
+
+
+def test_frequencies_a_turn_apart_are_two_at_whole_times():
+    """At t = 0, 1, 2, … nobody can tell ω from ω + 2π: both are told, though the residuals are the same."""
+    data = wave(np.arange(10.0), (2.5, 0.85, 0.4), 4)
+    solve = mbm.loads(SINE.format(most=8, more="")).solve(data=data).first
+    rates = [float(each.estimates[1].value) for each in (solve, *solve.alternatives)]
+    assert np.ptp([abs(rate) for rate in rates]) > 2.0
+    assert any(abs(abs(a - b) - 2 * np.pi) < 1e-3 for a in rates for b in rates)
+
+
+def test_turns_that_a_derived_quantity_tells_apart_are_told():
+    data = wave(np.linspace(0.0, 9.7, 12), (2.5, 0.85, 2.8), 1)
+    solve = mbm.loads(SINE.format(most=3, more="(derive (half (* 0.5 phi)))")).solve(data=data).first
+    assert solve.alternatives
+
+
+def test_a_fix_by_stars_is_on_the_map():
+    """sin h = sin φ sin δ + cos φ cos δ cos(G + λ): (φ, λ) is (π − φ, λ + π) too, each with any number of turns."""
+    place = np.radians([47.3, -8.5])
+    stars = np.radians([[40.0, 20.0], [110.0, -10.0], [300.0, 45.0], [200.0, 60.0]])
+
+    def heights(p: np.ndarray) -> np.ndarray:
+        across = np.cos(p[0]) * np.cos(stars[:, 1]) * np.cos(stars[:, 0] + p[1])
+        return np.arcsin(np.sin(p[0]) * np.sin(stars[:, 1]) + across)
+
+    h = heights(place) + np.radians([0.01, -0.02, 0.015, 0.005])
+    rows = "\n".join(f"({g:.12f} {d:.12f} {x:.12f})" for (g, d), x in zip(stars, h, strict=True))
+    text = f"""(problem fix (data d (table (g d h) {rows})) (unknowns (lat :unit deg) (lon :unit deg))
+      (observe d (= h (asin (+ (* (sin lat) (sin d)) (* (cos lat) (cos d) (cos (+ g lon)))))) :sigma 0.02deg))"""
+    solve = mbm.loads(text).solve().first
+    wanted = least_squares(lambda p: heights(p) - h, place, xtol=1e-12, ftol=1e-15, gtol=1e-15).x
+    assert [float(each.value) for each in solve.estimates] == pytest.approx(list(np.degrees(wanted)), abs=1e-4)
+    assert not solve.alternatives
