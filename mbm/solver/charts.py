@@ -94,6 +94,19 @@ def set_sphere_slopes(piece: Component, point: ConstantReals, s: Real, t: Real, 
             slopes[2 * i + j] = turned * step + share * straight
 
 
+def longest_turn(problem: Problem, step: ConstantReals) -> Real:
+    """The largest angle by which a step turns one of the rotations and directions."""
+    found = 0.0
+    for k in range(problem.component_count):
+        piece = problem.components[k]
+        if piece.kind != SCALE:
+            x = part_of_step(piece.column_0, step)
+            y = part_of_step(piece.column_1, step)
+            z = part_of_step(piece.column_2, step) if piece.kind == QUATERNION else 0.0
+            found = max(found, sqrt(x * x + y * y + z * z))
+    return found
+
+
 @distinct_arrays
 def transport(
     problem: Problem, point: ConstantReals, step: ConstantReals, count: Integer, slopes: Reals, lines: Reals

@@ -11,10 +11,10 @@ Gauss-Newton's steps are shortened until the cost falls enough (Armijo): an iter
 
 from __future__ import annotations
 
-from math import fabs, isfinite, sqrt
+from math import fabs, isfinite, pi, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real
-from mbm.solver.charts import transport
+from mbm.solver.charts import longest_turn, transport
 from mbm.solver.covariance import singular_values
 from mbm.solver.filter_losses import NARROWER, WIDEST, spread_update
 from mbm.solver.filter_moves import to_columns
@@ -131,8 +131,10 @@ def place_share(walk: Walk, size: Integer) -> None:
 
 
 def cost_of_share(walk: Walk, free: Integer, size: Integer) -> Real:
-    """``|θ|² + |r|²`` there."""
+    """``|θ|² + |r|²`` there; `FIRST_COST` where what is known of a rotation would count turns that change nothing."""
     place_share(walk, size)
+    if longest_turn(walk.seen, walk.step) > (pi if free == 0 else 2.0 * pi):
+        return FIRST_COST
     found = step_cost(walk, walk.trial) + dot(size - free, walk.share[free:], walk.share[free:])
     return found if isfinite(found) else FIRST_COST
 

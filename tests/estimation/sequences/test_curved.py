@@ -245,3 +245,33 @@ def test_a_smoother_whose_path_gets_stuck_ends_as_batch_does():
     assert found.solves[0].status == "converged"
     # 250 rows, and as many priors and noises as numbers: the sum of squares is χ² distributed
     assert chi2.ppf(1e-3, 250) < found.solves[0].cost < chi2.ppf(1 - 1e-3, 250)
+
+
+FAR_ATTITUDE = """(problem attitude
+  (constants (a 0) (b 0) (c 0))
+  (data seen (table (t ax ay az mx my mz) (0 -0.26 -0.23 -0.94 0.72 -0.11 0.68)))
+  (states :over t (R (rotation 3) :init (axis-angle [a b c]) :sigma 1))
+  (dynamics (static R))
+  (observe a seen (= [ax ay az] (rotate (inverse R) [0 0 -1])) :sigma 0.02)
+  (observe m seen (= [mx my mz] (rotate (inverse R) [0.6 0 0.8])) :sigma 0.03)
+  (solve :method iterated-ekf))"""
+
+
+@pytest.mark.parametrize(
+    "first", [(2.0, -2.0, 0.0), (-1.5, 0.4, -2.5), (2.9, 0.3, 0.2), (0.1, -0.2, 2.8), (1.0, 1.0, -1.0)]
+)
+def test_no_turns_are_counted_that_change_nothing(first):
+    """By SciPy, from several starts: the rotation vector from the first state is at most π long."""
+    seen, along = np.array([-0.26, -0.23, -0.94, 0.72, -0.11, 0.68]), Rotation.from_rotvec(first)
+
+    def residuals(vector, base):
+        here = base * Rotation.from_rotvec(vector)
+        rows = np.concatenate([here.inv().apply([0, 0, -1]), here.inv().apply([0.6, 0, 0.8])]) - seen
+        return np.concatenate([(along.inv() * here).as_rotvec(), rows / np.repeat([0.02, 0.03], 3)])
+
+    starts = Rotation.random(6, random_state=1)
+    expected = min(2.0 * least_squares(residuals, np.zeros(3), args=(start,)).cost for start in starts)
+    problem = mbm.loads(FAR_ATTITUDE)
+    solve = problem.solve(constants=dict(zip("abc", first, strict=True))).first
+    assert solve.status == "converged"
+    assert solve.cost == pytest.approx(expected, rel=1e-6)
