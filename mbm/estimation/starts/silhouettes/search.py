@@ -65,7 +65,8 @@ def _of_picture(equations: Assembled, picture: Picture, base: Floats, open_ones:
     points[:, layout.number[free]] = 0.0
     movable = free if free.any() else open_ones & plain & ~layout.angle
     with np.errstate(all="ignore"):
-        hulls = hulls.thinned(in_front(hulls, points[: hulls.at_most(THINNING)], movable))
+        if len(points) > 1:  # the points that one view shows are too few for others
+            hulls = hulls.thinned(in_front(hulls, points[: hulls.at_most(THINNING)], movable))
         points, misfits = placed(hulls, points[: hulls.at_most(DRAWN)], movable)
         points, costs = best(points, np.square(misfits).mean(axis=1), REFINED)
         if not len(points):
