@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import groupby
+from operator import itemgetter
+
 import numpy as np
 import pytest
 
@@ -12,6 +15,7 @@ from mbm.estimation.native.callbacks import InterpretedCode
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Method
 from tests.estimation.classics import CLASSICS, Functions
+from tests.estimation.constrained.toys import Toy
 
 
 class Stopping(Functions):
@@ -103,3 +107,28 @@ def test_the_text_as_python_finds_the_listed_minima(name, method, monkeypatch):
     assert found.reason.converged
     # As tests/estimation/test_classics.py: listed to six digits.
     assert any(found.cost == pytest.approx(cost, rel=2e-6, abs=1e-18) for cost in minima)
+
+
+def test_each_part_of_constrained_equations_is_evaluated_once_at_a_point():
+    """The solver asks for their values and derivatives together, and for both again where a round of penalties ends."""
+    asked = []
+
+    class Counted(Toy):
+        def constraint_values(self, x):
+            asked.append(("values", tuple(x)))
+            return super().constraint_values(x)
+
+        def constraint_jacobian(self, x):
+            asked.append(("slopes", tuple(x)))
+            return super().constraint_jacobian(x)
+
+    circle = Counted(
+        function=lambda x: x - np.array([3.0, 4.0]), size=2, rows=2, equal=lambda x: [x @ x - 1.0], counts=(1, 0)
+    )
+    system = function.system_of_function(circle, Settings(), constrained=True)
+    ends = system.one(np.array([1.0, 0.0]), end="set_end")
+    # the constraint holds to rounding; 1e-10 is where steps count as small
+    assert ends.numbers[0] == pytest.approx([0.6, 0.8], abs=1e-10)
+    for point, parts in groupby(asked, key=itemgetter(1)):
+        told = [part for part, _ in parts]
+        assert len(told) == len(set(told)), point

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from dataclasses import field, replace
 from functools import cache
 from typing import Any, cast
@@ -40,22 +41,37 @@ class Remembered:
 
     equations: Equations
     _point: Floats | None = None
-    _residuals: Floats | None = None
-    _jacobian: Floats | None = None
+    _parts: dict[str, Floats] = field(default_factory=dict)
 
     def residuals(self, point: Floats) -> Floats:
         """Those (m,) at a point (N,)."""
-        if self._point is None or self._residuals is None or not np.array_equal(point, self._point):
-            self._point, self._jacobian = point.copy(), None
-            self._residuals = self.equations.residuals(self._point)
-        return self._residuals
+        return self._once("residuals", self.equations.residuals, point)
 
     def jacobian(self, point: Floats) -> Floats:
         """That (m, n) at a point."""
-        self.residuals(point)
-        if self._jacobian is None:
-            self._jacobian = self.equations.jacobian(point.copy())
-        return self._jacobian
+        return self._once("jacobian", self.equations.jacobian, point)
+
+    def constraint_values(self, point: Floats) -> Floats:
+        """Those (k,) at a point."""
+        return self._once("values", self.limited.constraint_values, point)
+
+    def constraint_jacobian(self, point: Floats) -> Floats:
+        """Their derivatives (k, n) at a point."""
+        return self._once("slopes", self.limited.constraint_jacobian, point)
+
+    @property
+    def limited(self) -> ConstrainedEquations:
+        """The equations, as those that have constraints."""
+        return cast(ConstrainedEquations, self.equations)
+
+    def _once(self, part: str, evaluated: Callable[[Floats], Floats], point: Floats) -> Floats:
+        if self._point is None or not np.array_equal(point, self._point):
+            self._point = point.copy()
+            self._parts.clear()
+        found = self._parts.get(part)
+        if found is None:
+            found = self._parts[part] = evaluated(self._point)
+        return found
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -84,34 +100,30 @@ class Function:
         callbacks = KERNEL(self._limits), KERNEL(self._limit_slopes)
         self._held = (*self._held, *callbacks)
         values, jacobian = (address_of(callback) for callback in callbacks)
-        return Limits(values=values, jacobian=jacobian, equality=self._limited.equality)
-
-    @property
-    def _limited(self) -> ConstrainedEquations:
-        return cast(ConstrainedEquations, self.equations)
+        return Limits(values=values, jacobian=jacobian, equality=self._remembered.limited.equality)
 
     def _limits(self, given: int, target: int, _blocks: int) -> None:
-        found = memory(target, LANES * len(self._limited.equality)).reshape(-1, LANES)
+        found = memory(target, LANES * len(self._remembered.limited.equality)).reshape(-1, LANES)
 
         def evaluate() -> None:
-            found[...] = self._limited.constraint_values(self._first_lane(given))[:, None]
+            found[...] = self._remembered.constraint_values(self._first_lane(given))[:, None]
 
         self.guard.fill(found, evaluate)
 
     def _limit_slopes(self, given: int, target: int, _blocks: int) -> None:
-        count = len(self._limited.equality)
+        count = len(self._remembered.limited.equality)
         found = memory(target, LANES * count * (1 + self.equations.dimension)).reshape(-1, LANES)
 
         def evaluate() -> None:
             here = self._first_lane(given)
-            found[:count] = self._limited.constraint_values(here)[:, None]
-            found[count:] = self._limited.constraint_jacobian(here).reshape(-1, 1)
+            found[:count] = self._remembered.constraint_values(here)[:, None]
+            found[count:] = self._remembered.constraint_jacobian(here).reshape(-1, 1)
 
         self.guard.fill(found, evaluate)
 
     def _first_lane(self, given: int) -> Floats:
         """A point as a kernel is given it; all lanes are equal."""
-        return memory(given, LANES * self.numbers)[::LANES].copy()
+        return memory(given, LANES * self.numbers)[::LANES]
 
     def _values(self, point: int, _data: int, target: int, _stride: int) -> None:
         found = memory(target, self.equations.count)
@@ -184,19 +196,19 @@ ANY_NUMBER, PLACE = Slot("", 0, None), ConstantInput("place")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AllLimits:
-    """The kernel of all constraints of ``equations`` together (protocol `Stream`), at points of so many ``numbers``."""
+    """The kernel of all constraints of equations together (protocol `Stream`), at points of so many ``numbers``."""
 
-    equations: Assembled
+    remembered: Remembered
     numbers: int
 
     def values(self, inputs: Floats) -> Floats:
         """Their values (rows, k); all rows are at the point of the first."""
-        found = self.equations.constraint_values(inputs[0, : self.numbers].copy())
+        found = self.remembered.constraint_values(inputs[0, : self.numbers])
         return np.broadcast_to(found, (len(inputs), len(found)))
 
     def values_and_jacobian(self, inputs: Floats) -> tuple[Floats, Floats]:
         """The same, and their derivatives (rows, k · n)."""
-        slopes = self.equations.constraint_jacobian(inputs[0, : self.numbers].copy()).ravel()
+        slopes = self.remembered.constraint_jacobian(inputs[0, : self.numbers]).ravel()
         return self.values(inputs), np.broadcast_to(slopes, (len(inputs), len(slopes)))
 
 
@@ -280,7 +292,7 @@ def picked_rows(equations: Assembled) -> Picked:
         for each in equations.constraints[:1]
     )
     if limits:
-        streams.append(AllLimits(equations=equations, numbers=numbers))
+        streams.append(AllLimits(remembered=remembered, numbers=numbers))
     widths = [(numbers + 1, g.kernel.outputs, len(g.kernel.jacobian_rows)) for g in (*groups, *limits)]
     plain = replace(equations, groups=tuple(groups), constraints=limits, factors=None, rows=None, implicit=None)
     return Picked(
