@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import mbm
+from mbm.estimation.search.twins import Twin, twin_of
 
 SINE = """(problem s (data d external) (unknowns (a) (w :in (0.5 {most})) (phi))
   (observe d (= y (* a (sin (+ phi (* w t))))) :sigma 0.05) {more})"""
@@ -61,3 +62,47 @@ def test_a_fix_by_stars_is_on_the_map():
     wanted = least_squares(lambda p: heights(p) - h, place, xtol=1e-12, ftol=1e-15, gtol=1e-15).x
     assert [float(each.value) for each in solve.estimates] == pytest.approx(list(np.degrees(wanted)), abs=1e-4)
     assert not solve.alternatives
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0])
+def test_small_numbers_are_no_turns(scale):
+    """Two roots, and the two sides of a line, are two solutions in micrometres as in metres."""
+    roots = f"""(problem p (unknowns (x))
+      (observe (= 0 (* (/ (- x {scale}) {scale}) (/ (- x {3 * scale}) {scale}))) :sigma 0.1))"""
+    ranges = f"""(problem p (data d (table (s r) (0 {5 * scale}) ({6 * scale} {5 * scale}))) (unknowns (x) (y))
+      (observe d (= r (sqrt (+ (^ (- x s) 2) (^ y 2)))) :sigma {0.01 * scale}))"""
+    for text, last in ((roots, [1.0, 3.0]), (ranges, [-4.0, 4.0])):
+        solve = mbm.loads(text).solve(starts=20).first
+        ends = sorted(float(each.estimates[-1].value) / scale for each in (solve, *solve.alternatives))
+        assert ends == pytest.approx(last, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("second", "kind"),
+    [
+        ((2.5, 0.85, 0.4 + 2 * np.pi, 2.0), Twin.WOUND),
+        ((-2.5, 0.85, 0.4 - np.pi, 2.0), Twin.WOUND),
+        ((2.5, 0.85, 0.4, -2.0), Twin.MIRRORED),
+        ((-2.5, 0.85, 0.4 - np.pi, -2.0), Twin.MIRRORED),
+        ((2.5, 0.85, 0.4 + np.pi, 2.0), None),
+    ],
+)
+def test_a_mirror_image_of_a_wave_is_none_of_its_ways_to_be_written(second, kind):
+    """a sin(ω t + φ) + z²: z and −z are two solutions, whichever way the wave is written where each is found."""
+    text = """(problem s (data d external) (unknowns (a :init 2) (w :init 1) (phi :init 0) (z :init 1))
+      (observe d (= y (+ (* z z) (* a (sin (+ phi (* w t)))))) :sigma 0.05))"""
+    data = {"d": {"t": np.linspace(0.0, 9.7, 12), "y": np.ones(12)}}
+    equations, _ = mbm.loads(text).compile(data=data)._assembled()
+    assert twin_of(equations, np.array([2.5, 0.85, 0.4, 2.0]), np.array(second)) is kind
+
+
+def test_clauses_without_rows_tell_no_phase_from_a_frequency():
+    """At 0, 1, 2, 3 and 4 seconds ω and 2π − ω are one in all residuals, and are two solutions."""
+    values = 2.5 * np.sin(0.4 + 0.85 * np.arange(5.0))
+    clauses = " ".join(
+        f"(observe (= {y!r} (* a (sin (+ phi (* w {k}))))) :sigma 0.01)" for k, y in enumerate(values.tolist())
+    )
+    text = f"(problem s (unknowns (a :in (0 5)) (w :in (0.5 8)) (phi :in (-3 3))) {clauses})"
+    solve = mbm.loads(text).solve(starts=60).first
+    rates = {round(float(each.estimates[1].value), 3) for each in (solve, *solve.alternatives)}
+    assert {0.85, round(2 * np.pi + 0.85, 3)} <= rates

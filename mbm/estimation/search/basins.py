@@ -18,7 +18,7 @@ from mbm.solver.decisions import DIFFERENCE, fits_exactly, usual_cost
 from mbm.values import dataclass
 
 COARSE = 1e-4
-"""Ends plainer to each other than this share of the spread of all ends are the same before they are polished."""
+"""Ends nearer to each other than this share of the spread of all ends are the same before they are polished."""
 
 FINE = 1e-3
 """Minima are the same if no coordinate differs by more than this share of its conditional standard deviation."""
@@ -232,12 +232,15 @@ def same_minimum(walks: Walks, one: Minimum, other: Minimum) -> bool:
 
 
 def _twin_among(equations: Assembled, kept: Sequence[Basin], basin: Basin) -> tuple[int, Twin] | None:
+    """The first that it is another way to write, else the first that it is a mirror image of."""
+    mirrored = None
     for number, other in enumerate(kept):
         if equal_costs(other.minimum.cost, basin.minimum.cost):
             twin = twin_of(equations, other.minimum.point, basin.minimum.point)
-            if twin is not None:
+            if twin not in (None, Twin.MIRRORED):
                 return number, twin
-    return None
+            mirrored = mirrored or (None if twin is None else (number, twin))
+    return mirrored
 
 
 def _joined(basin: Basin, other: Basin) -> Basin:

@@ -269,9 +269,8 @@ class Seeker:
 
     def _unwound(self, basin: Basin) -> Basin:
         """The basin with plain numbers that turn as angles do within a turn of their starts."""
-        before = basin.minimum.point
-        point = unwound(self._equations, before, self._agree)
-        return basin if point is before else replace(basin, minimum=replace(basin.minimum, point=point))
+        point = unwound(self._equations, basin.minimum, self._agree)
+        return basin if point is basin.minimum.point else replace(basin, minimum=replace(basin.minimum, point=point))
 
     def _below(self, basin: Basin) -> Basin:
         """The basin itself, or where it leads if it is a saddle."""

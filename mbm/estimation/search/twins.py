@@ -17,7 +17,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
-from mbm.equations.types import Floats, Indices, Mask
+from mbm.equations.types import Floats, Indices, Mask, Minimum
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import Piece
 from mbm.problem.types import Problem
@@ -107,8 +107,22 @@ def twin_of(equations: Assembled, first: Floats, second: Floats) -> Twin | None:
     exchange = None if len(about) else _exchange(first, second, moving)
     for candidate in (exchange, _reflection(first, second, moving, turning, about)):
         if candidate is not None and _holds(equations, candidate, first, places, angle):
-            return candidate.kind
+            return _kind(equations, candidate, first, places, angle)
     return None
+
+
+def _kind(equations: Assembled, found: _Map, about: Floats, places: Indices, angle: Mask) -> Twin:
+    """The kind of a symmetry: a mirror image where that of one of the numbers that do not turn holds alone."""
+    if found.kind is not Twin.WOUND:
+        return found.kind
+    for k in np.flatnonzero((found.sign != 1.0) | (found.shift == 0.0)):
+        own = found.targets[k : k + 1]
+        alone = replace(
+            found, targets=own, sources=own, sign=found.sign[[k]], shift=found.shift[[k]], kind=Twin.MIRRORED
+        )
+        if _holds(equations, alone, about, places, angle):
+            return Twin.MIRRORED
+    return found.kind
 
 
 def _turned_about(equations: Assembled, first: Floats, second: Floats) -> Indices:
@@ -151,7 +165,7 @@ def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask, a
         return np.abs(np.remainder(x + np.pi, 2 * np.pi) - np.pi)
 
     halves = np.round((b - a) / np.pi)
-    wound = ~turning & (np.abs(b - a - np.pi * halves) <= NEAR)
+    wound = ~turning & (halves != 0) & (np.abs(b - a - np.pi * halves) <= NEAR)
     half = turning & (wrapped(b - a - np.pi) <= NEAR)
     supplement = turning & ~half & (wrapped(b + a - np.pi) <= NEAR)
     negated = np.where(turning, wrapped(a + b) <= NEAR, np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b)))
@@ -164,40 +178,43 @@ def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask, a
     return _Map(targets=moving, sources=moving, sign=sign, shift=shift, about=about, kind=kind)
 
 
-def unwound(equations: Assembled, point: Floats, agree: Agreement) -> Floats:
-    """The point (N,) with plain numbers brought by whole turns as near to their starts, or 0, as nothing notices."""
-    layout = equations.layout
+def unwound(equations: Assembled, minimum: Minimum, agree: Agreement) -> Floats:
+    """The point (N,) of a minimum with plain numbers brought by whole turns as near to their starts, or 0, as nothing
+    notices.
+    """
+    layout, result = equations.layout, minimum.point
     plain = equations.free[(layout.number[equations.free] >= 0) & ~layout.angle[equations.free]]
-    places, result = layout.number[plain], point
-    if equations.constraints:
+    places = layout.number[plain]
+    shifts = -2 * np.pi * np.round((result[places] - _nearest(equations, places)) / (2 * np.pi))
+    moved = result[places] + shifts
+    few = np.flatnonzero((shifts != 0) & (moved >= layout.lower[plain]) & (moved <= layout.upper[plain]))
+    if equations.constraints or not len(few):
         return result
-    turns = np.round((point[places] - _nearest(equations, places)) / (2 * np.pi))
-    moved = point[places] - 2 * np.pi * turns
-    inside = (moved >= layout.lower[plain]) & (moved <= layout.upper[plain])
-    few, angle = np.flatnonzero((turns != 0) & inside), np.zeros(len(places), dtype=bool)
-    nothing = np.empty((0, 3), dtype=np.int64)
-    for k in few:
-        shift = _Map(
-            targets=places[k : k + 1], sources=places[k : k + 1], sign=np.ones(1), shift=-2 * np.pi * turns[k : k + 1],
-            about=nothing, kind=Twin.WOUND,
-        )  # fmt: skip
-        if _holds(equations, shift, result, places, angle):
-            candidate = shift.applied(result[None])[0]
-            result = candidate if agree(result, candidate) else result
+    points = np.tile(result, (len(few), 1))
+    points[np.arange(len(few)), places[few]] = moved[few]
+    with np.errstate(all="ignore"):
+        apart = np.abs(equations.residuals_at(points) - minimum.residuals).max(axis=1, initial=0.0)
+    unnoticed = few[apart <= AGREE * (1.0 + np.abs(minimum.residuals).max(initial=0.0))]
+    nothing, angle = np.empty((0, 3), dtype=np.int64), np.zeros(len(places), dtype=bool)
+    for k in unnoticed:
+        own = places[k : k + 1]
+        turn = _Map(targets=own, sources=own, sign=np.ones(1), shift=shifts[k : k + 1], about=nothing, kind=Twin.WOUND)
+        candidate = turn.applied(result[None])[0]
+        if _holds(equations, turn, result, places, angle) and agree(result, candidate):
+            result = candidate
     return result
 
 
 def plainer(equations: Assembled, first: Floats, second: Floats) -> bool:
     """Whether a person would rather write the point ``second`` (N,) than its twin ``first``.
 
-    Of numbers that change sign more are positive (amplitudes), else it is nearer to the starts of numbers, or 0.
+    Of numbers without starts that change sign more are positive (amplitudes), else it is nearer to the starts, or 0.
     """
     places = equations.layout.number[equations.free]
     places = places[places >= 0]
-    a, b = first[places], second[places]
-    opposite = np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b))
+    a, b, middle = first[places], second[places], _nearest(equations, places)
+    opposite = (np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b))) & ~np.isfinite(equations.layout.start[places])
     gain = int((b[opposite] > 0).sum()) - int((a[opposite] > 0).sum())
-    middle = _nearest(equations, places)
     return gain > 0 or (gain == 0 and bool(np.abs(b - middle).sum() < (1.0 - NEAR) * np.abs(a - middle).sum()))
 
 
@@ -219,14 +236,27 @@ def _holds(equations: Assembled, candidate: _Map, about: Floats, places: Indices
         before, after = equations.residuals_at(probes), equations.residuals_at(candidate.applied(probes))
     if not _alike(before, after):
         return False
-    if candidate.kind is Twin.WOUND:
-        with np.errstate(all="ignore"):
-            for group in equations.groups:
-                blurred = group.parameters * (1.0 + TRIED_SHARE * random.uniform(-1.0, 1.0, group.parameters.shape))
-                other = replace(group, parameters=blurred)
-                found = (other.values_at(each).reshape(PROBES, -1) for each in (probes, candidate.applied(probes)))
-                if not _alike(*found):
-                    return False
+    return candidate.kind is not Twin.WOUND or _holds_of_all_data(equations, candidate, probes, random)
+
+
+def _holds_of_all_data(equations: Assembled, candidate: _Map, probes: Floats, random: np.random.Generator) -> bool:
+    """Whether the map leaves what the equations say as it is at the ``probes`` (P, N) with other data, too.
+
+    Clauses without rows have no other data: nothing tells a phase from a frequency in them.
+    """
+    turned = candidate.targets[(candidate.sign == 1.0) & (candidate.shift != 0.0)]
+    with np.errstate(all="ignore"):
+        for group in equations.groups:
+            if not np.isin(group.places, candidate.targets).any():
+                continue
+            if group.positions is None and np.isin(group.places, turned).any():
+                return False
+            data = group.parameters
+            size = np.where(data == 0.0, np.abs(data).max(axis=0, initial=0.0), data)
+            other = replace(group, parameters=data + TRIED_SHARE * size * random.random(data.shape))
+            found = (other.values_at(each).reshape(PROBES, -1) for each in (probes, candidate.applied(probes)))
+            if not _alike(*found):
+                return False
     return True
 
 
