@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from datetime import datetime
 from typing import TypeVar
 
+from mbm.text.shown import cut
+
 Otherwise = TypeVar("Otherwise", bound=str | None)
 
 _SIGNED = r"([-+])([A-Za-z][\w.]*)"
@@ -106,7 +108,6 @@ def for_a_number(cell: str) -> str:
 
 def how_to_index(name: str, index: str) -> str:
     """What to write for ``name[index]``."""
-    inside = " ".join(index.strip("[]").replace(",", " ").split())
-    return (
-        f"`{name}{index}` is read as `{name}` and a vector: an element, or a member by its key, is `({name} {inside})`"
-    )
+    name, inside = cut(name, 40), cut(" ".join(index.strip("[]").split()), 40)
+    read = f"`{name}[{inside}]` is read as `{name}` and a vector"
+    return f"{read}: an element, or a member by its key, is `({name} {inside})`"
