@@ -104,3 +104,19 @@ def test_noise_between_days_is_that_of_the_analysis_of_variance(ratio):
     # The nearer to 0, the slower do factors settle to 1e-9.
     assert solve.noise["days"] ** 2 == pytest.approx(max(ratio - 1.0, 0.0) / 3.0, rel=1e-5)
     assert solve.noise["d"] ** 2 == pytest.approx(1.0 if ratio > 1.0 else (8.0 + 3.0 * ratio) / 11.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("many", [False, True])
+@pytest.mark.parametrize(("over", "said"), [("d", True), ("d.day", False)])
+def test_equations_without_readings_hold_once_for_each_key(over, said, many):
+    """Two readings of each of three days: a day has one deviation, which is not stated anew by each reading."""
+    text = DAYS.replace("days d.day", f"days {over}").format(each="(for-each run)" if many else "")
+    days, y = np.repeat([1, 2, 3], 2), np.array([9.6, 9.8, 10.5, 10.3, 10.1, 9.9])
+    data = {
+        "d": {"day": np.tile(days, 2), "y": np.tile(y, 2), "run": np.repeat([1, 2], 6)}
+        if many
+        else {"day": days, "y": y}
+    }
+    for solve in mbm.loads(text).solve(data=data).solves:
+        told = [each.message for each in solve.diagnostics if each.code.name == "repeated-equations"]
+        assert [message.split(",")[0] for message in told] == ["the 6 rows of `days` are 3 different equations"] * said

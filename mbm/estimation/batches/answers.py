@@ -141,6 +141,7 @@ REMARKED = frozenset(
         faults.IMPROBABLE_NOISE,
         faults.OUTLYING_ROW,
         faults.READINGS_AT_EDGE,
+        faults.REPEATED_EQUATIONS,
         faults.SMALL_SAMPLE,
         faults.UNEVEN_NOISE,
         faults.WEIGHTS_FROM_READINGS,

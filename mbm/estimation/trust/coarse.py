@@ -14,6 +14,7 @@ from mbm.estimation.minimise.native.tails import lags_code
 from mbm.estimation.native.code import AnyCode
 from mbm.estimation.trust import faults
 from mbm.estimation.trust.fits import Fits, Said
+from mbm.estimation.trust.repeated import repeated_equations
 from mbm.estimation.trust.uneven import NO_DIFFERENCE, outlying_rows, told_apart, uneven_noise
 from mbm.expression.algebra import UndefinedValueError
 from mbm.expression.derivative import derivatives
@@ -178,9 +179,10 @@ def coarse(readings: Floats, raw: Floats, deviations: Floats, basis: Floats) -> 
 
 
 def of_readings(fits: Fits) -> Said:
-    """Clauses whose readings have coarse steps, and those whose weights follow the readings."""
+    """Clauses whose readings have coarse steps, whose weights follow the readings, or that have none and repeat."""
     yield from coarse_readings(fits)
     yield from weights_from_readings(fits)
+    yield from repeated_equations(fits)
 
 
 def coarse_readings(fits: Fits) -> Said:

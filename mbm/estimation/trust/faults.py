@@ -48,6 +48,14 @@ UNEVEN_NOISE = Code(
     "Plot the residuals by the model's value. State how the errors grow, "
     "`:sigma (unknown model)`, `(sqrt (+ (^ s0 2) (^ (* r model) 2)))` with unknown `s0` and `r`, or `:sigma` by row.",
 )
+REPEATED_EQUATIONS = Code(
+    "repeated-equations",
+    "A clause over a table states an equation without anything measured (`(= 0 (deviation lab))`) once more for every "
+    "row of the same key: stated noise then weighs as often, and unknown noise is estimated as 0, or too small (a "
+    "warning).",
+    "State it once for each value of the key: `(observe d.lab …)` in place of `(observe d …)`, or over a table with "
+    "one row for each.",
+)
 HIDDEN_OUTLIERS = Code(
     "hidden-outliers",
     "Most errors of a clause are far smaller than stated (0.6 times as large, or less), and some lie far beyond these: "
