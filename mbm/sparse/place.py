@@ -96,9 +96,7 @@ def place_at(equations: BlockEquations, found: Plan, point: Floats, residuals: F
 
 def normal_at(found: Plan, here: Place) -> Normal:
     """``JᵀJ`` at a place, zero in the columns that are held."""
-    if not here.held.any():
-        return found.accumulate(here.values)
-    return found.accumulate(found.structure.weighted(here.values, np.where(here.held, 0.0, 1.0)))
+    return found.accumulate(here.values, np.where(here.held, 0.0, 1.0) if here.held.any() else None)
 
 
 def _gaps(equations: Equations, found: Plan, point: Floats) -> tuple[Floats, Floats] | None:

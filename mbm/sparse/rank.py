@@ -19,7 +19,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.solver.decisions import CERTAIN, GAP, ROUNDED_DEPENDENCE, SUSPECT
 from mbm.sparse.inverse import LocalNull, SparseInverse
 from mbm.sparse.normal import Normal
-from mbm.sparse.structure import Values
+from mbm.sparse.structure import Structure, Values
 from mbm.sparse.system import Factorised, Plan, factorised
 from mbm.sparse.triangles import PART, triangularised
 from mbm.values import dataclass
@@ -64,6 +64,31 @@ class Decision:
     triangular: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Scaled:
+    """The Jacobian ``values`` with each column multiplied by its factor (columns,), which is not written out."""
+
+    plan: Plan
+    values: Values
+    factors: Floats
+
+    @property
+    def structure(self) -> Structure:
+        return self.plan.structure
+
+    def normal(self) -> Normal:
+        return self.plan.accumulate(self.values, self.factors)
+
+    def image(self, step: Floats) -> Floats:
+        return self.plan.image(self.values, self.factors * step)
+
+    def gradient(self, residuals: Floats) -> Floats:
+        return self.factors * self.plan.gradient(self.values, residuals)
+
+    def written(self) -> Values:
+        return self.structure.weighted(self.values, self.factors)
+
+
 def decided(found: Plan, values: Values, held: Mask, *, affine: bool = False) -> Decision:
     """The rank decision for the Jacobian ``values``; columns in ``held`` (columns,) do not move.
 
@@ -75,18 +100,18 @@ def decided(found: Plan, values: Values, held: Mask, *, affine: bool = False) ->
     squares = np.where(still, 0.0, found.squares(values))
     zero = squares <= 0.0
     scale = np.where(zero, 1.0, np.sqrt(np.where(zero, 1.0, squares)))
-    scaled = layout.weighted(values, np.where(zero, 0.0, 1.0 / scale))
-    normal = found.accumulate(scaled)
-    largest = _largest(found, scaled)
-    local = _local(found, normal, scaled, zero)
+    scaled = _Scaled(plan=found, values=values, factors=np.where(zero, 0.0, 1.0 / scale))
+    normal = scaled.normal()
+    largest = _largest(scaled)
+    local = _local(scaled, normal, zero)
     normal = _pinned(found, normal, local)
     added = np.where(zero, 1.0, 0.0)
     factor: Factoring = partial(factorised, found, normal)
-    null, smallest, complete = _common(found, _shifted(factor, added, SHIFTS), scaled, zero, largest, affine)
+    null, smallest, complete = _common(scaled, _shifted(factor, added, SHIFTS), zero, largest, affine)
     triangular = smallest <= WEAK * largest
     if triangular:
-        factor = partial(triangularised, found, scaled, rows=_rows(local, layout.columns))
-        null, smallest, complete = _common(found, _shifted(factor, added, FINE), scaled, zero, largest, affine)
+        factor = partial(triangularised, found, scaled.written(), rows=_rows(local, layout.columns))
+        null, smallest, complete = _common(scaled, _shifted(factor, added, FINE), zero, largest, affine)
     added[_pivots(null)] += 1.0
     factors = factor(added) or _shifted(factor, added, SHIFTS)
     if factors is None:
@@ -103,12 +128,12 @@ def decided(found: Plan, values: Values, held: Mask, *, affine: bool = False) ->
     )
 
 
-def _local(found: Plan, normal: Normal, values: Values, zero: Mask) -> LocalNull:
+def _local(scaled: _Scaled, normal: Normal, zero: Mask) -> LocalNull:
     """Free directions of single members of the eliminated family: their diagonal block does not see them."""
-    layout = found.structure
-    if found.elimination is None:
+    layout, gone = scaled.structure, scaled.plan.elimination
+    if gone is None:
         return LocalNull(columns=slice(0, 0), members=np.empty(0, dtype=np.int64), vectors=np.empty((0, 1)))
-    number = found.elimination.family
+    number = gone.family
     family = layout.families[number]
     blocks = normal.blocks[number, number].copy()
     each = np.arange(family.size)
@@ -121,7 +146,7 @@ def _local(found: Plan, normal: Normal, values: Values, zero: Mask) -> LocalNull
             break
         trial = np.zeros(layout.columns)
         trial[family.columns].reshape(family.members, family.size)[suspects] = vectors[suspects, :, k]
-        image = np.square(found.image(values, trial))
+        image = np.square(scaled.image(trial))
         felt = np.zeros(family.members)
         for piece in layout.pieces:
             for local, of in enumerate(piece.families):
@@ -157,7 +182,7 @@ def _rows(local: LocalNull, columns: int) -> Any:
 
 
 def _common(
-    found: Plan, factors: Factorised | None, values: Values, zero: Mask, largest: float, affine: bool
+    scaled: _Scaled, factors: Factorised | None, zero: Mask, largest: float, affine: bool
 ) -> tuple[Floats, float, bool]:
     """Free directions (columns, g), the smallest singular value of the others, and whether all free ones were found."""
     live = int((~zero).sum())
@@ -171,7 +196,7 @@ def _common(
             directions = factors.solve(orthonormal(directions))
             directions[zero] = 0.0
         basis = orthonormal(directions)
-        images = [found.image(values, direction) for direction in basis.T]
+        images = [scaled.image(direction) for direction in basis.T]
         _, singular, right = np.linalg.svd(_triangle(images))
         singular, right = singular[::-1], right[::-1]
         free = free_count(singular / largest, affine)
@@ -190,9 +215,11 @@ def orthonormal(columns: Floats) -> Floats:
     parts = [np.linalg.qr(columns[first : first + part]) for first in range(0, len(columns), part)]
     joint = np.linalg.qr(np.concatenate([triangle for _, triangle in parts]))[0]
     ends = np.cumsum([len(triangle) for _, triangle in parts])
-    turns = np.split(joint, ends[:-1])
-    found = [basis @ turn for (basis, _), turn in zip(parts, turns, strict=True)]
-    return np.asarray(np.concatenate(found), dtype=np.float64)
+    found, first = np.empty(columns.shape), 0
+    for (basis, _), turn in zip(parts, np.split(joint, ends[:-1]), strict=True):
+        found[first : first + len(basis)] = basis @ turn
+        first += len(basis)
+    return found
 
 
 def _triangle(columns: list[Floats]) -> Floats:
@@ -224,13 +251,13 @@ def _shifted(factor: Factoring, added: Floats, shifts: tuple[float, ...]) -> Fac
     return None
 
 
-def _largest(found: Plan, values: Values) -> float:
+def _largest(scaled: _Scaled) -> float:
     """The largest singular value, to the few digits that a comparison needs: power iteration."""
-    columns = found.structure.columns
+    columns = scaled.structure.columns
     direction = np.full(columns, 1.0 / np.sqrt(max(columns, 1)))
     size = 0.0
     for _ in range(12):
-        direction = found.gradient(values, found.image(values, direction))
+        direction = scaled.gradient(scaled.image(direction))
         size = float(np.linalg.norm(direction))
         if size == 0.0:
             return 0.0

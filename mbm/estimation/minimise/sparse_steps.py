@@ -179,7 +179,7 @@ def _solved(state: State, here: Place, normal: Normal) -> tuple[Floats | None, F
         if not crossing.any():
             return step, factors if solves == 0 else None
         still = still | crossing
-        normal = state.plan.accumulate(layout.weighted(here.values, np.where(still, 0.0, 1.0)))
+        normal = state.plan.accumulate(here.values, np.where(still, 0.0, 1.0))
         step = np.where(still, step, 0.0)
         gradient = here.gradient + state.plan.gradient(here.values, state.plan.image(here.values, step))
     return step, None

@@ -263,9 +263,8 @@ class _Manifold:
 
 def _manifold(made: Plan, values: Values, still: Mask, slopes: Floats, least: float) -> _Manifold | None:
     """None where the equations cannot be factorised."""
-    weighted = made.structure.weighted(values, np.where(still, 0.0, 1.0))
-    squares = made.squares(weighted)
-    factors = factorised(made, made.accumulate(weighted), np.where(still, 1.0, least * squares))
+    normal = made.accumulate(values, np.where(still, 0.0, 1.0))
+    factors = factorised(made, normal, np.where(still, 1.0, least * made.squares(values)))
     if factors is None:
         return None
     C = np.where(still, 0.0, slopes)
