@@ -60,6 +60,14 @@ def test_readings_of_few_figures() -> None:
     assert said(MEAN, y=np.round(10 * np.abs(BLANKS[0]))) == [[]]
 
 
+def test_values_that_stand_for_groups_of_rows() -> None:
+    """The distance of each of three planes stands beside each of its points: no limit, though the least is repeated."""
+    nominal = np.repeat([1.2143, 1.7361, 2.4087], 8)
+    assert said(LINE, x=nominal + 0.1 * RNG.normal(size=24), y=nominal) == [[]]
+    both = np.clip(LOADED, 3.2, 9.5)  # a scale that ends on both sides is told, whichever end has more readings
+    assert len(said(LINE, x=X, y=both)[0]) == 1
+
+
 def test_readings_without_noise() -> None:
     assert said(LINE, x=X, y=X) == [[]]
     assert said("(problem p (data d external) (unknowns (a)) (observe d (= y a) :sigma 1))", y=np.zeros(6)) == [[]]

@@ -381,6 +381,8 @@ def readings_at_edges(fits: Fits) -> Said:
                     (int((own == edge).sum()), int(there.sum())),
                     float(np.median(deviations[place, there])),
                 )
+                if 1 < count[0] <= np.unique(own[there], return_counts=True)[1][1:-1].max(initial=0):
+                    continue  # readings repeat between the edges, too
                 if by_chance(*count, away[away > 0.0], deviation) < SELDOM:
                     left[place] = False
                     said = partial(faults.readings_at_edge, block.span, block.name, count, edge, lower=sign > 0)
