@@ -101,14 +101,12 @@ class Plan:
     def accumulate(self, values: Values, factors: Floats | None = None) -> Normal:
         """The blocks of ``JᵀJ``, where each column of J is multiplied by its factor (columns,)."""
         blocks = self.arithmetic.products(self.pattern, values)
-        for key, block in () if factors is None else blocks.items():
-            pair = self.pattern.pairs[key]
-            first, second = (
-                factors[family.columns].reshape(family.members, family.size)
-                for family in map(self.structure.families.__getitem__, key)
-            )
-            block *= first[pair.i][:, :, None]
-            block *= second[pair.j][:, None, :]
+        if factors is not None:
+            own = [factors[family.columns].reshape(family.members, family.size) for family in self.structure.families]
+            for key, block in blocks.items():
+                pair = self.pattern.pairs[key]
+                block *= own[key[0]][pair.i][:, :, None]
+                block *= own[key[1]][pair.j][:, None, :]
         return Normal(pattern=self.pattern, blocks=blocks)
 
     def gradient(self, values: Values, residuals: Floats) -> Floats:
