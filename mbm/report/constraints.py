@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.faults import probability_of
 from mbm.equations.metric import violations
-from mbm.equations.types import Conflict, ConstraintState
+from mbm.equations.types import Conflict
 from mbm.estimation.search.solution import Solution
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.types import Block, Problem
@@ -143,29 +143,68 @@ def constraint_diagnostics(problem: Problem, solution: Solution, names: tuple[st
             block.span,
             block.name,
             uniform=block.constraint is ConstraintKind.UNIFORM,
-            contradiction=_contradiction(problem, solution, state, pushed & (owners == owner)),
+            contradiction=_contradiction(problem, solution, constraints=pushed & (owners == owner)),
         )
         for owner, block in blocks.items()
     )
 
 
-@np.errstate(all="ignore")
-def _contradiction(problem: Problem, solution: Solution, state: ConstraintState, own: Mask) -> str | None:
-    """How the data contradict the limits ``own`` (k,) that they push against, in words; None: not so that it is known.
+def bound_diagnostics(problem: Problem, solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic, ...]:
+    """A warning for each unknown that is held at its bounds or by its model, or was driven to the zero above it."""
+    if not solution.minimum.at_bound.any():
+        return ()
+    sides = np.zeros(len(solution.layout.number), dtype=np.int8)
+    sides[solution.free] = solution.minimum.at_bound
+    layout = solution.layout
+    zero = (sides < 0) & layout.positive & ~(layout.lower > 0)
+    lower, upper = (sides < 0) & np.isfinite(layout.lower) & ~zero, (sides > 0) & np.isfinite(layout.upper)
+    ended = (sides != 0) & ~(zero | lower | upper)
+    kinds = (("its lower bound", lower), ("its upper bound", upper), ("zero", zero), ("the end of its model", ended))
+    found = []
+    for entry in layout.entries:
+        places = range(entry.coordinates.start, entry.coordinates.stop)
+        for what, which in kinds:
+            held = [i for i in places if which[i]]
+            if held:
+                own = np.isin(solution.free, held)
+                against = None if which is ended else _contradiction(problem, solution, bounds=own)
+                beside = _moving_with(problem, solution, held)
+                found.append(faults.near_bound(entry.unknown.span, [names[i] for i in held], what, against, beside))
+    return tuple(found)
 
-    Without them χ² falls, to first order, by what the residuals have along the movements that these limits alone hold
-    back: a variate of χ² where the noise is stated, else one of F over what is left. Losses follow neither law.
+
+def _moving_with(problem: Problem, solution: Solution, coordinates: Sequence[int]) -> list[str]:
+    """The derived quantities that some of the coordinates change, and that have standard deviations."""
+    places = np.flatnonzero(np.isin(solution.free, coordinates))
+    return [
+        problem.derived[one.owner].name
+        for one in solution.derived
+        if one.gradient is not None and bool(np.nan_to_num(one.gradient[..., places][one.sigma.ravel() > 0.0]).any())
+    ]
+
+
+@np.errstate(all="ignore")
+def _contradiction(
+    problem: Problem, solution: Solution, constraints: Mask | None = None, bounds: Mask | None = None
+) -> str | None:
+    """How the data contradict limits that they push against, in words; None: not so that it is known.
+
+    The limits are some of the ``constraints`` (k,), or of the ``bounds`` that hold free coordinates (n,). Without them
+    χ² falls, to first order, by what the residuals have along the movements that these limits alone hold back: a
+    variate of χ² where the noise is stated, else one of F over what is left. Losses follow neither law.
     """
-    minimum = solution.minimum
+    minimum, scale = solution.minimum, solution.observability.scale
     if solution.robust_cost is not None or minimum.blocks is not None:
         return None
-    moving = minimum.at_bound == 0
-    scale = solution.observability.scale[moving]
-    slopes = minimum.jacobian[:, moving] / scale
-    held = state.slopes[:, moving] / scale
-    others = held[state.forcing & ~own]
+    bounded, state = minimum.at_bound != 0, minimum.constraints
+    own = np.zeros(bounded.sum(), dtype=bool) if bounds is None else bounds[bounded]
+    held = np.eye(len(scale))[bounded]
+    if state is not None:
+        pushed = np.zeros(state.forcing.sum(), dtype=bool) if constraints is None else constraints[state.forcing]
+        own, held = np.append(own, pushed), np.vstack([held, state.slopes[state.forcing] / scale])
+    others = held[~own]
     kept = np.eye(len(scale)) - np.linalg.pinv(others) @ others
-    along = slopes @ kept
+    along = minimum.jacobian / scale @ kept
     fall = float(np.square(along @ np.linalg.lstsq(along, minimum.residuals, rcond=None)[0]).sum())
     released = int(np.linalg.matrix_rank(held[own] @ kept))
     left, freedom = minimum.cost - fall, solution.fit.dof - released

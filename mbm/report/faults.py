@@ -39,7 +39,8 @@ NEAR_BOUND = Code(
     "An estimate is held at a hard bound (`:in`), was driven to the zero that a `positive` unknown stays above, or to "
     "where its model ends, as an expected count does at zero. Neither it nor what is derived of it alone has a "
     "standard deviation, and those of the others hold for it staying where it is. Its interval is that of its "
-    "distribution between the limits; those of the others reach to where it leaves the limit.",
+    "distribution between the limits; those of the others reach to where it leaves the limit. Where the data "
+    "contradict the bound, the message says by how much.",
     "If the bound is no fact of the matter, widen it with `:in`; else look for an equation that asks for the far side.",
 )
 ACTIVE_CONSTRAINT = Code(
@@ -151,11 +152,15 @@ def active_constraint(span: Span, name: str, *, uniform: bool = False, contradic
     held = f"the estimates are held by the constraint `{name}`"
     return Diagnostic(
         code=ACTIVE_CONSTRAINT,
-        message=held if contradiction is None else f"{held}, which the data contradict: {contradiction}",
+        message=_contradicted(held, contradiction),
         place=span,
         hint=UNIFORM_IS_A_LIMIT if uniform else ACTIVE_CONSTRAINT.mend,
         severity=Severity.WARNING,
     )
+
+
+def _contradicted(held: str, contradiction: str | None) -> str:
+    return held if contradiction is None else f"{held}, which the data contradict: {contradiction}"
 
 
 def conflicting_constraints(
@@ -178,10 +183,12 @@ def conflicting_constraints(
     )
 
 
-def near_bound(span: Span, names: Sequence[str], what: str, derived: Sequence[str] = ()) -> Diagnostic:
+def near_bound(
+    span: Span, names: Sequence[str], what: str, contradiction: str | None = None, derived: Sequence[str] = ()
+) -> Diagnostic:
     """The scalars ``names`` of an unknown ended at ``what``: a bound, `the end of its model`, `zero`.
 
-    The quantities ``derived`` change with them.
+    ``contradiction``: beyond chance. The quantities ``derived`` change with them.
     """
     verb = "is" if len(names) == 1 else "are each"
     held = f"{verb} driven to zero, where `positive` ends" if what == "zero" else f"{verb} held at {what}"
@@ -189,7 +196,7 @@ def near_bound(span: Span, names: Sequence[str], what: str, derived: Sequence[st
     beside = f"; the standard deviations of {listed(derived)} suppose that {staying} there" if derived else ""
     return Diagnostic(
         code=NEAR_BOUND,
-        message=f"{listed(names)} {held}{beside}",
+        message=f"{_contradicted(f'{listed(names)} {held}', contradiction)}{beside}",
         place=span,
         hint=NEAR_BOUND.mend,
         severity=Severity.WARNING,

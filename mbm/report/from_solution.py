@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +14,8 @@ from mbm.estimation.search.solution import Failure, Hypothesis, Skipped, Solutio
 from mbm.estimation.sequences.faults import BEYOND_BOUNDS
 from mbm.problem.naming import member_name
 from mbm.problem.types import Problem
-from mbm.report import faults
 from mbm.report.constraints import (
+    bound_diagnostics,
     conflict_sentence,
     constraint_diagnostics,
     constraint_reports,
@@ -56,7 +55,6 @@ from mbm.report.types import (
     SolveReport,
     SolveStatus,
 )
-from mbm.text.types import Diagnostic
 from mbm.values import dataclass, once
 
 MOST_WANTED = 6
@@ -139,7 +137,7 @@ def _examined(problem: Problem, solution: Solution, how: Shown) -> Examined:
         diagnostics=(
             *solution.diagnostics,
             *solution.doubts(),
-            *_near_bounds(problem, solution, how.names),
+            *bound_diagnostics(problem, solution, how.names),
             *constraint_diagnostics(problem, solution, how.names),
         ),
     )
@@ -334,38 +332,6 @@ def _at_last(estimate: Estimate) -> Estimate:
         at_bound=None,
         reason=None,
     )
-
-
-def _near_bounds(problem: Problem, solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic, ...]:
-    """A warning for each unknown that is held at its bounds or by its model, or was driven to the zero above it."""
-    if not solution.minimum.at_bound.any():
-        return ()
-    sides = np.zeros(len(solution.layout.number), dtype=np.int8)
-    sides[solution.free] = solution.minimum.at_bound
-    layout = solution.layout
-    zero = (sides < 0) & layout.positive & ~(layout.lower > 0)
-    lower, upper = (sides < 0) & np.isfinite(layout.lower) & ~zero, (sides > 0) & np.isfinite(layout.upper)
-    ended = (sides != 0) & ~(zero | lower | upper)
-    kinds = (("its lower bound", lower), ("its upper bound", upper), ("zero", zero), ("the end of its model", ended))
-    found = []
-    for entry in layout.entries:
-        places = range(entry.coordinates.start, entry.coordinates.stop)
-        for what, which in kinds:
-            held = [i for i in places if which[i]]
-            if held:
-                derived = _moving_with(problem, solution, held)
-                found.append(faults.near_bound(entry.unknown.span, [names[i] for i in held], what, derived))
-    return tuple(found)
-
-
-def _moving_with(problem: Problem, solution: Solution, coordinates: Sequence[int]) -> list[str]:
-    """The derived quantities that some of the coordinates change, and that have standard deviations."""
-    places = np.flatnonzero(np.isin(solution.free, coordinates))
-    return [
-        problem.derived[one.owner].name
-        for one in solution.derived
-        if one.gradient is not None and bool(np.nan_to_num(one.gradient[..., places][one.sigma.ravel() > 0.0]).any())
-    ]
 
 
 def _observability(solution: Solution, names: tuple[str, ...]) -> Observability:
