@@ -34,7 +34,7 @@ SAME = 1e-3
 """Difference of essential matrices of length 1 below which they are one."""
 
 MUCH_WORSE = 100.0
-"""Beside the best, the squares of a relative pose that is left out; that of few rays may be 0."""
+"""Beside the best, the squares of a relative pose, or of all photographs, that is left out; that of few may be 0."""
 
 SMALLEST = 1e-10
 """Mean square of a ray, rad², below which rounding and the start's own coarseness decide: 10⁻⁵ rad."""
@@ -142,7 +142,10 @@ def _sampson(R: Floats, t: Floats, first: Floats, second: Floats) -> tuple[Float
 
 
 def structures(views: Sequence[View], count: int) -> list[Structure]:
-    """The ways in which ``count`` points may lie and photographs look at them, the first of a pair at rest."""
+    """The ways in which ``count`` points may lie and photographs look at them, the first of a pair at rest.
+
+    Two photographs may leave several, of which the others fit one.
+    """
     pairs = sorted(combinations(range(len(views)), 2), key=lambda p: -len(_common(views, *p)[0]))[:MOST_PAIRS]
     best, ways = 0.0, list[tuple[Floats, Floats]]()
     chosen = (0, 0)
@@ -156,7 +159,20 @@ def structures(views: Sequence[View], count: int) -> list[Structure]:
         suits = len(one) * min(float(angle), WIDE)
         if suits > best:
             best, ways, chosen = suits, found, pair
-    return [_grown(views, count, chosen, way) for way in ways]
+    grown = [_grown(views, count, chosen, way) for way in ways]
+    misfits = [_misfit(views, each) for each in grown]
+    return [each for each, own in zip(grown, misfits, strict=True) if own <= MUCH_WORSE * min(misfits) + SMALLEST]
+
+
+def _misfit(views: Sequence[View], found: Structure) -> float:
+    """The mean square by which unit bearings differ from those of a structure, of all whose points are known."""
+    squares = []
+    for view, R, t in zip(views, found.R, found.t, strict=True):
+        seen = found.points[view.points] @ R.T + t
+        with np.errstate(all="ignore"):
+            squares.append(np.square(seen / np.linalg.norm(seen, axis=1, keepdims=True) - view.bearings).sum(axis=1))
+    every = np.concatenate(squares)
+    return float(every[np.isfinite(every)].mean())
 
 
 def _common(views: Sequence[View], one: int, other: int) -> tuple[Indices, Indices]:
