@@ -212,6 +212,29 @@ def test_two_chains_of_known_motions(equation: str) -> None:
     np.testing.assert_allclose(value(found, "Z"), numbers(Z), atol=EXACT)
 
 
+AXIS = np.array([0.36, 0.48, 0.8])
+
+
+@pytest.mark.parametrize("turning", [1.0, 0.0], ids=["turning", "at-rest"])
+@pytest.mark.parametrize("ways", [0.0, 1.0], ids=["in-place", "moving"])
+def test_known_motions_that_turn_about_one_axis_or_none(turning: float, ways: float) -> None:
+    """A turntable, a stage, both: what they leave free makes no difference, any way that fits is a start."""
+    generator = np.random.default_rng(7)
+    X, Z = (turn([0.4, 2.0, -0.7]), np.array([0.1, -0.05, 0.2])), (turn([0.4, 0.2, 0.7]), np.array([0.4, -0.5, 0.2]))
+    rows = []
+    for angle in turning * generator.uniform(-3.0, 3.0, size=6):
+        A = (turn(angle * AXIS), ways * generator.uniform(-0.5, 0.5, size=3))
+        rows.append(named("a", A) | named("b", composed(X, A, Z)))
+    text = f"""(problem h (data d external) (unknowns (X (pose 3)) (Z (pose 3)))
+      (observe d (= {POSE.format("b")} (compose X {POSE.format("a")} Z)) :sigma 1) (solve :method hand-eye))"""
+    data = {"d": {name: np.array([row[name] for row in rows]) for name in rows[0]}}
+    if not turning and not ways:  # one pose, six times: nothing tells where it is divided
+        with pytest.raises(mbm.MbmError, match="no-closed-form"):
+            mbm.loads(text).solve(data=data)
+        return
+    assert mbm.loads(text).solve(data=data).cost == pytest.approx(0.0, abs=EXACT**2)
+
+
 def test_what_stays_without_a_start_is_named_with_the_start_that_would_do(tmp_path: Path) -> None:
     """Marks on a line: no closed form gives the camera, and five rotations are too many to guess."""
     marks = "".join(f"({photo} {x} {300 + 20 * x} {200 + 3 * photo})" for photo in range(5) for x in range(6))

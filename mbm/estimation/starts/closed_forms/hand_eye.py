@@ -12,7 +12,7 @@ from mbm.estimation.starts.closed_forms.chains import FRAME, REST, SAME_MOTION, 
 from mbm.estimation.starts.closed_forms.products import Products, products_of
 from mbm.estimation.starts.closed_forms.rows import Rows, finite
 from mbm.estimation.starts.closed_forms.types import Candidate, Plan, Situation
-from mbm.rotations import inverse_motion, nearest
+from mbm.rotations import exponential, inverse_motion, nearest
 from mbm.values import dataclass
 
 
@@ -108,9 +108,6 @@ DATUM = Datum()
 APART = 1e-5
 """Relative gap of the largest singular values, below which the rotations are taken to turn about one axis."""
 
-DETERMINED = 1e-6
-"""Least singular value of the translations' equations beside the largest."""
-
 
 def outer_and_inner(
     between: tuple[Floats, Floats], products: tuple[Floats, Floats]
@@ -118,25 +115,50 @@ def outer_and_inner(
     """X and Z, each R (3, 3) and t (3,), with ``M = X A Z`` for motions A and M, each R (n, 3, 3) and t (n, 3).
 
     The rotations maximise ``Σ tr(Mᵀ X A Z)``, a bilinear form in X and Z: its largest singular vectors (Shah, ASME J.
-    Mechanisms and Robotics 5 (3), 2013); the translations then solve linear equations. None if the motions A do not
-    turn about two axes at least.
+    Mechanisms and Robotics 5 (3), 2013); the translations then solve linear equations. Of several ways that fit, as
+    where the motions A turn about one axis, it is one. None if nothing tells how X is turned.
     """
     (A, a), (M, m) = between, products
+    if len(A) < 3:
+        return None
     form = np.einsum("nil,njk->ijlk", M, A).reshape(9, 9)  # X_ij A_jk Z_kl M_il
-    U, values, Vt = np.linalg.svd(form)
-    if len(A) < 3 or not values[0] - values[1] > APART * values[0]:
-        return None
-    X, Z = U[:, 0].reshape(3, 3), Vt[0].reshape(3, 3).T
-    sign = 1.0 if np.linalg.det(X) > 0 else -1.0
-    X, Z = nearest(sign * X), nearest(sign * Z)
+    U, values, _ = np.linalg.svd(form)
+    if values[0] - values[1] > APART * values[0]:
+        turned = U[:, 0].reshape(3, 3)
+        X = nearest(turned if np.linalg.det(turned) > 0 else -turned)
+    else:
+        one = _about_one_axis(between, products)
+        if one is None:
+            return None
+        X = one
+    Z = nearest(np.einsum("nji,kj,nkl->il", A, X, M))
     matrix = np.concatenate([np.tile(np.eye(3), (len(A), 1, 1)), X @ A], axis=2).reshape(-1, 6)
-    right = (m - a @ X.T).ravel()
-    solution, _, _, sizes = np.linalg.lstsq(matrix / _scale(matrix), right, rcond=None)
-    if not sizes[-1] > DETERMINED * sizes[0]:
-        return None
-    shifts = solution / _scale(matrix)
+    shifts = np.linalg.lstsq(matrix, (m - a @ X.T).ravel(), rcond=None)[0]
     return (X, shifts[:3]), (Z, shifts[3:])
 
 
-def _scale(matrix: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(matrix, axis=0))
+def _about_one_axis(between: tuple[Floats, Floats], products: tuple[Floats, Floats]) -> Floats | None:
+    """X of the same where the motions A turn about one axis e, or none: a turntable, a stage.
+
+    It takes the axes of the turns between motions A to those between motions M, or where nothing turns, ways to ways.
+    The turn b about e is left free; where motions shift, too, cos b and sin b enter linearly.
+    """
+    (A, a), (M, m) = between, products
+    S = A @ A[0].T
+    ours, theirs = _axes(S), _axes(M @ M[0].T)
+    if not np.abs(ours).max() > SAME_MOTION:
+        ours, theirs = a - a[0], m - m[0]
+    if not np.abs(ours).max() > 0.0:
+        return None
+    X = nearest(theirs.T @ ours)
+    e = np.linalg.svd(ours)[2][0]
+    ahead = np.outer(a @ e, e)
+    ways = np.stack([a - ahead, np.cross(e, a)], axis=2)
+    matrix = np.concatenate([S, np.tile(np.eye(3), (len(A), 1, 1)), ways], axis=2).reshape(-1, 8)
+    cosine, sine = np.linalg.lstsq(matrix, (m @ X - ahead).ravel(), rcond=None)[0][6:]
+    return X @ exponential(np.arctan2(sine, cosine) * e)
+
+
+def _axes(R: Floats) -> Floats:
+    """The axes (n, 3) of rotations (n, 3, 3), of length 2 sin of the angle."""
+    return np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
