@@ -181,7 +181,7 @@ def test_ways_of_two_photographs_that_the_others_do_not_fit_are_left() -> None:
     points, views = generator.uniform(-1.0, 1.0, (30, 3)), []
     for k in range(4):
         R = Rotation.from_euler("y", 0.25 * k) * Rotation.from_rotvec(generator.uniform(-0.1, 0.1, 3))
-        moved = R.apply(points) + [0.0, 0.0, 5.0] + generator.uniform(-0.2, 0.2, 3)
+        moved = R.apply(points) + np.array([0.0, 0.0, 5.0]) + generator.uniform(-0.2, 0.2, 3)
         rays = np.column_stack([moved[:, :2] / moved[:, 2:] + generator.normal(0.0, 0.3 / 800, (30, 2)), np.ones(30)])
         views.append(View(points=np.arange(30), bearings=rays / np.linalg.norm(rays, axis=1, keepdims=True)))
     (found,) = structures(views, 30)
