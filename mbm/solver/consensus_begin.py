@@ -20,7 +20,7 @@ from mbm.solver.consensus_records import NOWHERE, SPHERES, ConsensusWork, Rules,
 from mbm.solver.consensus_scores import GNC, median
 from mbm.solver.consensus_trials import begin_trials, empty_lists, seldom_in_vain, size_of_subsets
 from mbm.solver.consensus_units import linearised, list_units, norm_directions, set_rounding, squares_at
-from mbm.solver.decisions import ATTEMPTS, FAR, MIRRORED
+from mbm.solver.decisions import ATTEMPTS, FAR, MIRRORED, STATED
 from mbm.solver.description import Problem
 from mbm.solver.equations import load_rows
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled, multiplied
@@ -127,6 +127,39 @@ def begun_where_units_tell(problem: Problem, work: ConsensusWork) -> Integer:
     return size if size > 0 else NOWHERE
 
 
+def told_alike(work: ConsensusWork) -> Integer:
+    """Whether all rows have one noise: then all unknowns are told by its inliers, whose redundancy is known."""
+    if work.rules.groups == 0:
+        return 1
+    units = work.units
+    for u in range(units.count):
+        if units.group[u] != 0:
+            return 0
+    return work.rows.data.count == units.scalars
+
+
+def set_subsets(problem: Problem, work: ConsensusWork) -> None:
+    """The size of the subsets of each group of noise, by the rows linearised where consensus begins."""
+    units = work.units
+    for u in range(units.count):
+        units.subset[u] = work.size
+    if work.alike == 1:
+        return
+    for group in range(STATED, work.rules.groups):
+        touched = 0
+        for j in range(problem.n):
+            touches = 0
+            for u in range(units.count):
+                if units.group[u] == group:
+                    for i in range(units.components[u]):
+                        if work.here.chunk[j * problem.chunk + units.place[u] + i * LANES] != 0.0:
+                            touches = 1
+            touched += touches
+        for u in range(units.count):
+            if units.group[u] == group and touched < work.size:
+                units.subset[u] = touched
+
+
 def begin_consensus(problem: Problem, work: ConsensusWork) -> None:
     """What there is before the first trial: the rows, their units, where to start."""
     verdict = work.verdict
@@ -142,10 +175,12 @@ def begin_consensus(problem: Problem, work: ConsensusWork) -> None:
         find_sights(problem, work)
     work.one_side = one_sided(work.rules, work.units.count, work.forms, work.form_scratch)
     work.size = begun_where_units_tell(problem, work)
+    work.alike = told_alike(work)
     work.trials_wanted = 0
     work.trials_made = 0
     work.points_made = 0
     if work.size != NOWHERE:
+        set_subsets(problem, work)
         set_rounding(problem, work.begun, work)
         empty_lists(work)
         if work.rules.kind != GNC and work.rules.near == 0:

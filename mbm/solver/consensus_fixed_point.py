@@ -2,15 +2,17 @@
 
 Where noise is unknown: fit, noise and limits of the units that agree, solved for together.
 
-The noise of a group is ``SSE/((n − p) κ)`` of its inliers, κ depends on their limits, limits on the noise, and weights
-in the fit on the noise again. Given which units are inside, all that is a function of the point, so that steps end at
-rounding: the answer depends on the units that agree, and not on the way to them.
+The noise of a group is ``SSE/(r κ)`` of its inliers; r is how much of them shows in residuals (Förstner 1979), κ
+depends on their limits, limits on the noise, and weights in the fit, and by them r, on the noise again. Given which
+units are inside, all that is a function of the point, so that steps end at rounding: the answer depends on the
+units that agree, and not on the way to them.
 """
 
 from __future__ import annotations
 
-from math import inf, isfinite, sqrt
+from math import fabs, inf, isfinite, sqrt
 
+from mbm.machine.kinds import LANES
 from mbm.machine.words import ConstantReals, Integer, Real
 from mbm.solver.chi_square import consistency, mark_inliers, untruncated
 from mbm.solver.consensus_constraints import moved
@@ -30,7 +32,8 @@ from mbm.solver.decisions import (
     STILL,
 )
 from mbm.solver.description import Problem
-from mbm.solver.linear_algebra import copied
+from mbm.solver.linear_algebra import copied, dot, solve_lower
+from mbm.solver.noise_factors import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 
 
 def contradicted(work: ConsensusWork) -> Integer:
@@ -135,25 +138,21 @@ def rival(best: Integer, last: Integer, work: ConsensusWork) -> Integer:
     return 0
 
 
-def group_noise(group: Integer, freedom_each: Real, squares: ConstantReals, work: ConsensusWork) -> None:
-    """Noise and limits of one group of unknown noise, from its inliers and the variances that are there.
-
-    ``freedom_each`` is the redundancy of one residual: unknowns are shared out by the number of residuals.
-    """
+def group_noise(group: Integer, squares: ConstantReals, work: ConsensusWork) -> None:
+    """Noise and limits of one group of unknown noise, from its inliers and the variances that are there."""
     units = work.units
-    count = 0
+    freedom = 0.0
     wide = 0
     summed = 0.0
     least = 1e-300
     for u in range(units.count):
         if units.group[u] == group and units.inlier[u] == 1:
-            count += units.components[u]
+            freedom += units.redundancy[u]
             summed += squares[u]
             least = max(least, units.rounding[u])
             if work.rules.thresholded == 0 and squares[u] > units.limits[u]:
                 wide = 1
-    freedom = float(count) * freedom_each
-    if freedom > 0.0:
+    if freedom > LEAST_REDUNDANCY:
         found = untruncated(units, group, wide, max(summed / freedom, least))
         for u in range(units.count):
             if units.group[u] == group:
@@ -171,40 +170,79 @@ def noise_and_limits(squares: ConstantReals, work: ConsensusWork) -> None:
     """
     units = work.units
     variances_at(units, work.left, work.rules.groups, squares, work.sorted, work.fresh)
-    total = 0
     for u in range(units.count):
         units.noise[u] = work.fresh[u] if units.group[u] != STATED else units.variances[u]
         units.limits[u] = units.cuts[u] * units.noise[u]
-        if units.inlier[u] == 1:
-            total += units.components[u]
-    freedom_each = 1.0 - float(work.left) / float(total) if total > 0 else 0.0
     for group in range(work.rules.groups):
-        group_noise(group, freedom_each, squares, work)
+        group_noise(group, squares, work)
     for u in range(units.count):
         if units.inlier[u] == 1:
             units.limits[u] = max(units.limits[u], squares[u])
 
 
-def promised(count: Integer, rest: Real, fit: Fit, problem: Problem, work: ConsensusWork) -> Real:
-    """What a step from a fit promises, with weights by the noise of the inliers there; infinite: no value."""
+def share_unknowns(work: ConsensusWork) -> None:
+    """The redundancy of the inliers as if all of them told the unknowns alike."""
     units = work.units
-    noise_and_limits(fit.squares, work)
+    total = 0
+    for u in range(units.count):
+        if units.inlier[u] == 1:
+            total += units.components[u]
+    each = 1.0 - float(work.left) / float(total) if total > 0 else 0.0
+    for u in range(units.count):
+        units.redundancy[u] = float(units.components[u]) * each
+
+
+def tell_redundancy(problem: Problem, chunk: ConstantReals, work: ConsensusWork) -> Real:
+    """The redundancy of the inliers by the factor that `weighted_step` left; by how much that changes it at most."""
+    n = problem.n
+    units = work.units
+    row = work.gradient
+    change = 0.0
+    for u in range(units.count):
+        if units.inlier[u] == 1:
+            left = float(units.components[u])
+            for i in range(units.components[u]):
+                for j in range(n):
+                    row[j] = chunk[j * problem.chunk + units.place[u] + i * LANES] / work.scale[j]
+                solve_lower(n, work.normal, row)
+                left -= units.weights[u] * dot(n, row, row)
+            left = max(left, 0.0)
+            change = max(change, fabs(left - units.redundancy[u]))
+            units.redundancy[u] = left
+    return change
+
+
+def promised(count: Integer, rest: Real, fit: Fit, problem: Problem, work: ConsensusWork) -> Real:
+    """What a step from a fit promises, with weights by the noise of the inliers there; infinite: no value.
+
+    Where rows have several noises, redundancy and noise are found by rounds.
+    """
+    units = work.units
     total = rest
     for u in range(units.count):
-        units.weights[u] = 0.0
         if units.inlier[u] == 1:
-            units.weights[u] = 1.0 / units.noise[u]
             total += fit.squares[u]
     if not isfinite(total):
         return inf
-    spread_weights(units, count, work.by_row)
-    return weighted_step(problem, count, 0.0, fit.chunk, work)
+    promise = 0.0
+    change = inf
+    for _ in range(NOISE_ROUNDS):
+        noise_and_limits(fit.squares, work)
+        for u in range(units.count):
+            units.weights[u] = 1.0 / units.noise[u] if units.inlier[u] == 1 else 0.0
+        spread_weights(units, count, work.by_row)
+        promise = weighted_step(problem, count, 0.0, fit.chunk, work)
+        if work.alike == 1 or change <= SETTLED_FACTORS:
+            break
+        change = tell_redundancy(problem, fit.chunk, work)
+    return promise
 
 
 def fitted_jointly(problem: Problem, work: ConsensusWork) -> None:
     """The fit to the inliers: Gauss-Newton steps as long as they promise less and less."""
     count = linearised(problem, work.rows, work.here.point, work, work.here.chunk)
     rest = measure(problem, count, work.here, work)
+    share_unknowns(work)
     promise = promised(count, rest, work.here, problem, work)
     for _ in range(JOINT_STEPS):
         if not (promise > ARRIVED and isfinite(promise)):
@@ -220,6 +258,8 @@ def fitted_jointly(problem: Problem, work: ConsensusWork) -> None:
         promise = further
         work.here = there
         work.there = here
+    if work.alike == 0:
+        promised(count, rest, work.here, problem, work)
     noise_and_limits(work.here.squares, work)
 
 

@@ -161,6 +161,10 @@ class Units:
     information: Reals = sized("most_units")
     """What inliers of its group inform by, at the end; `inform_units`."""
     weights: Reals = sized("most_units")
+    subset: Integers = sized("most_units")
+    """The size of subsets of its group: that of all, or the number of unknowns that its group depends on."""
+    redundancy: Reals = sized("most_units")
+    """How much of the residuals of inliers shows, the unknowns being estimated from them."""
 
 
 @record
@@ -226,6 +230,8 @@ class ConsensusWork:
     """1: trials are all subsets there are, one after the other."""
     until_enough: Integer
     """1: trials end when they are enough for what the best of them explains."""
+    alike: Integer
+    """1: all rows have one noise, so that its inliers tell all unknowns."""
     one_side: Integer
     """1: all stations of the spheres lie in one plane, so that solutions mirror one another: one stands for both."""
 

@@ -197,12 +197,16 @@ def trimmed_mean(group: Integer, squares: ConstantReals, work: ConsensusWork) ->
     values = work.sorted
     threshold = work.threshold
     count = squares_of_group(units, squares, group, values)
+    size = 0
+    for u in range(units.count):
+        if units.group[u] == group:
+            size = units.subset[u]
     threshold[0] = -1.0
     threshold[1] = 0.0
     threshold[2] = float(count)
     if count == 0:
         return 1.0
-    half = rank_of_half(count, work.size)
+    half = rank_of_half(count, size)
     middle = selected(count, half - 1, values)
     total = 0.0
     ties = 0.0

@@ -144,7 +144,7 @@ def within(count: Integer, reach: Real, values: ConstantReals) -> Integer:
 def least_median(
     units: Integer,
     groups_count: Integer,
-    size: Integer,
+    sizes: ConstantIntegers,
     squares: ConstantReals,
     medians: ConstantReals,
     groups: ConstantIntegers,
@@ -153,11 +153,14 @@ def least_median(
 ) -> Real:
     """``Σ n log q`` over the noise groups, q the order statistic of the squared norms that breaks down last.
 
+    ``sizes`` (U,) are those of the subsets of the groups. Beside unknown noise, stated noise is no smaller than stated.
     Infinite where that exceeds ``bound`` for sure: with one group it is enough to count the norms below it.
     """
     total = 0.0
     for group in range(STATED, groups_count):
         count = units
+        size = sizes[0]
+        least = 1e-30
         if groups_count == 0:
             divided(units, squares, medians, scratch)
         else:
@@ -165,14 +168,17 @@ def least_median(
             for u in range(units):
                 if groups[u] == group:
                     scratch[count] = squares[u] / medians[u]
+                    size = sizes[u]
                     count += 1
+            if group == STATED:
+                least = 1.0
         if count > 0:
             place = rank_of_half(count, size)
             if count == units:
                 reach = exp(bound / float(count)) * (1.0 + 1e-9)
                 if within(count, reach, scratch) < place:
                     return inf
-            total += float(count) * log(max(selected(count, place - 1, scratch), 1e-30))
+            total += float(count) * log(max(selected(count, place - 1, scratch), least))
     if not isfinite(total):
         return inf
     return total

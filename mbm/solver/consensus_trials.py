@@ -245,7 +245,7 @@ def score_trials(kind: Integer, first: Integer, last: Integer, problem: Problem,
         if kind == LMEDS:
             bound = bound_of(BY_MEDIAN, CANDIDATES, work)
             score = least_median(
-                units.count, work.rules.groups, work.size, squares, units.medians, units.group, bound, work.sorted
+                units.count, work.rules.groups, units.subset, squares, units.medians, units.group, bound, work.sorted
             )
             if isfinite(score):
                 put_in_list(problem, BY_MEDIAN, CANDIDATES, trial, score, work)

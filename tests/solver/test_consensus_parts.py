@@ -59,9 +59,9 @@ def test_the_least_median_is_given_up_only_where_it_is_above_the_bound(seed, unk
     squares, ones = generator.chisquare(1, 21) * 10 ** generator.uniform(-8, 4), np.ones(21)
     groups = np.full(21, 0 if unknown else -1)
     scratch = np.zeros(21)
-    whole = least_median(21, int(unknown), 3, squares, ones, groups, inf, scratch)
+    whole = least_median(21, int(unknown), np.full(21, 3), squares, ones, groups, inf, scratch)
     for bound in (whole - 1.0, whole, whole + 1.0):
-        found = least_median(21, int(unknown), 3, squares, ones, groups, bound, scratch)
+        found = least_median(21, int(unknown), np.full(21, 3), squares, ones, groups, bound, scratch)
         assert found == whole or (found == inf and bound < whole)
 
 
@@ -109,7 +109,7 @@ def test_ransac_counts_outliers_and_ties_go_to_the_closer_one():
 def test_least_median_takes_the_order_statistic():
     """Five units, subsets of two: rank 5 // 2 + 3 // 2 = 3, over the median of χ² with one degree of freedom."""
     medians, groups, scratch = np.full(5, chi2.ppf(0.5, 1)), np.full(5, -1), np.zeros(5)
-    found = [least_median(5, 0, 2, squares, medians, groups, inf, scratch) for squares in SQUARES]
+    found = [least_median(5, 0, np.full(5, 2), squares, medians, groups, inf, scratch) for squares in SQUARES]
     np.testing.assert_allclose(found, 5 * np.log(np.array([4.0, 2.0]) / chi2.ppf(0.5, 1)), rtol=1e-12)
 
 
@@ -127,16 +127,19 @@ def test_trials_for_a_share_miss_once_in_a_million(inside, units, size):
 
 
 def test_the_least_median_takes_each_group_of_noise_by_itself():
-    """``Σ n log q`` over three groups, the first of stated noise: NumPy's order statistics."""
+    """``Σ n log q`` over three groups, NumPy's order statistics; stated noise, the first, is no smaller than stated."""
     generator = np.random.default_rng(4)
     squares, groups = generator.chisquare(1, 24), np.repeat([-1, 0, 1], [7, 12, 5])[generator.permutation(24)]
     medians = generator.uniform(0.3, 0.6, 24)
+    sizes = np.array([3, 1, 4])  # of groups 0, 1 and -1: how many unknowns each tells
     wanted = 0.0
     for group in (-1, 0, 1):
         own = np.sort((squares / medians)[groups == group])
-        place = len(own) // 2 + (3 + 1) // 2  # Rousseeuw and Leroy 1987, p. 124
-        wanted += len(own) * np.log(own[min(place, len(own)) - 1])
-    assert least_median(24, 2, 3, squares, medians, groups, inf, np.zeros(24)) == pytest.approx(wanted, rel=1e-12)
+        place = len(own) // 2 + (sizes[group] + 1) // 2  # Rousseeuw and Leroy 1987, p. 124
+        found = own[min(place, len(own)) - 1]
+        wanted += len(own) * np.log(max(found, 1.0) if group == -1 else found)
+    found = least_median(24, 2, sizes[groups], squares, medians, groups, inf, np.zeros(24))
+    assert found == pytest.approx(wanted, rel=1e-12)
 
 
 @given(scores=st.lists(st.integers(0, 6), min_size=1, max_size=20), most=st.integers(1, 5))

@@ -71,10 +71,11 @@ def test_the_noise_of_a_group_is_that_of_its_inliers_over_their_freedom():
     components, squares = np.array([1, 2, 1, 1, 2, 2]), np.array([1.0, 5.0, 2.0, 1e9, 3.0, 4.0])
     units = SimpleNamespace(
         count=6, group=group, inlier=inlier, components=components, rounding=np.zeros(6), noise=np.full(6, -1.0),
+        redundancy=0.25 * components,
         limits=np.full(6, 1e6), cuts=np.full(6, 1e6), reaches=np.full(6, 1e6),
     )  # fmt: skip
     work = SimpleNamespace(units=units, rules=SimpleNamespace(thresholded=0))
-    group_noise(1, 0.25, squares, work)
+    group_noise(1, squares, work)
     wanted = 11.0 / (5 * 0.25)
     np.testing.assert_allclose(units.noise, [-1, wanted, wanted, wanted, -1, wanted], rtol=1e-9)
 

@@ -1,0 +1,44 @@
+"""Consensus with unknown noise beside rows of other noise, which tell nothing of the same unknowns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbm
+
+LINE = """(problem line (data d external) {data}
+  (unknowns (a :init 0) (b :init 0)) (observe d (= y (+ a (* b x))) :sigma unknown) {more} (solve :robust {kind}))"""
+BESIDE = """(unknowns (offset :per far.place :init 0))
+  (observe far (= z (+ a (offset place))) :sigma 0.7)"""
+WRONG = (3, 8, 11)
+
+
+def _data(seed: int) -> dict[str, np.ndarray]:
+    generator = np.random.default_rng(seed)
+    x = np.linspace(0.0, 4.0, 14)
+    y = 1.0 + 2.0 * x + 0.1 * generator.normal(size=14)
+    y[list(WRONG)] += generator.uniform(3.0, 9.0, 3)
+    return {"x": x, "y": y}
+
+
+@pytest.mark.parametrize("kind", ["lmeds", "msac"])
+@pytest.mark.parametrize("count", [8, 20])
+def test_rows_with_unknowns_of_their_own_change_nothing(kind, count):
+    """Each tells its own offset, so that the line, its noise and its outliers are those of the line alone.
+
+    With unknowns shared out by the number of rows the noise was 50 times as large, and nothing an outlier.
+    """
+    for seed in range(3):
+        data = {"d": _data(seed)}
+        alone = mbm.loads(LINE.format(data="", more="", kind=kind)).solve(data=data)
+        far = {"place": np.arange(float(count)), "z": np.cos(np.arange(count))}
+        problem = mbm.loads(LINE.format(data="(data far external)", more=BESIDE, kind=kind))
+        beside = problem.solve(data={**data, "far": far})
+        assert beside.record.dof == alone.record.dof == 9
+        for name in "ab":
+            assert beside[name].value == pytest.approx(alone[name].value, abs=1e-9)
+            assert beside[name].sigma == pytest.approx(alone[name].sigma, rel=1e-7)
+        kept = np.delete(np.arange(14), WRONG)
+        wanted = np.polyfit(data["d"]["x"][kept], data["d"]["y"][kept], 1)
+        assert [beside["b"].value, beside["a"].value] == pytest.approx(wanted.tolist(), abs=1e-8)
