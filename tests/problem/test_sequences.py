@@ -106,6 +106,8 @@ def test_constraints_and_derived_quantities_hold_at_every_step():
         ({"dynamics": "(= (next p) [p p] :sigma 1)"}, None, None),
         ({"dynamics": "(= (next p) (rate p) :sigma 1)"}, "unknown-state", "p"),
         ({"dynamics": "(random-walk p :sigma p)"}, "depends-on-unknown", None),
+        ({"dynamics": "(random-walk p :sigma unknown)"}, "bad-form", "unknown"),
+        ({"dynamics": "(constant-velocity p :acceleration (unknown 2))"}, "bad-form", "(unknown 2)"),
         ({"observe": "(= x (dt))"}, "bad-form", "(dt)"),
         ({"rest": "(data b (table (y) (1))) (observe b (= y p) :sigma 1)"}, "state-without-step", "p"),
         ({"rest": "(observe other (= 1 p) :sigma 1)"}, "state-without-step", "p"),
@@ -185,3 +187,11 @@ def test_the_time_part_of_an_acceleration_may_be_left_out(unit, acceleration, fi
     with pytest.raises(mbm.MbmError) as caught:
         elaborated(source)
     assert [d.code.name for d in caught.value.diagnostics] == ["unit-clash"]
+
+
+def test_a_walk_of_unknown_size_is_written_as_the_hint_says():
+    with pytest.raises(mbm.MbmError) as caught:
+        elaborated(text(dynamics="(random-walk p :sigma unknown)"))
+    written = caught.value.diagnostics[0].hint.split("`")[1]
+    block = next(b for b in elaborated(text(dynamics=written)).problem.blocks if b.role is BlockRole.TRANSITION)
+    assert block.unknown_factor

@@ -110,6 +110,13 @@ def unknown_state(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
     )
 
 
+def unknown_scale(span: Span, name: str, option: str, *, walks: bool) -> Diagnostic:
+    """A scale of a walk or an acceleration that is to be estimated."""
+    walk = f"`(= (next {name}) {name} :sigma (unknown (sqrt (dt))))`"
+    other = f"write the motion as two states with `(= (next {name}) … :sigma (unknown …))`"
+    return language_faults.bad_form(span, f"`:{option}` is not estimated here", "", f"write {walk}" if walks else other)
+
+
 def step_without_row(span: Span, table: str, column: str, step: str, places: tuple[Place, ...]) -> Diagnostic:
     """A step that is reached with no row of the table whose columns the transition uses, or with several rows."""
     how = f"{len(places)} rows" if places else "no row"

@@ -19,7 +19,7 @@ from mbm.problem.kinds import ConstraintKind, Relation
 from mbm.problem.naming import TakenNames
 from mbm.problem.reading.declarations import Declaration, components
 from mbm.problem.reading.equations import Residual
-from mbm.problem.reading.noise_structure import NOISE, stated_noise, with_noise
+from mbm.problem.reading.noise_structure import NOISE, is_unknown, stated_noise, with_noise
 from mbm.problem.reading.states import Declared
 from mbm.problem.sequence.dimensions import undimensioned
 from mbm.problem.sequence.tables import transitions_table
@@ -325,6 +325,8 @@ def _scale(
     stated = options.get(option)
     if stated is None:
         raise MbmError(language_faults.bad_form(form.span, f"`{form.head}` wants `:{option}`", USAGE))
+    if is_unknown(stated) or (isinstance(stated, Sequence) and stated.head == "unknown"):
+        raise MbmError(faults.unknown_scale(stated.span, declaration.name.name, option, walks=option == "sigma"))
     shape = declaration.shape if not declaration.dimension else (declaration.manifold.tangent,)
     found = shaped(work.evaluator.wanted(stated, scope), shape if shape != (1,) else (), stated.span)
     work.refuse_unknowns(found, stated.span, f"`:{option}`")
