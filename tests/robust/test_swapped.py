@@ -80,3 +80,24 @@ def test_solves_side_by_side_say_the_same():
     text = TEXT.format(how=":loss tukey").rstrip()[:-1] + " (for-each run))"
     found = mbm.loads(text).solve(data={"places": chain(12)["places"], "steps": steps})
     assert [len(messages(each)) for each in found.solves] == [0, 1, 0]
+
+
+@pytest.mark.parametrize("rule", ["ransac", "msac", "lmeds"])
+def test_consensus_says_the_same(rule):
+    """It leaves rows out altogether; another true row to the end outvotes the false one."""
+    text = TEXT.format(how="").rstrip()[:-1] + f" (solve :robust {rule}))"
+    (message,), _ = said(text, 12)
+    assert sorted(int(each) for each in re.findall(r"\d+", message)) == [9, 10, 11, len(chain(12)["steps"]["d"])]
+    assert said(text, 12, closed=True)[0] == []
+
+
+@pytest.mark.parametrize("how", [" :loss tukey))", ") (solve :robust ransac))"])
+def test_any_step_between_two_ends_of_loops_may_be_the_false_one(how):
+    """Two rows from each end of the chain to each other end contradict the three steps between: not which of these."""
+    pairs = [(i, i + 1) for i in range(9)] + [(0, 2), (1, 3), (0, 3), (6, 8), (7, 9), (6, 9)] + [(0, 9), (2, 7), (3, 6)]
+    first, last = np.array(pairs).T
+    d = (last - first).astype(float) + 0.1 * np.random.default_rng(1).normal(size=len(first))
+    d[4] += 30.0  # from 4 to 5
+    data = {"places": {"id": np.arange(10.0)}, "steps": {"from": first, "to": last, "d": d}}
+    (message,) = messages(mbm.loads(TEXT.format(how="")[:-3] + how).solve(data=data).first)
+    assert sorted(int(each) for each in re.findall(r"\d+", message)) == [4, 5, 6]

@@ -11,9 +11,9 @@ TOO_FEW_AGREE = Code(
 )
 AMBIGUOUS_CONSENSUS = Code(
     "ambiguous-consensus",
-    "Two different solutions explain equally many measurements: which of them are outliers cannot be told. Of a loss "
-    "it is said where a row that is left out would hold what another row holds alone, as a false loop to the end of a "
-    "chain of poses and a step of that chain do.",
+    "Two different solutions explain equally many measurements: which of them are outliers cannot be told. It "
+    "is also said where a row that is left out would hold what another row holds alone, as a false loop to the end of "
+    "a chain of poses and a step of that chain do.",
     "Add measurements, a prior, or bounds that decide between the two; give rows that are known to be right no loss, "
     "or say which they are by `:robust (gnc :quantile 99% :trust FORM)`.",
 )

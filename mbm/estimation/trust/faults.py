@@ -266,7 +266,7 @@ def equal_rows(span: Span, name: str, out: int, rows: Sequence[int], clauses: Se
     which += [f"the rows of {', '.join(f'`{each}`' for each in clauses)}"] if clauses else []
     return Diagnostic(
         code=AMBIGUOUS_CONSENSUS,
-        message=f"row {out} of `{name}` is left out, and one of {' and '.join(which)} could be in its place: the loss "
+        message=f"row {out} of `{name}` is left out, and one of {' and '.join(which)} could be in its place: the cost "
         "is about the same, and nothing else tells which is wrong",
         place=span,
         hint=AMBIGUOUS_CONSENSUS.mend,

@@ -1,14 +1,15 @@
-"""Rows that a descending loss leaves out, and that other rows could be left out for at the same cost.
+"""Rows that a descending loss or consensus leaves out, and that other rows could be left out for at the same cost.
 
 The end of a chain of poses hangs on one step; a false loop from there to elsewhere holds it as well, at another place.
-The loss leaves out one of the two, and the cost is that of one row either way: which of them is wrong, nobody can tell.
+One of the two is left out, and the cost is that of one row either way: which of them is wrong, nobody can tell. So are
+the steps between two ends of loops: one of them is wrong, any of them could be.
 A row holds something alone where its redundancy is nothing, and a row that is left out would hold the same where the
 errors of the one move the value of the other in all directions: ``J (HᵀH)⁻¹ Hᵀ`` has full rank.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from mbm.estimation.trust.leverage import ALONE, KEPT
 from mbm.estimation.uncertainty.observability import covariance
 from mbm.estimation.uncertainty.variance import redundancy_numbers
 from mbm.problem.tables import Table
-from mbm.problem.types import Problem
+from mbm.problem.types import BlockRole, Problem
 from mbm.text.types import Diagnostic
 
 LEFT_OUT = 0.05
@@ -40,25 +41,38 @@ def swapped(
     problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, observed: Observability
 ) -> tuple[Diagnostic, ...]:
     """A warning about the first row of each clause that is left out, and could take the place of others."""
-    if not minimum.reason.converged or equations.rows is not None or len(minimum.residuals) != equations.count:
+    if not minimum.reason.converged or len(minimum.residuals) != equations.count:
         return ()
-    weights = loss_weights(loss_lines(equations), equations.plain_residuals(minimum.point))
-    redundancy = redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
-    descending = [lines for loss, lines in loss_lines(equations) if not loss.convex and len(lines)]
-    alone = [lines[(redundancy[lines].max(axis=1) < ALONE) & (weights[lines[:, 0]] > KEPT)] for lines in descending]
-    out = [first for lines in descending for first in lines[weights[lines[:, 0]] < LEFT_OUT, 0].tolist()]
-    if not out or not any(len(lines) for lines in alone):
+    weights = equations.expanded(loss_weights(loss_lines(equations), equations.plain_residuals(minimum.point)))
+    ruled = [lines for lines in _ruled(problem, equations) if len(lines)]
+    out = [first for lines in ruled for first in lines[weights[lines[:, 0]] < LEFT_OUT, 0].tolist()]
+    if not out:
+        return ()
+    redundancy = equations.expanded(redundancy_numbers(minimum.jacobian, observed, minimum.blocks))
+    alone = [lines[(redundancy[lines].max(axis=1) < ALONE) & (weights[lines[:, 0]] > KEPT)] for lines in ruled]
+    if not any(len(lines) for lines in alone):
         return ()
     found: dict[int, tuple[int, list[int]]] = {}
     owners = _owners(equations)
     for line in sorted(out)[:TRIED]:
         owner = int(owners[line])
         if owner not in found:
-            moved = _moved(equations, minimum, observed, line)
+            moved = equations.expanded(_moved(equations, minimum, observed, line))
             others = [first for lines in alone for first in lines[_holding(moved, lines), 0].tolist()]
             if others:
                 found[owner] = line, others
     return tuple(_said(problem, tables, equations, owner, *each) for owner, each in found.items())
+
+
+def _ruled(problem: Problem, equations: Assembled) -> Iterator[Indices]:
+    """The places of residuals (U, d), picked or not, of the units that a descending loss or consensus may leave out."""
+    for group in equations.groups:
+        chosen = problem.request.robust is not None and problem.blocks[group.kernel.owner].role is BlockRole.OBSERVATION
+        starts = group.first + np.arange(group.rows) * group.kernel.outputs
+        for number, whitener in enumerate(group.whiteners):
+            if chosen or (number < len(group.losses) and not group.losses[number].convex):
+                held = group.left_out[:, number] if group.trusted is None else group.trusted | group.left_out[:, number]
+                yield starts[~held, None] + np.arange(whitener.first, whitener.last)
 
 
 def _owners(equations: Assembled) -> Indices:
@@ -71,7 +85,7 @@ def _owners(equations: Assembled) -> Indices:
 
 def _moved(equations: Assembled, minimum: Minimum, observed: Observability, line: int) -> Floats:
     """By how much one deviation of each residual (m, d) moves the unit of a residual that is left out."""
-    own = excerpt(equations, equations.free, equations.units[[line]])
+    own = excerpt(equations, equations.free, equations.every_unit[[line]])
     slopes = own.plain_jacobian(minimum.point).T
     if observed.inverse is None:
         factor = covariance(observed).factor

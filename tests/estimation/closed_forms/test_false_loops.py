@@ -86,6 +86,13 @@ def test_small_graphs_keep_the_loops_that_agree(how, count):
     assert off(how, 10, count, 10) < 2 * off(how, 0, count, 10)
 
 
+def test_a_wrong_step_between_the_ends_of_loops_is_said_to_be_any_of_them():
+    """The places from the fourth on lie elsewhere by whichever step is left out, at one cost."""
+    found = mbm.loads(GRAPH % ") (solve :robust gnc)").solve(data=graph(0, 40, 20, 5)[0])
+    (said,) = (each.message for each in found.first.diagnostics if each.code.name == "ambiguous-consensus")
+    assert said.startswith("row 3 of `edges` is left out, and one of rows 4, 5, 6, 7")  # row 6 is the step from place 5
+
+
 @pytest.mark.parametrize("gap", [False, True])
 def test_loops_that_agree_with_a_chain_and_one_another_are_told_from_others(gap):
     """Nothing of a pose graph but its motions, of which one step may be missing; true loops within their noise."""
