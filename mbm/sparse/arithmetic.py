@@ -173,7 +173,7 @@ class Arithmetic:
 
     def solved(self, lower: Floats, right: Floats) -> Floats:
         """One right side at once; many by BLAS, which takes a while to load: small triangles do without."""
-        if right.shape[1] > 1:
+        if right.shape[1] != 1:
             if len(lower) > SMALL:
                 return triangular(lower, right)
             return np.asarray(np.linalg.solve(lower.T, np.linalg.solve(lower, right)))

@@ -30,6 +30,14 @@ def test_products_gradient_and_image(backend):
     np.testing.assert_allclose(own.image(values, step), jacobian @ step, atol=ROUNDING)
 
 
+def test_without_right_sides_nothing_is_written(backend, way):
+    """Of inequalities none of which holds; the routine for one right side wrote behind the array."""
+    network = Network(seed=5)
+    own = plan(network.structure(), backend)
+    factors = factorised(own, own.accumulate(network.values()), np.ones(network.columns))
+    assert factors.solve(np.empty((network.columns, 0))).shape == (network.columns, 0)
+
+
 def test_sums_do_not_depend_on_the_threads(heavy):
     network = Network(seed=7)
     found = []
