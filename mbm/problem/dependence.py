@@ -23,12 +23,12 @@ Facts: TypeAlias = tuple[object, ...]
 
 
 def columns_of(raw: Mapping[str, Table]) -> Facts:
-    """The columns of tables: names, kinds, units, groups, keys."""
+    """The columns of tables: names, kinds, units, groups, keys, and which of them hold no number: no ``:init``."""
     return tuple(
         (
             name,
             table.key,
-            tuple((column.name, column.is_text, column.unit) for column in table.columns.values()),
+            tuple((column.name, column.is_text, column.unit, column.only_gaps) for column in table.columns.values()),
             tuple((name, group.shape, group.columns) for name, group in table.groups.items()),
         )
         for name, table in raw.items()

@@ -236,6 +236,12 @@ class Column:
         """Whether the cells are texts."""
         return self.texts is not None
 
+    @property
+    def only_gaps(self) -> bool:
+        """Whether no cell of a column of numbers holds one, of one at least."""
+        held = self.numbers
+        return held is not None and len(held) > 0 and bool(np.isnan(held[0])) and bool(np.isnan(held).all())
+
     def check(self) -> None:
         """Raise MbmError with the fault of the cells, if there is one."""
         if self.fault is not None:

@@ -62,3 +62,20 @@ def test_a_gap_names_no_member():
     ).solve(data={"d": GAPS})
     assert result["m"].keys == (1.0, 2.0)
     np.testing.assert_allclose(result["m"].value, [1.0, 4.0], rtol=1e-12)  # one row each
+
+
+def test_a_graph_that_gets_vertices_or_loses_them_is_read_anew(tmp_path):
+    """Whether `:init` counts is decided by its columns, which hold numbers or gaps: not for good."""
+    edges = "EDGE_SE2 0 1 1 0 1.5 100 0 0 100 0 400\nEDGE_SE2 1 2 1 0 1.5 100 0 0 100 0 400\n"
+    vertices = "VERTEX_SE2 0 5 0 0\nVERTEX_SE2 1 6 0 1.5\nVERTEX_SE2 2 6 1 3\n"
+    path = tmp_path / "p.mbm"
+    path.write_text(
+        '(problem p (data v (g2o "g.g2o" :vertices)) (data e (g2o "g.g2o" :edges))\n'
+        "(unknowns (T (pose 2) :per v :fixed (= row 1) :init (pose2 x y theta)))\n"
+        "(observe e (= (pose2 dx dy dtheta) (between (T from) (T to))) :information information))"
+    )
+    first = []
+    for text in (vertices + edges, edges, vertices + edges):
+        (tmp_path / "g.g2o").write_text(text)
+        first.append(mbm.load(path).solve()["T"].value[0].tolist())
+    assert first == [[0, 5, 0], [0, 0, 0], [0, 5, 0]]

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import isfinite, prod
 
-import numpy as np
-
 from mbm.expression.nodes import Apply, Column, Constant, Expression, Number, Operation, leaves, nearest
 from mbm.expression.rows import RowChoice
 from mbm.language import faults as language_faults
@@ -218,8 +216,8 @@ def _numberless(values: RowValues, tables: Mapping[str, Table]) -> bool:
     used = {
         (leaf.table, leaf.name) for case in values.cases for leaf in leaves(case.values) if isinstance(leaf, Column)
     }
-    numbers = [tables[table].columns[name].numbers for table, name in used if name in tables[table].columns]
-    return any(each is not None and len(each) > 0 and bool(np.isnan(each).all()) for each in numbers)
+    columns = (tables[table].columns.get(name) for table, name in used)
+    return any(column is not None and column.only_gaps for column in columns)
 
 
 def _neutral(declaration: Declaration, span: Span) -> RowValues | None:
