@@ -10,6 +10,7 @@ import numpy as np
 
 from mbm.equations import faults
 from mbm.equations.assembly import Assembled
+from mbm.equations.layout import half_turns
 from mbm.equations.metric import first_bad
 from mbm.equations.types import Correctable, Equations, Floats, Minimum, Reason
 from mbm.estimation.minimise.native.iteration import one_step_suits
@@ -33,6 +34,9 @@ ROUGHLY = 0.05
 
 MANY = 120
 """Unknowns from which on the sparse solver comes to the minimum faster, of equations that touch few of them."""
+
+MANY_TURNS = 1e4
+"""Radians from which on the rounding of an angle is looked at."""
 
 LINEAR, EVALUATION = "linear", "evaluation"
 """The names of methods that nobody asks for by name; the second is for problems without unknowns."""
@@ -89,7 +93,26 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
     if found.reason in SINGULAR and settings.method is not Method.CLOSED_FORM:
         others = (_from(equations, bound, point, settings) for point in beside(equations, start, settings.seed))
         found = next((other for other in others if other.reason not in SINGULAR), found)
-    return found
+    return _unwound(equations, bound, found, settings)
+
+
+def _unwound(equations: Equations, bound: ConstrainedEquations | None, found: Minimum, settings: Settings) -> Minimum:
+    """The minimum, from within half a turn once more where an angle has gone so far that rounding stops it there.
+
+    Steps in angles that hardly matter at a start (the axes of a circle that becomes an ellipse) may be of any length.
+    """
+    if not isinstance(equations, Assembled):
+        return found
+    layout = equations.layout
+    places = layout.number[layout.angle & (layout.number >= 0)]
+    far = places[np.abs(found.point[places]) > MANY_TURNS]
+    if not far.size:
+        return found
+    near = found.point.copy()
+    near[far] = half_turns(near[far])
+    again = _from(equations, bound, near, settings)
+    better = again.reason.converged and (again.cost <= found.cost or not found.reason.converged)
+    return again if better else found
 
 
 def _unmoved(equations: Equations, start: Floats, settings: Settings, place: Place | None) -> Minimum:
@@ -135,7 +158,7 @@ def minima(equations: Equations, starts: Floats, settings: Settings, place: Plac
             found = native_minima(equations, starts, settings)
     for start, native in zip(starts, found, strict=True):
         each = native if native is not None and native.reason not in SINGULAR else None
-        yield each or minimise(equations, start, settings, place)
+        yield minimise(equations, start, settings, place) if each is None else _unwound(equations, None, each, settings)
 
 
 def _sparse(equations: Equations, settings: Settings) -> bool:

@@ -41,11 +41,11 @@ KEPT = 24
 PROJECTED = 64
 """How many are started from where they were improved by variable projection: three peaks of 250 readings want them."""
 
-LARGE, FEW_KEPT = 20_000, 3
-"""Numbers in the Jacobian, or in the normal equations, from which so few are kept: each start takes long.
+CORRECTED = 8
+"""The same where measured values are corrected, which takes long: each of them finds an ellipse in one of two cases."""
 
-So it does where measured values are corrected.
-"""
+LARGE, FEW_KEPT = 20_000, 3
+"""Numbers in the Jacobian, or in the normal equations, from which so few are kept: each start takes long."""
 
 HUGE = 500_000
 """The same for the best one alone: each start takes seconds."""
@@ -81,14 +81,14 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     written, layout = equations.uncorrected(), equations.layout
     if settings.method is Method.CLOSED_FORM:
         return _closed_form_alone(written, settings)
-    found = _of_written(written, settings)
+    found = _of_written(written, equations.roughly_corrected(), settings)
     moving = (np.isnan(layout.start) | layout.guessed)[equations.free]
     if not (equations.likely and moving.any()):
         return found
     return tuple(replace(each, point=_inside(equations, written, moving, each.point)) for each in found)
 
 
-def _of_written(equations: Assembled, settings: Settings) -> tuple[Beginning, ...]:
+def _of_written(equations: Assembled, rough: Assembled, settings: Settings) -> tuple[Beginning, ...]:
     """The points for equations as they are written."""
     layout = equations.layout
     wanted = np.isnan(layout.start) | layout.guessed
@@ -117,7 +117,7 @@ def _of_written(equations: Assembled, settings: Settings) -> tuple[Beginning, ..
     situation = Situation(layout=layout, groups=equations.groups, numbers=wanted_numbers, most=ENOUGH)
     found = _filled_up(equations, completions(situation, settings.closed_forms), settings)
     most = min(int(np.isnan(c.numbers).sum()) for c in found)
-    ends = [b for c in found if int(np.isnan(c.numbers).sum()) == most for b in _ended(equations, c, settings)]
+    ends = [b for c in found if int(np.isnan(c.numbers).sum()) == most for b in _ended(equations, rough, c, settings)]
     return _sorted(equations, ends)
 
 
@@ -276,7 +276,7 @@ def _direct_search(equations: Assembled, settings: Settings, wanted: Mask) -> Be
     return Beginning(point=points[best], origin=f"direct search ({DIRECT_SEARCH} random points)")
 
 
-def _ended(equations: Assembled, completion: Completion, settings: Settings) -> tuple[Beginning, ...]:
+def _ended(equations: Assembled, rough: Assembled, completion: Completion, settings: Settings) -> tuple[Beginning, ...]:
     """Points without any unknown number, from what the closed forms gave."""
     layout = equations.layout
     numbers, used = completion.numbers, completion.used
@@ -296,12 +296,12 @@ def _ended(equations: Assembled, completion: Completion, settings: Settings) -> 
         first = Beginning(point=point, origin="; ".join((*used, "linear") if linear.any() else used))
         if not middle.any() or settings.starts is not None or _takes_long(equations):
             return (first,)
-        return (first, *_elsewhere(equations, completion, settings)[:FEW_KEPT])
+        return (first, *_elsewhere(equations if linear.any() else rough, completion, settings)[:FEW_KEPT])
     seen = _seen(equations, completion, settings)
     if seen:
-        return tuple(end for each in seen for end in _ended(equations, each, settings))
+        return tuple(end for each in seen for end in _ended(equations, rough, each, settings))
     # What is drawn at random for the others would fit the middle only: the ranges are drawn from as well.
-    found = _elsewhere(equations, completion, settings)
+    found = _elsewhere(equations if linear.any() else rough, completion, settings)
     if not found:
         _refuse(layout, replace(layout, start=completion.numbers).missing())
     return found
@@ -350,7 +350,7 @@ def _drawn(equations: Assembled, base: Floats, missing: Mask, settings: Settings
     linear = affine_coordinates(equations, missing)
     corrected = any(group.kernel.corrections is not None for group in equations.groups)
     numbers = max(equations.count, equations.dimension) * equations.dimension
-    kept = 1 if numbers > HUGE else FEW_KEPT if numbers > LARGE or corrected else KEPT
+    kept = 1 if numbers > HUGE else FEW_KEPT if numbers > LARGE else CORRECTED if corrected else KEPT
     most = PROJECTED if kept == KEPT else kept
     points = projected_points(equations, base, missing, linear, settings.seed, most, settings.stopped)
     if points is not None:

@@ -149,7 +149,7 @@ def random_points(
 def costs(equations: Assembled, points: Floats) -> Floats:
     """``Σ r²`` at points (T, N), infinite where an equation has no value."""
     with np.errstate(all="ignore"):
-        if equations.implicit is not None or len(points) <= SINGLE:
+        if len(points) <= SINGLE:
             found = np.array([float(np.square(equations.residuals(point)).sum()) for point in points])
         else:
             step = max(TOGETHER // max(equations.whole, 1), 1)
