@@ -65,7 +65,7 @@ def refine_candidate(best: Integer, count: Integer, problem: Problem, work: Cons
     copied(problem.numbers, work.candidates[best * problem.numbers :], work.here.point)
     if work.rules.groups > 0:
         own = work.candidate_squares[best * units.count :]
-        variances_at(units, work.left, work.rules.groups, own, work.sorted, units.variances)
+        variances_at(units, work.spent, work.rules.groups, own, work.sorted, units.variances)
     work.verdict.ambiguous = rival(best, count, work)
     work.verdict.inliers = finished(problem, work)
     if work.verdict.inliers > 0:
@@ -78,7 +78,7 @@ def settle_near_start(problem: Problem, work: ConsensusWork) -> None:
     here = work.here
     copied(problem.numbers, work.begun, here.point)
     squares_at(problem, here.point, work, here.squares)
-    variances_at(units, work.left, work.rules.groups, here.squares, work.sorted, units.variances)
+    variances_at(units, work.spent, work.rules.groups, here.squares, work.sorted, units.variances)
     work.verdict.inliers = finished(problem, work)
     if work.verdict.inliers > 0:
         work.verdict.agreed = 1
@@ -227,7 +227,7 @@ def widen_for_point(problem: Problem, work: ConsensusWork) -> Integer:
     units = work.units
     here = work.here
     squares_at(problem, here.point, work, here.squares)
-    own = robust_variance(units, work.left, here.squares, STATED, work.sorted)
+    own = robust_variance(units, work.spent, here.squares, STATED, work.sorted)
     for u in range(units.count):
         units.limits[u] = units.cuts[u] * max(own, 1.0)
     return own > 1.0

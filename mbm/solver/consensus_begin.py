@@ -176,6 +176,7 @@ def begin_consensus(problem: Problem, work: ConsensusWork) -> None:
     work.one_side = one_sided(work.rules, work.units.count, work.forms, work.form_scratch)
     work.size = begun_where_units_tell(problem, work)
     work.alike = told_alike(work)
+    work.spent = work.left if work.alike == 1 else work.rank
     work.trials_wanted = 0
     work.trials_made = 0
     work.points_made = 0

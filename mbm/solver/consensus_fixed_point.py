@@ -65,10 +65,10 @@ def renew_variances(work: ConsensusWork) -> None:
     """The noise at the present squares: of unknown groups, and of stated ones that the data contradict."""
     units = work.units
     squares = work.here.squares
-    variances_at(units, work.left, work.rules.groups, squares, work.sorted, work.fresh)
+    variances_at(units, work.spent, work.rules.groups, squares, work.sorted, work.fresh)
     wide = -1.0
     if contradicted(work) == 1:
-        wide = max(robust_variance(units, work.left, squares, STATED, work.sorted), 1.0)
+        wide = max(robust_variance(units, work.spent, squares, STATED, work.sorted), 1.0)
     for u in range(units.count):
         if units.group[u] != STATED:
             units.variances[u] = work.fresh[u]
@@ -169,7 +169,7 @@ def noise_and_limits(squares: ConstantReals, work: ConsensusWork) -> None:
     Where the limits of the robust scale leave out units that are inside, three deviations of their noise are the limit.
     """
     units = work.units
-    variances_at(units, work.left, work.rules.groups, squares, work.sorted, work.fresh)
+    variances_at(units, work.spent, work.rules.groups, squares, work.sorted, work.fresh)
     for u in range(units.count):
         units.noise[u] = work.fresh[u] if units.group[u] != STATED else units.variances[u]
         units.limits[u] = units.cuts[u] * units.noise[u]

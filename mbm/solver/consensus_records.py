@@ -215,6 +215,8 @@ class ConsensusWork:
     """Units of a subset; 0: no unit says anything at the start, `NOWHERE`: nothing gives a start."""
     rank: Integer
     """Unknowns that a subset determines."""
+    spent: Integer
+    """Unknowns that all units together determine: the others are told by rows that no rule acts on."""
     told: Integer
     """Unknowns that the equations among the constraints tell …"""
     left: Integer
@@ -231,7 +233,7 @@ class ConsensusWork:
     until_enough: Integer
     """1: trials end when they are enough for what the best of them explains."""
     alike: Integer
-    """1: all rows have one noise, so that its inliers tell all unknowns."""
+    """1: all rows are units of one noise, whose inliers tell all unknowns."""
     one_side: Integer
     """1: all stations of the spheres lie in one plane, so that solutions mirror one another: one stands for both."""
 

@@ -286,7 +286,7 @@ def widen_limits(fresh: Integer, work: ConsensusWork) -> None:
     for group in range(-1, work.rules.groups):
         variance = 1.0
         if group >= 0:
-            variance = robust_variance(units, work.left, work.here.squares, group, work.sorted)
+            variance = robust_variance(units, work.spent, work.here.squares, group, work.sorted)
         for u in range(units.count):
             if units.group[u] == group:
                 wide = units.cuts[u] * variance

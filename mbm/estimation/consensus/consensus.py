@@ -51,12 +51,12 @@ that the last fits, to all units, do not depend on."""
 
 
 def agreeing(
-    problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus, starts: Starts
+    problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus, starts: Starts, checked: Checked
 ) -> Prepared:
     """The units that agree, by the consensus that the problem asks for; ``starts`` are looked for where they matter."""
     # graduated non-convexity narrows down from fits to all rows: which of the closed form's roots it begins at decides
     anywhere = settings.starts is None and consensus.kind is not ConsensusKind.GNC
-    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=observed)
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=observed, checked=checked)
     if _by_truncation(problem, consensus, equations):
         return _truncated(asked, equations, starts)
     found = _startless(asked, equations) if anywhere else None
@@ -158,7 +158,7 @@ def scaled(problem: Problem, equations: Assembled, settings: Settings, search: S
     if not unknown and convex:
         return Prepared(equations=equations, starts=search())
     consensus = Consensus(kind=ConsensusKind.LMEDS)
-    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=with_loss)
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=with_loss, checked=checked)
     starts = _told_apart(asked, equations, search)
     units = units_of(equations, problem, starts[0].point, with_loss)
     if units.scalars == 0:
@@ -166,12 +166,12 @@ def scaled(problem: Problem, equations: Assembled, settings: Settings, search: S
     starts = _fitted_plainly(problem, equations, settings, starts)
     asked = replace(asked, held=held_by(equations, starts[0].point, equations.equality))
     few = equations.count < asked.left(equations)
-    found, redundancy = _all_agree(units, starts[0].point), None
+    found = _all_agree(units, starts[0].point)
     if problem.sequence is not None and unknown:  # subsets without transitions tell no state
-        found, redundancy = agree_beside_others(asked, equations, units, starts[0].point, checked)
+        found = agree_beside_others(asked, equations, units, starts[0].point, checked)
     elif not few:
         asked, found = _agreed(asked, equations, units, starts)
-    factors, noise = loss_noise(asked, equations, units, found, redundancy)
+    factors, noise = loss_noise(asked, equations, units, found)
     return Prepared(
         equations=equations,
         starts=starts if few else _from_agreement(found, consensus, settings, starts),
@@ -208,6 +208,7 @@ def _all_agree(units: Units, point: Floats) -> Agreed:
         inliers=np.ones(units.count, dtype=bool),
         limits=np.full(units.count, np.inf),
         variances=np.ones(units.count),
+        redundancy=np.zeros(units.count),
     )
 
 

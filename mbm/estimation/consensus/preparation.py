@@ -34,7 +34,7 @@ def prepared(
     from mbm.estimation.consensus.consensus import agreeing, scaled
 
     if settings.robust is not None:
-        return agreeing(problem, equations, settings, settings.robust, starts)
+        return agreeing(problem, equations, settings, settings.robust, starts, checked)
     return scaled(problem, equations, settings, starts, checked)
 
 

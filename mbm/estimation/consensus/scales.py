@@ -10,7 +10,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Noise, NoiseState
-from mbm.estimation.consensus.truncated import fitted, noise_of_inliers, shared_out
+from mbm.estimation.consensus.truncated import fitted, noise_of_inliers, redundancy_by_row, redundancy_of
 from mbm.estimation.consensus.types import Agreed, Asked, Checked
 from mbm.estimation.consensus.units import Units, cuts, variances_at, without_losses
 from mbm.solver.decisions import STATED
@@ -24,25 +24,25 @@ SETTLED_VARIANCES = 1e-3
 
 
 LEAST_SHOWN = 1.0
-"""Redundancy of all units of a noise together, in readings, below which they tell next to nothing of it."""
+"""Redundancy of all units of a noise together, in readings, below which they tell next to nothing of it: where a state
+is read far better than transitions tell it, each shows hardly at all."""
 
 
 def loss_noise(
-    asked: Asked, equations: Assembled, units: Units, found: Agreed, redundancy: Floats | None = None
+    asked: Asked, equations: Assembled, units: Units, found: Agreed
 ) -> tuple[Floats | None, Mapping[int, Noise]]:
-    """Factors (all residuals,) and noise of the blocks that have a loss and unknown noise.
-
-    ``redundancy`` (U,) is how much of each unit shows in its residuals; None: all of them share the unknowns alike.
-    Beside other rows it may be next to nothing of each, where a state is read far better than transitions tell it.
-    """
-    least = LEAST_REDUNDANCY if redundancy is None else LEAST_SHOWN
+    """Factors (all residuals,) and noise of the blocks that have a loss and unknown noise."""
+    groups = np.unique(units.group[units.group != STATED]).tolist()
+    lossy = [number for number in groups if asked.problem.blocks[number].loss is not None]
+    if not lossy:
+        return None, {}
+    redundancy = found.redundancy
     if redundancy is None:
-        redundancy = shared_out(units, found.inliers, asked.left(equations))
+        redundancy = redundancy_of(asked, without_losses(equations), units, found)
+    least = LEAST_REDUNDANCY if asked.problem.sequence is None else LEAST_SHOWN
     factors = np.ones(equations.whole)
     noise: dict[int, Noise] = {}
-    for number in np.unique(units.group[units.group != STATED]).tolist():
-        if asked.problem.blocks[number].loss is None:
-            continue
+    for number in lossy:
         mine = units.group == number
         variance = float(found.variances[mine].mean())
         checked = float(redundancy[mine & found.inliers].sum()) > least
@@ -51,14 +51,12 @@ def loss_noise(
         factor = sqrt(variance) if state is NoiseState.ESTIMATED else 1.0
         noise[number] = Noise(factor=factor, state=state, settled=found.settled)
         factors[equations.block_rows(number)] = factor
-    return (factors, noise) if noise else (None, noise)
+    return factors, noise
 
 
 @np.errstate(all="ignore")
-def agree_beside_others(
-    asked: Asked, equations: Assembled, units: Units, point: Floats, checked: Checked
-) -> tuple[Agreed, Floats]:
-    """The units that agree where other rows tell the unknowns as well (transitions, priors), and their redundancy (U,).
+def agree_beside_others(asked: Asked, equations: Assembled, units: Units, point: Floats, checked: Checked) -> Agreed:
+    """The units that agree where other rows tell the unknowns as well (transitions, priors).
 
     From a fit at ``point`` (N,) to all rows with the noise as it stands, or a larger one if its residuals say so,
     rounds of fits to the units within their limits. What is judged is the squared norm of a unit by its redundancy, and
@@ -68,7 +66,7 @@ def agree_beside_others(
     plain = without_losses(equations)
     others = [i for i, block in enumerate(asked.problem.blocks) if block.unknown_factor and not _within(i, units)]
     factors = np.ones(equations.whole)
-    cut, redundancy = cuts(units, None), units.components.astype(float)
+    cut = cuts(units, None)
     squares = units.squares(plain.plain_residuals(point))
     found = Agreed(
         point=point,
@@ -78,9 +76,8 @@ def agree_beside_others(
     )
     for _ in range(FITS):
         end = fitted(asked, plain.with_factors(factors), units, found)
-        by_row = np.ones(equations.whole)  # a unit that was left out shows wholly
-        by_row[units.expanded(found.inliers.astype(float)) > 0.0] = checked(plain, end)
-        redundancy = np.bincount(units.of_row[units.of_row >= 0], by_row[units.of_row >= 0], units.count).astype(float)
+        by_row = redundancy_by_row(checked, plain, units, found.inliers, end)
+        redundancy = units.summed(by_row)
         residuals = plain.plain_residuals(end.point)
         squares = units.squares(residuals)
         told = redundancy > LEAST_REDUNDANCY
@@ -94,15 +91,15 @@ def agree_beside_others(
             left = float(np.square(residuals[rows] / factors[rows]).sum()), float(by_row[rows].sum())
             ratios.append(np.full(1, noise_ratio(*left) ** 2))
             factors[rows] *= noise_ratio(*left)
-        found = replace(found, point=end.point, inliers=inliers, limits=limits, variances=variances)
+        found = Agreed(point=end.point, inliers=inliers, limits=limits, variances=variances, redundancy=redundancy)
         ended = bool((variances <= units.rounding).all()) or not np.isfinite(end.cost) or not inliers.any()
         if (
             ended
             or asked.settings.stopped()
             or max(float(np.abs(each - 1.0).max()) for each in ratios) <= SETTLED_VARIANCES
         ):
-            return found, redundancy
-    return replace(found, settled=False), redundancy
+            return found
+    return replace(found, settled=False)
 
 
 def _within(number: int, units: Units) -> bool:

@@ -24,7 +24,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.losses import LossFunction
 from mbm.equations.manifolds import of_arrays
 from mbm.equations.types import Floats, Indices, Mask, Minimum
-from mbm.estimation.consensus.types import Agreed, Asked
+from mbm.estimation.consensus.types import Agreed, Asked, Checked
 from mbm.estimation.consensus.units import Units, cuts, limits_of, variances_at, without_losses
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.sparsity import sparse_suits
@@ -55,7 +55,7 @@ class _Fits:
     def __init__(self, asked: Asked, equations: Assembled, units: Units) -> None:
         self.units = units
         self.plain = without_losses(equations).roughly_corrected()
-        self._asked = asked
+        self.asked = asked
         self._settings = replace(asked.settings, robust=None)
         self._plan: object = None
 
@@ -63,7 +63,7 @@ class _Fits:
         """Squared norms (U,) of the units at a point."""
         return self.units.squares(self.plain.plain_residuals(point))
 
-    def fitted(self, point: Floats, weights: Floats, variances: Floats, steps: int) -> Floats:
+    def fitted(self, point: Floats, weights: Floats, variances: Floats, steps: int) -> Minimum:
         """Where so many iterations lead with weights (U,) of the units, and variances (U,) of the noise."""
         counting = weights > LEAST_WEIGHT
         keep = np.ones(int(self.plain.units.max()) + 1, dtype=bool)
@@ -74,9 +74,9 @@ class _Fits:
         settings = replace(self._settings, max_iterations=min(steps, self._settings.max_iterations))
         if sparse_suits(weighted) and not weighted.constraints and weighted.implicit is None and settings.iterative:
             return self._sparsely(weighted, point, settings)
-        return minimise(weighted, point, settings, self._asked.problem.span).point
+        return minimise(weighted, point, settings, self.asked.problem.span)
 
-    def _sparsely(self, weighted: Assembled, point: Floats, settings: Settings) -> Floats:
+    def _sparsely(self, weighted: Assembled, point: Floats, settings: Settings) -> Minimum:
         # Loaded by large problems only.
         from mbm.estimation.minimise.sparse import sparse_minimum
         from mbm.sparse.equations import blocked
@@ -85,7 +85,7 @@ class _Fits:
         equations = blocked(weighted)
         if not isinstance(self._plan, Plan):
             self._plan = plan(equations.structure(), equations.backend, settings.workers)
-        return sparse_minimum(equations, point, settings, self._plan).point
+        return sparse_minimum(equations, point, settings, self._plan)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,7 +125,7 @@ class _Rule:
 def agree_by_truncation(asked: Asked, equations: Assembled, units: Units, ways: Sequence[Way], trusted: Mask) -> Agreed:
     """The units that agree, by the best of some ways, one at least; those ``trusted`` (U,) do in any case."""
     fits = _Fits(asked, equations, units)
-    rule = _Rule(cut=limits_of(units, asked.consensus), trusted=trusted, dimension=asked.left(equations))
+    rule = _Rule(cut=limits_of(units, asked.consensus), trusted=trusted, dimension=asked.spent(equations))
     ends = [_settled(fits, rule, _graduated(fits, rule, way)) for way in ways if not asked.settings.stopped()]
     best = min(ends, key=lambda end: end[1]) if ends else _settled(fits, rule, ways[0].start)
     return replace(best[0], cut_short=asked.settings.stopped())
@@ -137,7 +137,7 @@ def _graduated(fits: _Fits, rule: _Rule, way: Way) -> Floats:
     squares = fits.squares(way.start)
     counting = np.isfinite(squares) & (way.held if way.held.any() else True)
     variances, _ = rule.limits(squares, units)
-    point = fits.fitted(way.start, counting.astype(float), variances, FIRST_STEPS)
+    point = fits.fitted(way.start, counting.astype(float), variances, FIRST_STEPS).point
     squares = fits.squares(point)
     variances, limits = rule.limits(squares, units)
     limits = np.where(way.held, np.inf, limits)
@@ -149,7 +149,7 @@ def _graduated(fits: _Fits, rule: _Rule, way: Way) -> Floats:
     control = float(max(ratio.min(), 1e-12))
     for _ in range(GRADUATED_ROUNDS):
         weights = np.where(np.isfinite(squares), of_arrays(gnc_weight)(squares, limits, control), 0.0)
-        point = fits.fitted(point, weights, variances, 1)
+        point = fits.fitted(point, weights, variances, 1).point
         squares = fits.squares(point)
         variances, closer = rule.limits(squares, units)
         limits = np.where(way.held, np.inf, closer)
@@ -171,11 +171,11 @@ def _settled(fits: _Fits, rule: _Rule, point: Floats) -> tuple[Agreed, float]:
         if before is not None and bool((inliers == before).all()):
             break
         before = inliers
-        point = fits.fitted(point, inliers.astype(float), variances, SETTLED_STEPS)
-        squares = fits.squares(point)
-        noise = noise_of_inliers(
-            squares, inliers, variances, units, shared_out(units, inliers, rule.dimension), rule.cut * variances
-        )
+        end = fits.fitted(point, inliers.astype(float), variances, SETTLED_STEPS)
+        point, squares = end.point, fits.squares(end.point)
+        kept = Agreed(point=point, inliers=inliers, limits=limits, variances=variances)
+        redundancy = redundancy_of(fits.asked, fits.plain, units, kept, end)
+        noise = noise_of_inliers(squares, inliers, variances, units, redundancy, rule.cut * variances)
     cost = float(np.nan_to_num(np.minimum(squares, limits) / variances, nan=np.inf).sum())
     if bool((units.group != STATED).any()):  # each way has a noise of its own: the most rows agree, not the closest
         cost = -float(units.components[inliers].sum())
@@ -206,7 +206,7 @@ def agree_by_losses(asked: Asked, equations: Assembled, units: Units, start: Flo
     def narrowed(widths: tuple[float, ...], point: Floats) -> Agreed:
         squares = units.squares(plain.plain_residuals(point))
         for width in widths:
-            variances = _variances(squares, units, asked.left(plain))
+            variances = _variances(squares, units, asked.spent(plain))
             factors = _by_row(np.sqrt(variances), units, plain)
             lossy = _with_loss(plain, acting, width * float(np.sqrt(cut.max()))).with_factors(factors)
             point = minimise(lossy, point, way, problem.span).point
@@ -238,10 +238,10 @@ def fitted(asked: Asked, equations: Assembled, units: Units, found: Agreed) -> M
 
 def _fitted_to_inliers(asked: Asked, plain: Assembled, units: Units, point: Floats, cut: Floats) -> Agreed:
     """Fits to the inliers until they stay the same."""
-    before, left = None, asked.left(plain)
+    before, spent = None, asked.spent(plain)
     squares = units.squares(plain.plain_residuals(point))
     for _ in range(NARROWED_ROUNDS):
-        variances = _variances(squares, units, left)
+        variances = _variances(squares, units, spent)
         inliers = squares <= cut * variances
         if before is not None and bool((inliers == before).all()):
             break
@@ -251,19 +251,31 @@ def _fitted_to_inliers(asked: Asked, plain: Assembled, units: Units, point: Floa
         squares = units.squares(plain.plain_residuals(point))
     limits = cut * variances
     inliers = squares <= limits
-    redundancy = shared_out(units, inliers, left)
-    return Agreed(
-        point=point,
-        inliers=inliers,
-        limits=limits,
-        variances=noise_of_inliers(squares, inliers, variances, units, redundancy, limits),
-    )
+    found = Agreed(point=point, inliers=inliers, limits=limits, variances=variances)
+    redundancy = redundancy_of(asked, plain, units, found)
+    noise = noise_of_inliers(squares, inliers, variances, units, redundancy, limits)
+    return replace(found, variances=noise, redundancy=redundancy)
 
 
-def shared_out(units: Units, inliers: Mask, dimension: int) -> Floats:
-    """The redundancy (U,) of each of the ``inliers`` (U,), where unknowns are shared out by number of residuals."""
-    total = int(units.components[inliers].sum())
-    return np.asarray(units.components * (1.0 - dimension / total if total else 0.0))
+def redundancy_of(asked: Asked, plain: Assembled, units: Units, found: Agreed, end: Minimum | None = None) -> Floats:
+    """The redundancy (U,) of each unit that agrees, at the ``end`` of a fit to these (None: it is made).
+
+    Where all rows have one noise, unknowns are shared out by number of residuals, which leaves the sum as it is.
+    """
+    total = int(units.components[found.inliers].sum())
+    unknown = units.group != STATED
+    alike = not unknown.any() or bool((units.of_row >= 0).all() and (units.group == units.group[0]).all())
+    if alike or asked.checked is None or not total:
+        return np.asarray(units.components * (1.0 - asked.spent(plain) / total if total else 0.0))
+    end = fitted(asked, plain, units, found) if end is None else end
+    return units.summed(redundancy_by_row(asked.checked, plain, units, found.inliers, end))
+
+
+def redundancy_by_row(checked: Checked, plain: Assembled, units: Units, inliers: Mask, end: Minimum) -> Floats:
+    """How much of each residual (all,) shows at a minimum of the units that agree; of a unit left out, all."""
+    found = np.ones(plain.whole)
+    found[units.expanded(inliers.astype(float)) > 0.0] = checked(plain, end)
+    return found
 
 
 def noise_of_inliers(

@@ -111,19 +111,29 @@ def with_loss(block: Block) -> bool:
 class Asked:
     """What is asked of consensus: by which rules, of the units of the blocks that are ``ruled``.
 
-    ``stated``: no noise is unknown any more. ``held`` are the constraints that are put in (None: none).
+    ``checked`` tells redundancy (None: as if all rows told the unknowns alike). ``stated``: no noise is unknown any
+    more. ``held`` are the constraints that are put in (None: none).
     """
 
     problem: Problem
     settings: Settings
     consensus: Consensus
     ruled: Callable[[Block], bool]
+    checked: Checked | None = None
     stated: bool = False
     held: Held | None = None
 
     def left(self, equations: Assembled) -> int:
         """Coordinates of equations that constraints leave."""
         return equations.dimension - (0 if self.held is None else self.held.told(equations))
+
+    def spent(self, equations: Assembled) -> int:
+        """Those of them that some unit depends on; the others are told by rows that no rule acts on."""
+        seen = np.zeros(len(equations.layout.number), dtype=bool)
+        for group, acts in zip(equations.groups, self.acting(equations), strict=True):
+            if acts:
+                seen[group.touched] = True
+        return min(self.left(equations), int(seen[equations.free].sum()))
 
     def acting(self, equations: Assembled) -> tuple[bool, ...]:
         """Which groups of equations have units that may be left out."""
@@ -135,15 +145,17 @@ class Agreed:
     """The units that agree at a point.
 
     ``inliers`` (U,) have squared norms up to ``limits`` (U,) at ``point`` (N,); ``variances`` (U,) are those of the
-    noise: 1 where it is stated, else estimated from the inliers. ``trials`` is the number of subsets; ``ambiguous``
-    says that another point explains as much, ``cut_short`` that the trials were interrupted. ``settled`` False: rounds
-    of fit and noise, or of what holds the fit, ran out before they agreed.
+    noise: 1 where it is stated, else estimated from the inliers. ``redundancy`` (U,) is how much of each shows in its
+    residuals (None: nobody has looked). ``trials`` is the number of subsets; ``ambiguous`` says that another point
+    explains as much, ``cut_short`` that the trials were interrupted. ``settled`` False: rounds of fit and noise, or of
+    what holds the fit, ran out before they agreed.
     """
 
     point: Floats
     inliers: Mask
     limits: Floats
     variances: Floats
+    redundancy: Floats | None = None
     trials: int = 0
     ambiguous: bool = False
     cut_short: bool = False

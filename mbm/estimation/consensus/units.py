@@ -60,6 +60,11 @@ class Units:
             squares = np.add.reduceat(squares, starts, axis=-1)
         return np.where(np.isfinite(squares), squares, np.inf)
 
+    def summed(self, values: Floats) -> Floats:
+        """The sums (U,) of values (m,) by residual, over the residuals of each unit."""
+        ruled = self.of_row >= 0
+        return np.bincount(self.of_row[ruled], values[ruled], self.count).astype(float)
+
     def kept(self, equations: Assembled, inliers: Mask) -> Mask:
         """Which units of the equations stay, by number, where the ``inliers`` (U,) alone do of these."""
         keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
