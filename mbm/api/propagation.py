@@ -10,7 +10,7 @@ from mbm import compiler
 from mbm.api import arguments
 from mbm.problem.bounded import called, likelihood_of
 from mbm.problem.clauses import select_problem
-from mbm.problem.types import Method, Problem
+from mbm.problem.types import Method, Problem, UncertainColumn
 from mbm.report.propagation.answer import Propagated
 from mbm.report.propagation.solve import PropagatedSolve, parts_of, scalars_of
 from mbm.simulation.trials import faults
@@ -112,10 +112,20 @@ def _refuse(problem: Problem) -> None:
             wrong.append(faults.not_propagated(at, what, why, mend))
         if block.errors:
             why = "errors in measured columns are not drawn yet"
-            mend = "make the true values unknowns: `(observe (= x (true i)) :sigma s)`"
-            wrong.append(faults.not_propagated(block.span, f"`:errors` of `{block.name}`", why, mend))
+            wrong.append(
+                faults.not_propagated(block.span, f"`:errors` of `{block.name}`", why, _as_unknowns(block.errors[0]))
+            )
     if wrong:
         raise MbmError(*wrong)
+
+
+def _as_unknowns(column: UncertainColumn) -> str:
+    """How the errors of a measured column are written with unknowns."""
+    name, table = column.column, column.table
+    return (
+        f"number the rows in a column `i`, make the true values unknowns, `({name}-true :per {table}.i)`, write them "
+        f"in place of `{name}`, and add `(observe {table} (= {name} ({name}-true i)) :sigma …)`"
+    )
 
 
 def _trials(now: Compilation, origin: Origin, inputs: Inputs) -> _Trials:
