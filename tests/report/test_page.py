@@ -91,6 +91,14 @@ def test_the_page_has_all_that_is_to_be_said(page, solved):
         assert diagnostic.code.name in text
 
 
+def test_tables_within_the_problem_are_no_files_with_digests(tmp_path):
+    text = "(problem p (data d (table (x) (1) (2) (4))) (unknowns (a)) (observe d (= x a)))"
+    mbm.loads(text).solve().report(tmp_path / "p.html")
+    page = " ".join(Read((tmp_path / "p.html").read_text(encoding="utf-8")).text)
+    assert "SHA-256 of the problem" in page
+    assert page.count("SHA-256") == 1
+
+
 def test_the_page_is_by_itself(page):
     read = Read(page)
     assert read.open == []

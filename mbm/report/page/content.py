@@ -263,8 +263,9 @@ def _provenance(result: Result, command: str | None) -> Iterator[Block]:
         solve = result.solves[0]
         rows.append(("solved by", f"{solve.method}, {solve.iterations} iterations, {solve.evaluations} evaluations"))
     yield Grid(titles=("what", "value"), rows=tuple(rows), texts=frozenset({0, 1}))
-    if result.inputs:
-        digests = tuple((each.path, each.sha256 or "") for each in result.inputs[:MOST_SOLVES])
+    read = [(each.path, each.sha256) for each in result.inputs if each.sha256 is not None]
+    if read:
+        digests = tuple(read[:MOST_SOLVES])
         yield Grid(titles=("file", "SHA-256"), rows=digests, texts=frozenset({0, 1}))
 
 
