@@ -95,7 +95,7 @@ def _by_truncation(problem: Problem, consensus: Consensus, equations: Assembled)
 def _truncated(asked: Asked, equations: Assembled, starts: Starts) -> Prepared:
     """The units that agree, by truncated least squares."""
     # Loaded by the problems that ask for it, so that others begin at once.
-    from mbm.estimation.consensus.foremost import foremost_ways, trusted_units
+    from mbm.estimation.consensus.foremost import denied_step, foremost_ways, trusted_units
     from mbm.estimation.consensus.truncated import Way, agree_by_truncation
 
     units = units_of(equations, asked.problem, equations.numbers, asked.ruled)
@@ -113,7 +113,10 @@ def _truncated(asked: Asked, equations: Assembled, starts: Starts) -> Prepared:
     found = agree_by_truncation(asked, equations, units, ways, trusted)
     if not found.inliers.any():
         return Prepared(equations=equations, starts=tuple(Beginning(point=w.start, origin=w.origin) for w in ways))
-    return _prepared(asked, equations, units, found, beginnings, settled=settled)
+    made = _prepared(asked, equations, units, found, beginnings, settled=settled)
+    denied = denied_step(equations, units, trusted, found.inliers)
+    said = () if denied is None else (faults.denied_trust(asked.problem.span, *denied),)
+    return replace(made, diagnostics=(*made.diagnostics, *said))
 
 
 def _prepared(

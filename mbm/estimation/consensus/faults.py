@@ -61,6 +61,18 @@ def ambiguous_consensus(span: Span) -> Diagnostic:
     )
 
 
+def denied_trust(span: Span, name: str, first: str, second: str, rows: int) -> Diagnostic:
+    """A step of a chain from member ``first`` of a family to ``second``, which is trusted, against ``rows``."""
+    return Diagnostic(
+        code=AMBIGUOUS_CONSENSUS,
+        message=f"{rows} rows that are left out agree with one another, and contradict a trusted step of `{name}`, "
+        f"from {first} to {second} or another that they span",
+        place=span,
+        hint="look at these steps; where one may be wrong, leave its row out of `:trust`",
+        severity=Severity.WARNING,
+    )
+
+
 def one_sided_outliers(span: Span, name: str, aside: int, count: int) -> Diagnostic:
     """So many outliers of a clause on one side, of all."""
     return Diagnostic(

@@ -19,9 +19,10 @@ from mbm.estimation.consensus.units import Units
 from mbm.estimation.search.starting import blank_numbers
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import completions
+from mbm.estimation.starts.closed_forms.numerics.consistency import RIVALS
 from mbm.estimation.starts.closed_forms.relative_poses import agreeing, measured_motions, relates
 from mbm.estimation.starts.closed_forms.rows import ENOUGH
-from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, related
+from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, ranks, related
 from mbm.estimation.starts.closed_forms.types import Situation
 from mbm.problem.types import UnknownKind
 
@@ -76,6 +77,34 @@ def foremost_ways(equations: Assembled, units: Units, trusted: Mask, settings: S
             break
         ways.append(Way(start=start, origin=ORIGIN, held=held, whole=held is not foremost))
     return ways
+
+
+def denied_step(equations: Assembled, units: Units, trusted: Mask, inliers: Mask) -> tuple[str, str, str, int] | None:
+    """The first trusted step of a chain that loops deny: its family and ends, and how many that are no ``inliers`` do.
+
+    These agree with one another, and with the rest of the chain.
+    """
+    if not trusted.any() or int((~inliers).sum()) < RIVALS:
+        return None
+    sought = blank_numbers(equations)[0]
+    agree = _agreeing(Situation(layout=equations.layout, groups=equations.groups, numbers=sought, most=ENOUGH), units)
+    left = int((agree & ~inliers).sum())
+    if left < RIVALS:
+        return None
+    for entry in equations.layout.entries:
+        edges = [_edges(group, entry) for group in equations.groups if relates(group, entry)]
+        rank = ranks(entry) if edges else None
+        if rank is None or entry.keys is None:
+            continue
+        first, second, unit = (np.concatenate(each) for each in zip(*edges, strict=True))
+        early = behind_one_another(entry, first, second)
+        step, unit = np.minimum(rank[first], rank[second])[early], unit[early]
+        borne = np.isin(step, step[np.isin(unit, units.number[agree])])
+        denied = step[~borne & np.isin(unit, units.number[trusted])]
+        if len(denied):
+            last, then = (f"{entry.keys[end]:g}" for end in np.argsort(rank)[denied.min() :][:2])
+            return entry.unknown.name, last, then, left
+    return None
 
 
 def _agreeing(situation: Situation, units: Units) -> Mask:

@@ -93,6 +93,19 @@ def test_a_wrong_step_between_the_ends_of_loops_is_said_to_be_any_of_them():
     assert said.startswith("row 3 of `edges` is left out, and one of rows 4, 5, 6, 7")  # row 6 is the step from place 5
 
 
+@pytest.mark.parametrize(("wrong", "false"), [(24, 0), (24, 20), (None, 20)])
+def test_a_wrong_step_that_is_trusted_is_said(wrong, false):
+    """True loops across it are left out, and agree with one another; false ones do not."""
+    text = GRAPH % ") (solve :robust (gnc :quantile 99% :trust (= (- to from) 1)))"
+    data, _ = graph(false, 60, 30, wrong)
+    edges = data["edges"]
+    odometry = np.arange(len(edges["x"])) < 59
+    kept = odometry | (edges["to"] - edges["from"] != 1)  # false loops between neighbours would be trusted
+    data["edges"] = {name: each[kept] for name, each in edges.items()}
+    said = [each.message for each in mbm.loads(text).solve(data=data).first.diagnostics]
+    assert ["a trusted step of `T`, from 24 to 25 or" in each for each in said] == [True] * (wrong is not None)
+
+
 @pytest.mark.parametrize("gap", [False, True])
 def test_loops_that_agree_with_a_chain_and_one_another_are_told_from_others(gap):
     """Nothing of a pose graph but its motions, of which one step may be missing; true loops within their noise."""
