@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 import mbm
 from mbm.estimation.search.twins import Twin, twin_of
@@ -106,3 +107,22 @@ def test_clauses_without_rows_tell_no_phase_from_a_frequency():
     solve = mbm.loads(text).solve(starts=60).first
     rates = {round(float(each.estimates[1].value), 3) for each in (solve, *solve.alternatives)}
     assert {0.85, round(2 * np.pi + 0.85, 3)} <= rates
+
+
+def test_a_level_camera_above_a_road_is_not_said_to_be_upside_down():
+    """Pitch and yaw half a turn off, each, turn the road above the camera: the same lines in the image."""
+    pitch, yaw = 0.06, 0.03
+    lane, ahead = np.repeat([-1.75, 1.75], 15), np.tile(np.linspace(6.0, 40.0, 15), 2)
+    places = np.column_stack([lane - 0.4, np.full(30, 1.4), ahead])
+    x, y, z = (Rotation.from_euler("x", -pitch) * Rotation.from_euler("y", yaw)).apply(places).T
+    noise = np.random.default_rng(0).normal(0.0, 0.5, (2, 30))
+    data = {"d": {"lane": lane, "u": 1000 * x / z + 640 + noise[0], "v": 1000 * y / z + 360 + noise[1]}}
+    text = """(problem road (data d external) (camera cam :focal 1000 :center (640 360))
+      (unknowns (h positive) (pitch angle) (yaw angle) (off))
+      (define (R (@ (rot-x (- pitch)) (rot-y yaw))))
+      (observe d (vertex-on-line [u v] (line-through
+        (project cam (rotate R [(- lane off) h 5])) (project cam (rotate R [(- lane off) h 50])))) :sigma 0.5))"""
+    solve = mbm.loads(text).solve(data=data).first
+    found = {each.name: (float(each.value), float(each.sigma)) for each in solve.estimates}
+    assert abs(found["pitch"][0] - pitch) < 4 * found["pitch"][1]
+    assert abs(found["yaw"][0] - yaw) < 4 * found["yaw"][1]

@@ -108,8 +108,8 @@ def _ranked(basins: Sequence[Basin]) -> Iterator[Basin]:
 def without_twins(equations: Assembled, basins: Sequence[Basin], agree: Agreement) -> tuple[Basin, ...]:
     """Basins that are another way to write a better one are joined to it; mirror images stay, and are marked.
 
-    Those of which derived quantities do not ``agree`` stay as well: somebody tells them apart. Plain numbers that turn
-    as angles do are written as near to their starts as they can be.
+    Those of which derived quantities do not ``agree`` stay as well: somebody tells them apart. Angles, and plain
+    numbers that turn as angles do, are written as near to their starts as they can be.
     """
     kept: list[Basin] = []
     for number, basin in enumerate(basins):
@@ -119,7 +119,7 @@ def without_twins(equations: Assembled, basins: Sequence[Basin], agree: Agreemen
         elif found[1] is Twin.MIRRORED:
             kept.append(replace(basin, twin=Twin.MIRRORED))
         elif agree((same := kept[found[0]]).minimum.point, basin.minimum.point):
-            swapped = found[1] is Twin.WOUND and plainer(equations, same.minimum.point, basin.minimum.point)
+            swapped = found[1] is not Twin.EXCHANGED and plainer(equations, same.minimum.point, basin.minimum.point)
             kept[found[0]] = _joined(basin, same) if swapped else _joined(same, basin)
         else:
             kept.append(basin)

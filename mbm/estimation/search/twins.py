@@ -212,10 +212,13 @@ def plainer(equations: Assembled, first: Floats, second: Floats) -> bool:
     """
     places = equations.layout.number[equations.free]
     places = places[places >= 0]
+    angle = equations.layout.angle[equations.free][equations.layout.number[equations.free] >= 0]
     a, b, middle = first[places], second[places], _nearest(equations, places)
-    opposite = (np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b))) & ~np.isfinite(equations.layout.start[places])
+    before, after = (np.where(angle, np.remainder(x - middle + np.pi, 2 * np.pi) - np.pi, x - middle) for x in (a, b))
+    opposite = ~angle & (np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b)))
+    opposite &= ~np.isfinite(equations.layout.start[places])
     gain = int((b[opposite] > 0).sum()) - int((a[opposite] > 0).sum())
-    return gain > 0 or (gain == 0 and bool(np.abs(b - middle).sum() < (1.0 - NEAR) * np.abs(a - middle).sum()))
+    return gain > 0 or (gain == 0 and bool(np.abs(after).sum() < (1.0 - NEAR) * np.abs(before).sum()))
 
 
 def _nearest(equations: Assembled, places: Indices) -> Floats:
