@@ -17,6 +17,7 @@ from mbm.equations.affine_part import affine_coordinates, solved_linearly
 from mbm.equations.assembly import Assembled
 from mbm.equations.layout import Layout
 from mbm.equations.types import Floats, Mask
+from mbm.estimation.search.leading import led_points
 from mbm.estimation.search.separate import separated, together
 from mbm.estimation.search.startless import refuse_guessing
 from mbm.estimation.settings import Settings
@@ -335,9 +336,11 @@ def _elsewhere(equations: Assembled, completion: Completion, settings: Settings)
     """
     base = completion.numbers
     missing = replace(equations.layout, start=base).missing()
-    refuse_guessing(equations, base, settings)
-    drawn = tuple(_drawn(part.equations, base, part.missing, settings) for part in separated(equations, missing))
-    points = together(base, drawn) if drawn and all(map(len, drawn)) else _drawn(equations, base, missing, settings)
+    points = led_points(equations, base, missing, settings)
+    if not len(points):
+        refuse_guessing(equations, base, settings)
+        drawn = tuple(_drawn(part.equations, base, part.missing, settings) for part in separated(equations, missing))
+        points = together(base, drawn) if drawn and all(map(len, drawn)) else _drawn(equations, base, missing, settings)
     origin = "; ".join((*completion.used, "random points"))
     return tuple(Beginning(point=point, origin=origin) for point in points)
 

@@ -46,12 +46,12 @@ def refuse_guessing(equations: Assembled, numbers: Floats, settings: Settings) -
     turns = [c.numbers for c in layout.curved if c.piece is Piece.QUATERNION]
     if sum(int(np.isnan(numbers[each]).any(axis=1).sum()) for each in turns) <= MOST_ROTATIONS:
         return
-    wanted = _sufficient(equations, numbers, settings)
+    wanted = sufficient(equations, numbers, settings)
     others = len(wanted) < sum(bool(np.isnan(numbers[entry.range]).any()) for entry in layout.entries)
     raise MbmError(*(faults.missing_start(e.unknown.span, e.unknown.name, others=others) for e in wanted))
 
 
-def _sufficient(equations: Assembled, numbers: Floats, settings: Settings) -> list[Entry]:
+def sufficient(equations: Assembled, numbers: Floats, settings: Settings) -> list[Entry]:
     """Unknowns whose starts would do: the smaller ones until nothing is left open, but for those that others tell."""
     missing = [entry for entry in equations.layout.entries if bool(np.isnan(numbers[entry.range]).any())]
     given: list[Entry] = []
@@ -68,9 +68,6 @@ def _sufficient(equations: Assembled, numbers: Floats, settings: Settings) -> li
 
 def _complete(equations: Assembled, numbers: Floats, settings: Settings, given: Sequence[Entry]) -> bool:
     """Whether closed forms give all numbers, if those of some unknowns are known."""
-    from mbm.estimation.starts.closed_forms.completion import completions
-    from mbm.estimation.starts.closed_forms.rows import ENOUGH
-    from mbm.estimation.starts.closed_forms.types import Situation
     from mbm.estimation.starts.magnitudes import magnitudes
 
     layout = equations.layout
@@ -83,5 +80,15 @@ def _complete(equations: Assembled, numbers: Floats, settings: Settings, given: 
     known = numbers.copy()
     for entry in given:
         known[entry.range] = np.where(np.isnan(numbers[entry.range]), likely[entry.range], numbers[entry.range])
-    situation = Situation(layout=layout, groups=equations.groups, numbers=known, most=ENOUGH)
-    return not bool(np.isnan(completions(situation, settings.closed_forms)[0].numbers).any())
+    return bool(completed(equations, known, settings))
+
+
+def completed(equations: Assembled, numbers: Floats, settings: Settings) -> tuple[Floats, ...]:
+    """All numbers (N,) as closed forms give what some of them leave open, in each way that leaves nothing open."""
+    from mbm.estimation.starts.closed_forms.completion import completions
+    from mbm.estimation.starts.closed_forms.rows import ENOUGH
+    from mbm.estimation.starts.closed_forms.types import Situation
+
+    situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers, most=ENOUGH)
+    found = (each.numbers for each in completions(situation, settings.closed_forms))
+    return tuple(each for each in found if not bool(np.isnan(each).any()))
