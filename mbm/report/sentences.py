@@ -37,7 +37,7 @@ LARGE_PRIOR = 3.0
 MOST_SOLUTIONS = 4
 """Other solutions that are shown; the document has all."""
 MOST_NUMBERS = 4
-"""Numbers of another solution that are shown: those that differ most from the best one."""
+"""Numbers of another solution that are shown: unknowns that are one number first, then what differs most."""
 NOTHING = 1e-9
 """Numbers that differ by less, relatively, are the same."""
 
@@ -199,24 +199,27 @@ def _other(solve: SolveReport, other: Alternative) -> str:
     if solve.starts is not None:
         found += f" from {other.starts} start{'' if other.starts == 1 else 's'}"
     remark = f" ({other.remark})" if other.remark else ""
-    apart = sorted(_differences(solve.estimates, other.estimates), key=lambda pair: -pair[0])
+    apart = sorted(_differences(solve.estimates, other.estimates), key=lambda each: each[:2])
     if not apart:
         return f"another solution, {found}{remark}"
-    texts = (f"{s.name} = {plain(s.value, 5)} {unit_text(s.quantity)}".rstrip() for _, s in apart[:MOST_NUMBERS])
+    texts = (f"{s.name} = {plain(s.value, 5)} {unit_text(s.quantity)}".rstrip() for _, _, s in apart[:MOST_NUMBERS])
     more = len(apart) - MOST_NUMBERS
     what = "one more number that differs" if more == 1 else f"{more} more numbers that differ"
     rest = f" and {what}" if more > 0 else ""
     return f"another solution, {found}, with {', '.join(texts)}{rest}{remark}"
 
 
-def _differences(best: Iterable[Estimate], other: Iterable[Estimate]) -> Iterator[tuple[float, Scalar]]:
-    """The numbers of ``other`` that are not those of ``best``, each with its relative difference."""
-    ours, theirs = (list(chain.from_iterable(map(scalars, items))) for items in (best, other))
-    for mine, its in zip(ours, theirs, strict=True):
-        apart = abs(its.value - mine.value)
-        if its.quantity.kind is Kind.ANGLE:
-            turn = 2 * pi / its.quantity.scale.factor
-            apart = min(apart % turn, turn - apart % turn)
-        size = max(abs(its.value), abs(mine.value))
-        if size > 0 and apart > NOTHING * size:
-            yield apart / size, its
+def _differences(best: Iterable[Estimate], other: Iterable[Estimate]) -> Iterator[tuple[bool, float, Scalar]]:
+    """The numbers of ``other`` that are not those of ``best``: whether one of several of an unknown, less its relative
+    difference; what is to be told first comes first in this order.
+    """
+    for one, another in zip(best, other, strict=True):
+        theirs = tuple(scalars(another))
+        for mine, its in zip(scalars(one), theirs, strict=True):
+            apart = abs(its.value - mine.value)
+            if its.quantity.kind is Kind.ANGLE:
+                turn = 2 * pi / its.quantity.scale.factor
+                apart = min(apart % turn, turn - apart % turn)
+            size = max(abs(its.value), abs(mine.value))
+            if size > 0 and apart > NOTHING * size:
+                yield len(theirs) > 1, -apart / size, its

@@ -151,3 +151,11 @@ def test_ends_with_corrections_are_confirmed_and_no_others():
     assert not asked
     assert estimate.confirmed(corrected, end) is end
     assert asked == [end.point]
+
+
+def test_another_solution_is_told_by_unknowns_that_are_one_number_first():
+    """v = (2, 0), x = 10, or v = (−2, 0), x = 14: v differs by twice its size, x by a third."""
+    text = """(problem p (unknowns (v (vector 2)) (x))
+      (observe (= 4 (^ (v 1) 2)) :sigma 1) (observe (= 0 (v 2)) :sigma 1) (observe (= 12 (+ x (v 1))) :sigma 1)
+      (solve :starts (given ((v [2 0]) (x 10)) ((v [-2 0]) (x 14)))))"""
+    assert ", with x = 14, v[1] = -2" in str(mbm.loads(text).solve())

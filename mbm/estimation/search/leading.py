@@ -19,7 +19,7 @@ MOST_LED = 3
 TRIED = 16
 """Values that are tried for each coordinate: directions are some 30° apart, rotations some 60°."""
 
-FOLLOWED = 6
+BEST_LED = 6
 """How many of them, those that fit best, are started from."""
 
 
@@ -42,5 +42,5 @@ def led_points(equations: Assembled, base: Floats, missing: Mask, settings: Sett
             break
     points = np.array(found).reshape(-1, len(base))
     fits = costs(equations, points) if len(points) else np.empty(0)
-    order = np.argsort(fits, kind="stable")[:FOLLOWED]
+    order = np.argsort(fits, kind="stable")[:BEST_LED]
     return points[order[np.isfinite(fits[order])]]
