@@ -293,7 +293,7 @@ def test_starts_of_some_numbers_of_a_camera_do_no_harm(stated: str) -> None:
 
 
 def test_the_start_that_is_asked_for_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ratio of focal lengths is in no closed form: with it, all else follows, and were it not drawn, it alone is named."""
+    """With a ratio of focal lengths, in no closed form, all else follows; were it not drawn, it alone is named."""
     monkeypatch.setattr(leading, "MOST_LED", 0)
     data = stereo_data(0.0)
     given = {"photos": data["photos"], "left": data["left"]}
