@@ -7,7 +7,7 @@ from math import sqrt
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.solver.linear_algebra import add_multiple, dot, filled, sum_of_products
 
-LEAST_FREEDOM, CHECKED_HALF = 7.5, 0.499
+LEAST_FREEDOM, CHECKED_HALF = 4.5, 0.499
 """Degrees of freedom of the rows looked at from which the test can tell anything, all of them and for each row; next to
 whole numbers, which roundings may fall short of."""
 
@@ -38,7 +38,9 @@ def lag_score(
     scratch: Reals,
     score: Reals,
 ) -> None:
-    """r, its mean and its standard deviation of one data set, into ``score`` (3,); (0, 0, -1) where nothing is told.
+    """r, its mean and standard deviation, and the degrees of freedom of one data set, into ``score`` (4,).
+
+    (0, 0, -1, 0) where nothing is told.
 
     ``basis`` (m, k) is orthonormal, ``following`` (m,) the place of the residual after each, -1: none follows.
     ``scratch`` has room for 2 k (m + k) + m numbers.
@@ -51,6 +53,7 @@ def lag_score(
     score[0] = 0.0
     score[1] = 0.0
     score[2] = -1.0
+    score[3] = 0.0
     filled(m, 0.0, series)
     filled(2 * m * k, 0.0, scratch)
     products = 0.0
@@ -84,6 +87,7 @@ def lag_score(
     variance = (2.0 * twice + mean * mean) / (free * free + 2.0 * whole) - expected * expected
     score[0] = products / squares
     score[1] = expected
+    score[3] = free
     if variance > 0.0:
         score[2] = sqrt(variance)
 
@@ -100,5 +104,5 @@ def lag_scores(
 ) -> Integer:
     """The same of so many data sets, one behind the other; 0 is given."""
     for t in range(count):
-        lag_score(m, k, residuals[t * m :], basis[t * m * k :], following[t * m :], scratch, scores[3 * t :])
+        lag_score(m, k, residuals[t * m :], basis[t * m * k :], following[t * m :], scratch, scores[4 * t :])
     return 0

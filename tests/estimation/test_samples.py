@@ -10,7 +10,7 @@ import pytest
 import mbm
 from mbm.estimation.native.callbacks import InterpretedCode
 from mbm.estimation.native.code import NativeCode
-from mbm.estimation.trust.coarse import lag_scores
+from mbm.estimation.trust.alike import lag_scores
 
 X = np.linspace(0.0, 1.0, 30)
 RUNS = 400
@@ -50,7 +50,7 @@ def test_the_moments_of_the_lag_are_those_of_whole_matrices(alone: bool) -> None
     residuals = rng.normal(size=(2, count))
     residuals -= np.einsum("tmk,tnk,tn->tm", basis, basis, residuals)
     code = NativeCode(None).lags if alone else InterpretedCode("solver")
-    found, mean, spread = lag_scores(code, residuals, basis, following)
+    found, mean, spread, freedom = lag_scores(code, residuals, basis, following)
     for t in range(2):
         first = np.flatnonzero(following[t] >= 0)
         neighbours = np.zeros((count, count))
@@ -61,6 +61,7 @@ def test_the_moments_of_the_lag_are_those_of_whole_matrices(alone: bool) -> None
         assert found[t] == pytest.approx(e @ neighbours @ e / (e @ there @ e))
         product, inner = projector @ neighbours, projector @ there
         free = inner.trace()
+        assert freedom[t] == pytest.approx(free)
         assert mean[t] == pytest.approx(product.trace() / free)
         square = 2 * (product @ product).trace() + product.trace() ** 2
         square /= free**2 + 2 * (inner @ inner).trace()
@@ -68,10 +69,29 @@ def test_the_moments_of_the_lag_are_those_of_whole_matrices(alone: bool) -> None
 
 
 def test_too_few_rows_tell_no_lag() -> None:
-    basis = np.full((8, 1), 8**-0.5)
-    following = np.append(np.arange(1, 8), -1)
-    told = lag_scores(InterpretedCode("solver"), np.arange(8.0), basis, following)
-    assert np.isnan(told[2])  # seven degrees of freedom
+    basis = np.full((5, 1), 5**-0.5)
+    following = np.append(np.arange(1, 5), -1)
+    told = lag_scores(InterpretedCode("solver"), np.arange(5.0), basis, following)
+    assert np.isnan(told[2])  # four degrees of freedom: not even a drift without noise is beyond chance
+
+
+@pytest.mark.parametrize("count", [7, 8, 9])
+def test_few_rows_tell_a_curve_that_is_taken_for_a_line(count: int) -> None:
+    """A calibration of so few points: seldom said of lines (2 % ± 0.45 % of 1,000), and of curves above the noise."""
+    x = np.linspace(-1.0, 1.0, count)
+    noise = 0.05 * np.random.default_rng(5).normal(size=(1_000, count))
+    assert share(solves(":sigma unknown", x, 2 - x + noise), "autocorrelated-residuals") < 0.035
+    curved = 2 - x + x**2 + 0.2 * noise[:200]
+    assert share(solves(":sigma unknown", x, curved), "autocorrelated-residuals") > 0.8
+
+
+def test_few_readings_tell_a_drift() -> None:
+    """Six readings that are taken for a constant: a drift of four times the noise from one to the next."""
+    y = np.arange(6.0) + 0.25 * np.random.default_rng(6).normal(size=(200, 6))
+    data = {"run": np.repeat(np.arange(200.0), 6), "y": y.ravel()}
+    text = "(problem p (data d external) (unknowns (a)) (observe d (= y a)) (for-each run))"
+    found = list(mbm.loads(text).solve(data={"d": data}).document()["solves"])
+    assert share(found, "autocorrelated-residuals") > 0.69  # 78 % ± 2.9 % by NumPy alone
 
 
 @pytest.mark.parametrize("sigma", ["0.1", "unknown"])

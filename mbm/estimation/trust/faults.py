@@ -21,8 +21,9 @@ AUTOCORRELATED_RESIDUALS = Code(
     "Residuals of rows that follow one another are alike (or opposed) more than independent noise lets expect: the "
     "noise is correlated, or the model lacks something that varies slowly. Standard deviations suppose independent "
     "rows; where neighbours are alike they are too small, often by half (a warning). In rows without any order, "
-    "correlation by chance is said of one solve in twenty. Of odometry between neighbours of a family, of transitions "
-    "of states and of rows with `previous` the message names the clause, by chance in one of a hundred solves.",
+    "correlation by chance is said of one solve in twenty, below 8 degrees of freedom of one in fifty. Of odometry "
+    "between neighbours of a family, of transitions of states and of rows with `previous` the message names the "
+    "clause, by chance in one of a hundred solves.",
     "Plot the residuals by row. Add what the model lacks (a drift, a curve, a common offset), or state how the noise "
     "is correlated (`:correlation`, `:common`); rows sorted by the measured value have to be put into another order.",
 )

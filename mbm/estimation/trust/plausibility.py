@@ -22,7 +22,8 @@ from mbm.equations.solves import alone
 from mbm.equations.types import Covariance, Floats, Mask, Minimum
 from mbm.estimation.search.solution import DerivedSolution
 from mbm.estimation.trust import faults as trust_faults
-from mbm.estimation.trust.coarse import directions, of_readings, uneven_rows
+from mbm.estimation.trust.alike import directions
+from mbm.estimation.trust.coarse import of_readings, uneven_rows
 from mbm.estimation.trust.curvature import Curvature, DerivedEnds
 from mbm.estimation.trust.fits import Fits, Said, only
 from mbm.estimation.trust.hidden import hidden_outliers
