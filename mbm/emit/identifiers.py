@@ -44,7 +44,7 @@ data_set firsts fixed form index index_used kappa known lower members multiplier
 parameters_used point results rules scratch sides sigma spare start startless states system
 triangle units upper used weights weights_used wide work"""
 _RESULT = """ambiguous coordinates cost covariance evaluations free freedom inliers inside iterations numbers point
-robust_cost sigma0 sigmas status units"""
+robust_cost settled sigma0 sigmas status units"""
 _DEVICES = "aux com1 com2 com3 com4 con lpt1 lpt2 lpt3 lpt4 nul prn"
 _KERNELS = f"{_DEVICES} derived hess jac null residuals"
 _PROBLEMS = f"""all build clean csv data edit_cache help install main makefile package package_source preinstall

@@ -28,6 +28,9 @@ STATUSES: Mapping[str, str] = {
 }
 """What a call answers, in order from 0; the first `ANSWERS` are answers, the others wrong data."""
 
+UNSETTLED = "unknown noise still changed when the rounds that estimate it ran out: sigmas are those of the last round"
+"""What the programs say beside an answer that is not `settled`."""
+
 ANSWERS = 5
 
 
@@ -105,6 +108,7 @@ def _start(unknown: UnknownShape) -> str:
 def _result(blueprint: Blueprint) -> Iterator[str]:
     yield from (
         "    int status;",
+        "    int settled;           /* 0: unknown noise still changed in the last round; sigmas are those of it */",
         "    long iterations, evaluations;",
         "    double cost;           /* weighted sum of squares, without losses */",
         "    double robust_cost;    /* the same with losses */",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.c.header import ANSWERS
+from mbm.emit.c.header import ANSWERS, UNSETTLED
 from mbm.emit.c.reading import (
     arguments_read,
     each_data_set,
@@ -112,6 +112,10 @@ def _solve_one(blueprint: Blueprint) -> Iterator[str]:
         "        print_result(data, &result);",
         '        fprintf(stderr, "%s: chi2 %.9g, %ld degrees of freedom, sigma0 %.6g, %ld iterations\\n",',
         f"            {name}_status_text(status), result.cost, result.freedom, result.sigma0, result.iterations);",
+    )
+    yield from (
+        "        if (!result.settled)",
+        f'            fprintf(stderr, "{UNSETTLED}\\n");',
     )
     if blueprint.agreement is not None and blueprint.agreement.kept:
         yield from (

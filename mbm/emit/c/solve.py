@@ -259,6 +259,7 @@ def _solve(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator
         *(("    long n;",) if static.scaled else ()),
         *(("    double scatter;",) if static.scaled else ()),
         "",
+        "    result->settled = 1;",
         "    result->status = prepare(f, data, workspace);",
         "    if (result->status != 0)",
         "        return result->status;",
@@ -278,7 +279,7 @@ def _solve(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator
         yield from range_solve(blueprint.ranges, cells.status("NO_START"))
     if static.told:
         yield from (
-            "    settle_noises(f->system, &f->work, f->kappa, factors, told, f->spare);",
+            "    result->settled = settle_noises(f->system, &f->work, f->kappa, factors, told, f->spare);",
             "    set_assumptions(f->system, &f->work, told, f->apart, f->covariances);",
         )
     yield from (

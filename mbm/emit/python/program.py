@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from inspect import getsource
 
-from mbm.emit.c.header import STATUSES
+from mbm.emit.c.header import STATUSES, UNSETTLED
 from mbm.text.shown import one_line
 
 SHOWING = f'''{getsource(one_line)}
@@ -125,6 +125,8 @@ def show(keys: Sequence[str], tables: Tables) -> int:
         f"sigma0 {result['sigma0']:.6g}, {result['iterations']} iterations",
         file=sys.stderr,
     )
+    if not result["settled"]:
+        print("@UNSETTLED@", file=sys.stderr)
     if result["agreement"] is not None:
         agreed = result["agreement"]
         doubt = ", but as many may agree elsewhere" if agreed["ambiguous"] else ""
@@ -142,5 +144,5 @@ if __name__ == "__main__":
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 1
     sys.exit(status)
-'''.replace("@NOT_FINITE@", STATUSES["NOT_FINITE"])
+'''.replace("@NOT_FINITE@", STATUSES["NOT_FINITE"]).replace("@UNSETTLED@", UNSETTLED)
 """The program itself; it says of a start what the one in C says."""

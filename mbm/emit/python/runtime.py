@@ -255,29 +255,29 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         start: where unknowns begin, by name: the numbers that hold them, in SI.
 
     Returns:
-        ``status`` (see `STATUSES`), ``iterations``, ``evaluations``, ``cost`` (weighted sum of squares without losses),
-        ``robust_cost``, ``freedom``, ``sigma0``; ``estimates``: name → ``value`` (members, size), ``sigma`` (members,
-        coordinates; 0: it stays, NaN: not determined, or at a bound), in SI, and ``keys`` (members,) of families;
-        ``derived``: name → ``value`` and ``sigma`` (rows, size), in SI; ``covariance`` (n, n), and ``coordinates``
-        (n,): the place of each of its rows among all coordinates; ``point`` (N,): the solver's, any turns and signs;
-        ``agreement``: which ``units`` agree (``inside``, clause by clause, row by row), None without consensus.
+        ``status`` (see `STATUSES`), ``settled`` (False: noise changed to the last round), ``iterations``,
+        ``evaluations``, ``cost`` (weighted sum of squares without losses), ``robust_cost``, ``freedom``, ``sigma0``;
+        ``estimates``: name → ``value`` (members, size), ``sigma`` (members, coordinates; 0: it stays, NaN: not
+        determined, or at a bound), in SI, and ``keys`` (members,) of families; ``derived``: name → ``value`` and
+        ``sigma`` (rows, size), in SI; ``covariance`` (n, n), and ``coordinates`` (n,): the place of each of its rows
+        among all coordinates; ``point`` (N,): the solver's, any turns and signs; ``agreement``: which ``units`` agree
+        (``inside``, clause by clause, row by row), None without consensus.
 
     Raises:
         DataError: the data are wrong.
 
     """
     p = Prepared(tables, start)
-    n = p.free
+    n, answer = p.free, p.work.answer
     point, triangle, covariance = reals(p.offsets[len(NAMES)]), reals((n + 1) * (n + 1)), reals(n * n)
     results, states, sides = reals(RESULTS), integers(STATES), integers(n)
     multipliers, factors = reals(p.system[MULTIPLIERS]), np.ones(len(NOISY) + 1)
-    answer = p.work.answer
     answer.numbers, answer.results, answer.states, answer.sides = point, results, states, sides
     answer.triangle, answer.covariance, answer.multipliers = triangle, covariance, multipliers
     agreed = agree_on(p, factors)
     with np.errstate(all="ignore"):
         solve_first(p)
-        settle_noises(p.system, p.work, p.kappa, factors, p.told, p.spare)
+        settled = settle_noises(p.system, p.work, p.kappa, factors, p.told, p.spare)
         set_assumptions(p.system, p.work, p.told, p.apart, p.covariances)
 
         def spread_of(group: int, what: int) -> float:
@@ -292,8 +292,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         elif KEPT and states[REASON] != NOT_FINITE_AT_START:
             found = inform(p.system, p.kappa, p.work)
         states[DEFICIENT] |= not found
-    freedom = int(states[FREEDOM])
-    matrix = np.array(covariance[: n * n]).reshape(n, n)
+    freedom, matrix = int(states[FREEDOM]), np.array(covariance[: n * n]).reshape(n, n)
     if SCALED:
         matrix = matrix * (scatter / freedom) if freedom > 0 else np.full((n, n), np.nan)
     coordinates = np.array([c for c in range(p.firsts[len(NAMES)]) if p.column[c] >= 0], dtype=np.int64)
@@ -318,6 +317,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         }
     return {
         "status": status_of(int(states[REASON]), int(states[DEFICIENT]), agreed if KEPT else None),
+        "settled": bool(settled),
         "iterations": int(states[STEPS]),
         "evaluations": int(states[EVALUATIONS]),
         "cost": cost,

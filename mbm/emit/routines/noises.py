@@ -349,8 +349,8 @@ def forgo(
 
 def settle_noises(
     problem: Problem, work: Work, kappa: ConstantReals, factors: Reals, told: Reals, spare: Reals
-) -> None:  # fmt: skip
-    """The solve that has ended, again and again with the noise that its residuals show, until that settles.
+) -> Integer:  # fmt: skip
+    """The solve that has ended, again and again with the noise that its residuals show; 0: that has not settled.
 
     ``factors`` (groups,) become the factors, ``told`` (groups, `TOLD`) what is known of them; ``spare``: `FOUND` or two
     vectors (n,), what `evaluate_next_row` and a row of it want.
@@ -377,6 +377,7 @@ def settle_noises(
                 going = forgo(problem, work, kappa, factors, told, spare)
             elif number % BETWEEN == 0:
                 fade(problem, work, kappa, factors, told, spare)
+    return 1 - going
 
 
 def spread_of_group(

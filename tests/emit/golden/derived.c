@@ -574,6 +574,7 @@ int derived_solve(const derived_data *data, derived_result *result, derived_work
 {
     struct frame frame, *f = &frame;
 
+    result->settled = 1;
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;

@@ -48,6 +48,7 @@ typedef struct {
 /* What is answered, in SI; `sigma` are standard deviations. */
 typedef struct {
     int status;
+    int settled;           /* 0: unknown noise still changed in the last round; sigmas are those of it */
     long iterations, evaluations;
     double cost;           /* weighted sum of squares, without losses */
     double robust_cost;    /* the same with losses */
