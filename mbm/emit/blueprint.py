@@ -225,7 +225,7 @@ class Drafting:
         begun = () if unknown.family is not None or known is None else known.start
         replaced = unknown.name in self.found.starts  # what was given from outside becomes numbers
         fallback = tuple(float(v) for v in begun[first : first + unknown.size])
-        return UnknownShape(
+        shape = UnknownShape(
             name=Foreign(unknown.name),
             identifier=self.names.made(unknown.name, *UNKNOWN_FORMS),
             kind=unknown.kind,
@@ -249,6 +249,7 @@ class Drafting:
             scale=SI if unknown.unit is None else unknown.unit.scale,
             doc=Foreign(unknown.doc),
         )
+        return replace(shape, start_range=None) if shape.falls_back else shape
 
     def clause(self, number: int, block: Block) -> BlockShape:
         """A clause with its kernels."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 from enum import StrEnum
+from math import isfinite
 from typing import TypeAlias
 
 from mbm.emit.answers import Agreement, Floats, Reference, Whole
@@ -175,7 +176,7 @@ class UnknownShape:
     ``pieces`` are the parts of its manifold in order: label, numbers, coordinates. ``angles`` are those of the numbers
     of a member that are one. ``unit`` has a ``scale``. ``bounded`` are the coordinates that
     ``lower`` and ``upper`` speak of; ``fallback`` are the numbers to begin with where the problem states none, or
-    (``replaced``) instead of what it states, given by the caller of the compiler.
+    (``replaced``) instead of what it states, given by the caller of the compiler: NaN where nothing is known.
     """
 
     name: Foreign
@@ -200,6 +201,16 @@ class UnknownShape:
     unit: Foreign
     scale: Scale
     doc: Foreign
+
+    @property
+    def falls_back(self) -> bool:
+        """Whether it begins at the ``fallback``: a range says where to look for a start, and is none itself.
+
+        Where nothing else is known, as of the members of a family, the middle of the range has to do.
+        """
+        ranged = not self.dimension and (self.start_range is not None or self.lower is not None)
+        known = bool(self.fallback) and all(map(isfinite, self.fallback))
+        return self.start is None and (self.replaced or known or not ranged)
 
     @property
     def quaternions(self) -> tuple[int, ...]:

@@ -87,7 +87,7 @@ def _unknown(blueprint: Blueprint, unknown: UnknownShape) -> str:
         text += f", shown in {prose(unknown.unit)}"
     if blueprint.unknowns.index(unknown) in blueprint.startless:
         text += f"; begins where the data say{_by(blueprint)}, unless the caller says"
-    elif unknown.start is None and unknown.start_range is None and unknown.lower is None:
+    elif unknown.falls_back and not unknown.replaced:
         text += "; the problem states no start: begins at the answer for the data of `data/`, unless the caller says"
     return text + (f" ({prose(unknown.doc)})" if unknown.doc else "")
 

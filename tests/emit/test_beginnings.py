@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from math import sin
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from mbm.cli.main import run
 from mbm.equations.manifolds import numbers_of_stated
 from mbm.problem.types import UnknownKind
 from mbm.report.beginnings import stated_of_numbers
-from tests.emit.making import make, run as called
+from tests.emit.making import make, of_text, run as called, written
 
 GROWTH = """
 (problem growth (data plants (table (id kind) ("a" 1) ("b" 2) ("c" 1)) :key id)
@@ -178,6 +180,21 @@ def test_every_member_or_none_has_a_start(tmp_path: Path, capsys: pytest.Capture
     assert 'error[not-emitted]: `--init` without `g["c"]` cannot be compiled' in told
     assert "give a value for every member, or for none" in told
     assert "error[bad-initial-values]" in refusal(tmp_path, text, {"nobody": 1.0}, capsys)
+
+
+@pytest.mark.parametrize(("target", "command"), [("c", ("./tone",)), ("python", (sys.executable, "tone.py"))])
+@pytest.mark.parametrize("range_of", [":in [0.2 9]", ":start (0.2 9)"])
+def test_a_range_is_no_start(target: str, command: tuple[str, ...], range_of: str, tmp_path: Path) -> None:
+    """The data are sines of the time, rounded to a thousandth; from the middle of the range, 4.6, steps end there."""
+    rows = " ".join(f"({t} {sin(t):.3f})" for t in range(8))
+    text = f"""(problem tone (data d (table (t y) {rows}))
+      (unknowns (w {range_of})) (observe d (= y (sin (* w t))) :sigma 0.01))"""
+    folder = written(of_text(text, target), tmp_path)
+    if target == "c":
+        assert make(folder, "all").returncode == 0
+    answer = called(*command, "data/d.csv", folder=folder).stdout.splitlines()[1].split(",")
+    assert abs(float(answer[1]) - 1.0) < 3.0 * float(answer[2])
+    assert "begins at the answer" in (folder / "README.md").read_text(encoding="utf-8")
 
 
 def test_a_column_that_is_called_as_a_start_is_left_alone(tmp_path: Path) -> None:

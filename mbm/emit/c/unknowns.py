@@ -124,11 +124,11 @@ def _range(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
 
 
 def _start(cells: Cells, unknown: UnknownShape) -> Iterator[str]:
-    if unknown.start is None:
+    if unknown.falls_back:
         fallback = unknown.fallback or (float("nan"),) * unknown.size
-        if unknown.replaced or unknown.dimension or (unknown.start_range is None and unknown.lower is None):
-            yield from (f"f->start[number + {i}] = {written(value)};" for i, value in enumerate(fallback))
-            return
+        yield from (f"f->start[number + {i}] = {written(value)};" for i, value in enumerate(fallback))
+        return
+    if unknown.start is None:
         yield from (f"stated[{i}] = HUGE_VAL;" for i in range(unknown.size))
     else:
         yield from cells.call(unknown.start, "stated", "")

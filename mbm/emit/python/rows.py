@@ -104,8 +104,7 @@ def _bounds(unknown: UnknownShape) -> Iterator[str]:
 
 def _start(unknown: UnknownShape) -> Iterator[str]:
     size = unknown.size
-    ranged = unknown.start_range is not None or unknown.lower is not None
-    if unknown.start is None and (unknown.replaced or unknown.dimension or not ranged):
+    if unknown.falls_back:
         fallback = [float(v) for v in unknown.fallback] or [float("nan")] * size
         yield f"    numbers = np.tile(np.array({fallback!r}), (members, 1))".replace("nan", "np.nan")
         return
