@@ -21,6 +21,7 @@ from mbm.solver.description import (
     DEFICIENT,
     EVALUATIONS,
     FREEDOM,
+    INFEASIBLE,
     MAX_ITERATIONS,
     NO_LOSS,
     NOT_FINITE_AT_START,
@@ -232,6 +233,8 @@ def finish_solve(problem: Problem, work: Work) -> None:
     forget_stationary(problem, sides, work)
     results[CONDITION] = set_covariance(problem, triangle, sides, count, work.held, work, covariance)
     states[FREEDOM] = work.rows.data.count - work.rank
+    if work.stop == INFEASIBLE:
+        results[CONDITION] = undetermined(n, sides, covariance)
     if work.penalised == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:
         # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.
         results[CONDITION] = undetermined(n, sides, covariance)

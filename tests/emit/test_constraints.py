@@ -109,3 +109,30 @@ def test_what_limits_hold_has_no_standard_deviation(tmp_path):
     folder = written(of_text(LIMITED, "c"), tmp_path / "c")
     assert make(folder).returncode == 0
     assert held_in(run("./limited", "data/d.csv", folder=folder).stdout) == wanted
+
+
+CONTRADICTORY = """(problem apart (data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1)))
+  (unknowns (a :init 1) (b :init 2)) (observe d (= y (+ a (* b x))) :sigma {sigma}) (constraints {limits})
+  (derive (twice (* 2 a))) {solve})"""
+
+
+@pytest.mark.parametrize("limits", ["(= b 2) (= b 3)", "(> b 4) (< b 3)"])
+@pytest.mark.parametrize(("sigma", "solve"), [("0.1", ""), ("unknown", ""), ("0.1", "(solve :robust lmeds)")])
+def test_where_no_point_meets_all_constraints_there_is_no_standard_deviation(limits, sigma, solve, tmp_path):
+    """As `mbm solve` has it: the point is a compromise that no data decide."""
+    problem = CONTRADICTORY.format(limits=limits, sigma=sigma, solve=solve)
+    assert np.isnan(mbm.loads(problem).solve()["a"].sigma)
+    folder = written(of_text(problem, "python"), tmp_path)
+    ran = run(sys.executable, "apart.py", "data/d.csv", folder=folder)
+    assert "infeasible" in ran.stderr
+    assert [row["sigma"] for row in csv.DictReader(ran.stdout.splitlines())] == ["", "", ""]
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) is here")
+def test_nor_in_c(tmp_path):
+    problem = CONTRADICTORY.format(limits="(= b 2) (= b 3)", sigma="unknown", solve="")
+    folder = written(of_text(problem, "c"), tmp_path)
+    made = make(folder, "all", "test")
+    assert made.returncode == 0, made.stdout + made.stderr
+    ran = run("./apart", "data/d.csv", folder=folder)
+    assert [row["sigma"] for row in csv.DictReader(ran.stdout.splitlines())] == ["", "", ""]

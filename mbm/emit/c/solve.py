@@ -322,7 +322,7 @@ def _found(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         )
     elif blueprint.agreement is not None and blueprint.agreement.kept:
         yield from (
-            f"    if (f->states[{at.REASON}] != {at.NOT_FINITE_AT_START}",
+            f"    if (f->states[{at.REASON}] != {at.NOT_FINITE_AT_START} && f->states[{at.REASON}] != {at.INFEASIBLE}",
             "        && !inform(f->system, f->kappa, &f->work))",
             f"        f->states[{at.DEFICIENT}] = 1;",
         )

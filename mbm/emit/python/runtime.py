@@ -289,7 +289,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         scatter, found = spread_of(-1, SCATTER) if SCALED else 0.0, 1
         if LOSSY and states[REASON] != NOT_FINITE_AT_START:
             found = sandwich(p.system, p.work, point, sides, p.spare, covariance)
-        elif KEPT and states[REASON] != NOT_FINITE_AT_START:
+        elif KEPT and states[REASON] not in (NOT_FINITE_AT_START, INFEASIBLE):
             found = inform(p.system, p.kappa, p.work)
         states[DEFICIENT] |= not found
     freedom, matrix = int(states[FREEDOM]), np.array(covariance[: n * n]).reshape(n, n)
