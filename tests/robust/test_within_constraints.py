@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import numpy as np
 import pytest
 
 import mbm
+from tests.emit.making import of_text, run, written
 
 FREE = {
     "linear": ("(a) (b)", "(+ a (* b x))", "(= (+ a b) 1.2)"),
@@ -193,3 +195,17 @@ def test_noise_about_a_known_line_is_that_of_its_rows(way):
         found = solved("", "(+ 1 (* 0.2 x))", "", way, data)
         # limits of three deviations or more leave 0.973 of the normal law's variance, by which the sum is divided
         assert found["noise"]["d"] == pytest.approx(np.sqrt(np.mean(np.square(off[np.abs(off) < 1]))), rel=0.014)
+
+
+TURNS = [2.474, 1.736, 4.3, 2.878, 3.503, 4.028, 4.601, 5.667, 5.823, 6.631, 8.891, 7.782, 8.896, 8.891]
+
+
+def test_rows_and_limits_that_never_agree_are_said(tmp_path):
+    """Without rows 0, 2 and 10 the fit is held by limits under which row 12 disagrees too, and then by others."""
+    rows = " ".join(f"({x:.3f} {y})" for x, y in zip(np.linspace(0.0, 4.0, 14), TURNS, strict=True))
+    text = f"""(problem turns (data d (table (x y) {rows})) (unknowns (a :init 0) (b :init 0) (c :init 0))
+      (observe d (= y (+ a (* b x) (* c x x))) :sigma unknown)
+      (constraints (<= b 2) (<= (+ a c) 1) (>= c 0)) (solve :robust lmeds))"""
+    assert "ambiguous-consensus" in {each.code.name for each in mbm.loads(text).solve().record.diagnostics}
+    folder = written(of_text(text, "python"), tmp_path)
+    assert "as many may agree elsewhere" in run(sys.executable, "turns.py", "data/d.csv", folder=folder).stderr

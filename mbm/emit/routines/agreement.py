@@ -171,6 +171,8 @@ def agree_within_limits(chunk: Integer, wide: Problem, solve: Work, work: Consen
             work.rules.startless = 0
             work.starts = solve.answer.numbers
             find_consensus(wide, work)
+    if limited > 0 and number == HELD_ROUNDS:
+        work.verdict.ambiguous = 1
 
 
 def begin_by_consensus(

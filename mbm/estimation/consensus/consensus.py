@@ -139,7 +139,7 @@ def _prepared(
     told = settled or found.share >= LEAST_SHARE
     if not told:
         diagnostics.append(faults.too_few_agree(problem.span, int(found.inliers.sum()), units.count))
-    elif found.ambiguous:
+    elif found.ambiguous or not found.settled:  # what agrees holds other limits, and by these others agree
         diagnostics.append(faults.ambiguous_consensus(problem.span))
     return Prepared(
         equations=equations.kept(units.kept(equations, found.inliers)),
