@@ -73,6 +73,18 @@ def denied_trust(span: Span, name: str, first: str, second: str, rows: int) -> D
     )
 
 
+def lost_rows(span: Span, name: str, count: int, where: str) -> Diagnostic:
+    """So many steps of the clause ``name`` after one another, ``where`` the column of the steps says."""
+    return Diagnostic(
+        code=AMBIGUOUS_CONSENSUS,
+        message=f"{count} steps of `{name}` after one another, {where}, are left out, though they agree: the states "
+        "may be there, and lost",
+        place=span,
+        hint="give `dynamics` the noise of what happened there; or leave the readings out by `:when`, if wrong",
+        severity=Severity.WARNING,
+    )
+
+
 def one_sided_outliers(span: Span, name: str, aside: int, count: int) -> Diagnostic:
     """So many outliers of a clause on one side, of all."""
     return Diagnostic(

@@ -290,9 +290,12 @@ def _of_losses(walked: Walked, counted: Assembled, residuals: Floats) -> tuple[D
         return ()
     wrong = left[np.concatenate(rows)]
     if 2 * int(wrong.sum()) <= len(wrong):
-        from mbm.estimation.trust.one_sided import one_sided  # loaded by losses only, so that the others start at once
+        # Loaded by losses only, so that the others start at once.
+        from mbm.estimation.trust.lost import lost_track
+        from mbm.estimation.trust.one_sided import one_sided
 
-        return one_sided(walked.problem, counted, residuals)
+        found = one_sided(walked.problem, counted, residuals)
+        return (*found, *lost_track(walked.problem, walked.tables, counted, residuals, left))
     return (too_few_agree(walked.problem.span, int((~wrong).sum()), len(wrong)),)
 
 

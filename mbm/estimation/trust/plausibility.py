@@ -91,16 +91,10 @@ def doubts(
         found += vanishing_scales(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
     if outcome.freedoms.poor:
         found.append(trust_faults.small_sample(problem.span))
-    if equations.lossy or equations.rows is not None:  # loaded by robust problems only
-        from mbm.estimation.trust.swapped import swapped
+    if equations.lossy or equations.rows is not None:  # loaded by robust problems only, so that others start at once
+        from mbm.estimation.trust.left_out import of_left_out
 
-        found += swapped(problem, propagation.binder.tables, equations, minimum, outcome.influence.observed)
-    if equations.lossy:  # loaded by problems with losses only, so that the others start at once
-        from mbm.estimation.trust.leverage import leverage
-        from mbm.estimation.trust.one_sided import one_sided
-
-        found += leverage(problem, propagation.binder.tables, equations, minimum, outcome.covariance)
-        found += one_sided(problem, equations, equations.plain_residuals(minimum.point))
+        found += of_left_out(propagation, minimum)
     return (*found, *(only(strained(dense)) if dense is not None else ()))
 
 
