@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
 import mbm
+from tests.emit.making import of_text, run, written
 
 LINE = """(problem line (data d external) {data} (unknowns (a :init 0) (b :init 0))
   (observe d (= y (+ a (* b x))) :sigma unknown {loss}) {more} {solve})"""
@@ -58,3 +61,17 @@ def test_nor_do_they_where_a_loss_goes_with_the_noise(loss, count):
     for name in "ab":
         assert beside[name].value == pytest.approx(alone[name].value, abs=1e-7)
         assert beside[name].sigma == pytest.approx(alone[name].sigma, rel=1e-5)
+
+
+def test_nor_in_generated_solvers(tmp_path):
+    """They took the noise for 1, and the gross errors with it: 2.05 with 0.21 for a slope of 1.981 with 0.015."""
+    line = "".join(f"({x!r} {y!r})" for x, y in zip(*(each.tolist() for each in _data(1).values()), strict=True))
+    far = "".join(f"({place} {np.cos(place):.4f})" for place in range(20))
+    text = LINE.format(data=f"(data far (table (place z) {far}))", more=BESIDE, loss=":loss huber", solve="")
+    text = text.replace("(data d external)", f"(data d (table (x y) {line}))")
+    folder = written(of_text(text, "python"), tmp_path)
+    rows = run(sys.executable, "line.py", "data/d.csv", "data/far.csv", folder=folder).stdout.splitlines()
+    wanted = mbm.loads(text).solve()["b"]
+    found = next(row.split(",") for row in rows if row.startswith("b,"))
+    assert float(found[1]) == pytest.approx(wanted.value, abs=1e-9)
+    assert float(found[2]) == pytest.approx(wanted.sigma, rel=1e-9)

@@ -20,6 +20,7 @@ from mbm.solver.decisions import STATED
 from mbm.solver.description import COST, NO_LOSS, Problem, Unit
 from mbm.solver.equations import load_rows, weights_width
 from mbm.solver.linear_algebra import copied
+from mbm.solver.noise_factors import LEAST_REDUNDANCY
 from mbm.solver.stationary import forget_stationary
 from mbm.solver.sweeps import sweep
 from mbm.solver.trust_region import constraint_count
@@ -74,22 +75,17 @@ def leave_out(problem: Problem, rows: Rows, work: ConsensusWork, kappa: Reals) -
         first += count
 
 
-def factor_of_loss(group: Integer, dimension: Integer, units: Units) -> Real:
+def factor_of_loss(group: Integer, units: Units) -> Real:
     """How large the noise of a group is by the units that agree; 1 where they do not tell, or fit exactly."""
-    total = 0
-    count = 0
+    checked = 0.0
     variance = 1.0
     rounding = 0.0
     for u in range(units.count):
-        total += units.inlier[u] * units.components[u]
-        if units.group[u] == group:
-            count += units.inlier[u] * units.components[u]
+        if units.group[u] == group and units.inlier[u] == 1:
+            checked += units.redundancy[u]
             variance = units.noise[u]
-            if units.inlier[u] == 1:
-                rounding = max(units.rounding[u], rounding)
-    if count == 0 or total <= dimension or variance <= rounding:
-        return 1.0
-    return sqrt(variance)
+            rounding = max(units.rounding[u], rounding)
+    return sqrt(variance) if checked > LEAST_REDUNDANCY and variance > rounding else 1.0
 
 
 def scale_losses(problem: Problem, rows: Rows, work: ConsensusWork, factors: Reals) -> None:
@@ -99,7 +95,7 @@ def scale_losses(problem: Problem, rows: Rows, work: ConsensusWork, factors: Rea
         own = work.rules.ruled[b]
         lossy = block.units[0].loss != NO_LOSS
         if own.first_level >= 0 and own.group != STATED and lossy:
-            factor = factor_of_loss(own.group, work.left, work.units)
+            factor = factor_of_loss(own.group, work.units)
             factors[block.noise] = factor
             for u in range(block.unit_count):
                 weigh_units(problem, rows, b, u, 1.0 / factor)
