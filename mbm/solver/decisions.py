@@ -105,6 +105,9 @@ NEAR_OFFSET = 0.3
 CREEP = 1e-2
 """Farther off, the second-order term may help an iteration that lowers the cost by less than this share."""
 
+MOST_CREEPING = 60
+"""Unknowns up to which it is tried there: it takes as many Jacobians, and promises nothing."""
+
 PATIENCE = 4
 NEVER = 1_000_000
 """Iterations from one computation of the second-order term to the next."""

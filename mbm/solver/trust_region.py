@@ -17,6 +17,7 @@ from mbm.machine.words import Integer, Real
 from mbm.solver.decisions import (
     CREEP,
     LEAST_GAIN_RATIO,
+    MOST_CREEPING,
     MOST_DENSE,
     NEAR_OFFSET,
     NEVER,
@@ -177,7 +178,7 @@ def arrive_there(
         few = float(problem.n + 2)
         if remaining(there.offset, here.offset, work.tolerance) <= few:
             return
-    elif here.cost - there.cost > CREEP * here.cost:
+    elif problem.n > MOST_CREEPING or here.cost - there.cost > CREEP * here.cost:
         return
     take_curvature(problem, work)
     longest = REACH * work.radius

@@ -104,7 +104,7 @@ def test_limits_are_widened_in_groups_of_stated_and_of_unknown_noise(fresh):
     )  # fmt: skip
     before = units.limits.copy()
     here, rules = SimpleNamespace(squares=squares), SimpleNamespace(groups=1)
-    work = SimpleNamespace(units=units, here=here, rules=rules, sorted=np.zeros(8), left=1)
+    work = SimpleNamespace(units=units, here=here, rules=rules, sorted=np.zeros(8), spent=1)
     unknown = np.median(squares[group == 0]) / 0.4549364 * (1.0 + 5.0 / 7.0) ** 2  # the median of χ²(1); 7 = 8 - 1
     wide = 3.0 * np.where(group < 0, 1.0, unknown)
     widen_limits(fresh, work)
