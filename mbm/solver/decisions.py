@@ -102,14 +102,11 @@ SLOW_OFFSET = 0.1
 NEAR_OFFSET = 0.3
 """The minimum is near where the relative offset is below this: a third of a standard deviation."""
 
-CREEP = 1e-2
-"""Farther off, the second-order term may help an iteration that lowers the cost by less than this share."""
+CREEP, MOST_CREEPING = 1e-2, 60
+"""Farther off, the second-order term, which takes as many Jacobians, may help up to so many unknowns: in an iteration
+that lowers the cost by less than this share."""
 
-MOST_CREEPING = 60
-"""Unknowns up to which it is tried there: it takes as many Jacobians, and promises nothing."""
-
-PATIENCE = 4
-NEVER = 1_000_000
+PATIENCE, NEVER = 4, 1_000_000
 """Iterations from one computation of the second-order term to the next."""
 
 REACH = 30.0

@@ -101,3 +101,13 @@ def test_any_step_between_two_ends_of_loops_may_be_the_false_one(how):
     data = {"places": {"id": np.arange(10.0)}, "steps": {"from": first, "to": last, "d": d}}
     (message,) = messages(mbm.loads(TEXT.format(how="")[:-3] + how).solve(data=data).first)
     assert sorted(int(each) for each in re.findall(r"\d+", message)) == [4, 5, 6]
+
+
+def test_a_row_of_great_influence_that_others_still_check_is_not_alone():
+    """The leverage of the third row is 0.72, also where consensus counts rows with 0.72 of their information."""
+    text = """(problem line (data d (table (x y)
+        (1.6698 1.4399) (2.1656 1.6311) (0.4505 0.9935) (1.6278 1.4056) (0.0012 1.2759) (2.9775 1.9974)))
+      (unknowns (a) (b)) (observe d (= y (+ a (* b x))) :sigma 0.1) (solve :robust lmeds))"""
+    (solve,) = mbm.loads(text).solve().solves
+    assert np.flatnonzero(solve.residuals("d")["outlier"]).tolist() == [4]
+    assert "ambiguous-consensus" not in [each.code.name for each in solve.diagnostics]

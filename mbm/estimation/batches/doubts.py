@@ -17,7 +17,7 @@ from mbm.estimation.batches.portion import DerivedColumns, Portion, stated
 from mbm.estimation.batches.surface import Held
 from mbm.estimation.batches.types import Ends
 from mbm.estimation.trust.curvature import MOST_DERIVED, UNMOVED, directions
-from mbm.estimation.trust.leverage import drawn
+from mbm.estimation.trust.leverage import ALONE, drawn
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,
     LOOKED_AT,
@@ -58,7 +58,7 @@ def doubtful(
     """
     if not portion.equations.lossy:
         around = _Intervals(portion, ends, found, spread.deviation, None)
-        return spread.looked_at & _bent(problem, around, derived)
+        return (spread.looked_at & _bent(problem, around, derived)) | _held_alone(portion, ends, found)
     weights, slopes = loss_weights(portion.acting(), residuals), portion.linearised(ends.points)[1]
     weighed = np.sqrt(weights)[:, :, None] * slopes
     fixed = factors(weighed, along)
@@ -66,6 +66,14 @@ def doubtful(
     width = fixed.root.shape[2] - (0 if fixed.gone is None else fixed.gone.sum(axis=1))
     noise = np.sqrt(np.square(np.matmul(weighed, spread.factor)).sum(axis=(1, 2)) / width)
     return wrong | _bent(problem, _Intervals(portion, ends, fixed, noise, np.sqrt(weights)), derived)
+
+
+def _held_alone(portion: Portion, ends: Ends, found: Factors) -> Mask:
+    """Solves (K,) with rows left out by consensus, and others that hold something alone: `swapped` looks at those."""
+    if ends.kept is None:
+        return np.zeros(portion.count, dtype=bool)
+    every = sum(each.counts * each.group.kernel.outputs for each in portion.lines)
+    return (every > ends.kept.count) & (np.square(found.basis).sum(axis=2) > 1.0 - 2.0 * ALONE).any(axis=1)
 
 
 def _bent(problem: Problem, around: _Intervals, derived: tuple[DerivedColumns, ...]) -> Mask:

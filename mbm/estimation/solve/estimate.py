@@ -15,7 +15,7 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.metric import first_bad
-from mbm.equations.spreads import Influence, Limited
+from mbm.equations.spreads import Limited
 from mbm.equations.surface import affine_by_products
 from mbm.equations.types import Fit, Floats, Indices, Minimum, Observability, Reason
 from mbm.estimation.consensus.known_ranges import known_ranges
@@ -202,11 +202,11 @@ def answered(
     run: Run, robust: Prepared, end: Reached, *, tally: Tally | None, origin: str, seconds: Callable[[], float]
 ) -> Solution:
     """What is known at a minimum: the rank decision, the covariance, derived quantities, and what is to be doubted."""
-    problem, equations, lock = run.problem, run.equations, run.binder.cache.lock
-    weighted = end.equations
+    problem, equations, weighted, lock = run.problem, run.equations, end.equations, run.binder.cache.lock
     minimum, tally = _informed(weighted, end.minimum, tally)
     observed = decided(equations, weighted, minimum, run.settings, robust.informing)
     outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, robust.tested(minimum.residuals))
+    outcome = replace(outcome, influence=replace(outcome.influence, informing=robust.informing))
     unused = np.flatnonzero(~equations.used & ~equations.layout.fixed)  # coordinates that no equation depends on
     numbers = _known(equations, minimum.point, unused)
     propagation = Propagation(
@@ -264,7 +264,7 @@ def answered(
         unexamined=lambda: unexamined(propagation, minimum, derived, bent()),
         doubts=lambda: (*beside()[1], *_seen(propagation, minimum), *doubts(propagation, minimum, derived, bent())),
         doubts_of=partial(_doubts_of, propagation, minimum),
-        influence=_influence(outcome, robust),
+        influence=outcome.influence,
         lock=lock,
     )
 
@@ -302,10 +302,6 @@ def _profiles(
     sigma, freedom = outcome.covariance.sigma, outcome.freedoms.of_coordinates(len(outcome.covariance.sigma))
     lock, scaled = run.binder.cache.lock, outcome.freedoms.scaled
     return profiles(bent, sigma, freedom, derived, lock, scaled=scaled, likelihood=likely)
-
-
-def _influence(outcome: Statistics, robust: Prepared) -> Influence:
-    return outcome.influence if robust.informing is None else replace(outcome.influence, informing=robust.informing)
 
 
 def _others(

@@ -16,7 +16,7 @@ def of_left_out(propagation: Propagation, minimum: Minimum) -> tuple[Diagnostic,
     """Rows that others could be left out for, rows of great influence, one-sided ones, and long runs."""
     problem, equations, outcome = propagation.problem, propagation.equations, propagation.outcome
     tables, every = propagation.binder.tables, equations.everything()
-    found = swapped(problem, tables, equations, minimum, outcome.influence.observed)
+    found = swapped(problem, tables, equations, minimum, outcome.influence)
     if problem.sequence is not None:
         residuals = every.plain_residuals(minimum.point)
         found += lost_track(problem, tables, equations, residuals, outliers(equations, residuals))

@@ -10,6 +10,7 @@ errors of the one move the value of the other in all directions: ``J (HᵀH)⁻�
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
 from mbm.estimation.trust.faults import equal_rows
 from mbm.estimation.trust.leverage import ALONE, KEPT
 from mbm.estimation.uncertainty.observability import covariance
+from mbm.estimation.uncertainty.statistics import RowInfluence
 from mbm.estimation.uncertainty.variance import redundancy_numbers
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
@@ -38,7 +40,7 @@ TRIED = 100
 
 @np.errstate(all="ignore")
 def swapped(
-    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, observed: Observability
+    problem: Problem, tables: Mapping[str, Table], equations: Assembled, minimum: Minimum, influence: RowInfluence
 ) -> tuple[Diagnostic, ...]:
     """A warning about the first row of each clause that is left out, and could take the place of others."""
     if not minimum.reason.converged or len(minimum.residuals) != equations.count:
@@ -48,7 +50,8 @@ def swapped(
     out = [first for lines in ruled for first in lines[weights[lines[:, 0]] < LEFT_OUT, 0].tolist()]
     if not out:
         return ()
-    redundancy = equations.expanded(redundancy_numbers(minimum.jacobian, observed, minimum.blocks))
+    observed, informing = influence.observed, _as_rows_inform(minimum, influence.informing)
+    redundancy = equations.expanded(redundancy_numbers(informing.jacobian, observed, informing.blocks))
     alone = [lines[(redundancy[lines].max(axis=1) < ALONE) & (weights[lines[:, 0]] > KEPT)] for lines in ruled]
     if not any(len(lines) for lines in alone):
         return ()
@@ -62,6 +65,19 @@ def swapped(
             if others:
                 found[owner] = line, others
     return tuple(_said(problem, tables, equations, owner, *each) for owner, each in found.items())
+
+
+def _as_rows_inform(minimum: Minimum, informing: Floats | None) -> Minimum:
+    """The minimum with the rows of its Jacobian times ``informing`` (m,), as the rank decision has them (None: 1)."""
+    if informing is None:
+        return minimum
+    if minimum.blocks is None:
+        return replace(minimum, jacobian=minimum.jacobian * informing[:, None])
+    from mbm.estimation.uncertainty.sparse import weighted_rows  # likewise
+    from mbm.sparse.system import blocks_of
+
+    blocks = blocks_of(minimum)
+    return replace(minimum, blocks=replace(blocks, values=weighted_rows(blocks, informing)))
 
 
 def _ruled(problem: Problem, equations: Assembled) -> Iterator[Indices]:
