@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations.binding import Group
+from mbm.equations.binding import Group, affine
 from mbm.equations.faults import probability_of
 from mbm.equations.metric import violations
 from mbm.equations.types import Conflict
@@ -219,7 +219,16 @@ def _contradiction(
         chance = float(chdtrc(released, fall))
     if not chance < CONTRADICTS:
         return None
-    return f"the sum of squares is {minimum.cost:.3g}, and without it {max(left, 0.0):.3g} ({probability_of(chance)})"
+    about = "" if _affine(solution) else ", to first order,"
+    without = f"and without it{about} {max(left, 0.0):.3g}"
+    return f"the sum of squares is {minimum.cost:.3g}, {without} ({probability_of(chance)})"
+
+
+def _affine(solution: Solution) -> bool:
+    """Whether equations and constraints are affine in all that is estimated."""
+    free = np.zeros(len(solution.layout.number), dtype=bool)
+    free[solution.free] = True
+    return all(affine(group, free) for group in (*solution.groups, *solution.constraints))
 
 
 def _owners(solution: Solution, places: np.ndarray) -> Iterator[int]:

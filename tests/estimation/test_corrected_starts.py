@@ -53,3 +53,12 @@ def test_an_angle_that_has_gone_far_off_comes_back() -> None:
     assert far.status == "converged"
     assert far.cost == pytest.approx(near.cost, rel=1e-9)
     assert float(far["t"].value) == pytest.approx(float(near["t"].value), abs=1e-7)
+
+
+def test_an_angle_that_is_fixed_stays_where_it_is() -> None:
+    """It may be a number of turns, which counts: y = a t k."""
+    text = """(problem turns (data d (table (k y) (1 40001) (2 80002.5) (3 119999)))
+      (unknowns (t angle :init 20000 :fixed true) (a)) (observe d (= y (* a t k)) :sigma 1))"""
+    k, y = np.array([1.0, 2.0, 3.0]), np.array([40001.0, 80002.5, 119999.0])
+    expected = float(k @ y / (k @ k)) / 20000.0
+    assert float(mbm.loads(text).solve()["a"].value) == pytest.approx(expected, rel=1e-12)

@@ -126,3 +126,16 @@ def test_a_level_camera_above_a_road_is_not_said_to_be_upside_down():
     found = {each.name: (float(each.value), float(each.sigma)) for each in solve.estimates}
     assert abs(found["pitch"][0] - pitch) < 4 * found["pitch"][1]
     assert abs(found["yaw"][0] - yaw) < 4 * found["yaw"][1]
+
+
+@pytest.mark.parametrize("starts", [None, 20])
+def test_the_side_of_a_plane_is_that_of_the_start(starts):
+    """A normal and its distance may both change sign; the stated normal counts, not how many numbers are positive."""
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(-1.0, 1.0, (2, 20))
+    data = {"d": {"x": x, "y": y, "z": -2.0 + 0.01 * rng.normal(size=20)}}
+    text = """(problem plane (data d external) (unknowns (n direction :init [0 0 1]) (q))
+      (observe d (= 0 (- (dot n [x y z]) q)) :sigma 0.01))"""
+    found = mbm.loads(text).solve(data=data, starts=starts)
+    assert found["n"].value[2] > 0.9
+    assert float(found["q"].value) == pytest.approx(-2.0, abs=0.02)

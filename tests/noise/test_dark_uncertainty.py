@@ -120,3 +120,20 @@ def test_equations_without_readings_hold_once_for_each_key(over, said, many):
     for solve in mbm.loads(text).solve(data=data).solves:
         told = [each.message for each in solve.diagnostics if each.code.name == "repeated-equations"]
         assert [message.split(",")[0] for message in told] == ["the 6 rows of `days` are 3 different equations"] * said
+
+
+@pytest.mark.parametrize(
+    "clause",
+    [
+        "(observe still d (= 0 bias) :sigma 0.01)",
+        "(observe still d (= 0 (b day)) :sigma u)",
+        "(observe still d (= 0 (b day)) :sigma 0.1 :loss huber)",
+    ],
+)
+def test_rows_that_are_readings_of_nothing_are_no_equations_stated_again(clause):
+    """A sensor at rest reads 0 each time; so do rows of their own uncertainty, and rows that a loss judges."""
+    text = f"""(problem rest (data d external) (unknowns (bias) (b :per d.day))
+      (observe d (= y (+ bias (b day))) :sigma 0.1) {clause})"""
+    data = {"day": np.repeat([1, 2, 3], 2), "y": np.array([0.1, 0.2, -0.1, 0.0, 0.2, 0.1]), "u": np.tile([0.1, 0.2], 3)}
+    found = mbm.loads(text).solve(data={"d": data}).first
+    assert "repeated-equations" not in [each.code.name for each in found.diagnostics]

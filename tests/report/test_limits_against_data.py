@@ -106,3 +106,12 @@ def test_one_of_many_solves(limit):
     found = messages("unknown", data=data, clause="(for-each k)", **of_slope(limit))
     assert [k for k, said in enumerate(found) if said] == [7]
     assert found[7] == messages("unknown", **of_slope(limit))[0]
+
+
+def test_of_a_model_that_is_not_linear_the_fall_is_one_to_first_order():
+    """At w = 0.7 the tangent does not reach the minimum near w = 1, where the sum of squares is about 1."""
+    text = """(problem wave (data d
+        (table (x y) (0 0.02) (1 0.84) (2 0.91) (3 0.14) (4 -0.76) (5 -0.96) (6 -0.28) (7 0.66)))
+      (unknowns (w :in (0.2 0.7) :init 0.6) (a :init 1)) (observe d (= y (* a (sin (* w x)))) :sigma 0.02))"""
+    (said,) = (d.message for d in mbm.loads(text).solve().first.diagnostics if d.code.name == "near-bound")
+    assert "and without it, to first order, " in said

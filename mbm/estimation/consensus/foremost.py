@@ -24,6 +24,7 @@ from mbm.estimation.starts.closed_forms.relative_poses import agreeing, measured
 from mbm.estimation.starts.closed_forms.rows import ENOUGH
 from mbm.estimation.starts.closed_forms.trees import behind_one_another, foremost_edges, ranks, related
 from mbm.estimation.starts.closed_forms.types import Situation
+from mbm.problem.naming import key_text
 from mbm.problem.types import UnknownKind
 
 ORIGIN = "the foremost rows"
@@ -102,7 +103,7 @@ def denied_step(equations: Assembled, units: Units, trusted: Mask, inliers: Mask
         borne = np.isin(step, step[np.isin(unit, units.number[agree])])
         denied = step[~borne & np.isin(unit, units.number[trusted])]
         if len(denied):
-            last, then = (f"{entry.keys[end]:g}" for end in np.argsort(rank)[denied.min() :][:2])
+            last, then = (key_text(entry.keys[end]) for end in np.argsort(rank)[denied.min() :][:2])
             return entry.unknown.name, last, then, left
     return None
 

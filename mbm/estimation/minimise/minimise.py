@@ -97,14 +97,15 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
 
 
 def _unwound(equations: Equations, bound: ConstrainedEquations | None, found: Minimum, settings: Settings) -> Minimum:
-    """The minimum, from within half a turn once more where an angle has gone so far that rounding stops it there.
+    """The minimum, from within half a turn once more where a free angle has gone so far that rounding stops it there.
 
     Steps in angles that hardly matter at a start (the axes of a circle that becomes an ellipse) may be of any length.
     """
     if not isinstance(equations, Assembled):
         return found
     layout = equations.layout
-    places = layout.number[layout.angle & (layout.number >= 0)]
+    own = equations.free[layout.angle[equations.free] & (layout.number[equations.free] >= 0)]
+    places = layout.number[own[~(np.isfinite(layout.lower[own]) | np.isfinite(layout.upper[own]))]]
     far = places[np.abs(found.point[places]) > MANY_TURNS]
     if not far.size:
         return found

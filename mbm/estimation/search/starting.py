@@ -82,7 +82,8 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     written, layout = equations.uncorrected(), equations.layout
     if settings.method is Method.CLOSED_FORM:
         return _closed_form_alone(written, settings)
-    found = _of_written(written, equations.roughly_corrected(), settings)
+    rough = written if equations.likely else equations.roughly_corrected()
+    found = _of_written(written, rough, settings)
     moving = (np.isnan(layout.start) | layout.guessed)[equations.free]
     if not (equations.likely and moving.any()):
         return found

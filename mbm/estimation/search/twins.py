@@ -208,17 +208,26 @@ def unwound(equations: Assembled, minimum: Minimum, agree: Agreement) -> Floats:
 def plainer(equations: Assembled, first: Floats, second: Floats) -> bool:
     """Whether a person would rather write the point ``second`` (N,) than its twin ``first``.
 
-    Of numbers without starts that change sign more are positive (amplitudes), else it is nearer to the starts, or 0.
+    It is the one nearer to the starts of what differs. Without any, more numbers that change sign are positive in it
+    (amplitudes), else it is nearer to 0.
     """
-    places = equations.layout.number[equations.free]
+    layout = equations.layout
+    angle = np.zeros(len(first), dtype=bool)
+    angle[layout.number[layout.angle & (layout.number >= 0)]] = True
+    middle = np.where(np.isfinite(layout.start), layout.start, 0.0)
+    before, after = (
+        np.abs(np.where(angle, np.remainder(x - middle + np.pi, 2 * np.pi) - np.pi, x - middle))
+        for x in (first, second)
+    )
+    stated = np.isfinite(layout.start) & ~layout.guessed & (np.abs(after - before) > NEAR * (after + before))
+    if stated.any():
+        return bool(after[stated].sum() < before[stated].sum())
+    places = layout.number[equations.free]
     places = places[places >= 0]
-    angle = equations.layout.angle[equations.free][equations.layout.number[equations.free] >= 0]
-    a, b, middle = first[places], second[places], _nearest(equations, places)
-    before, after = (np.where(angle, np.remainder(x - middle + np.pi, 2 * np.pi) - np.pi, x - middle) for x in (a, b))
-    opposite = ~angle & (np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b)))
-    opposite &= ~np.isfinite(equations.layout.start[places])
+    a, b = first[places], second[places]
+    opposite = ~angle[places] & (np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b))) & ~np.isfinite(layout.start[places])
     gain = int((b[opposite] > 0).sum()) - int((a[opposite] > 0).sum())
-    return gain > 0 or (gain == 0 and bool(np.abs(after).sum() < (1.0 - NEAR) * np.abs(before).sum()))
+    return gain > 0 or (gain == 0 and bool(after[places].sum() < (1.0 - NEAR) * before[places].sum()))
 
 
 def _nearest(equations: Assembled, places: Indices) -> Floats:

@@ -14,6 +14,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.consensus import faults
+from mbm.problem.naming import key_text
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Problem
 from mbm.text.types import Diagnostic
@@ -72,4 +73,5 @@ def _longest(out: Mask) -> tuple[int, int]:
 
 
 def _said(block: Block, column: str, steps: Floats) -> Diagnostic:
-    return faults.lost_rows(block.span, block.name, len(steps), f"{column} = {steps[0]:g} to {steps[-1]:g}")
+    first, last = (key_text(float(steps[end])) for end in (0, -1))
+    return faults.lost_rows(block.span, block.name, len(steps), f"{column} = {first} to {last}")
