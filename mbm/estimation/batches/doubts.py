@@ -73,7 +73,8 @@ def _held_alone(portion: Portion, ends: Ends, found: Factors) -> Mask:
     if ends.kept is None:
         return np.zeros(portion.count, dtype=bool)
     every = sum(each.counts * each.group.kernel.outputs for each in portion.lines)
-    return (every > ends.kept.count) & (np.square(found.basis).sum(axis=2) > 1.0 - 2.0 * ALONE).any(axis=1)
+    alone = (np.square(found.basis).sum(axis=2) > 1.0 - 2.0 * ALONE).any(axis=1)
+    return np.asarray((every > ends.kept.count) & alone)
 
 
 def _bent(problem: Problem, around: _Intervals, derived: tuple[DerivedColumns, ...]) -> Mask:
