@@ -338,10 +338,15 @@ def _elsewhere(equations: Assembled, completion: Completion, settings: Settings)
     base = completion.numbers
     missing = replace(equations.layout, start=base).missing()
     points = led_points(equations, base, missing, settings)
-    if not len(points):
+    try:
         refuse_guessing(equations, base, settings)
+    except MbmError:
+        if not len(points):
+            raise
+    else:
         drawn = tuple(_drawn(part.equations, base, part.missing, settings) for part in separated(equations, missing))
-        points = together(base, drawn) if drawn and all(map(len, drawn)) else _drawn(equations, base, missing, settings)
+        every = together(base, drawn) if drawn and all(map(len, drawn)) else _drawn(equations, base, missing, settings)
+        points = np.concatenate([points, every]) if len(every) else points
     origin = "; ".join((*completion.used, "random points"))
     return tuple(Beginning(point=point, origin=origin) for point in points)
 
