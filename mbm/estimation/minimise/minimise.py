@@ -112,8 +112,7 @@ def _unwound(equations: Equations, bound: ConstrainedEquations | None, found: Mi
     near = found.point.copy()
     near[far] = half_turns(near[far])
     again = _from(equations, bound, near, settings)
-    better = again.reason.converged and (again.cost <= found.cost or not found.reason.converged)
-    return again if better else found
+    return again if again.reason.converged and again.cost <= found.cost else found
 
 
 def _unmoved(equations: Equations, start: Floats, settings: Settings, place: Place | None) -> Minimum:

@@ -45,9 +45,8 @@ def _different(lines: Lines) -> Indices:
 def _said(span: Span, name: str, rows: int, different: int) -> Diagnostic:
     return Diagnostic(
         code=REPEATED_EQUATIONS,
-        message=f"the {rows} rows of `{name}` are {different} different "
-        f"{'equation' if different == 1 else 'equations'}, which hold nothing measured: each is counted once for every "
-        "row, as if it had been found anew",
+        message=f"the {rows} rows of `{name}` are {different} different equations, which hold nothing measured: each "
+        "is counted once for every row, as if it had been found anew",
         place=span,
         hint=REPEATED_EQUATIONS.mend,
         severity=Severity.WARNING,
